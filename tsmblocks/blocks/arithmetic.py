@@ -1,0 +1,285 @@
+"""Blocks that compute one value from others at the same instant: sum, product, switch, conversion."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, ClassVar
+
+import attrs
+import casadi as ca
+
+from tsmblocks.block import Block, Input, Output, block, option, parameter
+from tsmblocks.errors import ParameterError, in_words
+from tsmblocks.units import UnitError, factor
+
+
+def numbered_inputs(n: int, about: str, unit: str = "") -> dict[str, Input]:
+    """Inputs ``u1`` to ``un``."""
+    return {f"u{k}": Input(f"{about} {k}", unit=unit) for k in range(1, n + 1)}
+
+
+@block
+class Gain(Block):
+    r"""A signal times a constant.
+
+    .. math:: y = K u
+    """
+
+    source = "definition"
+    symbol = "K"
+
+    gain: float = parameter(default=1.0, about="factor from input to output")
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal times the gain", unit="?y")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.gain * u.u)
+
+
+@block
+class Sum(Block):
+    r"""Signals added and subtracted.
+
+    .. math:: y = \pm u_1 \pm u_2 \pm \dots
+
+    One input for each sign: ``plus`` and ``minus``, or ``plus1``, ``plus2``, … where a sign is repeated.
+    """
+
+    source = "definition"
+    symbol = "Σ"
+
+    signs: str = option(default="+-", about="sign of each input, in order")
+
+    y = Output("the sum", unit="?u")
+
+    def check(self) -> None:
+        if not self.signs or set(self.signs) - set("+-"):
+            raise ParameterError(
+                f"Sum.signs must be one or more of + and -, got {in_words(self.signs)}. "
+                "For two inputs added and one subtracted it is '++-'."
+            )
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        names, ports = {"+": ("plus", "added"), "-": ("minus", "subtracted")}, {}
+        for k, sign in enumerate(self.signs):
+            name, about = names[sign]
+            number = str(self.signs[: k + 1].count(sign)) if self.signs.count(sign) > 1 else ""
+            ports[name + number] = Input(f"signal that is {about}", unit="?u")
+        return ports
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        terms = [value if sign == "+" else -value for sign, value in zip(self.signs, u, strict=True)]
+        return dict(y=functools.reduce(lambda a, b: a + b, terms))
+
+
+@block
+class Product(Block):
+    r"""Signals multiplied.
+
+    .. math:: y = u_1 u_2 \cdots u_n
+    """
+
+    source = "definition"
+    symbol = "×"
+
+    n: int = option(default=2, about="number of inputs", at_least=1)
+
+    y = Output("the product")
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        return numbered_inputs(self.n, "factor")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=functools.reduce(lambda a, b: a * b, u))
+
+
+@block
+class Divide(Block):
+    r"""One signal over another.
+
+    .. math:: y = \frac{n}{d}
+
+    Where the denominator passes zero the result is infinite or undefined, and the run says so.
+    """
+
+    source = "definition"
+    symbol = "÷"
+    singular: ClassVar[str] = "den = 0"
+    """Where the block is not finite by its nature."""
+
+    num = Input("numerator")
+    den = Input("denominator, which must not pass zero")
+    y = Output("the quotient")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.num / u.den)
+
+
+@block
+class Abs(Block):
+    r"""Magnitude of a signal.
+
+    .. math:: y = |u|
+    """
+
+    source = "definition"
+    symbol = "|u|"
+
+    u = Input("any signal", unit="?u")
+    y = Output("its magnitude", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.fabs(u.u))
+
+
+@block
+class Sign(Block):
+    r"""Direction of a signal: 1, -1, or 0 at zero.
+
+    .. math:: y = \operatorname{sgn} u
+    """
+
+    source = "definition"
+    symbol = "sgn"
+
+    u = Input("any signal")
+    y = Output("its sign", unit="1")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.sign(u.u))
+
+
+@block
+class Square(Block):
+    r"""A signal times itself.
+
+    .. math:: y = u^2
+    """
+
+    source = "definition"
+    symbol = "u²"
+
+    u = Input("any signal")
+    y = Output("its square")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u * u.u)
+
+
+@block
+class Tanh(Block):
+    r"""Hyperbolic tangent, a smooth change from -1 to 1.
+
+    .. math:: y = \tanh u
+    """
+
+    source = "Paper, eqs (9) and (13): the smooth change between two slopes"
+    symbol = "tanh"
+
+    u = Input("any signal")
+    y = Output("value between -1 and 1", unit="1")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.tanh(u.u))
+
+
+@block
+class Convert(Block):
+    r"""The same quantity in another unit.
+
+    .. math:: y = c\, u
+    """
+
+    source = "definition"
+    symbol = "unit"
+
+    source_unit: str = option(default="rad", about="unit of the input")
+    target_unit: str = option(default="deg", about="unit of the output")
+
+    u = Input("the quantity")
+    y = Output("the same quantity in the other unit")
+
+    def check(self) -> None:
+        try:
+            factor(self.source_unit, self.target_unit)
+        except UnitError as error:
+            raise ParameterError(f"Convert: {error}") from None
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        return {"u": attrs.evolve(self._declared["u"], unit=self.source_unit)}
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return {"y": attrs.evolve(self._declared["y"], unit=self.target_unit)}
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=factor(self.source_unit, self.target_unit) * u.u)
+
+
+@block
+class Minimum(Block):
+    r"""The smallest of several signals.
+
+    .. math:: y = \min(u_1, \dots, u_n)
+    """
+
+    source = "definition"
+    symbol = "min"
+
+    n: int = option(default=2, about="number of inputs", at_least=1)
+
+    y = Output("the smallest input", unit="?u")
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        return numbered_inputs(self.n, "candidate", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=functools.reduce(ca.fmin, u))
+
+
+@block
+class Maximum(Block):
+    r"""The largest of several signals.
+
+    .. math:: y = \max(u_1, \dots, u_n)
+    """
+
+    source = "definition"
+    symbol = "max"
+
+    n: int = option(default=2, about="number of inputs", at_least=1)
+
+    y = Output("the largest input", unit="?u")
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        return numbered_inputs(self.n, "candidate", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=functools.reduce(ca.fmax, u))
+
+
+@block
+class Switch(Block):
+    r"""One of two signals, chosen by a third.
+
+    .. math:: y = u_1 \text{ while } c \ge c_0, \quad u_2 \text{ otherwise}
+    """
+
+    source = "definition"
+    symbol = "switch"
+
+    threshold: float = parameter(default=0.5, about="control value from which the first input passes", unit="?c")
+
+    u1 = Input("passes while control is at or above the threshold", unit="?u")
+    u2 = Input("passes otherwise", unit="?u")
+    control = Input("chooses between the two", unit="?c")
+    y = Output("the chosen signal", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.if_else(u.control >= self.threshold, u.u1, u.u2))

@@ -1,0 +1,214 @@
+"""Blocks that compensate and control: the paper's observer, slope, compensator and PID, and two general ones.
+
+The formulas of the transmission come from the hysteresis family, so plant and compensator cannot drift apart.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.block import Block, Input, Output, block, parameter, state
+from tsmblocks.blocks.hysteresis import slope, state_rate
+from tsmblocks.errors import ParameterError
+
+
+@block
+class HysteresisObserver(Block):
+    r"""Estimate of the transmission's internal state from a rate alone (Fig. 7).
+
+    .. math:: \dot{\hat\zeta} = A v - \vartheta |v| \hat\zeta + \delta |v|
+
+    Printed without the dot on the left. The paper drives it with the rate of the reference; driven
+    with the measured rate of the motor it estimates better, because that is what moves the plant.
+    """
+
+    source = "Paper, Eq (12), Fig. 7"
+    symbol = "ζ̂"
+
+    A: float = parameter(default=-0.8745, about="gain from the rate to the internal state")
+    theta: float = parameter(
+        default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0
+    )
+    delta: float = parameter(default=0.14522, about="asymmetry of the loop")
+
+    v = Input("rate of the reference, or of the motor", unit="rad/s")
+    y = Output("estimated internal state", unit="rad")
+    zeta: float = state(default=0.0, about="estimated internal state", unit="rad")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(zeta=state_rate(x.zeta, u.v, self.A, self.theta, self.delta))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=x.zeta)
+
+
+@block
+class SmoothSlope(Block):
+    r"""Slope of the transmission at a given rate, passing smoothly between its two values (Fig. 8).
+
+    .. math:: y = \alpha_x(v) = \frac{\alpha_1 e^{2v} + \alpha_2}{e^{2v} + 1}
+
+    Coded with tanh: equal, and it cannot overflow.
+    """
+
+    source = "Paper, Eq (13), Fig. 8"
+    symbol = "αₓ(v)"
+
+    alpha1: float = parameter(default=0.8972, about="slope while loading (v > 0)", above=0.0)
+    alpha2: float = parameter(default=0.9487, about="slope while unloading (v < 0)", above=0.0)
+
+    v = Input("rate of the reference", unit="rad/s")
+    y = Output("slope of the transmission", unit="1")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=slope(u.v, self.alpha1, self.alpha2))
+
+
+@block
+class FeedforwardCompensator(Block):
+    r"""Motor command that should make the tool follow the reference, without a sensor at the tool.
+
+    .. math::
+
+        x_{FF} &= \frac{x_r - \hat\zeta}{\alpha_x(\dot x_r)} \\
+        \dot{\hat\zeta} &= A \dot x_r - \vartheta |\dot x_r| \hat\zeta + \delta |\dot x_r|
+
+    Not an exact inverse: the plant's state follows the rate of :math:`x_{FF}`, the estimate that
+    of :math:`x_r`. With a perfect model it still leaves about 13 of 29 degrees.
+    """
+
+    source = "Paper, Eqs (11) to (13)"
+    symbol = "(x-ζ̂)/αₓ"
+
+    alpha1: float = parameter(default=0.8972, about="slope while loading (v > 0)", above=0.0)
+    alpha2: float = parameter(default=0.9487, about="slope while unloading (v < 0)", above=0.0)
+    A: float = parameter(default=-0.8745, about="gain from the rate to the internal state")
+    theta: float = parameter(
+        default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0
+    )
+    delta: float = parameter(default=0.14522, about="asymmetry of the loop")
+
+    x = Input("reference of the tool", unit="rad")
+    v = Input("its rate", unit="rad/s", rate_of="x")
+    y = Output("command for the motor", unit="rad")
+    zeta: float = state(default=0.0, about="estimated internal state", unit="rad")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(zeta=state_rate(x.zeta, u.v, self.A, self.theta, self.delta))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=(u.x - x.zeta) / slope(u.v, self.alpha1, self.alpha2))
+
+
+@block
+class PID(Block):
+    r"""Proportional, integral and filtered derivative action on an error.
+
+    .. math:: y = k_P e + k_I \int e\,dt + k_D \frac{s}{1 + \tau s}\, e
+
+    The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36
+    of the engine's step.
+    """
+
+    source = "Paper, Eq (15); gains of section 6"
+    symbol = "PID"
+
+    kp: float = parameter(default=1.5, about="proportional gain")
+    ki: float = parameter(default=2.0, about="integral gain", unit="1/s")
+    kd: float = parameter(default=0.0, about="derivative gain", unit="s")
+    tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", above=0.0)
+
+    e = Input("reference minus measurement", unit="?e")
+    y = Output("control effort")
+    integral: float = state(default=0.0, about="time integral of the error", unit="?e*s")
+    smooth: float = state(default=0.0, about="error after the derivative filter", unit="?e")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(integral=u.e, smooth=(u.e - x.smooth) / self.tau)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        rate = (u.e - x.smooth) / self.tau
+        return dict(y=self.kp * u.e + self.ki * x.integral + self.kd * rate)
+
+
+@block
+class PIDController(Block):
+    r"""PID with two degrees of freedom, output limits and anti-windup by back-calculation.
+
+    .. math::
+
+        w &= k_P (b\, r - y_m) + I + k_D \frac{s}{1 + \tau s} (c\, r - y_m), \qquad
+        u = \min(\max(w, u_{low}), u_{high}) \\
+        \dot I &= k_I (r - y_m) + k_{aw} (u - w)
+
+    The weights b and c say how much of the reference the proportional and the derivative action see.
+    """
+
+    source = "Åström and Hägglund, PID Controllers (1995), sections 3.4 and 3.5"
+    symbol = "PID"
+
+    kp: float = parameter(default=1.5, about="proportional gain")
+    ki: float = parameter(default=2.0, about="integral gain", unit="1/s")
+    kd: float = parameter(default=0.0, about="derivative gain", unit="s")
+    tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", above=0.0)
+    b: float = parameter(default=1.0, about="weight of the reference in the proportional action")
+    c: float = parameter(default=0.0, about="weight of the reference in the derivative action")
+    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
+    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
+    kaw: float = parameter(
+        default=2.0, about="rate at which the integral gives way at a limit", unit="1/s", at_least=0.0
+    )
+
+    r = Input("reference", unit="?r")
+    ym = Input("measurement", unit="?r")
+    u = Output("control effort within the limits", unit="?u")
+    integral: float = state(default=0.0, about="integral action", unit="?u")
+    smooth: float = state(default=0.0, about="c r - ym after the derivative filter", unit="?r")
+
+    def check(self) -> None:
+        if self.low >= self.high:
+            raise ParameterError(f"PIDController needs low < high, got low={self.low:g}, high={self.high:g}.")
+
+    def _rate(self, x: Any, u: Any) -> Any:
+        return (self.c * u.r - u.ym - x.smooth) / self.tau
+
+    def _wanted(self, x: Any, u: Any) -> Any:
+        return self.kp * (self.b * u.r - u.ym) + x.integral + self.kd * self._rate(x, u)
+
+    def _given(self, wanted: Any) -> Any:
+        return ca.fmin(ca.fmax(wanted, self.low), self.high)
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        wanted = self._wanted(x, u)
+        excess = self._given(wanted) - wanted
+        return dict(integral=self.ki * (u.r - u.ym) + self.kaw * excess, smooth=self._rate(x, u))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(u=self._given(self._wanted(x, u)))
+
+
+@block
+class LeadLag(Block):
+    r"""First-order compensator that leads or lags in phase.
+
+    .. math:: \frac{Y(s)}{U(s)} = k\, \frac{1 + T_1 s}{1 + T_2 s}
+    """
+
+    source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, section 6.7"
+    symbol = "lead-lag"
+
+    gain: float = parameter(default=1.0, about="gain at rest")
+    lead: float = parameter(default=0.1, about="time constant of the numerator", unit="s")
+    lag: float = parameter(default=0.02, about="time constant of the denominator", unit="s", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("compensated signal")
+    smooth: float = state(default=0.0, about="input after the lag", unit="?u")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(smooth=(u.u - x.smooth) / self.lag)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.gain * (x.smooth + self.lead * (u.u - x.smooth) / self.lag))

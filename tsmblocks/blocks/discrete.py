@@ -1,0 +1,338 @@
+"""Sampled blocks, each at a period of its own beside continuous ones.
+
+At a sample instant the outputs are formed from the old state and the present inputs and then held;
+after that the state moves on.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.block import Block, Input, Output, State, block, option, parameter, state
+from tsmblocks.errors import ParameterError
+
+
+def _period() -> Any:
+    """The option every sampled block has."""
+    return option(default=0.01, about="time between samples", unit="s", above=0.0)
+
+
+def _starts(x0: tuple[Any, ...], n: int) -> tuple[Any, ...]:
+    """Start values of n states; an empty list means zeros."""
+    return tuple(x0) or (0.0,) * n
+
+
+def _check_starts(owner: str, x0: tuple[Any, ...], n: int) -> None:
+    """Raise ParameterError unless there are n start values or none."""
+    if x0 and len(x0) != n:
+        raise ParameterError(f"{owner}.x0 needs one number per state ({n}) or none, got {len(x0)}.")
+
+
+@block
+class ZeroOrderHold(Block):
+    r"""Sampler that holds its input until the next sample.
+
+    .. math:: y(t) = u(kT), \qquad kT \le t < (k + 1) T
+    """
+
+    source = "definition"
+    symbol = "ZOH"
+    sampled = True
+
+    period: float = _period()
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal at the last sample", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u)
+
+
+@block
+class UnitDelay(Block):
+    r"""Delay by one sample.
+
+    .. math:: y_k = u_{k-1}
+    """
+
+    source = "definition"
+    symbol = "1/z"
+    sampled = True
+
+    period: float = _period()
+    initial: float = parameter(default=0.0, about="output until the second sample", unit="?u")
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal one sample ago", unit="?u")
+
+    @property
+    def states(self) -> dict[str, State]:
+        return {"last": State(self.initial, "input at the last sample", "?u")}
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(last=u.u)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=x.last)
+
+
+@block
+class DiscreteTransferFunction(Block):
+    r"""Linear sampled block given by its coefficients, highest power of z first.
+
+    .. math::
+
+        \frac{Y(z)}{U(z)} = \frac{b_0 z^n + \dots + b_n}{a_0 z^n + \dots + a_n}, \qquad
+        a_0 w_k = u_k - \sum_{i=1}^n a_i w_{k-i}, \quad y_k = \sum_{i=0}^n b_i w_{k-i}
+
+    A short numerator is padded with zeros on the left; without :math:`b_0` the input does not
+    reach the output at the same sample.
+    """
+
+    source = "Oppenheim and Schafer, Discrete-Time Signal Processing, section 6.3 (direct form II)"
+    symbol = "b(z)/a(z)"
+    sampled = True
+
+    period: float = _period()
+    num: tuple[float, ...] = parameter(default=(0.1,), about="numerator")
+    den: tuple[float, ...] = parameter(default=(1.0, -0.9), about="denominator; its length sets the order")
+    x0: tuple[float, ...] = parameter(
+        default=(), about="start values of w, newest first; an empty list means zeros"
+    )
+
+    u = Input("any signal")
+    y = Output("filtered signal")
+
+    def check(self) -> None:
+        if not self.den or self.den[0] == 0:
+            raise ParameterError("DiscreteTransferFunction.den must begin with a number other than 0.")
+        if not 1 <= len(self.num) <= len(self.den):
+            raise ParameterError(
+                "DiscreteTransferFunction needs 1 <= len(num) <= len(den), "
+                f"got {len(self.num)} and {len(self.den)}."
+            )
+        _check_starts("DiscreteTransferFunction", self.x0, len(self.den) - 1)
+
+    @property
+    def states(self) -> dict[str, State]:
+        starts = _starts(self.x0, len(self.den) - 1)
+        return {f"w{k}": State(start, f"w, {k} samples ago") for k, start in enumerate(starts, 1)}
+
+    def _newest(self, x: Any, u: Any) -> Any:
+        a0, *a = self.den
+        return (u.u - sum(ai * wi for ai, wi in zip(a, x, strict=True))) / a0
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(zip(x._fields, (self._newest(x, u), *x[:-1]), strict=False))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        missing = len(self.den) - len(self.num)
+        # b0 that is not given must not appear: 0 * u would count as a path from input to output.
+        w = x[missing - 1 :] if missing else (self._newest(x, u), *x)
+        return dict(y=sum(bi * wi for bi, wi in zip(self.num, w, strict=True)))
+
+
+@block
+class DiscreteStateSpace(Block):
+    r"""Linear sampled block given by its matrices, with any number of inputs and outputs.
+
+    .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k + D u_k
+
+    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more. Without
+    D no input reaches an output at the same sample.
+    """
+
+    source = "Åström and Wittenmark, Computer-Controlled Systems, section 2.3"
+    symbol = "A,B,C,D"
+    sampled = True
+
+    period: float = _period()
+    A: tuple[tuple[float, ...], ...] = parameter(default=((0.9,),), about="state matrix, as rows")
+    B: tuple[tuple[float, ...], ...] = parameter(default=((0.1,),), about="input matrix, as rows")
+    C: tuple[tuple[float, ...], ...] = parameter(default=((1.0,),), about="output matrix, as rows")
+    D: tuple[tuple[float, ...], ...] = parameter(
+        default=(), about="direct matrix, as rows; an empty list means none"
+    )
+    x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+
+    def check(self) -> None:
+        for name in "ABCD":
+            if not all(isinstance(row, tuple) for row in getattr(self, name)):
+                raise ParameterError(
+                    f"DiscreteStateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]]."
+                )
+        n = len(self.A)
+        inputs = len(self.B[0]) if self.B else 0
+        outputs = len(self.C)
+        for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
+            matrix = getattr(self, name)
+            if name == "D" and not matrix:
+                continue
+            if not rows or not columns or len(matrix) != rows or any(len(row) != columns for row in matrix):
+                shape = "x".join(map(str, (len(matrix), max((len(row) for row in matrix), default=0))))
+                raise ParameterError(
+                    f"DiscreteStateSpace.{name} must have {rows} rows of {columns} "
+                    f"(as the other matrices have it), got {shape}."
+                )
+        _check_starts("DiscreteStateSpace", self.x0, n)
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        n = len(self.B[0])
+        names = ["u"] if n == 1 else [f"u{k}" for k in range(1, n + 1)]
+        return {name: Input("any signal") for name in names}
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        n = len(self.C)
+        names = ["y"] if n == 1 else [f"y{k}" for k in range(1, n + 1)]
+        return {name: Output("combination of states and inputs") for name in names}
+
+    @property
+    def states(self) -> dict[str, State]:
+        starts = _starts(self.x0, len(self.A))
+        return {f"x{k}": State(start, f"state {k}") for k, start in enumerate(starts, 1)}
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        new = (_dot(a, x) + _dot(b, u) for a, b in zip(self.A, self.B, strict=True))
+        return dict(zip(x._fields, new, strict=True))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        direct = [_dot(row, u) for row in self.D] or [0.0] * len(self.C)
+        values = (_dot(row, x) + through for row, through in zip(self.C, direct, strict=True))
+        return dict(zip(self.outports, values, strict=True))
+
+
+def _dot(row: tuple[Any, ...], column: Any) -> Any:
+    return sum(a * b for a, b in zip(row, column, strict=True))
+
+
+@block
+class DiscretePID(Block):
+    r"""Sampled PID by backward differences, with output limits and anti-windup.
+
+    .. math::
+
+        i_k &= I_{k-1} + k_I T e_k, \qquad
+        d_k = \frac{\tau d_{k-1} + k_D (e_k - e_{k-1})}{\tau + T} \\
+        w_k &= k_P e_k + i_k + d_k, \qquad y_k = \min(\max(w_k, y_{low}), y_{high}), \qquad
+        I_k = i_k + k_{aw} T (y_k - w_k)
+
+    With :math:`\tau = 0` the derivative is the plain difference quotient. Keep
+    :math:`k_{aw} T` below 1.
+    """
+
+    source = "Åström and Hägglund, PID Controllers (1995), section 3.6"
+    symbol = "PID(z)"
+    sampled = True
+
+    period: float = _period()
+    kp: float = parameter(default=1.5, about="proportional gain")
+    ki: float = parameter(default=2.0, about="integral gain", unit="1/s")
+    kd: float = parameter(default=0.0, about="derivative gain", unit="s")
+    tau: float = parameter(
+        default=0.01, about="time constant of the derivative filter", unit="s", at_least=0.0
+    )
+    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
+    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
+    kaw: float = parameter(
+        default=2.0, about="rate at which the integral gives way at a limit", unit="1/s", at_least=0.0
+    )
+
+    e = Input("reference minus measurement", unit="?e")
+    y = Output("control effort within the limits", unit="?u")
+    integral: float = state(default=0.0, about="integral action", unit="?u")
+    derivative: float = state(default=0.0, about="derivative action at the last sample", unit="?u")
+    last: float = state(default=0.0, about="error at the last sample", unit="?e")
+
+    def check(self) -> None:
+        if self.low >= self.high:
+            raise ParameterError(f"DiscretePID needs low < high, got low={self.low:g}, high={self.high:g}.")
+
+    def _actions(self, x: Any, u: Any) -> tuple[Any, Any, Any, Any]:
+        """Integral and derivative action, what they ask for and what is given."""
+        integral = x.integral + self.ki * self.period * u.e
+        derivative = (self.tau * x.derivative + self.kd * (u.e - x.last)) / (self.tau + self.period)
+        wanted = self.kp * u.e + integral + derivative
+        return integral, derivative, wanted, ca.fmin(ca.fmax(wanted, self.low), self.high)
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        integral, derivative, wanted, given = self._actions(x, u)
+        integral = integral + self.kaw * self.period * (given - wanted)
+        return dict(integral=integral, derivative=derivative, last=u.e)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self._actions(x, u)[3])
+
+
+@block
+class DiscreteIntegrator(Block):
+    r"""Running sum in place of an integral.
+
+    .. math::
+
+        \text{forward: } y_k &= x_k, \qquad
+        \text{backward: } y_k = x_k + K T u_k, \qquad
+        \text{trapezoidal: } y_k = x_k + \tfrac12 K T u_k \\
+        x_{k+1} &= x_k + K T u_k
+    """
+
+    source = "Åström and Wittenmark, Computer-Controlled Systems, section 8.2"
+    symbol = "T/(z-1)"
+    sampled = True
+
+    period: float = _period()
+    method: str = option(
+        default="forward",
+        about="which rectangle stands for the area",
+        choices=("forward", "backward", "trapezoidal"),
+    )
+    gain: float = parameter(default=1.0, about="gain")
+    initial: float = parameter(default=0.0, about="sum at the start", unit="?u*s")
+
+    u = Input("any signal", unit="?u")
+    y = Output("its integral", unit="?u*s")
+
+    @property
+    def states(self) -> dict[str, State]:
+        return {"total": State(self.initial, "sum up to the last sample", "?u*s")}
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(total=x.total + self.gain * self.period * u.u)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        if self.method == "forward":
+            return dict(y=x.total)
+        share = 1.0 if self.method == "backward" else 0.5
+        return dict(y=x.total + share * self.gain * self.period * u.u)
+
+
+@block
+class MovingAverage(Block):
+    r"""Mean of the last samples.
+
+    .. math:: y_k = \frac1n \sum_{i=0}^{n-1} u_{k-i}
+    """
+
+    source = "definition"
+    symbol = "mean"
+    sampled = True
+
+    period: float = _period()
+    length: int = option(default=5, about="number of samples in the mean", at_least=1)
+    initial: float = parameter(default=0.0, about="samples before the first", unit="?u")
+
+    u = Input("any signal", unit="?u")
+    y = Output("its mean over the last samples", unit="?u")
+
+    @property
+    def states(self) -> dict[str, State]:
+        return {f"u{k}": State(self.initial, f"input {k} samples ago", "?u") for k in range(1, self.length)}
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(zip(x._fields, (u.u, *x[:-1]), strict=False))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=(u.u + sum(x)) / self.length)

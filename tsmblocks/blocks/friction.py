@@ -1,0 +1,225 @@
+"""Blocks that give a friction force (or torque) from a sliding velocity.
+
+One sign convention: ``y`` is the force that the motion has to overcome, positive for positive
+``v``; an equation of motion subtracts it. Units are free (``?v``, ``?f``); the defaults are in
+rad/s and N*m, of the size of a small geared motor at its output shaft.
+
+Signs are rounded with tanh over a ``smoothing`` velocity: a jump at rest cannot be stepped over
+at a fixed step, and has no slope for a fit to follow. Below that velocity a body creeps; where it
+must stick, use Dahl or LuGre friction.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.block import Block, Input, Output, block, parameter, state
+
+
+def stribeck_level(v: Any, coulomb: Any, static: Any, stribeck: Any) -> Any:
+    r"""Level of sliding friction at velocity ``v``, between the static and the Coulomb level.
+
+    .. math:: g(v) = F_c + (F_s - F_c)\, e^{-(v/v_s)^2}
+    """
+    ratio = v / stribeck
+    return coulomb + (static - coulomb) * ca.exp(-(ratio * ratio))
+
+
+@block
+class CoulombFriction(Block):
+    r"""Dry friction of constant level.
+
+    .. math:: y = F_c \tanh(v / v_0)
+    """
+
+    source = "Olsson and others, Friction models and friction compensation, Eur. J. Control 4 (1998) 176"
+    symbol = "Coulomb"
+
+    level: float = parameter(default=0.02, about="friction while sliding", unit="?f", at_least=0.0)
+    smoothing: float = parameter(
+        default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0
+    )
+
+    v = Input("sliding velocity", unit="?v")
+    y = Output("friction to be overcome, positive for positive velocity", unit="?f")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.level * ca.tanh(u.v / self.smoothing))
+
+
+@block
+class AsymmetricFriction(Block):
+    r"""Dry and viscous friction that differ between the two directions.
+
+    .. math::
+
+        y = \frac{1 + s}{2} (F_+ s + b_+ v) + \frac{1 - s}{2} (F_- s + b_- v),
+        \qquad s = \tanh(v / v_0)
+
+    It tends to :math:`F_+ + b_+ v` forwards and to :math:`-F_- + b_- v` backwards.
+    """
+
+    source = "Armstrong-Hélouvry, Control of Machines with Friction (1991), one level per direction"
+    symbol = "F₊ / F₋"
+
+    level_positive: float = parameter(
+        default=0.02, about="dry friction while moving forwards", unit="?f", at_least=0.0
+    )
+    level_negative: float = parameter(
+        default=0.025, about="dry friction while moving backwards", unit="?f", at_least=0.0
+    )
+    viscous_positive: float = parameter(
+        default=0.002, about="friction per velocity while moving forwards", at_least=0.0
+    )
+    viscous_negative: float = parameter(
+        default=0.0025, about="friction per velocity while moving backwards", at_least=0.0
+    )
+    smoothing: float = parameter(
+        default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0
+    )
+
+    v = Input("sliding velocity", unit="?v")
+    y = Output("friction to be overcome, positive for positive velocity", unit="?f")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        s = ca.tanh(u.v / self.smoothing)
+        forwards = self.level_positive * s + self.viscous_positive * u.v
+        backwards = self.level_negative * s + self.viscous_negative * u.v
+        return dict(y=(1 + s) / 2 * forwards + (1 - s) / 2 * backwards)
+
+
+@block
+class ViscousFriction(Block):
+    r"""Friction in proportion to the velocity.
+
+    .. math:: y = b v
+    """
+
+    source = "definition"
+    symbol = "b v"
+
+    coefficient: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
+
+    v = Input("sliding velocity", unit="?v")
+    y = Output("friction to be overcome, positive for positive velocity", unit="?f")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.coefficient * u.v)
+
+
+@block
+class QuadraticDrag(Block):
+    r"""Drag that grows with the square of the velocity and opposes it.
+
+    .. math:: y = c |v| v
+    """
+
+    source = "definition"
+    symbol = "c|v|v"
+
+    coefficient: float = parameter(default=0.001, about="drag per velocity squared", at_least=0.0)
+
+    v = Input("velocity", unit="?v")
+    y = Output("drag to be overcome, positive for positive velocity", unit="?f")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.coefficient * ca.fabs(u.v) * u.v)
+
+
+@block
+class StribeckFriction(Block):
+    r"""Dry friction that falls from a static to a Coulomb level as sliding sets in, plus viscous friction.
+
+    .. math:: y = \left[F_c + (F_s - F_c)\, e^{-(v/v_s)^2}\right] \tanh(v / v_0) + b v
+
+    The static level shows only if the smoothing velocity is well below the Stribeck velocity.
+    """
+
+    source = "Bo and Pavelescu, Wear 82 (1982) 277, exponent 2"
+    symbol = "Stribeck"
+
+    coulomb: float = parameter(default=0.02, about="friction while sliding fast", unit="?f", at_least=0.0)
+    static: float = parameter(default=0.03, about="friction just before sliding", unit="?f", at_least=0.0)
+    stribeck: float = parameter(
+        default=0.1, about="velocity over which friction falls to the Coulomb level", unit="?v", above=0.0
+    )
+    viscous: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
+    smoothing: float = parameter(
+        default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0
+    )
+
+    v = Input("sliding velocity", unit="?v")
+    y = Output("friction to be overcome, positive for positive velocity", unit="?f")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        level = stribeck_level(u.v, self.coulomb, self.static, self.stribeck)
+        return dict(y=level * ca.tanh(u.v / self.smoothing) + self.viscous * u.v)
+
+
+@block
+class DahlFriction(Block):
+    r"""Dry friction that builds up over a small displacement, like a spring that yields.
+
+    .. math:: \dot z = v - \frac{\sigma_0 |v|}{F_c} z, \qquad y = \sigma_0 z
+
+    Rate-independent: the friction is a function of the path. It holds at rest.
+    """
+
+    source = "Dahl, AIAA J. 14 (1976) 1675, exponent 1"
+    symbol = "Dahl"
+
+    sigma0: float = parameter(default=2.0, about="stiffness of the contact before it slides", above=0.0)
+    coulomb: float = parameter(default=0.02, about="friction while sliding", unit="?f", above=0.0)
+
+    v = Input("sliding velocity", unit="?v")
+    y = Output("friction to be overcome, positive for positive velocity", unit="?f")
+    z: float = state(default=0.0, about="deflection of the contact", unit="?v*s")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(z=u.v - self.sigma0 * ca.fabs(u.v) * x.z / self.coulomb)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.sigma0 * x.z)
+
+
+@block
+class LuGreFriction(Block):
+    r"""Friction of bristles that bend before they slide, with Stribeck effect.
+
+    .. math::
+
+        \dot z &= v - \frac{\sigma_0 |v|}{g(v)} z, \qquad
+        g(v) = F_c + (F_s - F_c)\, e^{-(v/v_s)^2} \\
+        y &= \sigma_0 z + \sigma_1 \dot z + \sigma_2 v
+
+    The bristles settle at a rate :math:`\sigma_0 |v| / g(v)`: keep it below about 2.7 per step of
+    the engine at the highest velocity.
+    """
+
+    source = "Canudas de Wit, Olsson, Åström and Lischinsky, IEEE Trans. Automatic Control 40 (1995) 419"
+    symbol = "LuGre"
+
+    sigma0: float = parameter(default=2.0, about="stiffness of the bristles", above=0.0)
+    sigma1: float = parameter(default=0.02, about="damping of the bristles", at_least=0.0)
+    sigma2: float = parameter(default=0.002, about="viscous friction per velocity", at_least=0.0)
+    coulomb: float = parameter(default=0.02, about="friction while sliding fast", unit="?f", above=0.0)
+    static: float = parameter(default=0.03, about="friction just before sliding", unit="?f", above=0.0)
+    stribeck: float = parameter(
+        default=0.1, about="velocity over which friction falls to the Coulomb level", unit="?v", above=0.0
+    )
+
+    v = Input("sliding velocity", unit="?v")
+    y = Output("friction to be overcome, positive for positive velocity", unit="?f")
+    z: float = state(default=0.0, about="mean deflection of the bristles", unit="?v*s")
+
+    def _bending(self, x: Any, u: Any) -> Any:
+        level = stribeck_level(u.v, self.coulomb, self.static, self.stribeck)
+        return u.v - self.sigma0 * ca.fabs(u.v) * x.z / level
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(z=self._bending(x, u))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.sigma0 * x.z + self.sigma1 * self._bending(x, u) + self.sigma2 * u.v)

@@ -1,0 +1,368 @@
+"""Blocks that make signals out of time alone: steps, sines, sweeps, noise, a recording."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.block import Block, Output, Samples, Tape, block, option, parameter
+from tsmblocks.errors import ParameterError
+from tsmblocks.units import UnitError, parse
+
+UNIT = "unit of the signal; empty means that of whatever it drives"
+PEAK = math.radians(55.0)
+"""Amplitude of the paper's sine [rad]."""
+TONE = math.radians(28.0)
+"""Amplitude of each sine of the paper's two-tone signals [rad]."""
+ROUNDING = 1e-9
+"""A jump due at 0.3 s must not come one step late because 3 * 0.1 s falls a hair short of it."""
+
+
+def in_unit(source: Any) -> dict[str, Output]:
+    """The outputs of a source, in the unit its option ``unit`` asks for."""
+    declared = source._declared["y"]
+    return {"y": attrs.evolve(declared, unit=source.unit or declared.unit)}
+
+
+def check_unit(source: Any) -> None:
+    """Raise ParameterError when the option ``unit`` of a source is not a unit."""
+    try:
+        parse(source.unit)
+    except UnitError as error:
+        raise ParameterError(f"{type(source).__name__}.unit: {error}") from None
+
+
+def white_noise(seed: int, interval: float, start: float, stop: float) -> Samples:
+    """Normal noise of unit spread, a fresh number every ``interval`` [s], covering ``start`` to ``stop`` [s].
+
+    The number at ``k * interval`` depends on ``seed`` and ``k`` only: runs that begin, end or step
+    differently see the same noise. Times before zero have a stream of their own.
+    """
+    first, last = math.floor(start / interval) - 1, math.floor(stop / interval) + 1
+    k = np.arange(first, last + 1)
+    ahead = np.random.default_rng(seed).standard_normal(max(last + 1, 0))
+    before = np.random.default_rng([seed, 1]).standard_normal(max(-first, 0))
+    return Samples(k * interval, np.concatenate([before[::-1], ahead])[k + len(before)], "zero")
+
+
+@block
+class Constant(Block):
+    r"""The same value at all times.
+
+    .. math:: y = c
+    """
+
+    source = "definition"
+    symbol = "c"
+
+    value: float = parameter(default=1.0, about="the value", unit="?y")
+    unit: str = option(default="", about=UNIT)
+    y = Output("the value", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.value)
+
+
+@block
+class Step(Block):
+    r"""One value up to an instant, another from then on.
+
+    .. math:: y = y_0 \text{ for } t < t_0, \quad y_1 \text{ for } t \ge t_0
+    """
+
+    source = "definition"
+    symbol = "step"
+
+    time: float = parameter(default=1.0, about="instant of the jump", unit="s")
+    before: float = parameter(default=0.0, about="value before the jump", unit="?y")
+    after: float = parameter(default=1.0, about="value from the jump on", unit="?y")
+    unit: str = option(default="", about=UNIT)
+    y = Output("the value that holds now", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.if_else(t >= self.time - ROUNDING, self.after, self.before))
+
+
+@block
+class Ramp(Block):
+    r"""A value that changes at a constant rate from an instant on.
+
+    .. math:: y = y_0 + k \max(t - t_0, 0)
+    """
+
+    source = "definition"
+    symbol = "ramp"
+
+    start: float = parameter(default=0.0, about="instant at which the ramp begins", unit="s")
+    slope: float = parameter(default=1.0, about="rate of change while it rises", unit="?y/s")
+    initial: float = parameter(default=0.0, about="value before the ramp", unit="?y")
+    unit: str = option(default="", about=UNIT)
+    y = Output("the ramp", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.initial + self.slope * ca.fmax(t - self.start, 0.0))
+
+
+@block
+class Sine(Block):
+    r"""A sine around an offset.
+
+    .. math:: y = y_0 + a \sin(2 \pi f t + \varphi)
+    """
+
+    source = "Paper, Figs 13 and 17: 55 degrees at 0.2 Hz"
+    symbol = "sin"
+
+    amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
+    frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)
+    phase: float = parameter(default=0.0, about="phase at time zero", unit="rad")
+    offset: float = parameter(default=0.0, about="mean value", unit="?y")
+    unit: str = option(default="", about=UNIT)
+    y = Output("the sine", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.offset + self.amplitude * ca.sin(2 * math.pi * self.frequency * t + self.phase))
+
+
+@block
+class MultiSine(Block):
+    r"""A sum of sines.
+
+    .. math:: y = \sum_k a_k \sin(2 \pi f_k t + \varphi_k)
+    """
+
+    source = "Paper, Fig. 14: 28 degrees at 0.2 Hz and 28 degrees at 0.5 Hz"
+    symbol = "Σ sin"
+
+    amplitudes: tuple[float, ...] = parameter(default=(TONE, TONE), about="amplitude of each sine", unit="?y")
+    frequencies: tuple[float, ...] = parameter(
+        default=(0.2, 0.5), about="periods per second of each sine", unit="Hz", at_least=0.0
+    )
+    phases: tuple[float, ...] = parameter(default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad")
+    unit: str = option(default="", about=UNIT)
+    y = Output("the sum of the sines", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+        lengths = len(self.amplitudes), len(self.frequencies), len(self.phases)
+        if len(set(lengths)) > 1 or not lengths[0]:
+            raise ParameterError(
+                "MultiSine needs one amplitude, one frequency and one phase for each sine, "
+                f"got {lengths[0]} amplitudes, {lengths[1]} frequencies and {lengths[2]} phases."
+            )
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        sines = zip(self.amplitudes, self.frequencies, self.phases, strict=True)
+        return dict(y=sum(a * ca.sin(2 * math.pi * f * t + p) for a, f, p in sines))
+
+
+@block
+class Chirp(Block):
+    r"""A sine whose frequency goes linearly from one value to another, and then stays there.
+
+    .. math::
+
+        y = a \sin\left(2 \pi \left(f_0 s + \frac{f_1 - f_0}{2 T} s^2 + f_1 (t - s)\right)\right),
+        \qquad s = \min(t, T)
+    """
+
+    source = "definition (phase is the integral of the frequency)"
+    symbol = "chirp"
+
+    amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
+    f0: float = parameter(default=0.1, about="frequency at time zero", unit="Hz", at_least=0.0)
+    f1: float = parameter(default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0)
+    duration: float = parameter(default=20.0, about="how long the sweep takes", unit="s", above=0.0)
+    unit: str = option(default="", about=UNIT)
+    y = Output("the sweep", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        s = ca.fmin(t, self.duration)
+        turns = self.f0 * s + (self.f1 - self.f0) / (2 * self.duration) * s * s + self.f1 * (t - s)
+        return dict(y=self.amplitude * ca.sin(2 * math.pi * turns))
+
+
+@block
+class Random(Block):
+    r"""Normal noise, a fresh number every interval; the same seed gives the same noise.
+
+    .. math:: y = \mu + \sigma w_k, \qquad w_k \sim N(0, 1), \quad k = \lfloor t / T \rfloor
+    """
+
+    source = "definition"
+    symbol = "noise"
+
+    std: float = parameter(default=1.0, about="standard deviation", unit="?y", at_least=0.0)
+    mean: float = parameter(default=0.0, about="mean value", unit="?y")
+    seed: int = option(default=0, about="seed; blocks with the same seed give the same noise", at_least=0)
+    interval: float = option(default=0.01, about="time for which each number is held", unit="s", above=0.0)
+    unit: str = option(default="", about=UNIT)
+    w = Tape("white noise of unit spread")
+    y = Output("the noise", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+
+    def tapes(self, start: float, stop: float) -> dict[str, Samples]:
+        return dict(w=white_noise(self.seed, self.interval, start, stop))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.mean + self.std * u.w)
+
+
+@block
+class Triangle(Block):
+    r"""Straight up and straight down at the same speed, rising from zero at time zero.
+
+    .. math:: y = a \left(1 - 4 \left| p - \lfloor p \rfloor - \tfrac12 \right|\right), \qquad p = f t + \tfrac14
+    """
+
+    source = "definition"
+    symbol = "triangle"
+
+    amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
+    frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)
+    unit: str = option(default="", about=UNIT)
+    y = Output("the triangle", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        p = self.frequency * t + 0.25
+        return dict(y=self.amplitude * (1 - 4 * ca.fabs(p - ca.floor(p) - 0.5)))
+
+
+@block
+class Staircase(Block):
+    r"""Steps of equal height: up from zero, down past zero, back to zero, and again.
+
+    .. math::
+
+        y = h \left(\bigl| (k - n) \bmod 2(n + m) - (n + m) \bigr| - m\right), \qquad k = \lfloor t / T \rfloor
+
+    with :math:`n` steps above zero and :math:`m` below. With ``down=0`` it never goes below zero.
+    """
+
+    source = "definition"
+    symbol = "stairs"
+
+    height: float = parameter(default=PEAK / 4, about="height of one step", unit="?y")
+    dwell: float = parameter(default=1.0, about="time spent on each step", unit="s", above=0.0)
+    up: int = option(default=4, about="steps above zero", at_least=0)
+    down: int = option(default=4, about="steps below zero", at_least=0)
+    unit: str = option(default="", about=UNIT)
+    y = Output("the step it stands on", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+        if not self.up + self.down:
+            raise ParameterError("Staircase needs at least one step, got up=0, down=0.")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        half = self.up + self.down
+        k = ca.floor(t / self.dwell + ROUNDING) - self.up
+        within = k - 2 * half * ca.floor(k / (2 * half))
+        return dict(y=self.height * (ca.fabs(within - half) - self.down))
+
+
+@block
+class Recorded(Block):
+    r"""A signal given by its samples; outside them the first or last value holds.
+
+    .. math:: y = y_0 + k\, w(t)
+    """
+
+    source = "definition"
+    symbol = "record"
+
+    times: tuple[float, ...] = option(default=(0.0, 1.0, 3.0, 4.0), about="instants of the samples", unit="s")
+    values: tuple[float, ...] = option(default=(0.0, 1.0, -1.0, 0.0), about="values at these instants")
+    hold: str = option(
+        default="linear", about="what the signal does between samples", choices=("zero", "linear", "cubic")
+    )
+    gain: float = parameter(default=1.0, about="factor on the recorded values")
+    offset: float = parameter(default=0.0, about="added to the recorded values", unit="?y")
+    unit: str = option(default="", about=UNIT)
+    w = Tape("the signal as recorded")
+    y = Output("the recorded signal", unit="?y")
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
+    def check(self) -> None:
+        check_unit(self)
+        for name in ("times", "values"):
+            for k, number in enumerate(getattr(self, name)):
+                if not isinstance(number, float) or not math.isfinite(number):
+                    raise ParameterError(f"Recorded.{name}[{k}] must be a finite number, got {number!r}.")
+        if len(self.times) != len(self.values) or not self.times:
+            raise ParameterError(
+                "Recorded needs one value for each instant, "
+                f"got {len(self.times)} times and {len(self.values)} values."
+            )
+        for k, (a, b) in enumerate(zip(self.times, self.times[1:], strict=False)):
+            if a >= b:
+                raise ParameterError(f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}.")
+
+    def tapes(self, start: float, stop: float) -> dict[str, Samples]:
+        return dict(w=Samples(np.array(self.times), np.array(self.values), self.hold))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.offset + self.gain * u.w)

@@ -1,0 +1,261 @@
+"""What must hold of a diagram before it means anything: names, drivers, open inputs, units.
+
+Every fault is collected and said once; a fault that only follows from another (a misspelt wire
+leaves a port open) is not said.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from tsmblocks import units
+from tsmblocks.errors import near
+from tsmblocks.wires import NAME, Fault, Link, Located, kind, parse, resolve
+
+if TYPE_CHECKING:
+    from tsmblocks.diagram import Inlet
+
+End = tuple[str, str]
+SHARED = re.compile(r"\?(\w+?)((?:[*/].*)?)")
+"""A unit that a block's ports share: a letter, times a known unit."""
+
+
+def located(text: str, place: str) -> str:
+    """The sentence with its ``file:line`` in front, where one is known."""
+    return f"{place}: {text}" if place else text
+
+
+def read_wires(wires: Any, blocks: Mapping[str, Any], inputs: Mapping[str, Any]) -> tuple[list[Link], list[str]]:
+    """Links from chains (or links already read), with the faults found."""
+    links: list[Link] = []
+    faults: list[str] = []
+    for text in wires:
+        if isinstance(text, Link):
+            links.append(text)
+            continue
+        if not isinstance(text, str):
+            faults.append(f"a wire must be text such as 'error -> pid', got {text!r}.")
+            continue
+        found, wrong = parse(text, blocks)
+        links += found
+        for fault in wrong:
+            hint = next((f" '{n}' is an input of the diagram: list its ports under inputs." for n in inputs
+                         if f"names block '{n}'" in fault), "")  # fmt: skip
+            faults.append(located(fault + hint, getattr(text, "place", "")))
+    return links, faults
+
+
+def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
+    """Names that cannot stand in wire notation."""
+    for name in names:
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            yield located(
+                f"{what} name {str(name)!r} must be letters, digits and underscores, not starting with a digit.",
+                getattr(name, "place", ""),
+            )
+
+
+def resolve_inlets(
+    inlets: Mapping[str, Inlet], blocks: Mapping[str, Any]
+) -> tuple[dict[str, tuple[End, ...]], list[str]]:
+    """Ports that each input of the diagram drives."""
+    found: dict[str, tuple[End, ...]] = {}
+    faults: list[str] = []
+    for name, inlet in inlets.items():
+        ends = []
+        if name in blocks:
+            faults.append(f"'{name}' is both an input of the diagram and a block; give one of them another name.")
+        for port in inlet.ports:
+            try:
+                ends.append(resolve(port, blocks, "input"))
+            except Fault as fault:
+                faults.append(located(f"input '{name}': {fault}", getattr(port, "place", "")))
+        found[name] = tuple(ends)
+    return found, faults
+
+
+def resolve_outputs(
+    outputs: Mapping[str, str], blocks: Mapping[str, Any], inputs: Mapping[str, Any]
+) -> tuple[dict[str, End], list[str]]:
+    """Signal that each output shows; ``("", name)`` stands for an input of the diagram passed through."""
+    found: dict[str, End] = {}
+    faults: list[str] = []
+    for name, signal in outputs.items():
+        if signal in inputs:
+            found[name] = ("", str(signal))
+            continue
+        try:
+            found[name] = resolve(signal, blocks, "output")
+        except Fault as fault:
+            faults.append(located(f"output '{name}': {fault}", getattr(signal, "place", "")))
+    return found, faults
+
+
+def driver_faults(
+    links: list[Link], inlets: Mapping[str, tuple[End, ...]], blocks: Mapping[str, Any], silent: bool
+) -> Iterator[str]:
+    """Inputs driven twice, and (unless ``silent``) inputs driven by nothing."""
+    driven: dict[End, list[tuple[str, str]]] = {}
+    for link in links:
+        driven.setdefault(link.target, []).append((str(link), link.place))
+    for name, ends in inlets.items():
+        for end in ends:
+            driven.setdefault(end, []).append((f"input {name} -> {'.'.join(end)}", ""))
+    for end, writers in driven.items():
+        if len(writers) > 1:
+            texts = "; ".join(text for text, _ in writers)
+            yield located(
+                f"{'.'.join(end)} is driven {len(writers)} times: {texts}. Join them with a Sum block.",
+                writers[-1][1],
+            )
+    if silent:
+        return
+    for name, block in blocks.items():
+        for port, spec in block.inports.items():
+            if (name, port) not in driven and not getattr(spec, "rate_of", ""):
+                unit = f" [{spec.unit}]" if spec.unit and "?" not in spec.unit else ""
+                about = f" It is: {spec.about}{unit}." if spec.about else ""
+                yield (f"{name}.{port} ({kind(block)}) is driven by nothing.{about} "
+                       f"Wire it, list it under inputs, or drive it with a Constant.")  # fmt: skip
+
+
+# ---- units: every port's unit is a known label, or a power of s times an unknown shared by some ports
+
+
+class _Units:
+    """Union-find over ports whose edges carry a factor: ``unit(a) = ratio * unit(b)``.
+
+    A node is a port or an unknown; ``"SI"`` is the node of pure numbers. The ratio is a
+    (factor, dimension) pair, so that two routes to one node can be compared.
+    """
+
+    def __init__(self) -> None:
+        self.parent: dict[Any, tuple[Any, units.Unit]] = {}
+        self.label: dict[Any, tuple[str, str]] = {}  # root -> (unit label, the port it came from)
+
+    def find(self, node: Any) -> tuple[Any, units.Unit]:
+        ratio = units.Unit(1.0, ())
+        while node in self.parent:
+            node, step = self.parent[node]
+            ratio = _times(ratio, step)
+        return node, ratio
+
+    def join(self, a: Any, b: Any, ratio: units.Unit) -> units.Unit | None:
+        """State unit(a) = ratio * unit(b). Returns what was known instead, if it disagrees."""
+        (ra, fa), (rb, fb) = self.find(a), self.find(b)
+        if ra == rb:
+            known = _times(fa, fb, -1)
+            agrees = known.dimension == ratio.dimension and abs(known.factor / ratio.factor - 1) < 1e-12
+            return None if agrees else known
+        step = _times(_times(ratio, fb), fa, -1)
+        if ra == "SI":  # pure numbers stay a root, so that a unit is read off directly
+            self.parent[rb] = (ra, _times(units.Unit(1.0, ()), step, -1))
+        else:
+            self.parent[ra] = (rb, step)
+        return None
+
+
+def _times(a: units.Unit, b: units.Unit, power: int = 1) -> units.Unit:
+    total = dict(a.dimension)
+    for key, n in b.dimension:
+        total[key] = total.get(key, 0) + power * n
+    return units.Unit(a.factor * b.factor**power, tuple(sorted((k, n) for k, n in total.items() if n)))
+
+
+def _port_faults(known: _Units, labels: dict[End, str], name: str, block: Any) -> Iterator[str]:
+    for side in (block.inports, block.outports):
+        for port, spec in side.items():
+            end = (name, port)
+            if not spec.unit:
+                continue
+            if "?" not in spec.unit:
+                labels[end] = spec.unit
+                known.join(end, "SI", units.parse(spec.unit))
+                continue
+            match = SHARED.fullmatch(spec.unit)
+            symbol, factor = (match[1], units.parse("1" + match[2])) if match else (port, units.parse(spec.unit))
+            if known.join(end, (name, "?", symbol), factor) is not None:
+                yield f"{name}.{port} cannot have the unit '{spec.unit}' beside the block's other ports."
+
+
+def unit_faults(
+    links: list[Link], inlets: Mapping[str, tuple[End, ...]], declared: Mapping[str, str], blocks: Mapping[str, Any]
+) -> tuple[list[str], dict[End, units.Unit]]:
+    """Wires that join different units, and the unit of every port that has one.
+
+    Blocks that take anything (a sum, an integrator) pass units on, so a mismatch is found
+    across them too.
+    """
+    known, labels = _Units(), dict[End, str]()
+    faults = []
+    for name, block in blocks.items():
+        faults += _port_faults(known, labels, name, block)
+    for name, unit in declared.items():
+        if unit:
+            known.join(("", name), "SI", units.parse(unit))
+            labels["", name] = unit
+    wires = [(link.source, link.target, str(link), link.place) for link in links]
+    wires += [(("", n), end, f"input {n} -> {'.'.join(end)}", "") for n, ends in inlets.items() for end in ends]
+    one = units.Unit(1.0, ())
+    for source, target, text, place in wires:
+        if known.join(source, target, one) is not None:
+            a, b = (_label(known, labels, end) for end in (source, target))
+            faults.append(located(
+                f"{text} joins {a} to {b}. Put a Convert block between them, or correct the unit of one port.",
+                place))  # fmt: skip
+    found = {}
+    for end in [*labels, *(e for s, t, *_ in wires for e in (s, t))]:
+        root, ratio = known.find(end)
+        if root == "SI":
+            found[end] = ratio
+    return faults, found
+
+
+def _label(known: _Units, labels: Mapping[End, str], end: End) -> str:
+    if end in labels:
+        return labels[end]
+    root, ratio = known.find(end)
+    if root == "SI":
+        return name_of(ratio)
+    return "another unit"
+
+
+def name_of(unit: units.Unit) -> str:
+    """A readable label of a unit found by inference."""
+    for label in ("1", "rad", "deg", "rad/s", "deg/s", "rad/s^2", "rad*s", "V", "A", "N", "N*m", "m", "m/s", "m*s",
+                  "mm", "s", "1/s", "V*s", "V/s"):  # fmt: skip
+        u = units.parse(label)
+        if u.dimension == unit.dimension and abs(u.factor / unit.factor - 1) < 1e-12:
+            return label
+    power = "*".join(k if n == 1 else f"{k}^{n}" for k, n in unit.dimension) or "1"
+    return power if abs(unit.factor - 1) < 1e-12 else f"{unit.factor:g}*{power}"
+
+
+def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float]) -> Iterator[str]:
+    """References to numbers that are not in the table, and referenced numbers a block refuses."""
+    from tsmblocks.block import Block, is_reference, leaves, map_leaves
+    from tsmblocks.errors import ParameterError
+
+    for key, value in values.items():
+        if not isinstance(value, float):
+            yield located(f"value '{key}' must be a number, got {value!r}.", getattr(key, "place", ""))
+    for name, block in blocks.items():
+        if not isinstance(block, Block):
+            continue
+        used = {k: v for k, v in block.parameters.items() if any(is_reference(x) for _, x in leaves(v))}
+        missing = {x[1:] for v in used.values() for _, x in leaves(v) if is_reference(x)} - set(values)
+        for key in sorted(missing):
+            yield f"{name}: '${key}' stands for a number that is not in values.{near(key, values)}"
+        if used and not missing and all(isinstance(v, float) for v in values.values()):
+            try:
+                block.replace(**{
+                    k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v) for k, v in used.items()
+                })  # fmt: skip
+            except ParameterError as error:
+                yield f"{name}: {error}"
+
+
+__all__ = ["Located", "driver_faults", "name_faults", "read_wires", "resolve_inlets", "resolve_outputs",
+           "unit_faults", "value_faults"]  # fmt: skip

@@ -1,0 +1,87 @@
+"""From a diagram to one set of equations, every parameter still a symbol.
+
+The only place that calls a block's equations. Feedthrough is read from them, so evaluation order
+and algebraic loops are exact, per port and through hierarchy. It knows nothing of steps or data.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.equations import Equations
+from tsmblocks.evaluate import Evaluator
+from tsmblocks.flatten import Flat, flatten
+
+
+def compile_diagram(diagram: Diagram) -> Equations:
+    """Equations of a diagram. Raises AlgebraicLoop, EquationError or DiagramError, naming the place."""
+    flat = flatten(diagram)
+    between = Evaluator(flat, held=True)
+    between.everything()
+    names, signals = _signals(flat, between)
+    x, d, u, q = between.x_symbols(), between.d_symbols(), between.u_symbols(), between.q_symbols()
+    update = None
+    if d or flat.resets:
+        at_samples = Evaluator(flat, held=False, share=between)
+        d_next, x_next, hit = at_samples.updates()
+        u = between.u_symbols()  # a slope may have been asked for at sample instants only
+        reads = [flat.t, _column(x), _column(d), _column(u), _column(q), _column(flat.p), hit]
+        update = ca.Function("update", reads, [_column(d_next), _column(x_next)], *_LABELS["update"])
+    s = between.delayed()
+    reads = [flat.t, _column(x), _column(d), _column(u), _column(q), _column(flat.p)]
+    rhs = ca.Function("rhs", reads, [_column(between.rates()), _column(signals), _column(s)], *_LABELS["rhs"])
+    p = _column(flat.p)
+    begin = [_column(between.starts(x_names)) for x_names in (flat.x, flat.d)]
+    start = ca.Function("start", [p], [*begin, _column(flat.first_past)], *_LABELS["start"])
+    lag = ca.Function("lag", [p], [_column(flat.delays)], ["p"], ["tau"])
+    return Equations(
+        title=diagram.title,
+        x=tuple(".".join(k) for k in flat.x), d=tuple(flat.d_name(k) for k in flat.d), u=tuple(between.feeds()),
+        p=tuple(flat.p_names), y=tuple(names), q=tuple(flat.q_names), p_default=np.array(flat.p_values, dtype=float),
+        rhs=rhs, update=update, start=start, lag=lag, periods=tuple(flat.periods),
+        aliases={k: flat.signal_name(end) for k, end in flat.shown.items()},
+        units=_units(diagram, flat, names), tapes={k: b.tapes for k, b in flat.blocks.items() if b.tape_ports},
+        every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
+        reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
+    )  # fmt: skip
+
+
+_LABELS = {
+    "rhs": (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"]),
+    "update": (["t", "x", "d", "u", "q", "p", "hit"], ["d_next", "x_next"]),
+    "start": (["p"], ["x", "d", "s"]),
+}
+
+
+def _column(elements: list[Any]) -> Any:
+    return ca.vertcat(*elements) if elements else ca.SX(0, 1)
+
+
+def _signals(flat: Flat, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
+    """Everything worth logging, in evaluation order: inputs, outputs of blocks, then states."""
+    names = [k for k in flat.inputs]
+    values = [evaluator.value[("u", k)] for k in flat.inputs]
+    for node, value in evaluator.value.items():
+        if node[0] == "y":
+            names.append(f"{node[1]}.{node[2]}")
+            values.append(value)
+    known = set(names)
+    for key, symbol in [*evaluator.x.items(), *evaluator.d.items()]:
+        name = ".".join(key)
+        if len(key) == 2 and name not in known:
+            names.append(name)
+            values.append(symbol)
+    return names, values
+
+
+def _units(diagram: Diagram, flat: Flat, names: list[str]) -> dict[str, str]:
+    found = {name: diagram.unit(name) for name in names}
+    for key, block in flat.blocks.items():
+        for name, state in block.states.items():
+            if not found.get(f"{key}.{name}") and "?" not in state.unit:
+                found[f"{key}.{name}"] = state.unit
+    return {k: v for k, v in found.items() if v}

@@ -1,0 +1,352 @@
+"""What a diagram is: named blocks, wires, inputs and outputs, as one value. Editing gives a new diagram.
+
+It knows ports, names and units; nothing of equations or of running. A diagram may stand inside
+another as a block, to any depth; a dot reaches into it (``"motor.drive.high"``).
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import attrs
+
+from tsmblocks import checks, units
+from tsmblocks.block import Block, Input, Output, is_reference, leaves
+from tsmblocks.errors import DiagramError, ParameterError, near
+from tsmblocks.wires import Link, chains, short
+
+_HERE = str(Path(__file__).parent)
+DEEPEST = 64
+"""Levels of diagrams inside diagrams; more is a mistake or an attack."""
+
+
+@attrs.frozen
+class Inlet:
+    """An input of a diagram: the ports it drives, its unit and meaning."""
+
+    ports: tuple[str, ...] = attrs.field(converter=lambda p: (p,) if isinstance(p, str) else tuple(p))
+    unit: str = ""
+    about: str = ""
+
+
+def _inlets(given: Mapping[str, Any]) -> Mapping[str, Inlet]:
+    return _frozen({k: v if isinstance(v, Inlet) else Inlet(v) for k, v in given.items()})
+
+
+def _frozen(given: Any) -> Mapping[Any, Any]:
+    return MappingProxyType(dict(given))
+
+
+def _caller() -> str:
+    """``file:line`` of the first frame outside this package: where the user wrote the diagram."""
+    frame: Any = sys._getframe(1)
+    while frame and (frame.f_code.co_filename.startswith((_HERE, "<attrs"))):
+        frame = frame.f_back
+    return f"{frame.f_code.co_filename}:{frame.f_lineno}" if frame else ""
+
+
+@attrs.frozen(kw_only=True)
+class Diagram:
+    """Named blocks and the wires between them.
+
+    ``blocks`` maps names to blocks (or diagrams); ``wires`` lists chains such as
+    ``"error -> pid -> drive"``; ``inputs`` maps names to the port (or ports) they drive, or to an
+    ``Inlet`` with a unit; ``outputs`` maps names to signals (``"tsm.y"``); ``values`` holds numbers
+    used more than once, to which a block's parameter refers as ``"$theta"``.
+
+    Raises DiagramError with all faults at once. Equal diagrams compare equal whatever the order of
+    their wires.
+    """
+
+    title: str = ""
+    source: str = ""
+    blocks: Mapping[str, Block | Diagram] = attrs.field(converter=_frozen)
+    wires: tuple[str, ...] = attrs.field(default=(), converter=tuple, eq=False, repr=False)
+    inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=_inlets)
+    outputs: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
+    values: Mapping[str, float] = attrs.field(
+        factory=dict, converter=lambda v: _frozen({k: float(x) if isinstance(x, int) else x for k, x in v.items()})
+    )
+    where: str = attrs.field(factory=_caller, eq=False, repr=False)
+    links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)
+    inlets: Mapping[str, tuple[tuple[str, str], ...]] = attrs.field(init=False, eq=False, repr=False)
+    shown: Mapping[str, tuple[str, str]] = attrs.field(init=False, eq=False, repr=False)
+    port_units: Mapping[tuple[str, str], units.Unit] = attrs.field(init=False, eq=False, repr=False)
+
+    def __attrs_post_init__(self) -> None:
+        links, inlets, shown, found = self._checked()
+        object.__setattr__(self, "links", tuple(dict.fromkeys(links)))
+        object.__setattr__(self, "inlets", _frozen(inlets))
+        object.__setattr__(self, "shown", _frozen(shown))
+        object.__setattr__(self, "port_units", _frozen(found))
+        object.__setattr__(self, "wires", tuple(chains(self.links, self.blocks)))
+        # one spelling of each end, so that "tsm" and "tsm.y" make equal diagrams
+        full = {k: attrs.evolve(v, ports=[".".join(e) for e in inlets[k]]) for k, v in self.inputs.items()}
+        object.__setattr__(self, "inputs", _frozen(full))
+        object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in shown.items()}))
+
+    def _checked(self) -> tuple[Any, ...]:
+        """Links, inlets, outputs and port units; raises DiagramError with every fault found."""
+        blocks = self.blocks
+        faults = [*checks.name_faults(blocks, "block"), *checks.name_faults(self.inputs, "input"),
+                  *checks.name_faults(self.outputs, "output"), *checks.name_faults(self.values, "value")]  # fmt: skip
+        wrong = [f"{k} must be a block or a diagram, got {v!r}." for k, v in blocks.items()
+                 if not isinstance(v, (Block, Diagram))]  # fmt: skip
+        if wrong:
+            raise DiagramError(self.title, wrong, self.where)
+        if max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
+            faults.append(f"diagrams stand inside diagrams more than {DEEPEST} deep.")
+        links, bad_wires = checks.read_wires(self.wires, blocks, self.inputs)
+        inlets, bad_inputs = checks.resolve_inlets(self.inputs, blocks)
+        shown, bad_outputs = checks.resolve_outputs(self.outputs, blocks, self.inputs)
+        echoes = bool(bad_wires or bad_inputs)  # a misspelt wire leaves a port open: say the spelling only
+        faults += [*bad_wires, *bad_inputs, *bad_outputs]
+        faults += checks.driver_faults(links, inlets, blocks, silent=echoes)
+        faults += checks.value_faults(blocks, self.values)
+        found: dict[Any, Any] = {}
+        try:
+            declared = {k: v.unit for k, v in self.inputs.items()}
+            bad_units, found = checks.unit_faults(links, inlets, declared, blocks)
+            faults += bad_units
+        except units.UnitError as error:
+            faults.append(str(error))
+        if faults:
+            raise DiagramError(self.title, faults, self.where)
+        return links, inlets, shown, found
+
+    # ---- standing as a block in another diagram
+
+    @property
+    def depth(self) -> int:
+        """Levels of diagrams inside this one."""
+        return 1 + max((b.depth for b in self.blocks.values() if isinstance(b, Diagram)), default=0)
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        """Its inputs, as ports; an undeclared unit is the one found inside."""
+        return {
+            k: Input(v.about, v.unit or self._unit_of(*self.inlets[k])) for k, v in self.inputs.items()
+        }
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        """Its outputs, as ports."""
+        return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
+
+    def _unit_of(self, *ends: tuple[str, str]) -> str:
+        return next((checks.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
+
+    def unit(self, signal: str) -> str:
+        """The unit of an output, or of a signal ``"block.port"``; ``""`` where none is known."""
+        if signal in self.shown:
+            return self._unit_of(self.shown[signal])
+        if signal in self.inputs:
+            return self.inports[signal].unit
+        name, _, rest = signal.partition(".")
+        block = self.blocks.get(name)
+        if isinstance(block, Diagram) and rest:
+            return block.unit(rest) or self._unit_of((name, rest))
+        return self._unit_of((name, rest))
+
+    # ---- parameters by name
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Every number that may be swept, fitted or overridden, by its full name.
+
+        Numbers of the ``values`` table stand under their own name, once, not under the blocks
+        that refer to them.
+        """
+        return dict(self._leaves())
+
+    def _leaves(self, prefix: str = "") -> Iterator[tuple[str, float]]:
+        for name, value in self.values.items():
+            yield prefix + name, value
+        for name, block in self.blocks.items():
+            if isinstance(block, Diagram):
+                yield from block._leaves(f"{prefix}{name}.")
+                continue
+            for key, value in block.parameters.items():
+                for leaf, number in leaves(value, f"{prefix}{name}.{key}"):
+                    if not is_reference(number):
+                        yield leaf, number
+
+    def parameter_names(self, prefix: str = "") -> Iterator[str]:
+        """Every name ``with_parameters`` understands, options and whole lists included."""
+        yield from (prefix + k for k in self.values)
+        for name, block in self.blocks.items():
+            if isinstance(block, Diagram):
+                yield from block.parameter_names(f"{prefix}{name}.")
+                continue
+            for key in block.fields():
+                yield f"{prefix}{name}.{key}"
+                if not is_reference(getattr(block, key)) and isinstance(getattr(block, key), tuple):
+                    yield from (leaf for leaf, _ in leaves(getattr(block, key), f"{prefix}{name}.{key}"))
+
+    def with_parameters(self, changes: Mapping[str, Any]) -> Diagram:
+        """The diagram with other numbers: ``{"pid.kp": 2.0, "motor.drive.high": 12.0, "theta": 5.0}``.
+
+        A name of the ``values`` table changes every block that refers to it; naming one block's
+        parameter changes that block alone. Raises ParameterError for a name it does not know.
+        """
+        known = None
+        grouped: dict[str, dict[str, Any]] = {}
+        values = dict(self.values)
+        for name, value in changes.items():
+            head, _, rest = name.partition(".")
+            if head in values and not rest:
+                values[head] = value
+            elif head in self.blocks and rest:
+                grouped.setdefault(head, {})[rest] = value
+            else:
+                known = known or list(self.parameter_names())
+                raise ParameterError(f"diagram '{self.title}' has no parameter '{name}'.{_near_path(name, known)}")
+        blocks = dict(self.blocks)
+        for name, part in grouped.items():
+            blocks[name] = self._changed(name, self.blocks[name], part)
+        return self._with(blocks=blocks, values=values)
+
+    def _changed(self, name: str, block: Block | Diagram, part: dict[str, Any]) -> Block | Diagram:
+        try:
+            return block.with_parameters(part) if isinstance(block, Diagram) else _with_fields(block, part)
+        except ParameterError as error:
+            raise ParameterError(f"{name}: {error}") from None
+
+    # ---- edits
+
+    def _with(self, **changes: Any) -> Diagram:
+        """The same diagram with some fields changed (``wires`` may hold links or text)."""
+        fields = {a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init}
+        fields["wires"] = self.links
+        return Diagram(**{**fields, **changes})
+
+    def _inside(self, name: str, edit: str, *args: Any, **options: Any) -> Diagram | None:
+        """Apply an edit whose name has a dot to the diagram it points into."""
+        head, _, rest = name.partition(".")
+        inner = self.blocks.get(head)
+        if not rest or not isinstance(inner, Diagram):
+            return None
+        return self._with(blocks={**self.blocks, head: getattr(inner, edit)(rest, *args, **options)})
+
+    def _need(self, name: str) -> Block | Diagram:
+        if name not in self.blocks:
+            raise DiagramError(self.title, [f"there is no block '{name}'.{near(name, self.blocks)}"], self.where)
+        return self.blocks[name]
+
+    def insert(
+        self, name: str, block: Block | Diagram, *, after: str = "", before: str = "", wires: Iterable[str] = ()
+    ) -> Diagram:
+        """The diagram with a block put on a wire.
+
+        ``after="motor"`` (or ``"motor.y"``, or an input's name) puts it on that signal: everything
+        that listened, outputs included, now listens to the new block. ``before="tsm.x"`` (or an
+        output's name) puts it in front of that one receiver. The block's usual input and output are
+        used; ``wires`` connects any others. A dotted ``name`` (``"motor.slack"``) edits the diagram
+        inside block ``motor``, where ``after``, ``before`` and ``wires`` are then read.
+        """
+        inner = self._inside(name, "insert", block, after=after, before=before, wires=wires)
+        if inner is not None:
+            return inner
+        if name in self.blocks:
+            raise DiagramError(self.title, [f"there is a block '{name}' already; choose another name."], self.where)
+        if bool(after) == bool(before):
+            raise DiagramError(self.title, [f"insert '{name}' takes either after= or before=."], self.where)
+        from tsmblocks.edits import inserted  # the how stands apart; this class stays readable
+
+        return inserted(self, name, block, after, before, tuple(wires))
+
+    def replace(self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None) -> Diagram:
+        """The diagram with another block in the place of ``name``, wired the same way.
+
+        ``ports`` maps old port names to new ones where they differ. Raises DiagramError when a port
+        in use does not exist on the new block.
+        """
+        inner = self._inside(name, "replace", block, ports=ports)
+        if inner is not None:
+            return inner
+        self._need(name)
+        from tsmblocks.edits import replaced
+
+        return replaced(self, name, block, ports or {})
+
+    def remove(self, name: str) -> Diagram:
+        """The diagram without a block; what drove its only input then drives its listeners.
+
+        Raises DiagramError when the block has several inputs or outputs in use, for then what
+        should take its place is not known.
+        """
+        inner = self._inside(name, "remove")
+        if inner is not None:
+            return inner
+        self._need(name)
+        from tsmblocks.edits import removed
+
+        return removed(self, name)
+
+    def rewire(self, *, cut: Iterable[str] = (), add: Iterable[str] = (), **changes: Any) -> Diagram:
+        """The diagram with wires cut (``"a.y -> b.u"``) and added, and other fields changed.
+
+        ``changes`` may give ``blocks``, ``inputs``, ``outputs``, ``values``, ``title`` or ``source``.
+        """
+        from tsmblocks.edits import rewired
+
+        return rewired(self, tuple(cut), tuple(add), changes)
+
+    def __str__(self) -> str:
+        lines = [self.title or "diagram", *(f"  {wire}" for wire in self.wires)]
+        lines += [f"  {name} -> {', '.join(v.ports)}" for name, v in self.inputs.items()]
+        lines += [f"  {signal} => {name}" for name, signal in self.outputs.items()]
+        return "\n".join(lines)
+
+    def short(self, end: tuple[str, str]) -> str:
+        """``block`` or ``block.port`` for an output port, as short as it can be said."""
+        return short(end, self.blocks, "output")
+
+    def __reduce__(self) -> Any:  # mapping proxies do not pickle
+        plain = {"title": self.title, "source": self.source, "blocks": dict(self.blocks), "wires": self.links,
+                 "inputs": dict(self.inputs), "outputs": dict(self.outputs), "values": dict(self.values),
+                 "where": self.where}  # fmt: skip
+        return _rebuild, (plain,)
+
+
+def _rebuild(fields: dict[str, Any]) -> Diagram:
+    return Diagram(**fields)
+
+
+def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:
+    """A block with fields, or single elements of them (``den[1]``), changed."""
+    changes: dict[str, Any] = {}
+    for key, value in part.items():
+        name, bracket, _ = key.partition("[")
+        if name not in block.fields():
+            raise ParameterError(f"{type(block).__name__} has no parameter '{key}'.{near(key, block.fields())}")
+        if not bracket:
+            changes[name] = value
+            continue
+        whole = changes.get(name, getattr(block, name))
+        if key not in {leaf for leaf, _ in leaves(whole, name)}:
+            known = [leaf for leaf, _ in leaves(whole, name)]
+            raise ParameterError(f"{type(block).__name__} has no element '{key}'.{near(key, known)}")
+        changes[name] = _set_leaf(whole, name, key, value)
+    return block.replace(**changes)
+
+
+def _set_leaf(whole: Any, name: str, key: str, value: Any) -> Any:
+    if not isinstance(whole, tuple):
+        return value if name == key else whole
+    return tuple(_set_leaf(v, f"{name}[{k}]", key, value) for k, v in enumerate(whole))
+
+
+def _near_path(name: str, known: Iterable[str]) -> str:
+    """Near misses of a dotted name; those that end the same way come first."""
+    known = list(known)
+    tail = [k for k in known if k.rpartition(".")[2] == name.rpartition(".")[2]]
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    if tail and not close:
+        return f" Did you mean {' or '.join(repr(k) for k in tail[:3])}?"
+    return near(name, known)

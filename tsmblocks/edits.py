@@ -1,0 +1,153 @@
+"""How a diagram is edited: functions from a diagram to a new one, called by its methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from tsmblocks.block import Block
+from tsmblocks.diagram import Diagram, Inlet
+from tsmblocks.errors import DiagramError, near
+from tsmblocks.wires import Fault, Link, kind, parse, resolve
+
+
+def _fail(diagram: Diagram, text: str) -> DiagramError:
+    return DiagramError(diagram.title, [text], diagram.where)
+
+
+def _usual(diagram: Diagram, name: str, block: Any, side: str) -> str:
+    try:
+        return resolve(name, {name: block}, side)[1]
+    except Fault as fault:
+        raise _fail(diagram, f"insert '{name}': {fault}") from None
+
+
+def inserted(
+    diagram: Diagram, name: str, block: Block | Diagram, after: str, before: str, wires: tuple[str, ...]
+) -> Diagram:
+    """See Diagram.insert."""
+    enter, leave = ((name, _usual(diagram, name, block, side)) for side in ("input", "output"))
+    blocks = {**diagram.blocks, name: block}
+    if after:
+        links, inputs, outputs = _after(diagram, after, enter, leave)
+    else:
+        links, inputs, outputs = _before(diagram, before, enter, leave)
+    return diagram._with(blocks=blocks, wires=[*links, *wires], inputs=inputs, outputs=outputs)
+
+
+Edited = tuple[list[Link], dict[str, Inlet], dict[str, str]]
+
+
+def _after(diagram: Diagram, signal: str, enter: tuple[str, str], leave: tuple[str, str]) -> Edited:
+    out = ".".join(leave)
+    if signal in diagram.inputs:
+        moved = [Link(leave, end) for end in diagram.inlets[signal]]
+        inlet = attrs.evolve(diagram.inputs[signal], ports=".".join(enter))
+        outputs = {k: out if end == ("", signal) else diagram.outputs[k] for k, end in diagram.shown.items()}
+        return [*diagram.links, *moved], {**diagram.inputs, signal: inlet}, outputs
+    try:
+        source = resolve(signal, diagram.blocks, "output")
+    except Fault as fault:
+        raise _fail(diagram, f"after='{signal}': {fault}") from None
+    links = [attrs.evolve(link, source=leave) if link.source == source else link for link in diagram.links]
+    outputs = {k: out if end == source else diagram.outputs[k] for k, end in diagram.shown.items()}
+    return [*links, Link(source, enter)], dict(diagram.inputs), outputs
+
+
+def _before(diagram: Diagram, receiver: str, enter: tuple[str, str], leave: tuple[str, str]) -> Edited:
+    inputs, outputs = dict(diagram.inputs), dict(diagram.outputs)
+    if receiver in diagram.outputs:
+        head, port = diagram.shown[receiver]
+        outputs[receiver] = ".".join(leave)
+        if not head:
+            raise _fail(diagram, f"before='{receiver}': that output shows an input; use after='{port}'.")
+        return [*diagram.links, Link((head, port), enter)], inputs, outputs
+    try:
+        target = resolve(receiver, diagram.blocks, "input")
+    except Fault as fault:
+        hint = near(receiver, [*diagram.outputs, *diagram.blocks])
+        raise _fail(diagram, f"before='{receiver}': {fault} Outputs may be named too.{hint}") from None
+    links = [attrs.evolve(link, target=enter) if link.target == target else link for link in diagram.links]
+    for key, ends in diagram.inlets.items():
+        if target in ends:
+            ports = tuple(".".join(enter if end == target else end) for end in ends)
+            inputs[key] = attrs.evolve(diagram.inputs[key], ports=ports)
+    return [*links, Link(leave, target)], inputs, outputs
+
+
+def replaced(diagram: Diagram, name: str, block: Block | Diagram, ports: Mapping[str, str]) -> Diagram:
+    """See Diagram.replace."""
+    old = diagram.blocks[name]
+    for port in ports:
+        if port not in {**old.inports, **old.outports}:
+            raise _fail(diagram, f"replace '{name}': {kind(old)} has no port '{port}'."
+                        f"{near(port, {**old.inports, **old.outports})}")  # fmt: skip
+    faults: list[str] = []
+
+    def moved(end: tuple[str, str], side: Mapping[str, Any], text: str) -> tuple[str, str]:
+        if end[0] != name:
+            return end
+        port = ports.get(end[1], end[1])
+        if port not in side:
+            faults.append(f"{text}: {name} is a {kind(block)}, which has no port '{port}'.{near(port, side)}")
+        return name, port
+
+    links = [
+        Link(moved(x.source, block.outports, str(x)), moved(x.target, block.inports, str(x)), x.place)
+        for x in diagram.links
+    ]
+    inputs = {
+        k: attrs.evolve(v, ports=[".".join(moved(e, block.inports, f"input {k} -> {'.'.join(e)}"))
+                                  for e in diagram.inlets[k]])
+        for k, v in diagram.inputs.items()
+    }  # fmt: skip
+    outputs = {
+        k: ".".join(moved(end, block.outports, f"output {k}")) if end[0] == name else diagram.outputs[k]
+        for k, end in diagram.shown.items()
+    }
+    if faults:
+        raise DiagramError(diagram.title, faults, diagram.where)
+    return diagram._with(blocks={**diagram.blocks, name: block}, wires=links, inputs=inputs, outputs=outputs)
+
+
+def removed(diagram: Diagram, name: str) -> Diagram:
+    """See Diagram.remove."""
+    into = [x for x in diagram.links if x.target[0] == name]
+    outof = [x for x in diagram.links if x.source[0] == name]
+    feeding = [(k, e) for k, ends in diagram.inlets.items() for e in ends if e[0] == name]
+    shown = [k for k, end in diagram.shown.items() if end[0] == name]
+    leaving = {x.source[1] for x in outof} | {diagram.shown[k][1] for k in shown}
+    if leaving and (len(into) + len(feeding) != 1 or len(leaving) > 1):
+        raise _fail(diagram, f"remove '{name}': it has {len(into) + len(feeding)} inputs and {len(leaving)} outputs "
+                    "in use, so what should take its place is not known. Use rewire or replace.")  # fmt: skip
+    links = [x for x in diagram.links if name not in (x.source[0], x.target[0])]
+    inputs = {
+        k: attrs.evolve(v, ports=[".".join(e) for e in diagram.inlets[k] if e[0] != name])
+        for k, v in diagram.inputs.items()
+    }
+    outputs = dict(diagram.outputs)
+    if leaving and into:
+        links += [Link(into[0].source, x.target, x.place) for x in outof]
+        outputs |= {k: ".".join(into[0].source) for k in shown}
+    elif leaving:
+        key = feeding[0][0]
+        inputs[key] = attrs.evolve(inputs[key], ports=[*inputs[key].ports, *(".".join(x.target) for x in outof)])
+        outputs |= dict.fromkeys(shown, key)
+    blocks = {k: b for k, b in diagram.blocks.items() if k != name}
+    return diagram._with(blocks=blocks, wires=links, inputs=inputs, outputs=outputs)
+
+
+def rewired(diagram: Diagram, cut: tuple[str, ...], add: tuple[str, ...], changes: dict[str, Any]) -> Diagram:
+    """See Diagram.rewire."""
+    gone: list[Link] = []
+    for text in cut:
+        links, faults = parse(text, diagram.blocks)
+        faults += [f"cut '{link}': there is no such wire.{near(str(link), map(str, diagram.links))}"
+                   for link in links if link not in diagram.links]  # fmt: skip
+        if faults:
+            raise DiagramError(diagram.title, faults, diagram.where)
+        gone += links
+    kept = [link for link in diagram.links if link not in gone]
+    return diagram._with(wires=[*kept, *add], **changes)

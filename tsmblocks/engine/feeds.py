@@ -1,0 +1,154 @@
+"""Sampled inputs as the rows a kernel reads: each signal at every instant of every step.
+
+How a signal is between its samples (its hold) is settled here, once, at the stages' own instants;
+the kernels know nothing of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from tsmblocks.errors import DataError, in_words, near
+
+HOLDS = ("zero", "linear", "cubic")
+
+
+class Sampled(Protocol):
+    """Samples of a signal: ``t`` [s], ``y``, and ``hold``."""
+
+    @property
+    def t(self) -> np.ndarray: ...
+    @property
+    def y(self) -> np.ndarray: ...
+    @property
+    def hold(self) -> str: ...
+
+
+class Signal:
+    """A signal as a function of time, from the left or the right, with its slopes."""
+
+    def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str) -> None:
+        self.name = name
+        self.call: Callable[[np.ndarray], Any] | None = given if callable(given) else None
+        if self.call is not None:
+            self.hold, self.t = "exact", grid
+            return
+        if np.ndim(getattr(given, "y", given)) == 0 and not hasattr(given, "t"):
+            given = _Plain(grid[[0, -1]], np.full(2, _number(name, given)), "zero")
+        elif not hasattr(given, "t"):
+            given = _Plain(*_pair(name, given, grid), hold)
+        self.hold = given.hold
+        self.t, self.y = np.asarray(given.t, dtype=float), np.asarray(given.y, dtype=float)
+        self._check()
+        self._splines: dict[int, Any] = {}
+
+    def _check(self) -> None:
+        if self.hold not in HOLDS:
+            raise DataError(f"input '{self.name}': there is no hold '{self.hold}'.{near(self.hold, HOLDS)}")
+        if self.t.ndim != 1 or self.t.shape != self.y.shape or not len(self.t):
+            raise DataError(f"input '{self.name}': times and values must be two lists of one length, "
+                            f"got {self.t.shape} and {self.y.shape}.")  # fmt: skip
+        bad = np.flatnonzero(~np.isfinite(self.y) | ~np.isfinite(self.t))
+        if len(bad):
+            raise DataError(f"input '{self.name}': sample {bad[0]} is not finite "
+                            f"(t = {self.t[bad[0]]:g} s, value = {self.y[bad[0]]:g}).")  # fmt: skip
+        back = np.flatnonzero(np.diff(self.t) <= 0)
+        if len(back):
+            k = back[0] + 1
+            raise DataError(f"input '{self.name}': time does not increase at sample {k} "
+                            f"({self.t[k - 1]:g} s, then {self.t[k]:g} s).")  # fmt: skip
+
+    def covers(self, start: float, stop: float, step: float) -> None:
+        """Raise DataError unless samples reach over the whole run."""
+        if self.hold == "exact":
+            return
+        if self.t[0] > start + 1e-6 * step or (self.hold != "zero" and self.t[-1] < stop - 1e-6 * step):
+            raise DataError(f"input '{self.name}' is known from {self.t[0]:g} to {self.t[-1]:g} s, but the run goes "
+                            f"from {start:g} to {stop:g} s. Shorten the run, or give more samples.")  # fmt: skip
+
+    def at(self, t: np.ndarray, order: int, side: str, tiny: float) -> np.ndarray:
+        """Values (or slopes) at ``t``; where there is a jump, those of the given side."""
+        if self.call is not None:
+            return self._exact(t, order)
+        if self.hold == "cubic":
+            return np.asarray(self._spline()(np.clip(t, self.t[0], self.t[-1]), nu=order))
+        if self.hold == "zero":
+            if order:
+                raise DataError(f"input '{self.name}' is held constant between samples, but its derivative is needed. "
+                                "Give it hold='linear' or hold='cubic'.")  # fmt: skip
+            shifted = t + tiny if side == "right" else t - tiny
+            return self.y[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(self.t) - 1)]
+        if order == 0:
+            return np.interp(t, self.t, self.y)
+        if order > 1:
+            raise DataError(f"input '{self.name}' is linear between samples, but its derivative of order {order} is "
+                            "needed. Give it hold='cubic'.")  # fmt: skip
+        if len(self.t) < 2:
+            return np.zeros_like(t)
+        shifted = t + tiny if side == "right" else t - tiny
+        slopes = np.diff(self.y) / np.diff(self.t)
+        return slopes[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(slopes) - 1)]
+
+    def _exact(self, t: np.ndarray, order: int) -> np.ndarray:
+        assert self.call is not None
+        if order:
+            raise DataError(f"input '{self.name}' is a Python function, but its derivative is needed. "
+                            "Give samples with hold='cubic', or make it a source block.")  # fmt: skip
+        values = np.asarray(self.call(t), dtype=float)
+        if values.shape not in ((), t.shape):
+            raise DataError(f"input '{self.name}': the function gave shape {values.shape} for {t.shape} times.")
+        return np.broadcast_to(values, t.shape)
+
+    def _spline(self) -> Any:
+        if 0 not in self._splines:
+            from scipy.interpolate import CubicSpline
+
+            if len(self.t) < 4:
+                raise DataError(f"input '{self.name}': hold='cubic' needs at least 4 samples, got {len(self.t)}.")
+            self._splines[0] = CubicSpline(self.t, self.y)
+        return self._splines[0]
+
+
+class _Plain:
+    def __init__(self, t: Any, y: Any, hold: str) -> None:
+        self.t, self.y, self.hold = t, y, hold
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise DataError(f"input '{name}' must be a number, samples or a function of time, "
+                        f"got {in_words(value)}.") from None  # fmt: skip
+
+
+def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
+    """(times, values) of a pair, or of values alone on the step grid."""
+    if isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1:
+        return given
+    values = np.asarray(given)
+    if values.ndim != 1 or values.dtype.kind not in "fiub":
+        raise DataError(f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}.")
+    if len(values) not in (len(grid), len(grid) - 1):
+        raise DataError(f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "
+                        "Give (times, values) when they are not on the steps.")  # fmt: skip
+    return (grid[: len(values)] if len(values) == len(grid) else grid), (
+        values if len(values) == len(grid) else np.append(values, values[-1])
+    )
+
+
+def rows(
+    signals: list[tuple[Signal, int]], start: float, step: float, first: int, count: int, offsets: tuple[float, ...]
+) -> np.ndarray:
+    """Inputs at each instant of steps ``first`` … ``first+count``, shape (count+1, instants, inputs)."""
+    k = np.arange(first, first + count + 1)
+    made = np.empty((count + 1, len(offsets), len(signals)))
+    for i, offset in enumerate(offsets):
+        t = start + (k + offset) * step
+        side = "left" if offset == 1 else "right"
+        for j, (signal, order) in enumerate(signals):
+            made[:, i, j] = signal.at(t, order, side, 1e-6 * step)
+    return made

@@ -1,0 +1,164 @@
+"""The same kernels without a compiler: CasADi evaluates one step at a time. Slower, same results."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tsmblocks.engine.kernel import Frame
+from tsmblocks.engine.kernels import Kernel, Memory
+from tsmblocks.engine.plan import Layout, Plan
+
+
+class InterpretedKernel(Kernel):
+    """Steps through CasADi's virtual machine; lanes are columns of a mapped function."""
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(Frame(plan, ""))
+        self.lanes = plan.lanes
+        self.step = _Call(_one_step(plan), plan.lanes) if not plan.wide_s else None
+        self.rhs = _Call(plan.rhs, plan.lanes)
+        self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
+
+    def advance(
+        self, memory: Memory, u: np.ndarray, *, t0: float, h: float, k0: int, n: int, final: bool, every: int,
+        skip: int, hits: tuple[int, ...], y: np.ndarray,
+    ) -> None:  # fmt: skip
+        plan = self.plan
+        x, d, p = (_open(a, lay) for a, lay in ((memory.x, self.layout_x), (memory.d, self.layout_d),
+                                                (memory.p, self.layout_p)))  # fmt: skip
+        past = _Past(self, memory, p, h) if plan.wide_s else None
+        row, left = 0, skip
+        for k in range(n + (1 if final else 0)):
+            t, kg = t0 + (k0 + k) * h, k0 + k
+            q = past.at(kg, 0.0) if past else np.empty((0, self.lanes))
+            if self.update is not None:
+                hit = np.array([[float(kg % each == 0)] for each in hits]).reshape(-1, 1)
+                if plan.every_step or hit.any():
+                    d, x = self.update(t, x, d, u[k, 0][:, None], q, p, hit)
+            dx, out, s = self.rhs(t, x, d, u[k, 0][:, None], q, p)
+            if left == 0:
+                _shut(y[row], self.layout_y, out[list(plan.y)])
+                row, left = row + 1, every
+            left -= 1
+            if k == n:
+                break
+            if self.step is not None:
+                (x,) = self.step(t, h, x, d, u[k].reshape(-1, 1), p)
+            else:
+                assert past is not None
+                past.keep(kg, s)
+                x = self._stages(past, kg, t, h, x, d, u[k], p, dx)
+        _shut(memory.x, self.layout_x, x)
+        _shut(memory.d, self.layout_d, d)
+
+    def _stages(
+        self, past: _Past, k: int, t: float, h: float, x: Any, d: Any, u: Any, p: Any, first: Any
+    ) -> np.ndarray:
+        """One step with delays, which are read anew at each stage."""
+        method, slopes = self.plan.method, [first]
+        for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
+            ahead = x + h * sum(a * s for a, s in zip(row, slopes, strict=True) if a)
+            inputs = u[method.instants.index(offset)][:, None]
+            slopes.append(self.rhs(t + offset * h, ahead, d, inputs, past.at(k, offset), p)[0])
+        return np.asarray(x + h * sum(b * s for b, s in zip(method.weights, slopes, strict=True)))
+
+
+class _Past:
+    """The ring of delayed signals, read and written as the compiled kernels do."""
+
+    def __init__(self, kernel: InterpretedKernel, memory: Memory, p: np.ndarray, h: float) -> None:
+        self.layout, self.ring, self.mask, self.h = kernel.layout_s, memory.ring, memory.mask, h
+        self.lanes = kernel.lanes
+        (tau,) = _Call(kernel.plan.lag, kernel.lanes)(p)
+        self.delay = tau / h
+        size = memory.mask + 1
+        self.parts = []
+        for k, wide in enumerate(self.layout.wide):
+            width = self.lanes if wide else 1
+            begin = size * self.layout.offset[k]
+            self.parts.append(self.ring[begin : begin + size * width].reshape(size, width))
+
+    def keep(self, k: int, s: np.ndarray) -> None:
+        for part, value in zip(self.parts, s, strict=True):
+            part[k & self.mask] = value[: part.shape[1]]
+
+    def at(self, k: int, offset: float) -> np.ndarray:
+        last = k - 1 if offset == 0 else k
+        made = np.empty((2 * len(self.parts), self.lanes))
+        for j, part in enumerate(self.parts):
+            place = k + offset - self.delay[j]
+            m = np.floor(place).astype(int)
+            b = np.where(m < 0, np.minimum(m - 1, -4), np.maximum(m - 1, 0))
+            b = np.minimum(b, last - 3)
+            w = place - b
+            columns = np.arange(self.lanes) if part.shape[1] > 1 else np.zeros(self.lanes, dtype=int)
+            y = [part[(b + i) & self.mask, columns] for i in range(4)]
+            d1, c1 = y[1] - y[0], y[2] - 2 * y[1] + y[0]
+            e = y[3] - 3 * y[2] + 3 * y[1] - y[0]
+            made[2 * j] = y[0] + w * d1 + w * (w - 1) / 2 * c1 + w * (w - 1) * (w - 2) / 6 * e
+            made[2 * j + 1] = (d1 + (w - 0.5) * c1 + (w * w / 2 - w + 1 / 3) * e) / self.h
+        return made
+
+
+class _Call:
+    """A CasADi function on columns of lanes, called through its buffers."""
+
+    def __init__(self, function: Any, lanes: int) -> None:
+        self.f = function if lanes == 1 else function.map(lanes)
+        self.inputs = [np.zeros(function.size_in(k)[0] * lanes) for k in range(function.n_in())]
+        self.outputs = [np.zeros((lanes, function.size_out(k)[0])) for k in range(function.n_out())]
+        self.lanes = lanes
+        self.f = _dense(self.f)
+        self.buffer, self.trigger = self.f.buffer()
+        for k, a in enumerate(self.inputs):
+            self.buffer.set_arg(k, memoryview(a))
+        for k, a in enumerate(self.outputs):
+            self.buffer.set_res(k, memoryview(a.reshape(-1)))
+
+    def __call__(self, *values: Any) -> list[np.ndarray]:
+        for a, value in zip(self.inputs, values, strict=True):
+            if len(a):
+                a.reshape(self.lanes, -1)[:] = np.asarray(value).T if np.ndim(value) else value
+        self.trigger()
+        return [a.T.copy() for a in self.outputs]
+
+
+def _dense(f: Any) -> Any:
+    """The function with every output dense, so that buffers line up."""
+    ins = [ca.MX.sym(f.name_in(k), *f.size_in(k)) for k in range(f.n_in())]
+    return ca.Function("dense", ins, [ca.densify(v) for v in f.call(ins)])
+
+
+def _one_step(plan: Plan) -> Any:
+    """One step of the method as one function of t, h, x, d, u (at all instants), p."""
+    f, method, count = plan.rhs, plan.method, plan.inputs
+    t, h = ca.SX.sym("t"), ca.SX.sym("h")
+    x, d, p = (ca.SX.sym(k, f.size1_in(f.index_in(k))) for k in ("x", "d", "p"))
+    u = ca.SX.sym("u", count * len(method.instants))
+    q = ca.SX(f.size1_in(f.index_in("q")), 1)
+    slopes: list[Any] = []
+    for row, offset in zip(method.rows, method.offsets, strict=True):
+        ahead = x
+        for a, s in zip(row, slopes, strict=True):
+            ahead = ahead + h * a * s if a else ahead
+        i = method.instants.index(offset)
+        slopes.append(f(t + offset * h, ahead, d, u[i * count : (i + 1) * count], q, p)[0])
+    new = x + sum(h * b * s for b, s in zip(method.weights, slopes, strict=True))
+    return ca.Function("step", [t, h, x, d, u, p], ca.cse([new]))
+
+
+def _open(flat: np.ndarray, layout: Layout) -> np.ndarray:
+    """A kernel's array as rows of lanes."""
+    made = np.empty((len(layout.wide), layout.lanes))
+    for k in range(len(layout.wide)):
+        made[k] = flat[layout.span(k)]
+    return made
+
+
+def _shut(flat: np.ndarray, layout: Layout, rows: np.ndarray) -> None:
+    """Rows of lanes back into a kernel's array."""
+    for k, wide in enumerate(layout.wide):
+        flat[layout.span(k)] = rows[k] if wide else rows[k, 0]

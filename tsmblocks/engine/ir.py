@@ -1,0 +1,324 @@
+"""LLVM IR for scalar operations, on one number or on one number per SIMD lane.
+
+It knows how an operation is written, nothing of steps. Elementary functions of lanes are
+polynomials written out here, so that they need no library; those of single numbers call libm,
+save tanh, whose libm form is slow.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from tsmblocks.errors import TsmError
+
+LIBM = {
+    "EXP": "exp", "LOG": "log", "SIN": "sin", "COS": "cos", "TAN": "tan", "ASIN": "asin", "ACOS": "acos",
+    "ATAN": "atan", "SINH": "sinh", "COSH": "cosh", "TANH": "tanh", "ASINH": "asinh", "ACOSH": "acosh",
+    "ATANH": "atanh", "ERF": "erf", "LOG1P": "log1p", "EXPM1": "expm1", "POW": "pow", "CONSTPOW": "pow",
+    "FMOD": "fmod", "REMAINDER": "remainder", "ATAN2": "atan2", "HYPOT": "hypot",
+}  # fmt: skip
+_INTRINSIC = {"SQRT": "sqrt", "FABS": "fabs", "FLOOR": "floor", "CEIL": "ceil", "COPYSIGN": "copysign"}
+_ARITHMETIC = {"ADD": "fadd", "SUB": "fsub", "MUL": "fmul", "DIV": "fdiv"}
+_COMPARE = {"LT": "olt", "LE": "ole", "EQ": "oeq", "NE": "une"}
+
+
+def number(x: float) -> str:
+    """A double as LLVM writes it, exactly."""
+    return "0x" + struct.pack(">d", x).hex().upper()
+
+
+class Writer:
+    """Appends instructions to ``lines`` and hands out value names; ``lanes`` is the SIMD width."""
+
+    def __init__(self, lanes: int = 1, fused: bool = True) -> None:
+        self.lanes = lanes
+        self.lines: list[str] = []
+        self.declared: dict[str, str] = {}
+        self.functions: dict[str, str] = {}
+        self.contract = "contract " if fused else ""
+        self.vector = f"<{lanes} x double>"
+        self._count = 0
+        self._splats: dict[str, str] = {}
+        self._entry_splats: dict[str, str] = {}
+
+    # ---- plain writing
+
+    def emit(self, text: str) -> str:
+        """One instruction with a result; returns its name."""
+        self._count += 1
+        name = f"%v{self._count}"
+        self.lines.append(f"  {name} = {text}")
+        return name
+
+    def do(self, text: str) -> None:
+        """One instruction without a result."""
+        self.lines.append(f"  {text}")
+
+    def label(self, name: str) -> None:
+        """Begin a basic block; splats made in other blocks may not reach it, so they are forgotten."""
+        self.lines.append(f"{name}:")
+        self._splats = dict(self._entry_splats)
+
+    def end_of_entry(self) -> None:
+        """What has been widened so far reaches every block."""
+        self._entry_splats = dict(self._splats)
+
+    def type(self, wide: bool) -> str:
+        return self.vector if wide else "double"
+
+    def constant(self, x: float, wide: bool) -> str:
+        if not wide:
+            return number(x)
+        return "<" + ", ".join([f"double {number(x)}"] * self.lanes) + ">"
+
+    def widen(self, value: str) -> str:
+        """A single number in every lane."""
+        if value.startswith("0x"):
+            return self.constant(struct.unpack(">d", bytes.fromhex(value[2:]))[0], True)
+        if value not in self._splats:
+            one = self.emit(f"insertelement {self.vector} poison, double {value}, i32 0")
+            zeros = f"<{self.lanes} x i32> zeroinitializer"
+            self._splats[value] = self.emit(f"shufflevector {self.vector} {one}, {self.vector} poison, {zeros}")
+        return self._splats[value]
+
+    def load(self, pointer: str, wide: bool) -> str:
+        return self.emit(f"load {self.type(wide)}, ptr {pointer}, align 8")
+
+    def store(self, value: str, pointer: str, wide: bool) -> None:
+        self.do(f"store {self.type(wide)} {value}, ptr {pointer}, align 8")
+
+    def at(self, base: str, index: int | str) -> str:
+        """Pointer to the index-th double after base."""
+        return base if index == 0 else self.emit(f"getelementptr double, ptr {base}, i64 {index}")
+
+    # ---- arithmetic
+
+    def add(self, a: str, b: str, wide: bool = False) -> str:
+        return self.emit(f"fadd {self.contract}{self.type(wide)} {a}, {b}")
+
+    def mul(self, a: str, b: str, wide: bool = False) -> str:
+        return self.emit(f"fmul {self.contract}{self.type(wide)} {a}, {b}")
+
+    def intrinsic(self, name: str, args: list[str], wide: bool) -> str:
+        t = self.type(wide)
+        full = f"llvm.{name}." + (f"v{self.lanes}f64" if wide else "f64")
+        self.declared[full] = f"declare {t} @{full}({', '.join([t] * len(args))})"
+        return self.emit(f"call {t} @{full}({', '.join(f'{t} {a}' for a in args)})")
+
+    def operation(self, name: str, a: list[str], wide: bool) -> str:
+        """One CasADi operation on values that are all wide or all single."""
+        t = self.type(wide)
+        if name in _ARITHMETIC:
+            return self.emit(f"{_ARITHMETIC[name]} {self.contract}{t} {a[0]}, {a[1]}")
+        if name == "NEG":
+            return self.emit(f"fneg {t} {a[0]}")
+        if name == "SQ":
+            return self.mul(a[0], a[0], wide)
+        if name == "TWICE":
+            return self.add(a[0], a[0], wide)
+        if name == "INV":
+            return self.emit(f"fdiv {t} {self.constant(1.0, wide)}, {a[0]}")
+        if name == "ASSIGN":
+            return a[0]
+        if name in _INTRINSIC:
+            return self.intrinsic(_INTRINSIC[name], a, wide)
+        if name in LIBM:
+            return self._elementary(name, a, wide)
+        return self._logic(name, a, wide)
+
+    def _logic(self, name: str, a: list[str], wide: bool) -> str:
+        t, bit = self.type(wide), f"<{self.lanes} x i1>" if wide else "i1"
+        zero = self.constant(0.0, wide)
+
+        def as_number(flag: str) -> str:
+            return self.emit(f"uitofp {bit} {flag} to {t}")
+
+        def is_set(value: str) -> str:
+            return self.emit(f"fcmp une {t} {value}, {zero}")
+
+        if name in _COMPARE:
+            return as_number(self.emit(f"fcmp {_COMPARE[name]} {t} {a[0]}, {a[1]}"))
+        if name in ("FMIN", "FMAX"):
+            # unordered compare: a NaN in the first operand (the signal, by habit) passes through
+            flag = self.emit(f"fcmp {'ult' if name == 'FMIN' else 'ugt'} {t} {a[0]}, {a[1]}")
+            return self.emit(f"select {bit} {flag}, {t} {a[0]}, {t} {a[1]}")
+        if name == "NOT":
+            return as_number(self.emit(f"fcmp oeq {t} {a[0]}, {zero}"))
+        if name in ("AND", "OR"):
+            return as_number(self.emit(f"{name.lower()} {bit} {is_set(a[0])}, {is_set(a[1])}"))
+        if name == "IF_ELSE_ZERO":
+            return self.emit(f"select {bit} {is_set(a[0])}, {t} {a[1]}, {t} {zero}")
+        if name == "SIGN":
+            up, down = (as_number(self.emit(f"fcmp {c} {t} {a[0]}, {zero}")) for c in ("ogt", "olt"))
+            return self.emit(f"fsub {t} {up}, {down}")
+        raise TsmError(f"the engine does not know CasADi's operation {name}.")
+
+    def _elementary(self, name: str, a: list[str], wide: bool) -> str:
+        if name == "TANH" or (wide and name in ("EXP", "EXPM1", "SIN", "COS")):
+            return self._own(name.lower(), a[0], wide)
+        function = LIBM[name]
+        doubles = ", ".join(["double"] * len(a))
+        self.declared[function] = f"declare double @{function}({doubles}) #1"
+        if not wide:
+            return self.emit(f"call double @{function}({', '.join(f'double {v}' for v in a)})")
+        result = "poison"
+        for lane in range(self.lanes):
+            single = [self.emit(f"extractelement {self.vector} {v}, i32 {lane}") for v in a]
+            value = self.emit(f"call double @{function}({', '.join(f'double {v}' for v in single)})")
+            result = self.emit(f"insertelement {self.vector} {result}, double {value}, i32 {lane}")
+        return result
+
+    def _own(self, name: str, x: str, wide: bool) -> str:
+        """Call one of this module's own functions, adding its text on first use."""
+        t = self.type(wide)
+        full = f"tsm_{name}{self.lanes if wide else 1}"
+        if full not in self.functions:
+            self.functions[full] = ""  # reserves the name while the body is written
+            body = Writer(self.lanes if wide else 1, fused=True)
+            body.vector = t
+            result = _BODIES[name](_Maths(body, wide), "%x")
+            self.functions[full] = "\n".join([
+                f"define internal {t} @{full}({t} %x) alwaysinline {{", *body.lines, f"  ret {t} {result}", "}"
+            ])  # fmt: skip
+            self.declared.update(body.declared)
+        return self.emit(f"call {t} @{full}({t} {x})")
+
+    def module(self) -> str:
+        """Functions and declarations that the written text needs."""
+        parts = [*self.functions.values(), *self.declared.values(), "attributes #1 = { nounwind willreturn memory(none) }"]
+        return "\n".join(parts) + "\n"
+
+
+class _Maths:
+    """The few verbs in which the polynomials below are written."""
+
+    def __init__(self, w: Writer, wide: bool) -> None:
+        self.w, self.wide = w, wide
+        self.t = w.type(wide)
+        self.i = f"<{w.lanes} x i64>" if wide else "i64"
+        self.b = f"<{w.lanes} x i1>" if wide else "i1"
+
+    def c(self, x: float) -> str:
+        return self.w.constant(x, self.wide)
+
+    def n(self, x: int) -> str:
+        return str(x) if not self.wide else "<" + ", ".join([f"i64 {x}"] * self.w.lanes) + ">"
+
+    def op(self, text: str) -> str:
+        return self.w.emit(text)
+
+    def fma(self, a: str, b: str, c: str) -> str:
+        return self.w.intrinsic("fma", [a, b, c], self.wide)
+
+    def add(self, a: str, b: str) -> str:
+        return self.op(f"fadd {self.t} {a}, {b}")
+
+    def sub(self, a: str, b: str) -> str:
+        return self.op(f"fsub {self.t} {a}, {b}")
+
+    def mul(self, a: str, b: str) -> str:
+        return self.op(f"fmul {self.t} {a}, {b}")
+
+    def div(self, a: str, b: str) -> str:
+        return self.op(f"fdiv {self.t} {a}, {b}")
+
+    def pick(self, flag: str, a: str, b: str) -> str:
+        return self.op(f"select {self.b} {flag}, {self.t} {a}, {self.t} {b}")
+
+    def compare(self, how: str, a: str, b: str) -> str:
+        return self.op(f"fcmp {how} {self.t} {a}, {b}")
+
+    def poly(self, r: str, coefficients: list[float]) -> str:
+        """Estrin's scheme: pairs, then pairs of pairs, so that the chain of additions stays short."""
+        terms = [self.c(q) for q in coefficients]
+        power = r
+        while len(terms) > 1:
+            terms = [
+                self.fma(terms[k + 1], power, terms[k]) if k + 1 < len(terms) else terms[k]
+                for k in range(0, len(terms), 2)
+            ]
+            power = self.mul(power, power) if len(terms) > 1 else power
+        return terms[0]
+
+    def round(self, x: str) -> str:
+        return self.w.intrinsic("rint", [x], self.wide)
+
+    def scale(self, n: str) -> str:
+        """2**n for a rounded n within the normal range."""
+        whole = self.op(f"fptosi {self.t} {n} to {self.i}")
+        biased = self.op(f"add {self.i} {whole}, {self.n(1023)}")
+        shifted = self.op(f"shl {self.i} {biased}, {self.n(52)}")
+        return self.op(f"bitcast {self.i} {shifted} to {self.t}")
+
+    def reduce(self, x: str) -> tuple[str, str]:
+        """x = n ln 2 + r with |r| <= ln(2)/2."""
+        n = self.round(self.mul(x, self.c(1 / math.log(2))))
+        minus = self.op(f"fneg {self.t} {n}")
+        r = self.fma(minus, self.c(0.6931471805599453), x)
+        return n, self.fma(minus, self.c(2.3190468138462996e-17), r)
+
+    def clamp(self, x: str, low: float, high: float) -> str:
+        """Within the limits; NaN stays NaN."""
+        x = self.pick(self.compare("ogt", x, self.c(high)), self.c(high), x)
+        return self.pick(self.compare("olt", x, self.c(low)), self.c(low), x)
+
+
+def _expm1(m: _Maths, x: str) -> tuple[str, str]:
+    """(2**n, expm1(r)) of x, from which exp and expm1 follow."""
+    n, r = m.reduce(x)
+    q = m.poly(r, [1 / math.factorial(k) for k in range(2, 14)])
+    return m.scale(n), m.fma(m.mul(r, r), q, r)
+
+
+def _exp_body(m: _Maths, x: str) -> str:
+    s, e = _expm1(m, m.clamp(x, -708.0, 709.0))
+    y = m.fma(s, e, s)
+    y = m.pick(m.compare("ogt", x, m.c(709.0)), m.c(math.inf), y)
+    return m.pick(m.compare("olt", x, m.c(-708.0)), m.c(0.0), y)
+
+
+def _expm1_body(m: _Maths, x: str) -> str:
+    s, e = _expm1(m, m.clamp(x, -708.0, 709.0))
+    y = m.fma(s, e, m.sub(s, m.c(1.0)))
+    return m.pick(m.compare("ogt", x, m.c(709.0)), m.c(math.inf), y)
+
+
+def _tanh_body(m: _Maths, x: str) -> str:
+    x = m.clamp(x, -20.0, 20.0)
+    s, e = _expm1(m, m.add(x, x))
+    e = m.fma(s, e, m.sub(s, m.c(1.0)))
+    return m.div(e, m.add(e, m.c(2.0)))
+
+
+def _sincos(m: _Maths, x: str, cosine: bool) -> str:
+    """Fine to |x| of some 1e9: three-part reduction by pi/2, then the usual two polynomials."""
+    n = m.round(m.mul(x, m.c(2 / math.pi)))
+    minus = m.op(f"fneg {m.t} {n}")
+    r = m.fma(minus, m.c(1.5707963267948966), x)
+    r = m.fma(minus, m.c(6.123233995736766e-17), r)
+    z = m.mul(r, r)
+    s = m.poly(z, [(-1) ** k / math.factorial(2 * k + 1) for k in range(1, 9)])
+    sine = m.fma(m.mul(r, z), s, r)
+    c = m.poly(z, [(-1) ** k / math.factorial(2 * k) for k in range(2, 9)])
+    cos = m.fma(m.mul(z, z), c, m.fma(z, m.c(-0.5), m.c(1.0)))
+    k = m.op(f"fptosi {m.t} {n} to {m.i}")
+    if cosine:
+        k = m.op(f"add {m.i} {k}, {m.n(1)}")
+    odd = m.op(f"icmp ne {m.i} {m.op(f'and {m.i} {k}, {m.n(1)}')}, {m.n(0)}")
+    chosen = m.pick(odd, cos, sine)
+    sign = m.op(f"shl {m.i} {m.op(f'and {m.i} {k}, {m.n(2)}')}, {m.n(62)}")
+    bits = m.op(f"xor {m.i} {m.op(f'bitcast {m.t} {chosen} to {m.i}')}, {sign}")
+    y = m.op(f"bitcast {m.i} {bits} to {m.t}")
+    # beyond the reduction's reach there is no good answer, so there is none
+    far = m.compare("ogt", m.w.intrinsic("fabs", [x], m.wide), m.c(1e9))
+    return m.pick(far, m.c(math.nan), y)
+
+
+_BODIES = {
+    "exp": _exp_body,
+    "expm1": _expm1_body,
+    "tanh": _tanh_body,
+    "sin": lambda m, x: _sincos(m, x, False),
+    "cos": lambda m, x: _sincos(m, x, True),
+}

@@ -1,0 +1,171 @@
+"""Machine code from LLVM IR, kept on disk between runs.
+
+The store is private to the user (loading machine code executes it), files are written whole or not
+at all, and anything unreadable in it is simply compiled again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import stat
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+KEPT_BYTES = 200_000_000
+_LOCK = threading.Lock()
+_LOADED: dict[str, tuple[Any, Any]] = {}
+_MAGIC = b"tsmblocks machine code 1\n"
+
+
+def available() -> bool:
+    """Whether llvmlite can be imported and is not switched off (``TSMBLOCKS_ENGINE=casadi``)."""
+    if os.environ.get("TSMBLOCKS_ENGINE", "") == "casadi":
+        return False
+    try:
+        import llvmlite.binding  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def _binding() -> Any:
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm
+
+
+def host() -> str:
+    """The machine's target triple, which the emitters ask."""
+    return str(_binding().get_default_triple())
+
+
+def _machine(llvm: Any) -> tuple[Any, str]:
+    """A target machine for this processor, and the text that identifies it."""
+    features = llvm.get_host_cpu_features().flatten()
+    if "+avx512f" in features:
+        features += ",-prefer-256-bit"
+    cpu = llvm.get_host_cpu_name()
+    target = llvm.Target.from_triple(llvm.get_default_triple())
+    import llvmlite
+
+    name = "|".join([llvm.get_default_triple(), cpu, features, llvmlite.__version__, "opt2"])
+    return target.create_target_machine(cpu=cpu, features=features, opt=2, jit=True, codemodel="jitdefault"), name
+
+
+def cache_directory() -> Path | None:
+    """Where machine code is kept; None when switched off with ``TSMBLOCKS_CACHE=off``.
+
+    ``TSMBLOCKS_CACHE`` may name another directory.
+    """
+    named = os.environ.get("TSMBLOCKS_CACHE", "")
+    if named == "off":
+        return None
+    if named:
+        return Path(named)
+    if sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    elif os.name == "nt":
+        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return base / "tsmblocks"
+
+
+def _private(directory: Path) -> bool:
+    """Make the directory if need be; False unless it is ours alone."""
+    try:
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        info = directory.stat()
+    except OSError:
+        return False
+    if os.name == "nt":
+        return True
+    return info.st_uid == os.getuid() and not stat.S_IMODE(info.st_mode) & 0o022
+
+
+def _read(path: Path) -> bytes | None:
+    """The machine code in a file, or None when it is missing, foreign or damaged."""
+    try:
+        if os.name != "nt" and path.stat().st_uid != os.getuid():
+            return None
+        data = path.read_bytes()
+    except OSError:
+        return None
+    head, digest, body = data[: len(_MAGIC)], data[len(_MAGIC) : len(_MAGIC) + 32], data[len(_MAGIC) + 32 :]
+    return body if head == _MAGIC and hashlib.sha256(body).digest() == digest else None
+
+
+def _write(path: Path, body: bytes) -> None:
+    """Whole or not at all, whoever else writes and wherever it is killed."""
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
+        with os.fdopen(handle, "wb") as file:
+            file.write(_MAGIC + hashlib.sha256(body).digest() + body)
+        os.replace(name, path)
+        _prune(path.parent)
+    except OSError:
+        return  # a full or read-only disk costs time, not the result
+
+
+def _prune(directory: Path) -> None:
+    """Delete the oldest files above the limit."""
+    files = [(f.stat().st_mtime, f.stat().st_size, f) for f in directory.iterdir() if f.is_file()]
+    total = sum(size for _, size, _ in files)
+    for _, size, file in sorted(files, key=lambda row: row[0]):
+        if total <= KEPT_BYTES:
+            return
+        file.unlink(missing_ok=True)
+        total -= size
+
+
+def compile_text(text: str, *, promote: bool) -> Any:
+    """The function ``run`` of a module as a callable taking the address of its table.
+
+    ``promote`` lifts the frame's variables into registers (wanted for all but the large form).
+    """
+    llvm = _binding()
+    with _LOCK:
+        machine, identity = _machine(llvm)
+        key = hashlib.sha256(f"{identity}|{promote}|{text}".encode()).hexdigest()
+        if key in _LOADED:
+            return _LOADED[key][1]
+        body = _object(llvm, machine, key, text, promote)
+        engine = llvm.create_mcjit_compiler(_module(llvm, ""), machine)
+        engine.add_object_file(llvm.ObjectFileRef.from_data(body))
+        engine.finalize_object()
+        address = engine.get_function_address("run")
+        function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
+        _LOADED[key] = (engine, function)
+        return function
+
+
+def _module(llvm: Any, text: str) -> Any:
+    module = llvm.parse_assembly(text)
+    module.triple = llvm.get_default_triple()
+    return module
+
+
+def _object(llvm: Any, machine: Any, key: str, text: str, promote: bool) -> bytes:
+    """Object code, from the store or fresh."""
+    directory = cache_directory()
+    usable = directory is not None and _private(directory)
+    path = directory / f"{key}.o" if usable and directory is not None else None
+    body = _read(path) if path is not None else None
+    if body is None:
+        module = _module(llvm, text)
+        passes = llvm.create_new_module_pass_manager()
+        passes.add_always_inliner_pass()
+        if promote:
+            passes.add_sroa_pass()
+        passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
+        body = machine.emit_object(module)
+        if path is not None:
+            _write(path, body)
+    return bytes(body)

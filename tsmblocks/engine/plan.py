@@ -1,0 +1,62 @@
+"""What a kernel is made for: equations, a method, and which numbers differ from lane to lane."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+
+from tsmblocks.engine.methods import Method
+
+
+@attrs.frozen(eq=False)
+class Plan:
+    """Everything an emitter needs to write one kernel.
+
+    ``rhs(t, x, d, u, q, p) -> (dx, y, s)``, ``update(t, x, d, u, q, p, hit) -> (d, x)`` or None,
+    ``lag(p) -> tau``. ``wide_x``, ``wide_d``, ``wide_p`` and ``wide_s`` say for each element whether
+    it has one value per lane (``lanes`` of them) or one for all. ``every_step``: memory is updated
+    at each step, not at hits only. ``y`` picks and orders the outputs of ``rhs`` that are logged.
+    """
+
+    rhs: Any
+    update: Any
+    lag: Any
+    method: Method
+    y: tuple[int, ...]
+    groups: int
+    every_step: bool
+    lanes: int
+    wide_x: tuple[bool, ...]
+    wide_d: tuple[bool, ...]
+    wide_p: tuple[bool, ...]
+    wide_s: tuple[bool, ...]
+    inputs: int
+    fused: bool = True
+
+    @property
+    def wide_q(self) -> tuple[bool, ...]:
+        """Delayed values and slopes come in pairs, one pair per delay."""
+        return tuple(w for w in self.wide_s for _ in range(2))
+
+
+@attrs.frozen
+class Layout:
+    """Where each element of a vector lies, in doubles; wide elements take ``lanes`` of them."""
+
+    offset: tuple[int, ...]
+    wide: tuple[bool, ...]
+    lanes: int
+    size: int
+
+    @classmethod
+    def of(cls, wide: tuple[bool, ...], lanes: int) -> Layout:
+        offsets, place = [], 0
+        for flag in wide:
+            offsets.append(place)
+            place += lanes if flag else 1
+        return cls(tuple(offsets), wide, lanes, place)
+
+    def span(self, k: int) -> slice:
+        """The doubles of element k."""
+        return slice(self.offset[k], self.offset[k] + (self.lanes if self.wide[k] else 1))

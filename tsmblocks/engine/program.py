@@ -1,0 +1,91 @@
+"""A CasADi function as a list of scalar operations, each written once: what every emitter reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import casadi as ca
+
+Op = tuple[str, tuple[Any, ...]]
+"""``("CONST", (value,))``, ``("INPUT", (slot, index))``, or an operation on earlier nodes."""
+
+_NAMES: dict[int, str] = {}
+for _name in dir(ca):
+    if _name.startswith("OP_"):
+        _NAMES.setdefault(getattr(ca, _name), _name[3:])
+_COMMUTE = {"ADD", "MUL", "EQ", "NE", "AND", "OR", "HYPOT"}
+
+
+class Program:
+    """Operations in order (``nodes``) and which of them each output is (``outputs[slot, index]``).
+
+    Structurally zero outputs are absent from ``outputs``. Equal operations are merged.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self.nodes: list[Op] = []
+        self.outputs: dict[tuple[int, int], int] = {}
+        self.inputs = [function.name_in(k) for k in range(function.n_in())]
+        self._read(function)
+
+    def _read(self, f: ca.Function) -> None:
+        known: dict[Op, int] = {}
+        work: dict[int, int] = {}
+
+        def push(name: str, args: tuple[Any, ...]) -> int:
+            key = (name, tuple(sorted(args)) if name in _COMMUTE else args)
+            if key not in known:
+                known[key] = len(self.nodes)
+                self.nodes.append((name, args))
+            return known[key]
+
+        rows_in = [_dense(f.sparsity_in(k)) for k in range(f.n_in())]
+        rows_out = [_dense(f.sparsity_out(k)) for k in range(f.n_out())]
+        op_of, ins, outs = f.instruction_id, f.instruction_input, f.instruction_output
+        for k in range(f.n_instructions()):
+            name = _NAMES[op_of(k)]
+            if name == "CONST":
+                work[outs(k)[0]] = push(name, (float(f.instruction_constant(k)),))
+            elif name == "INPUT":
+                slot, index = ins(k)
+                work[outs(k)[0]] = push(name, (slot, rows_in[slot][index]))
+            elif name == "OUTPUT":
+                slot, index = outs(k)
+                self.outputs[slot, rows_out[slot][index]] = work[ins(k)[0]]
+            else:
+                work[outs(k)[0]] = push(name, tuple(work[j] for j in ins(k)))
+
+    def needed(self, goals: Iterable[int]) -> set[int]:
+        """Nodes that the goals depend on, themselves included."""
+        found: set[int] = set()
+        stack = list(goals)
+        while stack:
+            node = stack.pop()
+            if node not in found:
+                found.add(node)
+                stack.extend(self.arguments(node))
+        return found
+
+    def arguments(self, node: int) -> tuple[int, ...]:
+        """Nodes an operation reads."""
+        name, args = self.nodes[node]
+        return () if name in ("CONST", "INPUT") else args
+
+    def grade(self, slots: dict[int, Any]) -> list[Any]:
+        """For each node the largest grade among the inputs it depends on; ``slots`` maps (slot, index) or slot."""
+        grades: list[Any] = []
+        for name, args in self.nodes:
+            if name == "CONST":
+                grades.append(0)
+            elif name == "INPUT":
+                grade = slots[args[0]]
+                grades.append(grade[args[1]] if isinstance(grade, (tuple, list)) else grade)
+            else:
+                grades.append(max(grades[j] for j in args))
+        return grades
+
+
+def _dense(sparsity: Any) -> list[int]:
+    """Position of each stored element in the dense column."""
+    return list(sparsity.row())

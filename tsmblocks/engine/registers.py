@@ -1,0 +1,239 @@
+"""The form of kernel for ordinary diagrams: states, stages and hoisted values all in registers."""
+
+from __future__ import annotations
+
+from tsmblocks.engine.ir import number
+from tsmblocks.engine.kernel import CONSTANT, HELD, TIME, Frame
+from tsmblocks.engine.plan import Plan
+from tsmblocks.engine.program import Program
+
+Values = dict[int, str]
+
+
+class RegisterKernel:
+    """Writes one kernel. Nodes are written where they first hold: once, per instant, or per stage."""
+
+    def __init__(self, plan: Plan, host: str) -> None:
+        self.f = Frame(plan, host)
+        self.plan, self.w = plan, self.f.w
+        self.grade = self.f.grades(self.f.rhs)
+        self.goals = {
+            "dx": [self.f.rhs.outputs.get((0, k)) for k in range(len(plan.wide_x))],
+            "y": [self.f.rhs.outputs.get((1, k)) for k in plan.y],
+            "s": [self.f.rhs.outputs.get((2, k)) for k in range(len(plan.wide_s))],
+        }
+        self.carries = 1.0 in plan.method.offsets
+
+    # ---- nodes
+
+    def need(self, *names: str) -> set[int]:
+        goals = [n for name in names for n in self.goals[name] if n is not None]
+        return self.f.rhs.needed(goals)
+
+    def write(self, program: Program, wide: list[bool], nodes: set[int], values: Values, read: dict[str, list[str]]) -> None:
+        """Write the nodes not yet among ``values``; ``read`` holds the inputs by slot name."""
+        w = self.w
+        for node in sorted(nodes):
+            if node in values:
+                continue
+            name, args = program.nodes[node]
+            if name == "CONST":
+                values[node] = number(args[0])
+            elif name == "INPUT":
+                values[node] = read[program.inputs[args[0]]][args[1]]
+            else:
+                given = [values[j] if wide[j] or not wide[node] else w.widen(values[j]) for j in args]
+                values[node] = w.operation(name, given, wide[node])
+
+    def result(self, node: int | None, values: Values, wide: bool) -> str:
+        """A goal's value in the width that its receiver has."""
+        if node is None:
+            return self.w.constant(0.0, wide)
+        value = values[node]
+        return value if self.f.wide[node] or not wide else self.w.widen(value)
+
+    # ---- the whole
+
+    def text(self) -> str:
+        f, w, plan = self.f, self.w, self.plan
+        f.open()
+        f.counters()
+        self._enter()
+        f.top()
+        if f.update is not None:
+            self._update()
+        w.do("br label %stages")
+        w.label("stages")
+        self._stages()
+        f.bottom()
+        for name, layout in (("x", f.x), ("d", f.d)):
+            for k, wide in enumerate(layout.wide):
+                w.store(w.load(f"%{name}_{k}", wide), w.at(f"%{name}", layout.offset[k]), wide)
+        f.close()
+        return "\n".join(w.lines) + "\n" + w.module()
+
+    def _enter(self) -> None:
+        """Before the loop: parameters, what depends on them only, and time-only values of the first instant."""
+        f, w = self.f, self.w
+        self.p = [w.load(w.at("%p", f.p.offset[k]), wide) for k, wide in enumerate(f.p.wide)]
+        for name, layout in (("x", f.x), ("d", f.d)):
+            for k, wide in enumerate(layout.wide):
+                w.do(f"%{name}_{k} = alloca {w.type(wide)}, align 8")
+                w.store(w.load(w.at(f"%{name}", layout.offset[k]), wide), f"%{name}_{k}", wide)
+        self.fixed: Values = {}
+        self._constants(f.rhs, f.wide, self.grade, self.need("dx", "y", "s"), self.fixed)
+        self.update_fixed: Values = {}
+        if f.update is not None:
+            everything = f.update.needed(f.update.outputs.values())
+            self._constants(f.update, f.widths(f.update), f.grades(f.update), everything, self.update_fixed)
+        self._delays()
+        self.front = self._front() if self.carries else []
+        if self.front:
+            first = w.emit(f._time("%k0"))
+            values = self._time_only(first, dict(self.fixed))
+            for node in self.front:
+                w.do(f"%c{node} = alloca {w.type(f.wide[node])}, align 8")
+                w.store(values[node], f"%c{node}", f.wide[node])
+        self._widen_constants()
+        w.end_of_entry()
+
+    def _widen_constants(self) -> None:
+        """Single numbers that lanes will read at every step, and the step's fractions, widened once."""
+        f = self.f
+        for node in self.need("dx", "y", "s"):
+            if f.wide[node]:
+                for j in f.rhs.arguments(node):
+                    if not f.wide[j] and self.grade[j] == CONSTANT:
+                        self.w.widen(self.fixed[j])
+        weights = {a for row in (*self.plan.method.rows, self.plan.method.weights) for a in row if a}
+        self.fraction = {}
+        for weight in weights:
+            part = "%h" if weight == 1 else self.w.emit(f"fmul double %h, {number(weight)}")
+            self.fraction[weight] = part
+            if any(f.x.wide):
+                self.w.widen(part)
+
+    def _constants(self, program: Program, wide: list[bool], grade: list[int], nodes: set[int], values: Values) -> None:
+        self.write(program, wide, {n for n in nodes if grade[n] == CONSTANT}, values, {"p": self.p})
+
+    def _delays(self) -> None:
+        """Delays in steps."""
+        f, w = self.f, self.w
+        self.delay: list[tuple[str, bool]] = []
+        if f.lag is None:
+            return
+        wide, values = f.widths(f.lag), Values()
+        self.write(f.lag, wide, f.lag.needed(f.lag.outputs.values()), values, {"p": self.p})
+        for k in range(len(f.s.wide)):
+            node = f.lag.outputs.get((0, k))
+            is_wide = node is not None and wide[node]
+            tau = values[node] if node is not None else number(0.0)
+            h = w.widen("%h") if is_wide else "%h"
+            self.delay.append((w.emit(f"fdiv {w.type(is_wide)} {tau}, {h}"), is_wide))
+
+    def _front(self) -> list[int]:
+        """Time-only nodes read by others at the first stage: carried from one step's end to the next's start."""
+        need, grade = self.need("dx", "y", "s"), self.grade
+        readers = {j for n in need if grade[n] > TIME for j in self.f.rhs.arguments(n)}
+        goals = {n for part in self.goals.values() for n in part if n is not None}
+        return sorted(n for n in need if grade[n] == TIME and self.f.rhs.nodes[n][0] != "INPUT"
+                      and (n in readers or n in goals))  # fmt: skip
+
+    def _time_only(self, t: str, values: Values) -> Values:
+        nodes = {n for n in self.f.rhs.needed(self.front) if self.grade[n] <= TIME}
+        self.write(self.f.rhs, self.f.wide, nodes, values, {"t": [t], "p": self.p})
+        return values
+
+    def _update(self) -> None:
+        """Memory, held outputs and resets, at the start of a step."""
+        f, w = self.f, self.w
+        assert f.update is not None
+        hits = f.hits()
+        read = {"t": ["%tn"], "p": self.p, "hit": hits, **self._states(), "u": self._inputs(0), "q": self._past(0.0)}
+        wide, values = f.widths(f.update), dict(self.update_fixed)
+        self.write(f.update, wide, f.update.needed(f.update.outputs.values()), values, read)
+        for slot, name, layout in ((0, "d", f.d), (1, "x", f.x)):
+            for k, flag in enumerate(layout.wide):
+                node = f.update.outputs.get((slot, k))
+                value = w.constant(0.0, flag) if node is None else values[node]
+                if node is not None and flag and not wide[node]:
+                    value = w.widen(value)
+                if value != read[name][k]:
+                    w.store(value, f"%{name}_{k}", flag)
+
+    def _states(self) -> dict[str, list[str]]:
+        w, f = self.w, self.f
+        return {
+            name: [w.load(f"%{name}_{k}", wide) for k, wide in enumerate(layout.wide)]
+            for name, layout in (("x", f.x), ("d", f.d))
+        }
+
+    def _inputs(self, instant: int) -> list[str]:
+        """Sampled inputs of this step at one instant of the method."""
+        w, count = self.w, self.plan.inputs
+        if not count:
+            return []
+        row = w.emit(f"mul i64 %k, {count * len(self.plan.method.instants)}")
+        base = w.emit(f"getelementptr double, ptr %u, i64 {row}")
+        return [w.load(w.at(base, instant * count + k), False) for k in range(count)]
+
+    def _past(self, offset: float) -> list[str]:
+        return [v for k, (delay, wide) in enumerate(self.delay) for v in self.f.recall(k, delay, wide, offset)]
+
+    def _stages(self) -> None:
+        f, w, method = self.f, self.w, self.plan.method
+        now = self._states()
+        start, x_wide = now["x"], f.x.wide
+        instants: dict[float, tuple[Values, list[str], str]] = {}
+        slopes: list[list[str]] = []
+        for stage, (row, offset) in enumerate(zip(method.rows, method.offsets, strict=True)):
+            if offset not in instants:
+                instants[offset] = self._instant(offset)
+            shared, inputs, t = instants[offset]
+            x = start if stage == 0 else self._ahead(start, slopes, row)
+            read = {"t": [t], "x": x, "d": now["d"], "u": inputs, "q": self._past(offset), "p": self.p}
+            nodes = self.need("dx", "y", "s") if stage == 0 else self.need("dx")
+            values = dict(shared)
+            self.write(f.rhs, f.wide, nodes, values, read)
+            shared.update({n: v for n, v in values.items() if self.grade[n] <= HELD})
+            slopes.append([self.result(n, values, wide) for n, wide in zip(self.goals["dx"], x_wide, strict=True)])
+            if stage == 0:
+                f.log([(self.result(n, values, wide), wide) for n, wide in zip(self.goals["y"], f.y.wide, strict=True)])
+                for k, node in enumerate(self.goals["s"]):
+                    f.remember(k, self.result(node, values, f.s.wide[k]))
+        for k, value in enumerate(self._ahead(start, slopes, method.weights)):
+            w.store(value, f"%x_{k}", x_wide[k])
+        self._carry(instants)
+
+    def _instant(self, offset: float) -> tuple[Values, list[str], str]:
+        """Values known before a stage at this offset: the hoisted, and at the step's start the carried ones."""
+        values = dict(self.fixed)
+        if offset == 0:
+            values |= {n: self.w.load(f"%c{n}", self.f.wide[n]) for n in self.front}
+        return values, self._inputs(self.plan.method.instants.index(offset)), self.f.time_at(offset)
+
+    def _carry(self, instants: dict[float, tuple[Values, list[str], str]]) -> None:
+        if not self.front:
+            return
+        values, _, t = instants[1.0]
+        self._time_only(t, values)
+        for node in self.front:
+            self.w.store(values[node], f"%c{node}", self.f.wide[node])
+
+    def _ahead(self, start: list[str], slopes: list[list[str]], weights: tuple[float, ...]) -> list[str]:
+        """x + h * sum of weighted slopes; equal weights share one multiplication."""
+        w, made = self.w, []
+        for k, (x, wide) in enumerate(zip(start, self.f.x.wide, strict=True)):
+            by_weight: dict[float, str] = {}
+            for weight, slope in zip(weights, slopes, strict=True):
+                if weight:
+                    value = slope[k]
+                    by_weight[weight] = w.add(by_weight[weight], value, wide) if weight in by_weight else value
+            for weight, value in by_weight.items():
+                x = w.add(x, w.mul(self._step_times(weight, wide), value, wide), wide)
+            made.append(x)
+        return made
+
+    def _step_times(self, weight: float, wide: bool) -> str:
+        return self.w.widen(self.fraction[weight]) if wide else self.fraction[weight]
+

@@ -1,0 +1,188 @@
+"""One run of one set of equations: memory laid out, inputs supplied piece by piece, progress, failures found."""
+
+from __future__ import annotations
+
+import functools
+import math
+import time as clock
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.engine import feeds
+from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
+from tsmblocks.engine.methods import Method
+from tsmblocks.engine.plan import Layout, Plan
+from tsmblocks.equations import Equations
+from tsmblocks.errors import DataError, RunError, near
+
+PIECE_SECONDS = 0.2
+"""How long a kernel runs before Ctrl-C and progress get their turn."""
+
+
+@functools.lru_cache(maxsize=256)
+def single_kernel(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> Kernel:
+    """A kernel for one run at a time (kept, since equations are compared by identity)."""
+    return kernel_for(plan_for(eq, method, y), backend)
+
+
+def plan_for(eq: Equations, method: Method, y: tuple[int, ...], *, lanes: int = 1, vary: frozenset[int] = frozenset()) -> Plan:
+    """A plan; with lanes, every state and the parameters in ``vary`` have one value per lane."""
+    many = lanes > 1
+    return Plan(
+        rhs=eq.rhs, update=eq.update, lag=eq.lag, method=method, y=y, groups=len(eq.periods), every_step=eq.every_step,
+        lanes=lanes, wide_x=(many,) * len(eq.x), wide_d=(many,) * len(eq.d),
+        wide_p=tuple(k in vary for k in range(len(eq.p))), wide_s=(many,) * len(eq.q), inputs=len(eq.u),
+    )  # fmt: skip
+
+
+def steps_per_period(eq: Equations, h: float) -> tuple[int, ...]:
+    """Steps between samples of each rate group. Raises RunError when a period is no multiple of the step."""
+    made = []
+    for period in eq.periods:
+        n = round(period / h)
+        if n < 1 or not math.isclose(n * h, period, rel_tol=1e-9):
+            whole = max(1, n)
+            raise RunError(
+                f"the sample period {period:g} s is not a multiple of the step {h:g} s. "
+                f"A step of {period / whole:.6g} s would do."
+            )
+        made.append(n)
+    return tuple(made)
+
+
+def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
+    """Delays in steps. Raises RunError for one shorter than a step."""
+    tau = np.asarray(eq.lag(p)).ravel() / h
+    for name, steps in zip(eq.q, tau, strict=True):
+        if not steps >= 1 - 1e-9:
+            raise RunError(f"the delay {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
+                           "Take a smaller step, or leave the delay out.")  # fmt: skip
+    return tau
+
+
+def spread(values: np.ndarray, layout: Layout) -> np.ndarray:
+    """Values of shape (elements,) or (elements, lanes) laid out as a kernel wants them."""
+    flat = np.empty(layout.size)
+    for k in range(len(layout.wide)):
+        flat[layout.span(k)] = values[k]
+    return flat
+
+
+def start_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: Mapping[str, float] | None = None) -> Memory:
+    """Memory before the first step, for one run."""
+    x, d, s = (np.asarray(v).ravel() for v in eq.start(p))
+    for name, value in (start or {}).items():
+        if name in eq.x:
+            x[eq.x.index(name)] = value
+        elif name in eq.d:
+            d[eq.d.index(name)] = value
+        else:
+            raise RunError(f"there is no state '{name}' to start from.{near(name, [*eq.x, *eq.d])}")
+    tau = check_delays(eq, p, h)
+    capacity = 1 << int(max(tau, default=0) + 8).bit_length()
+    ring = np.repeat(s, capacity) if len(s) else np.empty(0)
+    return Memory(spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(p, kernel.layout_p), ring, capacity - 1)
+
+
+def gather_signals(
+    eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, hold: str
+) -> list[tuple[feeds.Signal, int]]:
+    """The signal and slope order behind each sampled input. Raises DataError for missing or unknown ones."""
+    wanted = [f.name for f in eq.u if not f.block and not f.order]
+    for name in inputs:
+        if name not in wanted:
+            raise DataError(f"diagram '{eq.title}' has no input '{name}'.{near(name, wanted)}")
+    missing = [name for name in wanted if name not in inputs]
+    if missing:
+        units = ", ".join(f"{f.name}{f' [{f.unit}]' if f.unit else ''}" for f in eq.u if f.name in missing)
+        raise DataError(f"diagram '{eq.title}' needs its input {units}: give inputs={{'{missing[0]}': samples}}.")
+    span = (float(grid[0]), float(grid[-1]))
+    taped = {block: source(*span) for block, source in eq.tapes.items()}
+    known: dict[tuple[str, str], feeds.Signal] = {}
+    made = []
+    for feed in eq.u:
+        key = (feed.block, feed.tape or feed.name.removeprefix("d/dt " * feed.order))
+        if key not in known:
+            given = taped[feed.block][feed.tape] if feed.block else inputs[key[1]]
+            known[key] = feeds.Signal(f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold)
+            step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
+            known[key].covers(*span, step)
+        made.append((known[key], feed.order))
+    return made
+
+
+@attrs.define(eq=False)
+class Session:
+    """A run in progress. ``advance`` takes steps and returns the logged rows; ``memory`` is the state."""
+
+    eq: Equations
+    kernel: Kernel
+    memory: Memory
+    signals: list[tuple[feeds.Signal, int]]
+    start: float
+    h: float
+    every: int = 1
+    k: int = 0
+    hits: tuple[int, ...] = ()
+
+    def rows_in(self, n: int, final: bool) -> int:
+        """How many logged instants fall into the next n steps."""
+        stop = self.k + n + (1 if final else 0)
+        return (stop + self.every - 1) // self.every - (self.k + self.every - 1) // self.every
+
+    def advance(self, n: int, final: bool) -> np.ndarray:
+        """Take n steps; the rows logged, shape (rows, size of a row)."""
+        kernel = self.kernel
+        y = np.empty((self.rows_in(n, final), kernel.layout_y.size))
+        u = feeds.rows(self.signals, self.start, self.h, self.k, n, kernel.plan.method.instants)
+        kernel.advance(self.memory, u, t0=self.start, h=self.h, k0=self.k, n=n, final=final, every=self.every,
+                       skip=-self.k % self.every, hits=self.hits, y=y)  # fmt: skip
+        self.k += n
+        return y
+
+    def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:
+        """Run to the end, or to where it stopped being finite or was interrupted."""
+        parts: list[np.ndarray] = []
+        piece, stopped = min(steps, 4096), None
+        while True:
+            n = min(piece, steps - self.k)
+            before, k, began = self.memory.copy(), self.k, clock.perf_counter()
+            final = self.k + n == steps
+            try:
+                y = self.advance(n, final)
+                if not math.isfinite(y.sum() + self.memory.x.sum()):
+                    stopped = self._failed(y, before, k, n)
+                    if stopped is not None:
+                        parts.append(y[: stopped.rows])
+                        break
+                parts.append(y)
+                if final:
+                    break
+                if progress is not None:
+                    progress(self.k / steps)
+            except KeyboardInterrupt:
+                stopped = Stopped(self.k, 0, before, interrupted=True)
+                break
+            took = max(clock.perf_counter() - began, 1e-6)
+            piece = int(np.clip(piece * PIECE_SECONDS / took, 1024, 1 << 20))
+        return np.concatenate(parts), stopped
+
+    def _failed(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
+        bad = np.flatnonzero(~np.isfinite(y).all(axis=1))
+        if not len(bad) and np.isfinite(self.memory.x).all():
+            return None  # the sum overflowed, no number did
+        return Stopped(k, int(bad[0]) if len(bad) else len(y), before, interrupted=False, steps=n)
+
+
+@attrs.frozen(eq=False)
+class Stopped:
+    """Where a run ended early: the step it was safe at, good rows after it, the memory there."""
+
+    k: int
+    rows: int
+    memory: Memory
+    interrupted: bool
+    steps: int = 0

@@ -1,0 +1,126 @@
+"""Every exception the package raises on purpose, and the helpers that word them.
+
+    TsmError
+    ├── BlockError          a block, taken alone
+    │   ├── ParameterError      a value outside its bounds, of the wrong kind, or of an unknown name
+    │   └── EquationError       equations that do not cover what the block declares
+    ├── DiagramError        blocks and wires that do not fit together (all faults at once)
+    │   └── AlgebraicLoop       a signal that depends on itself at one instant
+    ├── FileError           a diagram or data file that cannot be understood
+    ├── DataError           measured data that cannot be used as they are
+    └── RunError            something that happened while time was running
+        └── NotFinite           NaN or infinity, with the block where it was born
+
+Every message says where, what, what was expected, and suggests the near miss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+
+class TsmError(Exception):
+    """Anything this package refuses on purpose. Its text is meant for the user as it stands."""
+
+
+class BlockError(TsmError):
+    """A fault of one block, whatever diagram it stands in."""
+
+
+class ParameterError(BlockError):
+    """A parameter out of bounds, of the wrong kind, or of an unknown name."""
+
+
+class EquationError(BlockError):
+    """A block whose equations and declarations disagree."""
+
+
+class DiagramError(TsmError):
+    """Blocks and wires that do not fit together.
+
+    ``diagram`` is the diagram's title, ``problems`` one sentence per fault, ``where`` the
+    file (and line) it was written in.
+    """
+
+    def __init__(self, diagram: str, problems: Sequence[str], where: str = "") -> None:
+        self.diagram, self.problems, self.where = diagram, tuple(problems), where
+        super().__init__(diagram, self.problems, where)
+
+    def __str__(self) -> str:
+        place = f" ({self.where})" if self.where else ""
+        return f"diagram '{self.diagram}'{place} has {numbered(self.problems)}"
+
+
+class AlgebraicLoop(DiagramError):
+    """A signal whose value at one instant depends on itself.
+
+    ``path`` lists the signals around the loop, first and last being the same.
+    """
+
+    def __init__(
+        self, diagram: str, problems: Sequence[str], where: str = "", path: Sequence[str] = ()
+    ) -> None:
+        super().__init__(diagram, problems, where)
+        self.path = tuple(path)
+
+
+class FileError(TsmError):
+    """A file that cannot be understood. ``path`` names it, ``problems`` lists the faults."""
+
+    def __init__(self, path: str, problems: Sequence[str]) -> None:
+        self.path, self.problems = path, tuple(problems)
+        super().__init__(path, self.problems)
+
+    def __str__(self) -> str:
+        return f"{self.path} has {numbered(self.problems)}"
+
+
+class DataError(TsmError):
+    """Measured data that cannot be used as they are."""
+
+
+class RunError(TsmError):
+    """Something went wrong while time was running. ``run`` holds the result up to there, if any."""
+
+    run: Any = None
+
+
+class NotFinite(RunError):
+    """NaN or infinity, with the ``block`` it was born in and the ``time`` [s] it happened at."""
+
+    block: str = ""
+    time: float = float("nan")
+
+
+def numbered(problems: Sequence[str]) -> str:
+    """``2 problems:`` and the list, each on lines of its own."""
+    count = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}"
+    shown = [*problems[:MOST_PROBLEMS]]
+    if len(problems) > MOST_PROBLEMS:
+        shown.append(f"and {len(problems) - MOST_PROBLEMS} more.")
+    lines = [f"  {n}. " + text.replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
+    return "\n".join([f"{count}:", *lines])
+
+
+MOST_PROBLEMS = 20
+"""A broken file of ten thousand wires should not print ten thousand lines."""
+
+
+def near(name: object, known: Iterable[str], most: int = 8) -> str:
+    """`` Did you mean 'x'?`` when a known name is close, otherwise the choices."""
+    choices = sorted({str(k) for k in known})
+    close = get_close_matches(str(name), choices, n=1, cutoff=0.6)
+    if close:
+        return f" Did you mean '{close[0]}'?"
+    if not choices:
+        return " There is none."
+    more = f", … ({len(choices)} in all)" if len(choices) > most else ""
+    return f" Known here: {', '.join(choices[:most])}{more}."
+
+
+def in_words(value: object, limit: int = 60) -> str:
+    """A value as a message may show it: short, on one line."""
+    text = f"{value:g}" if isinstance(value, float) else repr(value)
+    return text if len(text) <= limit else text[: limit - 1] + "…"

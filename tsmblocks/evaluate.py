@@ -1,0 +1,271 @@
+"""Signals as expressions, formed on demand in the order the equations themselves dictate.
+
+A node is an output of a block, the rate of a state, or the time derivative of a signal. Each is
+formed when all it reads is there; a node that is needed while it is being formed is an algebraic
+loop, and the way back to it is the loop's path. No recursion, so long chains are welcome.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.block import signals
+from tsmblocks.equations import Feed
+from tsmblocks.errors import AlgebraicLoop, DiagramError
+from tsmblocks.flatten import Flat, Node
+from tsmblocks.structure import call
+
+_PENDING = ca.SX.sym("pending")
+
+
+class Evaluator:
+    """Expressions of all signals, either between samples (``held``) or at a sample instant."""
+
+    def __init__(self, flat: Flat, *, held: bool, share: Evaluator | None = None) -> None:
+        self.flat, self.held = flat, held
+        self.value: dict[Node, Any] = {}
+        if share is None:
+            self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
+            self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
+            self.u: dict[tuple[str, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
+            self.q = [(ca.SX.sym(k), ca.SX.sym(f"rate of {k}")) for k in flat.q_names]
+            self.owner: dict[int, tuple[Any, ...]] = {}
+            for kind, table in (("x", self.x), ("d", self.d)):
+                self.owner |= {s.element_hash(): (kind, k) for k, s in table.items()}
+            for k, (value, slope) in enumerate(self.q):
+                self.owner[value.element_hash()] = ("q", k)
+                self.owner[slope.element_hash()] = ("slope", flat.q_names[k])
+            self.owner[flat.t.element_hash()] = ("t",)
+            for name in flat.inputs:
+                self._feed(("u", name, 0))
+        else:
+            self.x, self.d, self.u, self.q, self.owner = share.x, share.d, share.u, share.q, share.owner
+        for name in flat.inputs:
+            self.value["u", name] = self.u["u", name, 0]
+        self.hit = ca.SX.sym("hit", len(flat.periods))
+        self.past = {name: k for k, name in enumerate(flat.q_names)}
+
+    # ---- what compile asks for
+
+    def everything(self) -> None:
+        """Form every output and every rate."""
+        flat = self.flat
+        self.demand(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
+        self.demand(("dx", *key) for key in flat.x)
+
+    def rates(self) -> list[Any]:
+        """Rates of the continuous states, in order."""
+        return [self.value["dx", *key] for key in self.flat.x]
+
+    def delayed(self) -> list[Any]:
+        """Signals that are delayed somewhere, one per delay."""
+        return [self.value[node] for node in self.flat.past_source]
+
+    def updates(self) -> tuple[list[Any], list[Any], Any]:
+        """Memory and held outputs after a sample instant, continuous states after it, and ``hit``."""
+        flat = self.flat
+        fresh: dict[tuple[str, ...], Any] = {}
+        for path, shape in flat.structures.items():
+            if shape.memory or shape.resets:
+                fresh |= self._updated(path)
+        held = [key[:2] for key in flat.d if len(key) == 3]
+        self.demand(("y", *key) for key in held)
+        fresh |= {(*key, "held"): self.value["y", *key] for key in held}
+        d = [fresh[key] for key in flat.d]
+        x = [fresh.get(key, self.x[key]) for key in flat.x]
+        return d, x, self.hit
+
+    def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
+        flat, block = self.flat, self.flat.twins[path]
+        nodes = {name: self._source(path, name) for name in block.read_names}
+        self.demand(node for node in nodes.values() if node[0] != "read")
+        values = [self._read(path, name, node) for name, node in nodes.items()]
+        x = self._states(path)
+        new = call(block, "updates", flat.t, x, signals(block.read_names, values), path)
+        if path in flat.group:
+            hit = self.hit[flat.group[path]]
+            new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
+        return {(path, k): v for k, v in new.items()}
+
+    def starts(self, keys: Iterable[tuple[str, ...]]) -> list[Any]:
+        """Start values of states, in terms of parameters; a held output is set by its first sample."""
+        states = {path: self.flat.twins[path].states for path, *_ in keys}
+        return [ca.SX(0) if len(key) == 3 else ca.SX(states[key[0]][key[1]].start) for key in keys]
+
+    def feeds(self) -> Iterable[Any]:
+        """The sampled inputs in use, in the order of ``u_symbols``."""
+        for kind, *rest in self.u:
+            if kind == "u":
+                name, order = rest
+                yield Feed("d/dt " * int(order) + name, order=int(order), unit=self.flat.inputs[name])
+            else:
+                path, tape, order = rest
+                yield Feed("d/dt " * int(order) + f"{path}.{tape}", path, tape, int(order))
+
+    def x_symbols(self) -> list[Any]:
+        return [self.x[k] for k in self.flat.x]
+
+    def d_symbols(self) -> list[Any]:
+        return [self.d[k] for k in self.flat.d]
+
+    def u_symbols(self) -> list[Any]:
+        return list(self.u.values())
+
+    def q_symbols(self) -> list[Any]:
+        return [s for pair in self.q for s in pair]
+
+    # ---- the walk
+
+    def demand(self, goals: Iterable[Node]) -> None:
+        """Form the goals and all they need, depth first without recursion."""
+        for goal in goals:
+            if goal in self.value:
+                continue
+            stack, open_ = [goal], {goal: 0}
+            while stack:
+                node = stack[-1]
+                missing = next((n for n in self._form(node) if n not in self.value), None)
+                if missing is None:
+                    stack.pop()
+                    del open_[node]
+                    continue
+                if missing in open_:
+                    self._loop([*stack[open_[missing]:], missing])
+                open_[missing] = len(stack)
+                stack.append(missing)
+
+    def _form(self, node: Node) -> Iterable[Node]:
+        """Nodes still missing before this one can be formed; forms it when there is none."""
+        if node[0] == "rate":
+            return self._form_rate(node)
+        kind, path, name = node
+        flat, shape = self.flat, self.flat.structures[path]
+        if kind == "y" and self.held and (path, name) in flat.held:
+            self.value[node] = self.d[path, name, "held"]
+            return ()
+        wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
+        missing = [n for n in (self._source(path, k) for k in wanted) if n[0] != "read" and n not in self.value]
+        if missing:
+            return missing
+        self._evaluate(path, kind)
+        return ()
+
+    def _evaluate(self, path: str, kind: str) -> None:
+        """Form every output (or rate) of a block whose inputs are all there."""
+        flat, block, shape = self.flat, self.flat.twins[path], self.flat.structures[path]
+        ready, values = set(), []
+        for name in block.read_names:
+            node = self._source(path, name, strict=False)
+            there = node is not None and (node[0] == "read" or node in self.value)
+            values.append(self._read(path, name, node) if there else _PENDING)  # type: ignore[arg-type]
+            if there:
+                ready.add(name)
+        equation, needs = ("outputs", shape.outputs) if kind == "y" else ("derivatives", shape.rates)
+        result = call(block, equation, flat.t, self._states(path), signals(block.read_names, values), path)
+        for name, wanted in needs.items():
+            if wanted <= ready and (kind, path, name) not in self.value:
+                value = result[name]
+                if kind == "y" and path in flat.group:
+                    value = ca.if_else(self.hit[flat.group[path]], value, self.d[path, name, "held"])
+                self.value[kind, path, name] = value
+
+    def _form_rate(self, node: Node) -> Iterable[Node]:
+        """The time derivative of a signal: along the rates of the states it depends on, and of its inputs."""
+        source: Node = node[1:]
+        if source not in self.value:
+            return (source,)
+        expression = self.value[source]
+        symbols = ca.symvar(expression)
+        owners = [self.owner.get(s.element_hash(), ("p",)) for s in symbols]
+        missing = [("dx", *o[1]) for o in owners if o[0] == "x" and ("dx", *o[1]) not in self.value]
+        if missing:
+            return missing
+        moving, along = [], []
+        for symbol, owner in zip(symbols, owners, strict=True):
+            rate = self._symbol_rate(owner, source)
+            if rate is not None:
+                moving.append(symbol)
+                along.append(rate)
+        self.value[node] = (
+            ca.jtimes(expression, ca.vertcat(*moving), ca.vertcat(*along)) if moving else ca.SX(0)
+        )
+        return ()
+
+    def _symbol_rate(self, owner: tuple[Any, ...], source: Node) -> Any:
+        """How fast a symbol moves; None for what stands still between steps."""
+        kind = owner[0]
+        if kind == "t":
+            return ca.SX(1)
+        if kind == "x":
+            return self.value["dx", *owner[1]]
+        if kind == "feed":
+            *name, order = owner[1]
+            return self._feed((*name, order + 1))
+        if kind == "q":
+            return self.q[owner[1]][1]
+        name = self.flat.signal_name(source)
+        if kind == "slope":
+            self._refuse(f"the second derivative of {name} runs through the delay {owner[1]}; only the first is known.")
+        if kind == "d" and len(owner[1]) == 3:
+            self._refuse(
+                f"the derivative of {name} is asked for, but it depends on {'.'.join(owner[1][:2])}, a sampled output "
+                "held constant between samples. Use a FilteredDerivative, or differentiate before sampling."
+            )
+        return None
+
+    # ---- small readers
+
+    def _refuse(self, text: str) -> None:
+        raise DiagramError(self.flat.title, [text], self.flat.where)
+
+    def _feed(self, key: tuple[Any, ...]) -> Any:
+        """The symbol of a sampled input, or of its slope of some order; made when first asked for."""
+        if key not in self.u:
+            symbol = ca.SX.sym(" ".join(map(str, key[1:])))
+            self.u[key] = symbol
+            self.owner[symbol.element_hash()] = ("feed", key)
+        return self.u[key]
+
+    def _source(self, path: str, name: str, strict: bool = True) -> Any:
+        """The node an input reads: a signal, the rate of one, or ``("read", …)`` for tapes and past values."""
+        flat = self.flat
+        port = flat.twins[path].inports.get(name)
+        if port is None:
+            return ("read", path, name)
+        if (path, name) in flat.driver:
+            return flat.driver[path, name]
+        driver = flat.driver.get((path, port.rate_of))
+        if driver is None and strict:
+            self._refuse(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
+        return None if driver is None else ("rate", *driver)
+
+    def _read(self, path: str, name: str, node: Node) -> Any:
+        if node[0] != "read":
+            return self.value[node]
+        if f"{path}.{name}" in self.past:
+            return self.q[self.past[f"{path}.{name}"]][0]
+        return self._feed(("tape", path, name, 0))
+
+    def _states(self, path: str) -> Any:
+        block, shape = self.flat.twins[path], self.flat.structures[path]
+        names = list(block.states)
+        return signals(names, [self.x[path, k] if k in shape.rates else self.d[path, k] for k in names])
+
+    def _loop(self, nodes: list[Node]) -> None:
+        """Say which way an algebraic loop runs."""
+        path = []
+        for node in reversed(nodes):
+            signal = self.flat.signal_name(node[1:]) if node[0] == "rate" else f"{node[1]}.{node[2]}"
+            signal = f"d/dt {signal}" if node[0] == "rate" else signal
+            if node[0] != "dx" and (not path or path[-1] != signal):
+                path.append(signal)
+        if len(path) > 1 and path[0] != path[-1]:
+            path.append(path[0])
+        text = (
+            f"{' -> '.join(path)} has no state in it, so its value at one instant depends on itself. "
+            "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a sampled block."
+        )
+        raise AlgebraicLoop(self.flat.title, [text], self.flat.where, path)

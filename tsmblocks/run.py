@@ -1,0 +1,98 @@
+"""What a simulation returns: signals over time, by name, with units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.errors import DataError, RunError, near
+
+
+@attrs.frozen(eq=False)
+class Run:
+    """Signals of one simulation.
+
+    ``run.t`` is time in s, shape (N,); ``run["tsm.y"]`` a signal of the same shape, by the name of an
+    output of the diagram, of a block's port (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input.
+    ``aliases`` maps the diagram's outputs to the signals they show; ``units`` signals to labels.
+    ``state`` holds all that is needed to go on from the last instant.
+    """
+
+    title: str
+    t: np.ndarray
+    rows: np.ndarray = attrs.field(repr=False)
+    names: tuple[str, ...] = attrs.field(repr=False)
+    aliases: Mapping[str, str]
+    units: Mapping[str, str] = attrs.field(repr=False)
+    parameters: Mapping[str, float] = attrs.field(repr=False)
+    step: float
+    method: str
+    state: Any = attrs.field(repr=False, default=None)
+    complete: bool = True
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A signal by name; raises RunError with the near miss."""
+        target = self.aliases.get(name, name)
+        try:
+            column = self.names.index(target)
+        except ValueError:
+            hint = near(name, [*self.aliases, *self.names])
+            raise RunError(f"the run of '{self.title}' has no signal '{name}'.{hint}") from None
+        return np.ascontiguousarray(self.rows[:, column])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.aliases or name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def keys(self) -> list[str]:
+        """Names of all signals, outputs of the diagram first."""
+        return [*self.aliases, *(n for n in self.names if n not in self.aliases)]
+
+    def unit(self, name: str) -> str:
+        """Unit label of a signal, ``""`` when none is known."""
+        return self.units.get(self.aliases.get(name, name), self.units.get(name, ""))
+
+    def heading(self, name: str) -> str:
+        """``name [unit]``, as tables and files show it."""
+        unit = self.unit(name)
+        return f"{name} [{unit}]" if unit else name
+
+    def to_pandas(self, names: list[str] | None = None) -> Any:
+        """A frame indexed by time [s], one column per signal. Needs pandas."""
+        import pandas as pd
+
+        chosen = names or self.keys()
+        return pd.DataFrame({n: self[n] for n in chosen}, index=pd.Index(self.t, name="t"))
+
+    def plot(self, *names: str, ax: Any = None) -> Any:
+        """Signals over time (the diagram's outputs unless named), angles in degrees. Needs matplotlib."""
+        from tsmblocks.plots import plot_run
+
+        return plot_run(self, names, ax)
+
+    def save(self, path: str | Path, names: list[str] | None = None) -> Path:
+        """Write signals (the diagram's outputs unless named) to .csv, .npz or .mat; returns the path.
+
+        Raises DataError for another ending.
+        """
+        path, chosen = Path(path), names or list(self.aliases) or self.keys()
+        columns = {"t": self.t, **{n: self[n] for n in chosen}}
+        if path.suffix == ".csv":
+            header = ",".join(["t [s]", *(self.heading(n) for n in chosen)])
+            np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header, comments="",
+                       fmt="%.17g")  # fmt: skip
+        elif path.suffix == ".npz":
+            np.savez_compressed(path, **columns, units=np.array([f"{n}={self.unit(n)}" for n in chosen]))  # type: ignore[arg-type]
+        elif path.suffix == ".mat":
+            from scipy.io import savemat
+
+            savemat(path, {n.replace(".", "_"): v for n, v in columns.items()})
+        else:
+            raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
+        return path

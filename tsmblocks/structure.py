@@ -1,0 +1,145 @@
+"""What a block's equations depend on, found by reading them: feedthrough per port, kinds of states.
+
+Nothing here is declared by a block; it is computed once for each class and shape of options.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import attrs
+import casadi as ca
+
+from tsmblocks.block import Block, is_reference, signals
+from tsmblocks.errors import BlockError, EquationError
+
+
+@attrs.frozen
+class Structure:
+    """Dependencies of one block: which inputs each output and each rate reads, at the same instant."""
+
+    outputs: dict[str, frozenset[str]]
+    rates: dict[str, frozenset[str]]
+    continuous: tuple[str, ...]
+    memory: tuple[str, ...]
+    resets: tuple[str, ...]
+
+
+_KNOWN: dict[Any, Structure] = {}
+
+
+def structure_of(block: Block) -> Structure:
+    """The structure of a block's equations. Raises EquationError when they do not fit what it declares."""
+    key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
+    found = _KNOWN.get(key)
+    if found is None:
+        found = _KNOWN[key] = _read(block)
+    return found
+
+
+def _shape(value: Any) -> Any:
+    """Nesting of a parameter, without its numbers."""
+    return tuple(_shape(v) for v in value) if isinstance(value, tuple) else is_reference(value)
+
+
+def symbolic(block: Block) -> tuple[Any, Any, Any, Any]:
+    """A twin of the block with symbols, and symbols for t, x, u."""
+    twin = block.twin(lambda name, value: ca.SX.sym(name))
+    t = ca.SX.sym("t")
+    x = signals(list(block.states), [ca.SX.sym(k) for k in block.states])
+    u = signals(list(block.read_names), [ca.SX.sym(k) for k in block.read_names])
+    return twin, t, x, u
+
+
+def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> dict[str, Any]:
+    """One equation of a block (or twin) as scalars by name. Raises EquationError in the user's words."""
+    owner = f"{name} ({type(block).__name__})" if name else type(block).__name__
+    try:
+        result = getattr(block, equation)(t, x, u)
+    except BlockError:
+        raise
+    except Exception as error:
+        hint = ""
+        if "truth value" in str(error) or "__bool__" in str(error) or "Only scalars" in str(error):
+            hint = " An equation cannot branch on a signal with Python's if; use ca.if_else."
+        raise EquationError(f"{owner}.{equation} fails: {type(error).__name__}: {error}.{hint}") from error
+    if not isinstance(result, dict):
+        raise EquationError(f"{owner}.{equation} must return a dict by name, got {type(result).__name__}.")
+    made = {}
+    for key, value in result.items():
+        try:
+            scalar = value if isinstance(value, ca.SX) else ca.SX(value)
+        except Exception:
+            raise EquationError(f"{owner}.{equation} gives {key} = {value!r}, which is not a number.") from None
+        if scalar.shape != (1, 1):
+            raise EquationError(f"{owner}.{equation} gives {key} with shape {scalar.shape}; every signal is a scalar.")
+        made[key] = scalar
+    return made
+
+
+def _read(block: Block) -> Structure:
+    twin, t, x, u = symbolic(block)
+    owner = type(block).__name__
+    y = call(twin, "outputs", t, x, u)
+    dx = call(twin, "derivatives", t, x, u)
+    dm = call(twin, "updates", t, x, u)
+    _same_names(owner, "outputs", list(y), list(block.outports))
+    states = list(block.states)
+    _known_names(owner, "derivatives", dx, states)
+    _known_names(owner, "updates", dm, states)
+    idle = [k for k in states if k not in dx and k not in dm]
+    if idle:
+        raise EquationError(f"{owner} leaves state {', '.join(idle)} without a rate or an update.")
+    if block.sampled and dx:
+        raise EquationError(f"{owner} is sampled, so it has no rates; {', '.join(dx)} should be in updates.")
+    if block.sampled and not isinstance(getattr(block, "period", None), float):
+        raise EquationError(f"{owner} is sampled and needs an option 'period' in s.")
+    for equation, part in (("outputs", y), ("derivatives", dx), ("updates", dm)):
+        _no_nan(owner, equation, part)
+    rate_of = {k for k, p in block.inports.items() if p.rate_of and p.rate_of not in block.inports}
+    if rate_of:
+        raise EquationError(f"{owner}: {', '.join(sorted(rate_of))} is the rate of a port that is not there.")
+    return Structure(
+        outputs={k: _needs(v, u) for k, v in y.items()},
+        rates={k: _needs(v, u) for k, v in dx.items()},
+        continuous=tuple(k for k in states if k in dx),
+        memory=tuple(k for k in states if k not in dx),
+        resets=tuple(k for k in states if k in dx and k in dm),
+    )
+
+
+def _needs(expression: Any, u: Any) -> frozenset[str]:
+    return frozenset(k for k, s in zip(u._fields, u, strict=True) if ca.depends_on(expression, s))
+
+
+def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) -> None:
+    missing, extra = [k for k in wanted if k not in given], [k for k in given if k not in wanted]
+    said = []
+    if missing:
+        said.append(f"leaves out {', '.join(missing)}")
+    if extra:
+        said.append(f"returns {', '.join(extra)}, which is not declared")
+    if said:
+        raise EquationError(f"{owner}.{equation} {' and '.join(said)}. Declared: {', '.join(wanted) or 'nothing'}.")
+
+
+def _known_names(owner: str, equation: str, given: dict[str, Any], states: list[str]) -> None:
+    extra = [k for k in given if k not in states]
+    if extra:
+        raise EquationError(
+            f"{owner}.{equation} returns {', '.join(extra)}, which is not a state. "
+            f"Declared: {', '.join(states) or 'nothing'}."
+        )
+
+
+def _no_nan(owner: str, equation: str, part: dict[str, Any]) -> None:
+    """A function of ``math`` applied to a symbol gives NaN without a word; find it here."""
+    for name, expression in part.items():
+        f = ca.Function("f", ca.symvar(expression), [expression])
+        constants = (f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
+        if any(math.isnan(c) for c in constants):
+            raise EquationError(
+                f"{owner}.{equation} makes {name} not a number. Inside equations use casadi's functions "
+                "(ca.tanh, ca.fabs), not math's or float()."
+            )

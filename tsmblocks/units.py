@@ -1,0 +1,119 @@
+"""Unit labels: what they mean, whether two are equal, and the factor between them.
+
+It knows labels only; quantities inside equations are plain numbers in the unit of their port.
+Radian is kept as a dimension of its own, which the general unit libraries do not do: here a
+wire that joins ``rad`` to ``1``, or ``rad/s`` to ``1/s``, is a mistake worth catching.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import NamedTuple
+
+from tsmblocks.errors import TsmError, near
+
+Dimension = tuple[tuple[str, int], ...]
+
+_BASE: dict[str, tuple[float, dict[str, int]]] = {
+    "1": (1.0, {}),
+    "%": (0.01, {}),
+    "rad": (1.0, {"rad": 1}),
+    "mrad": (1e-3, {"rad": 1}),
+    "deg": (math.pi / 180, {"rad": 1}),
+    "rev": (2 * math.pi, {"rad": 1}),
+    "s": (1.0, {"s": 1}),
+    "ms": (1e-3, {"s": 1}),
+    "us": (1e-6, {"s": 1}),
+    "min": (60.0, {"s": 1}),
+    "h": (3600.0, {"s": 1}),
+    "Hz": (1.0, {"s": -1}),
+    "kHz": (1e3, {"s": -1}),
+    "m": (1.0, {"m": 1}),
+    "cm": (1e-2, {"m": 1}),
+    "mm": (1e-3, {"m": 1}),
+    "um": (1e-6, {"m": 1}),
+    "kg": (1.0, {"kg": 1}),
+    "g": (1e-3, {"kg": 1}),
+    "A": (1.0, {"A": 1}),
+    "mA": (1e-3, {"A": 1}),
+    "K": (1.0, {"K": 1}),
+    "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
+    "mN": (1e-3, {"kg": 1, "m": 1, "s": -2}),
+    "kN": (1e3, {"kg": 1, "m": 1, "s": -2}),
+    "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
+    "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
+    "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "mV": (1e-3, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
+    "H": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -2}),
+    "mH": (1e-3, {"kg": 1, "m": 2, "s": -2, "A": -2}),
+}
+_ALIAS = {"": "1", "-": "1", "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad",
+          "radians": "rad", "sec": "s", "second": "s", "seconds": "s", "Ohm": "ohm", "Ω": "ohm",
+          "µm": "um", "µs": "us", "rpm": "rev/min"}  # fmt: skip
+
+
+class Unit(NamedTuple):
+    """A label understood: ``value_in_SI = factor * value``; ``dimension`` as sorted powers."""
+
+    factor: float
+    dimension: Dimension
+
+
+class UnitError(TsmError):
+    """A label that is not a unit, or two units that do not convert."""
+
+
+@cache
+def parse(label: str) -> Unit:
+    """Read ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss."""
+    factor, powers = 1.0, dict[str, int]()
+    text = _ALIAS.get(label.strip(), label.strip())
+    over, _, under = text.partition("/")
+    for sign, part in ((1, over), *((-1, p) for p in under.split("/") if under)):
+        for word in re.split(r"[*·. ]+", part.strip().strip("()")):
+            name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+            name = _ALIAS.get(name, name)
+            if name not in _BASE or not re.fullmatch(r"-?\d{0,2}", power):
+                raise UnitError(f"'{label}' is not a unit known here.{near(name, _BASE)}")
+            n = sign * int(power or 1)
+            scale, base = _BASE[name]
+            factor *= scale**n
+            for key, exponent in base.items():
+                powers[key] = powers.get(key, 0) + n * exponent
+    return Unit(factor, tuple(sorted((k, n) for k, n in powers.items() if n)))
+
+
+def factor(source: str, target: str) -> float:
+    """The number by which a value in ``source`` is multiplied to be in ``target``.
+
+    Raises UnitError when the two measure different things.
+    """
+    a, b = parse(source), parse(target)
+    if a.dimension != b.dimension:
+        raise UnitError(f"'{source}' does not convert to '{target}'.")
+    return a.factor / b.factor
+
+
+def same(a: str, b: str) -> bool:
+    """Whether two labels mean the same unit, up to rounding of the factor."""
+    x, y = parse(a), parse(b)
+    return x.dimension == y.dimension and math.isclose(x.factor, y.factor, rel_tol=1e-12)
+
+
+def times(label: str, power_of: str, exponent: int = 1) -> str:
+    """A readable label for ``label * power_of**exponent`` (used for rates and integrals)."""
+    if label in ("", "1"):
+        return power_of if exponent == 1 else f"1/{power_of}"
+    if exponent == 1:
+        return label.removesuffix(f"/{power_of}") if label.endswith(f"/{power_of}") else f"{label}*{power_of}"
+    return label.removesuffix(f"*{power_of}") if label.endswith(f"*{power_of}") else _rate(label, power_of)
+
+
+def _rate(label: str, power_of: str) -> str:
+    match = re.fullmatch(rf"(.*)/{re.escape(power_of)}(?:\^(\d+))?", label)
+    if match:
+        return f"{match[1]}/{power_of}^{int(match[2] or 1) + 1}"
+    return f"{label}/{power_of}"
