@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.block import Block, is_reference, leaves
+from tsmblocks.block import is_reference
 from tsmblocks.compile import compile_diagram
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine.kernels import Memory
@@ -114,8 +114,8 @@ def simulate(
     h = _positive("step", step)
     chosen, names = _logged(eq, log)
     given = dict(inputs or {})
-    stop = _stop(given, start, h) if stop is None else float(stop)
-    steps = _steps(start, stop, h)
+    stop = resolve_stop(given, start, h) if stop is None else float(stop)
+    steps = whole_steps(start, stop, h)
     if (steps // every + 1) * len(chosen) > MOST_NUMBERS:
         raise RunError(f"{steps} steps of {len(chosen)} signals would take {steps * len(chosen) * 8 / 1e9:.0f} GB. "
                        "Use log='outputs', log=['tsm.*'] or every=10.")  # fmt: skip
@@ -158,7 +158,7 @@ def _every(value: int) -> int:
     return int(value)
 
 
-def _steps(start: float, stop: float, h: float) -> int:
+def whole_steps(start: float, stop: float, h: float) -> int:
     if not start < stop < float("inf"):
         raise RunError(f"the run must end after it starts, got start={start:g} s and stop={stop:g} s.")
     steps = round((stop - start) / h)
@@ -167,7 +167,7 @@ def _steps(start: float, stop: float, h: float) -> int:
     return steps
 
 
-def _stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
+def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
     """The end of the shortest recorded input; 20 s when there is none."""
     ends = []
     for value in inputs.values():
@@ -275,4 +275,4 @@ class Stepper:
         self.memory, self.k = saved.memory.copy(), saved.k
 
 
-__all__ = ["Block", "Run", "Saved", "StepWarning", "Stepper", "equations", "leaves", "simulate"]
+__all__ = ["Run", "Saved", "StepWarning", "Stepper", "equations", "resolve_stop", "simulate", "whole_steps"]

@@ -121,7 +121,7 @@ class PID(Block):
     tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", above=0.0)
 
     e = Input("reference minus measurement", unit="?e")
-    y = Output("control effort")
+    y = Output("control effort", unit="?y")
     integral: float = state(default=0.0, about="time integral of the error", unit="?e*s")
     smooth: float = state(default=0.0, about="error after the derivative filter", unit="?e")
 
@@ -204,7 +204,7 @@ class LeadLag(Block):
     lag: float = parameter(default=0.02, about="time constant of the denominator", unit="s", above=0.0)
 
     u = Input("any signal", unit="?u")
-    y = Output("compensated signal")
+    y = Output("compensated signal", unit="?y")
     smooth: float = state(default=0.0, about="input after the lag", unit="?u")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

@@ -6,8 +6,11 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, block, parameter
+from tsmblocks.block import Block, Input, Output, State, block, option, parameter, state
 from tsmblocks.errors import ParameterError
+
+LONG_AGO = -1e9
+"""An instant [s] so far back that a rate limit since then no longer binds; finite, so slopes stay finite."""
 
 
 @block
@@ -32,3 +35,175 @@ class Saturation(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=ca.fmin(ca.fmax(u.u, self.low), self.high))
+
+
+@block
+class DeadZone(Block):
+    r"""Slack: nothing comes out until the input leaves the zone.
+
+    .. math:: y = \max(u - h, 0) + \min(u - l, 0)
+    """
+
+    source = "definition"
+    symbol = "dead zone"
+
+    low: float = parameter(default=-0.05, about="lower edge of the zone", unit="?u")
+    high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u")
+
+    u = Input("any signal", unit="?u")
+    y = Output("what is left beyond the zone", unit="?u")
+
+    def check(self) -> None:
+        if self.low > self.high:
+            raise ParameterError(f"DeadZone needs low <= high, got low={self.low:g}, high={self.high:g}.")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.fmax(u.u - self.high, 0.0) + ca.fmin(u.u - self.low, 0.0))
+
+
+@block
+class RateLimit(Block):
+    r"""A value that follows its input no faster than the limits allow.
+
+    .. math:: y(t) = \min(\max(u,\; y_k + f (t - t_k)),\; y_k + r (t - t_k))
+
+    with :math:`y_k` the output at the start of the step, :math:`t_k`. The defaults are a motor of
+    3 rad/s. With ``start="input"`` the first value passes as it is, with ``start="last"`` the output
+    sets out from the state ``last`` at time zero.
+    """
+
+    source = "definition"
+    symbol = "rate limit"
+
+    rising: float = parameter(default=3.0, about="fastest rise", unit="?u/s", above=0.0)
+    falling: float = parameter(default=-3.0, about="fastest fall, negative", unit="?u/s", below=0.0)
+    start: str = option(default="input", about="where the output begins", choices=("input", "last"))
+
+    u = Input("wanted value", unit="?u")
+    y = Output("value within the rate limits", unit="?u")
+    last: float = state(default=0.0, about="output at the start of the step", unit="?u")
+
+    @property
+    def states(self) -> dict[str, State]:
+        begin = LONG_AGO if self.start == "input" else 0.0
+        return {
+            "last": State(self.last, self.fields()["last"].about, "?u"),
+            "time": State(begin, "start of the step", "s"),
+        }
+
+    def _limited(self, t: Any, x: Any, u: Any) -> Any:
+        passed = t - x.time
+        slowest, fastest = x.last + self.falling * passed, x.last + self.rising * passed
+        return ca.fmin(ca.fmax(u.u, slowest), fastest)
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(last=self._limited(t, x, u), time=t)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self._limited(t, x, u))
+
+
+@block
+class Relay(Block):
+    r"""Two-point switch that needs a larger input to go on than to stay on.
+
+    .. math::
+
+        m = \begin{cases} 1 & u \ge a \\ 0 & u \le b \\ m_k & b < u < a \end{cases}, \qquad
+        y = l + (h - l) m
+
+    with :math:`m_k` what it was at the start of the step.
+    """
+
+    source = "definition"
+    symbol = "relay"
+
+    on: float = parameter(default=0.01, about="input a at and above which it is on", unit="?u")
+    off: float = parameter(default=-0.01, about="input b at and below which it is off", unit="?u")
+    high: float = parameter(default=24.0, about="output while on", unit="?y")
+    low: float = parameter(default=-24.0, about="output while off", unit="?y")
+
+    u = Input("any signal", unit="?u")
+    y = Output("one of two values", unit="?y")
+    active: float = state(default=0.0, about="1 while on, 0 while off", unit="1")
+
+    def check(self) -> None:
+        if self.off > self.on:
+            raise ParameterError(f"Relay needs off <= on, got off={self.off:g}, on={self.on:g}.")
+
+    def _active(self, x: Any, u: Any) -> Any:
+        stays = ca.if_else(u.u <= self.off, 0.0, x.active)
+        return ca.if_else(u.u >= self.on, 1.0, stays)
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(active=self._active(x, u))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.low + (self.high - self.low) * self._active(x, u))
+
+
+@block
+class Quantiser(Block):
+    r"""Rounding to the nearest multiple of an interval.
+
+    .. math:: y = q \left\lfloor \frac{u}{q} + \frac12 \right\rfloor
+    """
+
+    source = "definition"
+    symbol = "round"
+
+    interval: float = parameter(default=0.01, about="distance between two values", unit="?u", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the rounded signal", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.interval * ca.floor(u.u / self.interval + 0.5))
+
+
+@block
+class LookupTable(Block):
+    r"""Straight lines between given points.
+
+    .. math::
+
+        y = v_0 + \sum_k \frac{v_{k+1} - v_k}{p_{k+1} - p_k} \min(\max(u - p_k, 0), p_{k+1} - p_k)
+
+    With ``outside="extend"`` the first and the last line go on beyond the points.
+    """
+
+    source = "definition"
+    symbol = "table"
+
+    points: tuple[float, ...] = parameter(
+        default=(-1.0, -0.2, 0.2, 1.0), about="inputs, increasing", unit="?u"
+    )
+    values: tuple[float, ...] = parameter(default=(-0.8, 0.0, 0.0, 0.8), about="outputs there", unit="?y")
+    outside: str = option(default="hold", about="what happens beyond the points", choices=("hold", "extend"))
+
+    u = Input("any signal", unit="?u")
+    y = Output("value on the lines", unit="?y")
+
+    def check(self) -> None:
+        if len(self.points) != len(self.values) or len(self.points) < 2:
+            raise ParameterError(
+                "LookupTable needs one value for each point and at least two points, "
+                f"got {len(self.points)} points and {len(self.values)} values."
+            )
+        for k, (a, b) in enumerate(zip(self.points, self.points[1:], strict=False)):
+            if a >= b:
+                raise ParameterError(
+                    f"LookupTable.points must increase, but points[{k}]={a:g} and points[{k + 1}]={b:g}."
+                )
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        p, v = self.points, self.values
+        y, lines, extend = v[0], len(p) - 1, self.outside == "extend"
+        for k in range(lines):
+            along, width = u.u - p[k], p[k + 1] - p[k]
+            if not (extend and k == 0):
+                along = ca.fmax(along, 0.0)
+            if not (extend and k == lines - 1):
+                along = ca.fmin(along, width)
+            y = y + (v[k + 1] - v[k]) / width * along
+        return dict(y=y)

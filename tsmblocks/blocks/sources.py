@@ -170,7 +170,9 @@ class MultiSine(Block):
     frequencies: tuple[float, ...] = parameter(
         default=(0.2, 0.5), about="periods per second of each sine", unit="Hz", at_least=0.0
     )
-    phases: tuple[float, ...] = parameter(default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad")
+    phases: tuple[float, ...] = parameter(
+        default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad"
+    )
     unit: str = option(default="", about=UNIT)
     y = Output("the sum of the sines", unit="?y")
 
@@ -207,7 +209,9 @@ class Chirp(Block):
 
     amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
     f0: float = parameter(default=0.1, about="frequency at time zero", unit="Hz", at_least=0.0)
-    f1: float = parameter(default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0)
+    f1: float = parameter(
+        default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0
+    )
     duration: float = parameter(default=20.0, about="how long the sweep takes", unit="s", above=0.0)
     unit: str = option(default="", about=UNIT)
     y = Output("the sweep", unit="?y")
@@ -261,7 +265,7 @@ class Random(Block):
 class Triangle(Block):
     r"""Straight up and straight down at the same speed, rising from zero at time zero.
 
-    .. math:: y = a \left(1 - 4 \left| p - \lfloor p \rfloor - \tfrac12 \right|\right), \qquad p = f t + \tfrac14
+    .. math:: y = a \left(1 - 4 \left| p - \lfloor p \rfloor - \tfrac12 \right|\right), \quad p = f t + \tfrac14
     """
 
     source = "definition"
@@ -290,7 +294,7 @@ class Staircase(Block):
 
     .. math::
 
-        y = h \left(\bigl| (k - n) \bmod 2(n + m) - (n + m) \bigr| - m\right), \qquad k = \lfloor t / T \rfloor
+        y = h \left(\bigl| (k - n) \bmod 2(n + m) - (n + m) \bigr| - m\right), \quad k = \lfloor t / T \rfloor
 
     with :math:`n` steps above zero and :math:`m` below. With ``down=0`` it never goes below zero.
     """
@@ -359,7 +363,9 @@ class Recorded(Block):
             )
         for k, (a, b) in enumerate(zip(self.times, self.times[1:], strict=False)):
             if a >= b:
-                raise ParameterError(f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}.")
+                raise ParameterError(
+                    f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}."
+                )
 
     def tapes(self, start: float, stop: float) -> dict[str, Samples]:
         return dict(w=Samples(np.array(self.times), np.array(self.values), self.hold))

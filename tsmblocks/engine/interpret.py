@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import casadi as ca
@@ -21,17 +22,25 @@ class InterpretedKernel(Kernel):
         self.step = _Call(_one_step(plan), plan.lanes) if not plan.wide_s else None
         self.rhs = _Call(plan.rhs, plan.lanes)
         self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
+        self.lock = threading.Lock()  # the buffers of a call are shared
 
     def advance(
         self, memory: Memory, u: np.ndarray, *, t0: float, h: float, k0: int, n: int, final: bool, every: int,
         skip: int, hits: tuple[int, ...], y: np.ndarray,
+    ) -> None:  # fmt: skip
+        with self.lock:
+            self._advance(memory, u, t0, h, k0, n + (1 if final else 0), n, every, skip, hits, y)
+
+    def _advance(
+        self, memory: Memory, u: np.ndarray, t0: float, h: float, k0: int, count: int, n: int, every: int, skip: int,
+        hits: tuple[int, ...], y: np.ndarray,
     ) -> None:  # fmt: skip
         plan = self.plan
         x, d, p = (_open(a, lay) for a, lay in ((memory.x, self.layout_x), (memory.d, self.layout_d),
                                                 (memory.p, self.layout_p)))  # fmt: skip
         past = _Past(self, memory, p, h) if plan.wide_s else None
         row, left = 0, skip
-        for k in range(n + (1 if final else 0)):
+        for k in range(count):
             t, kg = t0 + (k0 + k) * h, k0 + k
             q = past.at(kg, 0.0) if past else np.empty((0, self.lanes))
             if self.update is not None:

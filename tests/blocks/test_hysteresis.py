@@ -1,0 +1,243 @@
+"""Hysteresis blocks against their printed equations, closed forms and the paper's loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.blocks.helpers import assert_sound, rates, refuses, simulate, value
+
+from tsmblocks.blocks.hysteresis import (
+    AsymmetricBoucWen,
+    BoucWen,
+    DahlHysteresis,
+    GeneralizedBoucWen,
+    Play,
+    PrandtlIshlinskii,
+    TaoBacklash,
+    slope,
+)
+
+W = 2 * np.pi * 0.2
+AMPLITUDE = np.deg2rad(55.0)
+SINE = {"x": lambda t: AMPLITUDE * np.sin(W * t), "v": lambda t: AMPLITUDE * W * np.cos(W * t)}
+ALL = [
+    AsymmetricBoucWen,
+    BoucWen,
+    DahlHysteresis,
+    GeneralizedBoucWen,
+    Play,
+    PrandtlIshlinskii,
+    TaoBacklash,
+]
+
+
+@pytest.mark.parametrize("cls", ALL)
+def test_sound(cls):
+    assert_sound(cls())
+
+
+def test_bouc_wen_with_the_smallest_exponent_has_finite_slopes():
+    assert_sound(BoucWen(n=1.0))
+    assert_sound(GeneralizedBoucWen(n=1.0))
+
+
+@pytest.mark.parametrize(
+    ("block", "degrees"),
+    [(AsymmetricBoucWen(), 28.67), (GeneralizedBoucWen(), 27.01), (BoucWen(), 26.47), (BoucWen(gamma=2.272), 64.97)],
+    ids=["asymmetric", "generalized", "symmetric", "symmetric, gamma as printed"],
+)
+def test_loss_at_the_papers_sine(block, degrees):
+    run = simulate(block, SINE, stop=20.0, step=1e-3)
+    last = run["t"] > 15.0
+    loss = np.rad2deg(SINE["x"](run["t"]) - run["y"])[last]
+    assert np.ptp(loss) == pytest.approx(degrees, abs=0.01)
+
+
+def test_slope_is_equation_9_as_printed():
+    plant = AsymmetricBoucWen()
+    for v in np.linspace(-5, 5, 41):
+        e2v = np.exp(2 * v)
+        printed = (plant.alpha1 * e2v + plant.alpha2) / (e2v + 1)
+        assert abs(printed - float(slope(v, plant.alpha1, plant.alpha2))) < 1e-15
+        assert abs(printed * 0.7 + 0.1 - value(plant, {"zeta": 0.1}, x=0.7, v=v)["y"]) < 1e-15
+
+
+def test_slope_does_not_overflow():
+    assert float(slope(1e6, 0.8, 0.9)) == pytest.approx(0.8, rel=1e-15)
+    assert float(slope(-1e6, 0.8, 0.9)) == pytest.approx(0.9, rel=1e-15)
+
+
+def test_state_rate_is_equation_8_as_printed():
+    p = AsymmetricBoucWen()
+    for zeta, v in np.random.default_rng(1).normal(size=(50, 2)):
+        printed = p.A * v - p.theta * abs(v) * zeta + p.delta * abs(v)
+        assert abs(printed - rates(p, {"zeta": zeta}, x=0.0, v=v)["zeta"]) < 1e-14
+
+
+def test_generalized_bouc_wen_is_equation_6_written_out():
+    p = GeneralizedBoucWen()
+    sgn = np.sign
+    for zeta, x, v in np.random.default_rng(2).normal(size=(100, 3)):
+        theta = (sgn(v * zeta), sgn(v * x), sgn(x * zeta), sgn(v), sgn(zeta), sgn(x))
+        xi = np.dot((p.beta1, p.beta2, p.beta3, p.beta4, p.beta5, p.beta6), theta)
+        psi = v * abs(zeta) ** p.n * xi
+        assert rates(p, {"zeta": zeta}, x=x, v=v)["zeta"] == pytest.approx(p.A * v - psi, rel=1e-12)
+        assert value(p, {"zeta": zeta}, x=x, v=v)["y"] == pytest.approx(p.alpha_x * x + p.alpha_zeta * zeta)
+
+
+def test_symmetric_bouc_wen_is_equation_3_written_out():
+    p = BoucWen(n=1.7)
+    for zeta, v in np.random.default_rng(3).normal(size=(100, 2)):
+        size = abs(zeta)
+        printed = p.A * v - p.beta * abs(v) * size ** (p.n - 1) * zeta - p.gamma * v * size**p.n
+        assert rates(p, {"zeta": zeta}, x=0.0, v=v)["zeta"] == pytest.approx(printed, rel=1e-12)
+
+
+def test_generalized_bouc_wen_contains_the_symmetric_one_without_gamma():
+    p = BoucWen(n=1.5, gamma=0.0)
+    q = GeneralizedBoucWen(A=p.A, n=1.5, beta1=p.beta, beta2=0.0, beta3=0.0, beta4=0.0, beta5=0.0, beta6=0.0)
+    for zeta, x, v in np.random.default_rng(4).normal(size=(20, 3)):
+        symmetric = rates(p, {"zeta": zeta}, x=x, v=v)["zeta"]
+        assert rates(q, {"zeta": zeta}, x=x, v=v)["zeta"] == pytest.approx(symmetric, rel=1e-12)
+
+
+def test_dahl_is_the_papers_model_without_asymmetry():
+    A, theta = -0.8745, 5.034
+    paper = AsymmetricBoucWen(alpha1=0.92, alpha2=0.92, A=A, theta=theta, delta=0.0)
+    dahl = DahlHysteresis(alpha_x=0.92, rho=-A, half_width=-A / theta)
+    a, b = (simulate(p, SINE, stop=6.0, step=2e-3)["y"] for p in (paper, dahl))
+    assert np.abs(a - b).max() < 1e-13
+
+
+def test_dahl_tends_to_its_half_width():
+    p = DahlHysteresis(alpha_x=0.9, rho=0.8, half_width=0.15)
+    run = simulate(p, {"x": lambda t: 1.5 * t, "v": lambda t: 1.5}, stop=2.0, step=1e-3)
+    travel = 1.5 * run["t"]
+    assert run["x.zeta"] == pytest.approx(0.15 * (1 - np.exp(-0.8 * travel / 0.15)), abs=1e-9)
+    assert run["y"][-1] == pytest.approx(0.9 * travel[-1] - 0.15, abs=1e-7)
+
+
+def triangle(t):
+    """Triangle of amplitude 1 and period 4, starting upwards from 0."""
+    return 1 - abs((t - 1) % 4 - 2)
+
+
+def test_tao_backlash_follows_both_lines_and_rests_between():
+    p = TaoBacklash(c1=0.8, c2=0.9, B1=0.1, B2=0.3)
+    run = simulate(p, {"u": triangle}, stop=8.0, step=1e-2)
+    u, y = np.array([triangle(t) for t in run["t"]]), run["y"]
+    top, bottom = 0.8 * (1 - 0.1), 0.9 * (-1 + 0.3)
+    late = run["t"] >= 4 - 1e-9
+    rising, falling = np.gradient(u) > 0, np.gradient(u) < 0
+    expected = np.where(rising, np.maximum(0.8 * (u - 0.1), bottom), np.minimum(0.9 * (u + 0.3), top))
+    inside = late & (rising | falling) & (np.abs(u) < 0.99)
+    assert np.abs(y - expected)[inside].max() < 1e-14
+
+
+def test_tao_backlash_obeys_equation_1_step_by_step():
+    p = TaoBacklash()
+    u = np.cumsum(np.random.default_rng(5).normal(scale=0.05, size=400))
+    run = simulate(p, {"u": lambda t: u[min(round(t), 399)]}, stop=399.0, step=1.0)
+    y = run["y"]
+    for k in range(1, 400):
+        if abs(y[k] - y[k - 1]) < 1e-15:
+            continue
+        line = p.c1 * (u[k] - p.B1) if u[k] > u[k - 1] else p.c2 * (u[k] + p.B2)
+        assert y[k] == pytest.approx(line, abs=1e-14)
+
+
+def test_play_loop_is_exact():
+    p = Play(half_width=0.25, gain=2.0)
+    run = simulate(p, {"u": triangle}, stop=12.0, step=1e-2)
+    u = np.array([triangle(t) for t in run["t"]])
+    m = np.empty_like(u)
+    before = 0.0
+    for k, uk in enumerate(u):
+        before = m[k] = max(uk - 0.25, min(uk + 0.25, before))
+    assert np.array_equal(run["y"], 2.0 * m)
+    late = run["t"] > 4
+    assert np.ptp(run["y"][late]) == pytest.approx(2 * (2 - 0.5), abs=1e-14)
+    loss = np.ptp((u - run["y"] / 2)[late])
+    assert loss == pytest.approx(0.5, abs=1e-14)
+
+
+def test_play_between_grid_points_uses_the_present_input():
+    assert value(Play(half_width=0.1), {"m": 0.0}, u=0.05)["y"] == 0.0
+    assert value(Play(half_width=0.1), {"m": 0.0}, u=0.3)["y"] == pytest.approx(0.2)
+    assert value(Play(half_width=0.1), {"m": 0.0}, u=-0.3)["y"] == pytest.approx(-0.2)
+
+
+def test_tao_backlash_with_equal_sides_is_play():
+    inputs = {"u": lambda t: np.sin(t) + 0.4 * np.sin(2.7 * t)}
+    tao = simulate(TaoBacklash(c1=0.9, c2=0.9, B1=0.2, B2=0.2), inputs, stop=20.0, step=1e-2)
+    play = simulate(Play(half_width=0.2, gain=0.9), inputs, stop=20.0, step=1e-2)
+    assert np.abs(tao["y"] - play["y"]).max() < 1e-14
+
+
+def test_prandtl_ishlinskii_is_a_sum_of_plays():
+    radii, weights, starts = (0.1, 0.3, 0.5), (0.5, -0.2, 0.4), (0.05, 0.0, -0.2)
+    inputs = {"u": lambda t: np.sin(t) + 0.4 * np.sin(2.7 * t)}
+    whole = simulate(PrandtlIshlinskii(radii=radii, weights=weights, weight0=0.3, x0=starts), inputs, 20.0, 1e-2)
+    parts = [simulate(Play(half_width=r, m=m), inputs, 20.0, 1e-2)["y"] for r, m in zip(radii, starts, strict=True)]
+    u = np.array([inputs["u"](t) for t in whole["t"]])
+    assert np.abs(whole["y"] - 0.3 * u - np.dot(weights, parts)).max() < 1e-14
+
+
+def test_prandtl_ishlinskii_without_plays_is_a_gain():
+    p = PrandtlIshlinskii(radii=(), weights=(), weight0=0.7)
+    assert not p.states
+    assert value(p, u=2.0)["y"] == pytest.approx(1.4)
+
+
+def test_rate_of_displacement_may_be_left_open():
+    for cls in (AsymmetricBoucWen, GeneralizedBoucWen, BoucWen, DahlHysteresis):
+        assert cls().inports["v"].rate_of == "x"
+
+
+@pytest.mark.parametrize(
+    ("message", "cls", "values"),
+    [
+        (
+            "AsymmetricBoucWen.theta must lie in (0, inf), got -1. "
+            "It is: decay of the internal state with travel [1/rad].",
+            AsymmetricBoucWen,
+            dict(theta=-1),
+        ),
+        (
+            "AsymmetricBoucWen.alpha1 must lie in (0, inf), got 0. It is: slope while loading (v > 0).",
+            AsymmetricBoucWen,
+            dict(alpha1=0),
+        ),
+        ("BoucWen.n must lie in [1, 20], got 0.5. It is: sharpness of the bends.", BoucWen, dict(n=0.5)),
+        (
+            "GeneralizedBoucWen.n must lie in [1, 20], got 25. It is: sharpness of the bends.",
+            GeneralizedBoucWen,
+            dict(n=25),
+        ),
+        (
+            "DahlHysteresis.half_width must lie in (0, inf), got 0. "
+            "It is: stretch after long travel one way [rad].",
+            DahlHysteresis,
+            dict(half_width=0),
+        ),
+        ("TaoBacklash.c2 must lie in (0, inf), got -1. It is: slope of the line followed downwards.", TaoBacklash, dict(c2=-1)),
+        ("Play.half_width must lie in [0, inf), got -0.1. It is: half of the slack [?u].", Play, dict(half_width=-0.1)),
+        (
+            "PrandtlIshlinskii needs as many weights as radii, got 1 and 2.",
+            PrandtlIshlinskii,
+            dict(radii=(0.1, 0.2), weights=(1.0,)),
+        ),
+        (
+            "PrandtlIshlinskii.x0 needs one number per play (3) or none, got 2.",
+            PrandtlIshlinskii,
+            dict(x0=(0.0, 0.0)),
+        ),
+        (
+            "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. It is: half of the slack of each play [?u].",
+            PrandtlIshlinskii,
+            dict(radii=(0.1, -0.2), weights=(1.0, 1.0)),
+        ),
+    ],
+)  # fmt: skip
+def test_bad_values(message, cls, values):
+    refuses(message, cls, **values)

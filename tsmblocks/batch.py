@@ -1,0 +1,237 @@
+"""Many runs of one diagram at once, and exact derivatives of a run: the engine's lanes and threads."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.engine import feeds
+from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
+from tsmblocks.engine.methods import Method, method_named
+from tsmblocks.engine.session import check_delays, gather_signals, plan_for, spread, steps_per_period
+from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_plan
+from tsmblocks.equations import Equations
+from tsmblocks.errors import ParameterError, RunError, near
+from tsmblocks.simulate import equations, parameter_vector, resolve_stop, whole_steps
+
+Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
+
+
+@attrs.frozen(eq=False)
+class Batch:
+    """Results of many runs. ``results[name]`` has shape (sets,) after a reduction, else (sets, N).
+
+    ``failed`` marks the sets whose results are not finite (an unstable choice of gains, say).
+    """
+
+    parameters: Mapping[str, np.ndarray]
+    results: Mapping[str, np.ndarray]
+    t: np.ndarray
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A result by name; raises RunError with the near miss."""
+        if name not in self.results:
+            raise RunError(f"the batch has no result '{name}'.{near(name, self.results)}")
+        return self.results[name]
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Which sets have a result that is not finite, shape (sets,)."""
+        return np.any([~np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in self.results.values()], axis=0)
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per set: parameters, then reduced results. Needs pandas."""
+        import pandas as pd
+
+        return pd.DataFrame({**self.parameters, **{k: v for k, v in self.results.items() if v.ndim == 1}})
+
+
+def simulate_batch(
+    diagram: Diagram,
+    parameters: Mapping[str, Any],
+    *,
+    stop: float | None = None,
+    step: float = 1e-3,
+    start: float = 0.0,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    outputs: Sequence[str] | None = None,
+    reduce: Reduce | None = None,
+    every: int = 1,
+    threads: int | None = None,
+    backend: str = "",
+) -> Batch:
+    """Run a diagram once for each set of parameters, sets side by side in SIMD lanes and threads.
+
+    ``parameters`` maps names to arrays of one length (sets,); ``outputs`` names the signals kept
+    (by default the diagram's outputs). ``reduce(t, signals)`` receives arrays of shape (N, lanes) and
+    returns results of shape (lanes,), so that long batches need not be kept whole. Other arguments as
+    for ``simulate``. Raises ParameterError for an unknown name or arrays of different lengths.
+    """
+    eq = equations(diagram)
+    sets, count = _sets(eq, diagram, parameters)
+    names = list(outputs) if outputs is not None else list(eq.aliases)
+    chosen = _columns(eq, names)
+    given = dict(inputs or {})
+    stop = resolve_stop(given, start, step) if stop is None else float(stop)
+    n = whole_steps(start, stop, step)
+    grid = start + step * np.arange(n + 1)
+    lanes = _lanes(count, len(eq.x))
+    vary = frozenset(eq.p.index(k) for k in sets)
+    kernel = batch_kernel(eq, method_named(method), chosen, lanes, vary, backend)
+    rows = feeds.rows(gather_signals(eq, given, grid, hold), start, step, 0, n, kernel.plan.method.instants)
+    base, hits, t = parameter_vector(eq, diagram), steps_per_period(eq, step), grid[::every]
+
+    def group(first: int) -> dict[str, np.ndarray]:
+        index = np.minimum(np.arange(first, first + lanes), count - 1)
+        p = np.repeat(base[:, None], lanes, axis=1)
+        for name, values in sets.items():
+            p[eq.p.index(name)] = values[index]
+        y = np.empty((n // every + 1, kernel.layout_y.size))
+        kernel.advance(lane_memory(eq, kernel, p, step), rows, t0=start, h=step, k0=0, n=n, final=True, every=every,
+                       skip=0, hits=hits, y=y)  # fmt: skip
+        signals = {name: _lane_columns(y, kernel, chosen.index(k), lanes)
+                   for name, k in zip(names, _positions(eq, names), strict=True)}  # fmt: skip
+        made = dict(reduce(t, signals)) if reduce is not None else {k: v.T for k, v in signals.items()}
+        keep = min(lanes, count - first)
+        return {k: np.asarray(v)[:keep].copy() for k, v in made.items()}
+
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        parts = list(pool.map(group, range(0, count, lanes)))
+    return Batch(sets, {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}, t)
+
+
+def sensitivities(
+    diagram: Diagram,
+    names: Sequence[str],
+    *,
+    outputs: Sequence[str] | None = None,
+    stop: float | None = None,
+    step: float = 1e-3,
+    start: float = 0.0,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    every: int = 1,
+    backend: str = "",
+) -> Sensitivities:
+    """Signals of a run and their exact derivatives with respect to named parameters (start values too).
+
+    ``outputs`` names the signals (by default the diagram's outputs). Arguments as for ``simulate``.
+    At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
+    for an unknown name.
+    """
+    eq = equations(diagram)
+    base = parameter_vector(eq, diagram)
+    known = [_index(eq, name) for name in names]
+    shown = list(outputs) if outputs is not None else list(eq.aliases)
+    chosen = _columns(eq, shown)
+    given = dict(inputs or {})
+    stop = resolve_stop(given, start, step) if stop is None else float(stop)
+    n = whole_steps(start, stop, step)
+    grid = start + step * np.arange(n + 1)
+    lanes = min(32, _power_of_two(len(known)))
+    kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)
+    rows = feeds.rows(gather_signals(eq, given, grid, hold), start, step, 0, n, kernel.plan.method.instants)
+    columns = [chosen.index(k) for k in _positions(eq, shown)]
+    jacobian = np.empty((n // every + 1, len(shown), len(known)))
+    for first in range(0, len(known), lanes):
+        part = known[first : first + lanes]
+        seeds = np.zeros((len(eq.p), lanes))
+        seeds[part, range(len(part))] = 1.0
+        y = np.empty((n // every + 1, kernel.layout_y.size))
+        kernel.advance(tangent_memory(eq, kernel, base, seeds, step), rows, t0=start, h=step, k0=0, n=n, final=True,
+                       every=every, skip=0, hits=steps_per_period(eq, step), y=y)  # fmt: skip
+        for i, column in enumerate(columns):
+            wide = _lane_columns(y, kernel, len(chosen) + column, lanes)
+            jacobian[:, i, first : first + len(part)] = wide[:, : len(part)]
+    values = np.column_stack([y[:, kernel.layout_y.offset[c]] for c in columns])
+    return Sensitivities(grid[::every], values, jacobian, tuple(shown), tuple(names))
+
+
+@functools.lru_cache(maxsize=64)
+def batch_kernel(
+    eq: Equations, method: Method, y: tuple[int, ...], lanes: int, vary: frozenset[int], backend: str
+) -> Kernel:
+    """A kernel with one parameter set per lane (kept)."""
+    return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend)
+
+
+@functools.lru_cache(maxsize=64)
+def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int, backend: str) -> Kernel:
+    """A kernel with one seed direction per lane (kept)."""
+    return kernel_for(tangent_plan(eq, method, y, lanes), backend)
+
+
+def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memory:
+    """Memory before the first step, one parameter set per lane; ``p`` has shape (parameters, lanes)."""
+    lanes = kernel.plan.lanes
+    x, d, s = (np.asarray(v) for v in eq.start.map(lanes)(p))
+    tau = max((check_delays(eq, p[:, k], h).max() for k in range(lanes)), default=0.0) if eq.q else 0.0
+    capacity = 1 << int(tau + 8).bit_length()
+    ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)
+    flat = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
+    return Memory(spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(flat, kernel.layout_p), ring, capacity - 1)  # type: ignore[arg-type]
+
+
+def _sets(eq: Equations, diagram: Diagram, parameters: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int]:
+    sets = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in parameters.items()}
+    for name in sets:
+        _index(eq, name)
+    lengths = {name: len(v) for name, v in sets.items()}
+    if not sets or min(lengths.values()) == 0:
+        raise ParameterError(f"a batch of '{diagram.title}' needs at least one parameter with at least one value.")
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{k} has {n}" for k, n in lengths.items())
+        raise ParameterError(f"the parameters of a batch need one value per set each; {said}.")
+    for name, values in sets.items():
+        for extreme in (values.min(), values.max()):
+            diagram.with_parameters({name: float(extreme)})  # bounds, in the block's own words
+    return sets, next(iter(lengths.values()))
+
+
+def _index(eq: Equations, name: str) -> int:
+    if name not in eq.p:
+        raise ParameterError(f"diagram '{eq.title}' has no parameter '{name}' that can vary between runs."
+                             f"{near(name, eq.p)}")  # fmt: skip
+    return eq.p.index(name)
+
+
+def _positions(eq: Equations, names: Sequence[str]) -> list[int]:
+    made = []
+    for name in names:
+        signal = eq.aliases.get(name, name)
+        if signal not in eq.y:
+            raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
+        made.append(eq.y.index(signal))
+    return made
+
+
+def _columns(eq: Equations, names: Sequence[str]) -> tuple[int, ...]:
+    if not names:
+        raise RunError(f"diagram '{eq.title}' has no outputs, so say which signals to keep: outputs=['block.port'].")
+    return tuple(dict.fromkeys(_positions(eq, names)))
+
+
+def _lane_columns(y: np.ndarray, kernel: Kernel, k: int, lanes: int) -> np.ndarray:
+    """One logged signal as (N, lanes), whether or not it differs between lanes."""
+    part = y[:, kernel.layout_y.span(k)]
+    return part if part.shape[1] == lanes else np.broadcast_to(part, (len(part), lanes))
+
+
+def _power_of_two(n: int) -> int:
+    """The smallest power of two that holds n, at least 2 (a lone lane is an ordinary run)."""
+    return max(2, 1 << (n - 1).bit_length())
+
+
+def _lanes(count: int, states: int) -> int:
+    """32 lanes while the states fit the registers, 16 above; fewer for a small batch."""
+    return min(_power_of_two(count), 32 if states <= 10 else 16)

@@ -1,0 +1,153 @@
+"""A block out of a plain Python function, for what no block here does.
+
+    @function_block(units={"u": "rad", "y": "rad"})
+    def cubic(u, k=0.3):
+        '''Stiffening: the output grows with the cube of the input.'''
+        return k * u**3
+
+    Diagram.of("…", blocks=dict(spring=cubic(k=0.5)), …)
+
+Arguments without a default are input ports, arguments with one are parameters. A first argument
+named ``t`` receives the time. Inside, only operators and ``casadi`` functions will do.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from tsmblocks.block import Block, Input, Output, block, parameter
+from tsmblocks.errors import BlockError, EquationError, in_words, near
+from tsmblocks.units import UnitError, parse
+
+
+def function_block(
+    function: Callable[..., Any] | None = None,
+    *,
+    outputs: tuple[str, ...] = ("y",),
+    units: Mapping[str, str] | None = None,
+    about: Mapping[str, str] | None = None,
+    register: bool = True,
+) -> Any:
+    """Make a function a block class of its name; usable with or without arguments.
+
+    ``outputs`` names what the function returns (a tuple when there are several), ``units`` and
+    ``about`` say the unit and the meaning of inputs, parameters and outputs by name. Raises
+    BlockError for a signature that cannot be ports and parameters.
+    """
+    if function is None:
+        return functools.partial(function_block, outputs=outputs, units=units, about=about, register=register)
+    name, outputs = _name_of(function), (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    inputs, numbers, timed = _signature(function, name)
+    names = [*inputs, *numbers, *outputs]
+    _check_names(name, names)
+    units, about = dict(units or {}), dict(about or {})
+    _check_words(name, "units", units, names)
+    _check_words(name, "about", about, names)
+    _check_units(name, units)
+    made: dict[str, Any] = {
+        "__module__": function.__module__, "__qualname__": function.__qualname__,
+        "__doc__": inspect.getdoc(function) or f"The Python function {name}{inspect.signature(function)}.",
+        "source": f"Python function {function.__module__}.{function.__qualname__}",
+        "symbol": name[:12], "function": staticmethod(function),
+    }  # fmt: skip
+    for key in inputs:
+        made[key] = Input(about.get(key, f"input {key}"), unit=units.get(key, ""))
+    for key in outputs:
+        made[key] = Output(about.get(key, f"output {key}"), unit=units.get(key, ""))
+    for key, value in numbers.items():
+        made[key] = parameter(
+            default=value, about=about.get(key, f"parameter {key}"), unit=units.get(key, "")
+        )
+    made["outputs"] = _equations(function, name, tuple(numbers), outputs, timed)
+    return block(type(name, (Block,), made), register=register)
+
+
+def _equations(
+    function: Callable[..., Any], name: str, numbers: tuple[str, ...], names: tuple[str, ...], timed: bool
+) -> Callable[..., dict[str, Any]]:
+    """The block's ``outputs``: one call of the function."""
+
+    def outputs(self: Any, t: Any, _: Any, u: Any) -> dict[str, Any]:
+        values = {key: getattr(self, key) for key in numbers}
+        result = function(*((t, *u) if timed else u), **values)
+        results = result if isinstance(result, tuple) else (result,)
+        if result is None or len(results) != len(names):
+            got = "nothing" if result is None else f"{len(results)} value{'s' if len(results) != 1 else ''}"
+            raise EquationError(f"{name} must return {', '.join(names)}, got {got}.")
+        return dict(zip(names, results, strict=True))
+
+    return outputs
+
+
+def _name_of(function: Callable[..., Any]) -> str:
+    name = getattr(function, "__name__", "")
+    if not inspect.isfunction(function) or not name.isidentifier():
+        raise BlockError(
+            f"function_block needs a function made by def, with a name, got {in_words(function)}."
+        )
+    return name
+
+
+def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict[str, Any], bool]:
+    """Input names, parameters with their defaults, and whether the function takes the time first."""
+    inputs: list[str] = []
+    numbers: dict[str, Any] = {}
+    for key, argument in inspect.signature(function).parameters.items():
+        if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
+            stars = "*" if argument.kind is argument.VAR_POSITIONAL else "**"
+            raise BlockError(f"{name}({stars}{key}) cannot be a block: name each input and each parameter.")
+        if argument.default is not argument.empty:
+            if argument.kind is argument.POSITIONAL_ONLY:
+                raise BlockError(
+                    f"{name}: parameter '{key}' stands before '/', but parameters are given by name."
+                )
+            if not _is_number(argument.default):
+                raise BlockError(
+                    f"{name}: the default of '{key}' must be a number or a tuple of numbers, "
+                    f"got {in_words(argument.default)}. Without a default it would be an input."
+                )
+            numbers[key] = argument.default
+        elif argument.kind is argument.KEYWORD_ONLY:
+            raise BlockError(
+                f"{name}: '{key}' stands after '*' without a default. Give it a number as default."
+            )
+        else:
+            inputs.append(key)
+    timed = inputs[:1] == ["t"]
+    if "t" in inputs[1:]:
+        raise BlockError(f"{name}: 't' is the time and must be the first argument.")
+    return inputs[1:] if timed else inputs, numbers, timed
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(_is_number(v) for v in value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _check_names(name: str, names: list[str]) -> None:
+    """Raise BlockError for a name used twice, or that a block has a meaning for already."""
+    for key in names:
+        if not key.isidentifier() or key.startswith("_") or hasattr(Block, key) or key in ("function", "t"):
+            raise BlockError(
+                f"{name}: '{key}' cannot name an input, a parameter or an output. Choose another name."
+            )
+        if names.count(key) > 1:
+            raise BlockError(f"{name}: '{key}' names two things. Choose another name, or say outputs=('…',).")
+
+
+def _check_words(name: str, what: str, given: Mapping[str, str], names: list[str]) -> None:
+    for key in given:
+        if key not in names:
+            raise BlockError(f"{name}: {what} names '{key}', which it does not have.{near(key, names)}")
+
+
+def _check_units(name: str, units: Mapping[str, str]) -> None:
+    for key, unit in units.items():
+        try:
+            parse("1" if unit.startswith("?") else unit)
+        except UnitError as error:
+            raise BlockError(f"{name}: unit of '{key}': {error}") from None

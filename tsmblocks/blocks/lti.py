@@ -1,0 +1,317 @@
+"""Linear blocks of any order: transfer function, zero-pole-gain, state space, and those of python-control."""
+
+from __future__ import annotations
+
+from itertools import zip_longest
+from typing import Any
+
+from tsmblocks.block import Block, Input, Output, State, block, parameter
+from tsmblocks.errors import BlockError, ParameterError, in_words
+
+Rows = tuple[tuple[float, ...], ...]
+
+
+def _section(num: Any, den: Any, x: Any, u: Any) -> tuple[Any, Any]:
+    """Highest derivative and output of num/den in controllable canonical form.
+
+    A coefficient that is not given must not appear: as a symbol, 0 * u would count as a path from
+    input to output.
+    """
+    newest = (u - sum(a * z for a, z in zip(den[1:], x, strict=True))) / den[0]
+    kept = (newest, *x)[len(den) - len(num) :]
+    return newest, sum(b * z for b, z in zip(num, kept, strict=True))
+
+
+def _starts(x0: tuple[Any, ...], n: int, about: str) -> dict[str, State]:
+    """States ``x1`` to ``xn``; without start values they start at zero."""
+    return {f"x{k}": State(start, f"{about} {k}") for k, start in enumerate(x0 or (0.0,) * n, 1)}
+
+
+def _check_starts(owner: str, x0: tuple[Any, ...], n: int) -> None:
+    """Raise ParameterError unless there are n start values or none."""
+    if x0 and len(x0) != n:
+        raise ParameterError(f"{owner}.x0 needs one number per state ({n}) or none, got {len(x0)}.")
+
+
+@block
+class TransferFunction(Block):
+    r"""Linear block given by its coefficients, highest power of s first.
+
+    .. math:: \frac{Y(s)}{U(s)} = \frac{b_0 s^m + \dots + b_m}{a_0 s^n + \dots + a_n}
+
+    Controllable canonical form: ``x1`` is the highest derivative kept, each further state its
+    integral. A numerator shorter than the denominator passes nothing at the same instant.
+    """
+
+    source = "Åström and Murray, Feedback Systems, section 7.2 (reachable canonical form)"
+    symbol = "b(s)/a(s)"
+
+    num: tuple[float, ...] = parameter(default=(1.0,), about="numerator")
+    den: tuple[float, ...] = parameter(default=(0.05, 1.0), about="denominator; its length sets the order")
+    x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+
+    u = Input("any signal", unit="?u")
+    y = Output("filtered signal", unit="?y")
+
+    def check(self) -> None:
+        for name in ("num", "den"):
+            if any(isinstance(number, tuple) for number in getattr(self, name)):
+                raise ParameterError(
+                    f"TransferFunction.{name} must be one list of numbers, such as [1, 0.5]."
+                )
+        if not self.den or self.den[0] == 0:
+            raise ParameterError(
+                f"TransferFunction.den must begin with a number other than 0, got {in_words(self.den)}."
+            )
+        if not 1 <= len(self.num) <= len(self.den):
+            raise ParameterError(
+                "TransferFunction must be proper: 1 <= len(num) <= len(den), "
+                f"got {len(self.num)} and {len(self.den)}."
+            )
+        _check_starts("TransferFunction", self.x0, len(self.den) - 1)
+
+    @property
+    def states(self) -> dict[str, State]:
+        return _starts(self.x0, len(self.den) - 1, "canonical state")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        newest, _ = _section(self.num, self.den, x, u.u)
+        return dict(zip(x._fields, (newest, *x), strict=False))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=_section(self.num, self.den, x, u.u)[1])
+
+
+def _quadratic(pair: Any) -> tuple[Any, ...]:
+    """Coefficients of (s - z)(s - z*) for z = re + j im."""
+    re, im = pair
+    return (1.0, -2 * re, re * re + im * im)
+
+
+def _linear(roots: list[Any]) -> tuple[Any, ...]:
+    """Coefficients of the product of (s - z) over at most two real roots."""
+    if len(roots) == 2:
+        return (1.0, -(roots[0] + roots[1]), roots[0] * roots[1])
+    return (1.0, *(-z for z in roots))
+
+
+@block
+class ZeroPoleGain(Block):
+    r"""Linear block given by its zeros, poles and gain.
+
+    .. math::
+
+        \frac{Y(s)}{U(s)} = k\, \frac{\prod (s - z_i) \prod \left((s - a_j)^2 + b_j^2\right)}
+        {\prod (s - p_i) \prod \left((s - c_j)^2 + d_j^2\right)}
+
+    A conjugate pair is written as a row (real part, imaginary part). The block is a chain of
+    sections of first and second order, so that no polynomial is ever multiplied out.
+    """
+
+    source = "Åström and Murray, Feedback Systems, section 9.2 (zeros and poles)"
+    symbol = "zpk"
+
+    zeros: tuple[float, ...] = parameter(default=(-10.0,), about="real zeros", unit="rad/s")
+    poles: tuple[float, ...] = parameter(default=(-20.0,), about="real poles", unit="rad/s")
+    zero_pairs: Rows = parameter(
+        default=(), about="conjugate zeros, as rows of real and imaginary part", unit="rad/s"
+    )
+    pole_pairs: Rows = parameter(
+        default=((-3.0, 4.0),), about="conjugate poles, as rows of real and imaginary part", unit="rad/s"
+    )
+    gain: float = parameter(default=50.0, about="factor in front of the fraction")
+    x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+
+    u = Input("any signal", unit="?u")
+    y = Output("filtered signal", unit="?y")
+
+    def check(self) -> None:
+        for name in ("zero_pairs", "pole_pairs"):
+            for k, row in enumerate(getattr(self, name)):
+                if not isinstance(row, tuple) or len(row) != 2:
+                    raise ParameterError(
+                        f"ZeroPoleGain.{name}[{k}] must be a real and an imaginary part, got {in_words(row)}."
+                    )
+        above = len(self.zeros) + 2 * len(self.zero_pairs)
+        if above > self._order():
+            raise ParameterError(
+                "ZeroPoleGain must be proper: no more zeros than poles, "
+                f"got {above} zeros and {self._order()} poles."
+            )
+        _check_starts("ZeroPoleGain", self.x0, self._order())
+
+    def _order(self) -> int:
+        return len(self.poles) + 2 * len(self.pole_pairs)
+
+    @property
+    def states(self) -> dict[str, State]:
+        return _starts(self.x0, self._order(), "state of the chain,")
+
+    def _sections(self) -> list[tuple[Any, Any]]:
+        """Numerator and denominator of each section; real poles pair up where a pair of zeros needs it."""
+        over, real = [_quadratic(pair) for pair in self.zero_pairs], list(self.zeros)
+        under, single = [_quadratic(pair) for pair in self.pole_pairs], list(self.poles)
+        while len(under) < len(over):
+            under.append(_linear([single.pop(), single.pop()]))
+        sections = []
+        for num, den in zip_longest(over, [*under, *(_linear([p]) for p in single)]):
+            taken, real = ([], real) if num else (real[: len(den) - 1], real[len(den) - 1 :])
+            sections.append((num or _linear(taken), den))
+        return sections
+
+    def _chain(self, x: Any, u: Any) -> tuple[list[Any], Any]:
+        """Rates of the states and the output."""
+        rates, signal, left = [], self.gain * u.u, list(x)
+        for num, den in self._sections():
+            own, left = left[: len(den) - 1], left[len(den) - 1 :]
+            newest, signal = _section(num, den, own, signal)
+            rates += [newest, *own[:-1]]
+        return rates, signal
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(zip(x._fields, self._chain(x, u)[0], strict=True))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self._chain(x, u)[1])
+
+
+def _dot(row: Any, values: Any) -> Any:
+    return sum(a * b for a, b in zip(row, values, strict=True))
+
+
+def _numbered(letter: str, n: int) -> list[str]:
+    return [letter] if n == 1 else [f"{letter}{k}" for k in range(1, n + 1)]
+
+
+@block
+class StateSpace(Block):
+    r"""Linear block given by its matrices, with any number of inputs and outputs.
+
+    .. math:: \dot x = A x + B u, \qquad y = C x + D u
+
+    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more. Without D
+    no input reaches an output at the same instant. The default is an oscillator of 10 rad/s.
+    """
+
+    source = "Åström and Murray, Feedback Systems, section 3.2"
+    symbol = "A,B,C,D"
+
+    A: Rows = parameter(default=((0.0, 1.0), (-100.0, -2.0)), about="state matrix, as rows")
+    B: Rows = parameter(default=((0.0,), (100.0,)), about="input matrix, as rows")
+    C: Rows = parameter(default=((1.0, 0.0),), about="output matrix, as rows")
+    D: Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
+    x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+
+    def _shape(self) -> tuple[int, int, int]:
+        """Numbers of states, inputs and outputs."""
+        return len(self.A), len((*self.B, *self.D, ())[0]), len(self.C or self.D)
+
+    def check(self) -> None:
+        for name in "ABCD":
+            if not all(isinstance(row, tuple) for row in getattr(self, name)):
+                raise ParameterError(f"StateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]].")
+        n, inputs, outputs = self._shape()
+        if not inputs or not outputs:
+            raise ParameterError(
+                "StateSpace needs at least one input (columns of B) and one output (rows of C)."
+            )
+        for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
+            matrix = getattr(self, name)
+            if not matrix and (not n or name == "D"):
+                continue
+            if len(matrix) != rows or any(len(row) != columns for row in matrix):
+                lengths = ", ".join(str(len(row)) for row in matrix) or "none"
+                raise ParameterError(
+                    f"StateSpace.{name} must have {rows} rows of {columns}, as the other matrices have it, "
+                    f"got rows of length {lengths}."
+                )
+        _check_starts("StateSpace", self.x0, n)
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        return {name: Input("any signal") for name in _numbered("u", self._shape()[1])}
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return {name: Output("combination of states and inputs") for name in _numbered("y", self._shape()[2])}
+
+    @property
+    def states(self) -> dict[str, State]:
+        return _starts(self.x0, len(self.A), "state")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        rates = (_dot(a, x) + _dot(b, u) for a, b in zip(self.A, self.B, strict=True))
+        return dict(zip(x._fields, rates, strict=True))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        _, _, n = self._shape()
+        kept = [_dot(c, x) for c in self.C if c] or [0.0] * n
+        direct = [_dot(d, u) for d in self.D] or [0.0] * n
+        return dict(zip(_numbered("y", n), (c + d for c, d in zip(kept, direct, strict=True)), strict=True))
+
+
+# ---- systems of python-control ----------------------------------------------------------------
+
+
+def from_control(system: Any) -> Block:
+    """The block for a linear system of python-control: transfer function, zpk or state space.
+
+    A system with a sample time (``dt`` > 0) becomes a sampled block with that period. Raises
+    BlockError for anything else, for ``dt=True``, and for a transfer function that is not proper.
+    """
+    import control
+
+    if not isinstance(system, (control.TransferFunction, control.StateSpace)):
+        raise BlockError(
+            "from_control takes a TransferFunction or StateSpace of python-control, "
+            f"got {type(system).__name__}."
+        )
+    if system.dt is True:
+        raise BlockError(
+            "from_control needs the sample time, but this system has dt=True (sampled, period unknown). "
+            "Build it with its period in s, such as control.tf(num, den, 0.01)."
+        )
+    period = float(system.dt or 0.0)
+    if isinstance(system, control.TransferFunction):
+        return _from_fraction(system, period)
+    return _from_matrices(system, period)
+
+
+def _from_fraction(system: Any, period: float) -> Block:
+    from tsmblocks.blocks.discrete import DiscreteTransferFunction
+
+    if (system.ninputs, system.noutputs) != (1, 1):
+        raise BlockError(
+            f"from_control takes a transfer function with one input and one output, got {system.ninputs} "
+            f"and {system.noutputs}. Give it as a state space, such as control.ss(system)."
+        )
+    num, den = (_trimmed(part[0][0]) for part in (system.num, system.den))
+    if len(num) > len(den):
+        raise BlockError(
+            f"from_control needs a proper transfer function, got a numerator of degree {len(num) - 1} over a "
+            f"denominator of degree {len(den) - 1}. Add a fast pole."
+        )
+    return (
+        DiscreteTransferFunction(num=num, den=den, period=period)
+        if period
+        else TransferFunction(num=num, den=den)
+    )
+
+
+def _trimmed(coefficients: Any) -> tuple[float, ...]:
+    """Coefficients without leading zeros, which would pass for a direct path."""
+    numbers = [float(c) for c in coefficients]
+    while len(numbers) > 1 and numbers[0] == 0:
+        del numbers[0]
+    return tuple(numbers)
+
+
+def _from_matrices(system: Any, period: float) -> Block:
+    from tsmblocks.blocks.discrete import DiscreteStateSpace
+
+    a, b, c, d = (tuple(map(tuple, matrix.tolist())) for matrix in (system.A, system.B, system.C, system.D))
+    if not system.D.any() and a:
+        d = ()
+    if period:
+        return DiscreteStateSpace(A=a, B=b, C=c, D=d, period=period)
+    return StateSpace(A=a, B=b, C=c, D=d)

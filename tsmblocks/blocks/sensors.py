@@ -1,0 +1,80 @@
+"""Blocks between a quantity and what is measured of it: encoder, noise, bias."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.block import Block, Input, Output, Samples, Tape, block, option, parameter
+from tsmblocks.blocks.sources import white_noise
+
+
+@block
+class Encoder(Block):
+    r"""Angle as an encoder gives it, in whole counts.
+
+    .. math:: y = q \left\lfloor \frac{u}{q} + r \right\rfloor, \qquad q = \frac{2 \pi}{N}
+
+    with :math:`r = \tfrac12` for rounding to the nearest count and 0 for counting completed ones.
+    Reading all four edges of a pulse gives four counts for each.
+    """
+
+    source = "Paper, section 2: encoders of 3600 pulses per revolution"
+    symbol = "encoder"
+
+    counts: float = parameter(default=3600.0, about="counts per revolution", unit="1/rev", above=0.0)
+    rounding: str = option(default="nearest", about="which count is given", choices=("nearest", "down"))
+
+    u = Input("true angle", unit="rad")
+    y = Output("measured angle", unit="rad")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        interval = 2 * math.pi / self.counts
+        shift = 0.5 if self.rounding == "nearest" else 0.0
+        return dict(y=interval * ca.floor(u.u / interval + shift))
+
+
+@block
+class SensorNoise(Block):
+    r"""Normal noise added to a signal; the same seed gives the same noise.
+
+    .. math:: y = u + \sigma w_k, \qquad w_k \sim N(0, 1), \quad k = \lfloor t / T \rfloor
+    """
+
+    source = "definition"
+    symbol = "+ noise"
+
+    std: float = parameter(default=0.001, about="standard deviation", unit="?u", at_least=0.0)
+    seed: int = option(default=0, about="seed; blocks with the same seed give the same noise", at_least=0)
+    interval: float = option(default=0.001, about="time for which each number is held", unit="s", above=0.0)
+
+    u = Input("true value", unit="?u")
+    w = Tape("white noise of unit spread")
+    y = Output("measured value", unit="?u")
+
+    def tapes(self, start: float, stop: float) -> dict[str, Samples]:
+        return dict(w=white_noise(self.seed, self.interval, start, stop))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.std * u.w)
+
+
+@block
+class Bias(Block):
+    r"""A constant error of a sensor.
+
+    .. math:: y = u + b
+    """
+
+    source = "definition"
+    symbol = "+ b"
+
+    bias: float = parameter(default=0.0, about="added to the signal", unit="?u")
+
+    u = Input("true value", unit="?u")
+    y = Output("measured value", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.bias)

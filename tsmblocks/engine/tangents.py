@@ -1,0 +1,94 @@
+"""Exact derivatives of a run with respect to parameters: one seed direction per SIMD lane.
+
+CasADi differentiates the equations, the emitter puts the directions side by side. Since a
+Runge-Kutta step commutes with linearisation, the result is the exact derivative of the discrete
+solution, not an approximation of the continuous one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.engine.kernels import Kernel, Memory
+from tsmblocks.engine.methods import Method
+from tsmblocks.engine.plan import Plan
+from tsmblocks.engine.session import check_delays, spread
+from tsmblocks.equations import Equations
+
+
+def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
+    """A plan that carries each state and each logged signal together with its derivatives."""
+    f, n = eq.rhs, len(eq.y)
+    t, x, d, u, q, p = f.sx_in()
+    xs, ds, qs, ps = (ca.SX.sym(f"d{k}", v.shape[0]) for k, v in zip("xdqp", (x, d, q, p), strict=True))
+    q_seed = _delayed_seed(eq, q, qs, p, ps)
+    values = f.call([t, x, d, u, q, p])
+    moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, q_seed, ps)
+    tangents = [ca.jtimes(v, moving, along) for v in values]
+    inputs = [t, ca.vertcat(x, xs), ca.vertcat(d, ds), u, ca.vertcat(q, qs), ca.vertcat(p, ps)]
+    labels = ["t", "x", "d", "u", "q", "p"]
+    rhs = ca.Function("rhs", inputs, [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)],
+                      labels, ["dx", "y", "s"])  # fmt: skip
+    update = None
+    if eq.update is not None:
+        hit = ca.SX.sym("hit", len(eq.periods))
+        new = eq.update.call([t, x, d, u, q, p, hit])
+        pair = [ca.vertcat(v, ca.jtimes(v, moving, along)) for v in new]
+        update = ca.Function("update", [*inputs, hit], pair, [*labels, "hit"], ["d_next", "x_next"])
+    tau = eq.lag.call([p])[0]
+    lag = ca.Function("lag", [ca.vertcat(p, ps)], [ca.vertcat(tau, tau)], ["p"], ["tau"])
+
+    def both(count: int) -> tuple[bool, ...]:
+        return (False,) * count + (True,) * count
+
+    return Plan(rhs=rhs, update=update, lag=lag, method=method, y=(*y, *(n + k for k in y)), groups=len(eq.periods),
+                every_step=eq.every_step, lanes=lanes, wide_x=both(len(eq.x)), wide_d=both(len(eq.d)),
+                wide_p=both(len(eq.p)), wide_s=both(len(eq.q)), inputs=len(eq.u))  # fmt: skip
+
+
+def _delayed_seed(eq: Equations, q: Any, qs: Any, p: Any, ps: Any) -> Any:
+    """Derivative of a delayed value: that of its past, less slope times that of the delay."""
+    if not eq.q:
+        return qs
+    tau_seed = ca.jtimes(eq.lag.call([p])[0], p, ps)
+    parts = []
+    for k in range(len(eq.q)):
+        parts += [qs[2 * k] - q[2 * k + 1] * tau_seed[k], qs[2 * k + 1]]
+    return ca.vertcat(*parts)
+
+
+def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
+    """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
+    lanes = kernel.plan.lanes
+    start = [np.asarray(v).ravel() for v in eq.start(p)]
+    symbols = eq.start.sx_in()[0]
+    slopes = [np.asarray(ca.Function("slope", [symbols], [ca.jacobian(v, symbols)])(p)).reshape(len(s), len(p))
+              for v, s in zip(eq.start.call([symbols]), start, strict=True)]  # fmt: skip
+    (x, d, s), (dx, dd, dsd) = start, [j @ seeds for j in slopes]
+    tau = check_delays(eq, p, h)
+    capacity = 1 << int(max(tau, default=0) + 8).bit_length()
+    ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in dsd]
+    wide = lambda a, b: [*(np.full(lanes, v) for v in a), *b]  # noqa: E731 - one line says it
+    return Memory(spread(_pick(wide(x, dx), kernel.layout_x.wide), kernel.layout_x),
+                  spread(_pick(wide(d, dd), kernel.layout_d.wide), kernel.layout_d),
+                  spread(_pick(wide(p, seeds), kernel.layout_p.wide), kernel.layout_p),
+                  np.concatenate(ring) if ring else np.empty(0), capacity - 1)  # fmt: skip
+
+
+def _pick(rows: list[np.ndarray], wide: tuple[bool, ...]) -> Any:
+    return [row if w else row[0] for row, w in zip(rows, wide, strict=True)]
+
+
+@attrs.frozen(eq=False)
+class Sensitivities:
+    """Signals and their derivatives: ``y`` of shape (N, signals), ``jacobian`` of shape (N, signals, parameters)."""
+
+    t: np.ndarray
+    y: np.ndarray
+    jacobian: np.ndarray
+    signals: tuple[str, ...]
+    parameters: tuple[str, ...]
