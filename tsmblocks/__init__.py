@@ -1,0 +1,96 @@
+"""Block diagrams for mechanisms with friction, backlash and hysteresis: model, control, diagnose.
+
+Reading order for the whole idea: ``block``, ``blocks/limits``, ``diagram``, ``compile``, ``simulate``.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Batch": "batch",
+    "Block": "block",
+    "Diagram": "diagram",
+    "Inlet": "diagram",
+    "Input": "block",
+    "Output": "block",
+    "Past": "block",
+    "Run": "run",
+    "Samples": "block",
+    "State": "block",
+    "Stepper": "simulate",
+    "Tape": "block",
+    "TsmError": "errors",
+    "block": "block",
+    "dumps": "files",
+    "equations": "simulate",
+    "from_control": "blocks.lti",
+    "function_block": "blocks.function",
+    "load": "files",
+    "loads": "files",
+    "option": "block",
+    "parameter": "block",
+    "save": "files",
+    "sensitivities": "batch",
+    "signals": "block",
+    "simulate": "simulate",
+    "simulate_batch": "batch",
+    "state": "block",
+    "to_mermaid": "draw",
+    "to_png": "draw",
+    "to_svg": "draw",
+}
+"""Where each public name lives; modules are imported when a name is first used."""
+
+__all__ = sorted([*_HOME, "blocks", "errors"])
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("blocks", "errors"):
+        return import_module(f"tsmblocks.{name}")
+    if name in _HOME:
+        return getattr(import_module(f"tsmblocks.{_HOME[name]}"), name)
+    from tsmblocks.errors import near
+
+    raise AttributeError(f"tsmblocks has no '{name}'.{near(name, __all__)}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
+
+
+if TYPE_CHECKING:
+    from tsmblocks import blocks as blocks
+    from tsmblocks import errors as errors
+    from tsmblocks.batch import Batch as Batch
+    from tsmblocks.batch import sensitivities as sensitivities
+    from tsmblocks.batch import simulate_batch as simulate_batch
+    from tsmblocks.block import Block as Block
+    from tsmblocks.block import Input as Input
+    from tsmblocks.block import Output as Output
+    from tsmblocks.block import Past as Past
+    from tsmblocks.block import Samples as Samples
+    from tsmblocks.block import State as State
+    from tsmblocks.block import Tape as Tape
+    from tsmblocks.block import block as block
+    from tsmblocks.block import option as option
+    from tsmblocks.block import parameter as parameter
+    from tsmblocks.block import signals as signals
+    from tsmblocks.block import state as state
+    from tsmblocks.blocks.function import function_block as function_block
+    from tsmblocks.blocks.lti import from_control as from_control
+    from tsmblocks.diagram import Diagram as Diagram
+    from tsmblocks.diagram import Inlet as Inlet
+    from tsmblocks.draw import to_mermaid as to_mermaid
+    from tsmblocks.draw import to_png as to_png
+    from tsmblocks.draw import to_svg as to_svg
+    from tsmblocks.errors import TsmError as TsmError
+    from tsmblocks.files import dumps as dumps
+    from tsmblocks.files import load as load
+    from tsmblocks.files import loads as loads
+    from tsmblocks.files import save as save
+    from tsmblocks.run import Run as Run
+    from tsmblocks.simulate import Stepper as Stepper
+    from tsmblocks.simulate import equations as equations
+    from tsmblocks.simulate import simulate as simulate

@@ -113,7 +113,7 @@ class Field:
     def allows(self, value: float) -> bool:
         """Whether one number lies within the bounds (NaN never does)."""
         if math.isinf(value):
-            return not self.finite and (value < 0) == (self.low == -math.inf)
+            return not self.finite and value == (self.low if value < 0 else self.high)
         return self.above < value < self.below and self.at_least <= value <= self.at_most
 
     def bounds(self) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 End = tuple[str, str]
 SHARED = re.compile(r"\?(\w+?)((?:[*/].*)?)")
 """A unit that a block's ports share: a letter, times a known unit."""
+ONE = units.Unit(1.0, ())
 
 
 def located(text: str, place: str) -> str:
@@ -136,10 +137,15 @@ class _Units:
         self.label: dict[Any, tuple[str, str]] = {}  # root -> (unit label, the port it came from)
 
     def find(self, node: Any) -> tuple[Any, units.Unit]:
-        ratio = units.Unit(1.0, ())
+        """The root of a node and unit(node)/unit(root); the way there is shortened for the next call."""
+        way = []
         while node in self.parent:
-            node, step = self.parent[node]
-            ratio = _times(ratio, step)
+            way.append(node)
+            node = self.parent[node][0]
+        ratio = ONE
+        for passed in reversed(way):
+            ratio = _times(self.parent[passed][1], ratio)
+            self.parent[passed] = (node, ratio)
         return node, ratio
 
     def join(self, a: Any, b: Any, ratio: units.Unit) -> units.Unit | None:
@@ -151,13 +157,15 @@ class _Units:
             return None if agrees else known
         step = _times(_times(ratio, fb), fa, -1)
         if ra == "SI":  # pure numbers stay a root, so that a unit is read off directly
-            self.parent[rb] = (ra, _times(units.Unit(1.0, ()), step, -1))
+            self.parent[rb] = (ra, _times(ONE, step, -1))
         else:
             self.parent[ra] = (rb, step)
         return None
 
 
 def _times(a: units.Unit, b: units.Unit, power: int = 1) -> units.Unit:
+    if b == ONE:
+        return a
     total = dict(a.dimension)
     for key, n in b.dimension:
         total[key] = total.get(key, 0) + power * n
@@ -198,9 +206,8 @@ def unit_faults(
             labels["", name] = unit
     wires = [(link.source, link.target, str(link), link.place) for link in links]
     wires += [(("", n), end, f"input {n} -> {'.'.join(end)}", "") for n, ends in inlets.items() for end in ends]
-    one = units.Unit(1.0, ())
     for source, target, text, place in wires:
-        if known.join(source, target, one) is not None:
+        if known.join(source, target, ONE) is not None:
             a, b = (_label(known, labels, end) for end in (source, target))
             faults.append(located(
                 f"{text} joins {a} to {b}. Put a Convert block between them, or correct the unit of one port.",

@@ -46,8 +46,8 @@ class Bench:
         self.rate = ca.Function("rate", args, [self.rate_of])
         self.fresh = ca.Function("fresh", args, [self.fresh_of])
         self.y = ca.Function("y", args, [self.y_of])
-        self.everything = ca.Function("everything", args, [ca.vertcat(self.rate_of, self.fresh_of, self.y_of)])
         everything = ca.vertcat(self.rate_of, self.fresh_of, self.y_of)
+        self.everything = ca.Function("everything", args, [everything])
         slots = ca.vertcat(self.x, self.u, *self.p)
         self.slopes = ca.Function("slopes", args, [ca.jacobian(everything, slots)])
         self.uses = dict(zip(map(str, self.p), ca.which_depends(everything, ca.vertcat(*self.p), 1, False),
@@ -73,7 +73,9 @@ def simulate(
     new = m + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     advance = ca.Function("advance", [t, x, u, p], [new, bench.y(t, x, u[:, 0], p)])
     grid = np.arange(round(stop / step) + 1) * step
-    read = {k: np.array([[f(s) for s in (a, a + step / 2, a + step)] for a in grid]) for k, f in inputs.items()}
+    read = {
+        k: np.array([[f(s) for s in (a, a + step / 2, a + step)] for a in grid]) for k, f in inputs.items()
+    }
     assert set(read) == set(bench.reads)
     now, numbers = bench.x0, np.array(bench.p0)
     xs, ys = [], []

@@ -114,6 +114,12 @@ def test_state_space_is_scipys_with_several_ports():
     assert np.column_stack([y["y1"], y["y2"]]) == pytest.approx(expected, abs=1e-12)
 
 
+def test_state_space_without_states_is_a_matrix():
+    y = sample(DiscreteStateSpace(A=[], B=[], C=[], D=[[2.0], [-1.0]]), u=U)
+    assert np.array_equal(y["y1"], 2.0 * U)
+    assert np.array_equal(y["y2"], -U)
+
+
 def test_state_space_with_one_port_each_is_python_controls():
     y = sample(DiscreteStateSpace(A=[[0.5, 0.2], [-0.1, 0.7]], B=[[1.0], [0.2]], C=[[1.0, 2.0]]), u=U)["y"]
     system = control.ss([[0.5, 0.2], [-0.1, 0.7]], [[1.0], [0.2]], [[1.0, 2.0]], 0, 0.01)
@@ -188,14 +194,21 @@ def test_pid_gives_way_at_its_limit():
             dict(A=(0.9,)),
         ),
         (
-            "DiscreteStateSpace.B must have 2 rows of 1 (as the other matrices have it), got 1x1.",
+            "DiscreteStateSpace.B must have 2 rows of 1, as the other matrices have it, "
+            "got rows of length 1.",
             DiscreteStateSpace,
             dict(A=[[0.9, 0.0], [0.0, 0.9]], C=[[1.0, 0.0]]),
         ),
         (
-            "DiscreteStateSpace.D must have 1 rows of 1 (as the other matrices have it), got 1x2.",
+            "DiscreteStateSpace.D must have 1 rows of 1, as the other matrices have it, "
+            "got rows of length 2.",
             DiscreteStateSpace,
             dict(D=[[0.0, 1.0]]),
+        ),
+        (
+            "DiscreteStateSpace needs at least one input (columns of B) and one output (rows of C).",
+            DiscreteStateSpace,
+            dict(A=[], B=[], C=[], D=[]),
         ),
         (
             "DiscreteStateSpace.x0 needs one number per state (1) or none, got 3.",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.blocks.helpers import assert_sound, rates, refuses, simulate, value
 
+from tests.blocks.helpers import assert_sound, rates, refuses, simulate, value
 from tsmblocks.blocks.hysteresis import (
     AsymmetricBoucWen,
     BoucWen,
@@ -43,7 +43,12 @@ def test_bouc_wen_with_the_smallest_exponent_has_finite_slopes():
 
 @pytest.mark.parametrize(
     ("block", "degrees"),
-    [(AsymmetricBoucWen(), 28.67), (GeneralizedBoucWen(), 27.01), (BoucWen(), 26.47), (BoucWen(gamma=2.272), 64.97)],
+    [
+        (AsymmetricBoucWen(), 28.67),
+        (GeneralizedBoucWen(), 27.01),
+        (BoucWen(), 26.47),
+        (BoucWen(gamma=2.272), 64.97),
+    ],
     ids=["asymmetric", "generalized", "symmetric", "symmetric, gamma as printed"],
 )
 def test_loss_at_the_papers_sine(block, degrees):
@@ -177,8 +182,12 @@ def test_tao_backlash_with_equal_sides_is_play():
 def test_prandtl_ishlinskii_is_a_sum_of_plays():
     radii, weights, starts = (0.1, 0.3, 0.5), (0.5, -0.2, 0.4), (0.05, 0.0, -0.2)
     inputs = {"u": lambda t: np.sin(t) + 0.4 * np.sin(2.7 * t)}
-    whole = simulate(PrandtlIshlinskii(radii=radii, weights=weights, weight0=0.3, x0=starts), inputs, 20.0, 1e-2)
-    parts = [simulate(Play(half_width=r, m=m), inputs, 20.0, 1e-2)["y"] for r, m in zip(radii, starts, strict=True)]
+    whole = simulate(
+        PrandtlIshlinskii(radii=radii, weights=weights, weight0=0.3, x0=starts), inputs, 20.0, 1e-2
+    )
+    parts = [
+        simulate(Play(half_width=r, m=m), inputs, 20.0, 1e-2)["y"] for r, m in zip(radii, starts, strict=True)
+    ]
     u = np.array([inputs["u"](t) for t in whole["t"]])
     assert np.abs(whole["y"] - 0.3 * u - np.dot(weights, parts)).max() < 1e-14
 
@@ -220,8 +229,16 @@ def test_rate_of_displacement_may_be_left_open():
             DahlHysteresis,
             dict(half_width=0),
         ),
-        ("TaoBacklash.c2 must lie in (0, inf), got -1. It is: slope of the line followed downwards.", TaoBacklash, dict(c2=-1)),
-        ("Play.half_width must lie in [0, inf), got -0.1. It is: half of the slack [?u].", Play, dict(half_width=-0.1)),
+        (
+            "TaoBacklash.c2 must lie in (0, inf), got -1. It is: slope of the line followed downwards.",
+            TaoBacklash,
+            dict(c2=-1),
+        ),
+        (
+            "Play.half_width must lie in [0, inf), got -0.1. It is: half of the slack [?u].",
+            Play,
+            dict(half_width=-0.1),
+        ),
         (
             "PrandtlIshlinskii needs as many weights as radii, got 1 and 2.",
             PrandtlIshlinskii,
@@ -233,11 +250,12 @@ def test_rate_of_displacement_may_be_left_open():
             dict(x0=(0.0, 0.0)),
         ),
         (
-            "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. It is: half of the slack of each play [?u].",
+            "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. "
+            "It is: half of the slack of each play [?u].",
             PrandtlIshlinskii,
             dict(radii=(0.1, -0.2), weights=(1.0, 1.0)),
         ),
     ],
-)  # fmt: skip
+)
 def test_bad_values(message, cls, values):
     refuses(message, cls, **values)

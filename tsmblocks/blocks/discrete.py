@@ -15,7 +15,7 @@ from tsmblocks.errors import ParameterError
 
 
 def _period() -> Any:
-    """The option every sampled block has."""
+    """Declare the option that every sampled block has."""
     return option(default=0.01, about="time between samples", unit="s", above=0.0)
 
 
@@ -157,38 +157,40 @@ class DiscreteStateSpace(Block):
     )
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
 
+    def _shape(self) -> tuple[int, int, int]:
+        """Numbers of states, inputs and outputs."""
+        return len(self.A), len((*self.B, *self.D, ())[0]), len(self.C or self.D)
+
     def check(self) -> None:
         for name in "ABCD":
             if not all(isinstance(row, tuple) for row in getattr(self, name)):
                 raise ParameterError(
                     f"DiscreteStateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]]."
                 )
-        n = len(self.A)
-        inputs = len(self.B[0]) if self.B else 0
-        outputs = len(self.C)
+        n, inputs, outputs = self._shape()
+        if not inputs or not outputs:
+            raise ParameterError(
+                "DiscreteStateSpace needs at least one input (columns of B) and one output (rows of C)."
+            )
         for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
             matrix = getattr(self, name)
-            if name == "D" and not matrix:
+            if not matrix and (not n or name == "D"):
                 continue
-            if not rows or not columns or len(matrix) != rows or any(len(row) != columns for row in matrix):
-                shape = "x".join(map(str, (len(matrix), max((len(row) for row in matrix), default=0))))
+            if len(matrix) != rows or any(len(row) != columns for row in matrix):
+                lengths = ", ".join(str(len(row)) for row in matrix) or "none"
                 raise ParameterError(
-                    f"DiscreteStateSpace.{name} must have {rows} rows of {columns} "
-                    f"(as the other matrices have it), got {shape}."
+                    f"DiscreteStateSpace.{name} must have {rows} rows of {columns}, as the other matrices "
+                    f"have it, got rows of length {lengths}."
                 )
         _check_starts("DiscreteStateSpace", self.x0, n)
 
     @property
     def inports(self) -> dict[str, Input]:
-        n = len(self.B[0])
-        names = ["u"] if n == 1 else [f"u{k}" for k in range(1, n + 1)]
-        return {name: Input("any signal") for name in names}
+        return {name: Input("any signal") for name in _numbered("u", self._shape()[1])}
 
     @property
     def outports(self) -> dict[str, Output]:
-        n = len(self.C)
-        names = ["y"] if n == 1 else [f"y{k}" for k in range(1, n + 1)]
-        return {name: Output("combination of states and inputs") for name in names}
+        return {name: Output("combination of states and inputs") for name in _numbered("y", self._shape()[2])}
 
     @property
     def states(self) -> dict[str, State]:
@@ -200,12 +202,19 @@ class DiscreteStateSpace(Block):
         return dict(zip(x._fields, new, strict=True))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        direct = [_dot(row, u) for row in self.D] or [0.0] * len(self.C)
-        values = (_dot(row, x) + through for row, through in zip(self.C, direct, strict=True))
-        return dict(zip(self.outports, values, strict=True))
+        n = self._shape()[2]
+        kept = [_dot(row, x) for row in self.C if row] or [0.0] * n
+        direct = [_dot(row, u) for row in self.D] or [0.0] * n
+        return dict(zip(_numbered("y", n), (a + b for a, b in zip(kept, direct, strict=True)), strict=True))
+
+
+def _numbered(letter: str, n: int) -> list[str]:
+    """Return ``u`` for one port, ``u1``, ``u2``, … for more."""
+    return [letter] if n == 1 else [f"{letter}{k}" for k in range(1, n + 1)]
 
 
 def _dot(row: tuple[Any, ...], column: Any) -> Any:
+    """Row times column."""
     return sum(a * b for a, b in zip(row, column, strict=True))
 
 

@@ -291,11 +291,9 @@ def _from_fraction(system: Any, period: float) -> Block:
             f"from_control needs a proper transfer function, got a numerator of degree {len(num) - 1} over a "
             f"denominator of degree {len(den) - 1}. Add a fast pole."
         )
-    return (
-        DiscreteTransferFunction(num=num, den=den, period=period)
-        if period
-        else TransferFunction(num=num, den=den)
-    )
+    if period:
+        return DiscreteTransferFunction(num=num, den=den, period=period)
+    return TransferFunction(num=num, den=den)
 
 
 def _trimmed(coefficients: Any) -> tuple[float, ...]:

@@ -265,7 +265,7 @@ class Random(Block):
 class Triangle(Block):
     r"""Straight up and straight down at the same speed, rising from zero at time zero.
 
-    .. math:: y = a \left(1 - 4 \left| p - \lfloor p \rfloor - \tfrac12 \right|\right), \quad p = f t + \tfrac14
+    .. math:: y = a (1 - 4 | p - \lfloor p \rfloor - \tfrac12 |), \qquad p = f t + \tfrac14
     """
 
     source = "definition"

@@ -1,0 +1,147 @@
+"""Limits against numpy and sample-by-sample references."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.blocks.helpers import assert_sound, refuses, simulate, value
+from tsmblocks.block import signals
+from tsmblocks.blocks.limits import DeadZone, LookupTable, Quantiser, RateLimit, Relay, Saturation
+
+NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        DeadZone(),
+        LookupTable(),
+        LookupTable(outside="extend"),
+        LookupTable(points=(0, 1), values=(0, 1), outside="extend"),
+        Quantiser(),
+        RateLimit(),
+        RateLimit(start="last"),
+        Relay(),
+        Saturation(),
+    ],
+    ids=lambda block: type(block).__name__,
+)
+def test_sound(block):
+    assert_sound(block)
+
+
+def test_dead_zone():
+    for u in NUMBERS:
+        expected = u - 0.7 if u > 0.7 else u + 0.4 if u < -0.4 else 0.0
+        assert value(DeadZone(low=-0.4, high=0.7), u=u)["y"] == pytest.approx(expected, abs=1e-15)
+        assert value(DeadZone(low=0.0, high=0.0), u=u)["y"] == u
+
+
+def test_saturation():
+    for u in NUMBERS:
+        assert value(Saturation(low=-1.0, high=2.0), u=u)["y"] == np.clip(u, -1.0, 2.0)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-np.inf, 2.0), (-1.0, np.inf), (-np.inf, np.inf)])
+def test_saturation_on_one_side_or_none(low, high):
+    for u in NUMBERS:
+        assert value(Saturation(low=low, high=high), u=u)["y"] == np.clip(u, low, high)
+
+
+def test_quantiser():
+    for u in NUMBERS:
+        y = value(Quantiser(interval=0.25), u=u)["y"]
+        assert abs(y - u) <= 0.125
+        assert y / 0.25 == round(y / 0.25)
+
+
+def test_rate_limit_follows_the_recursion_on_the_grid():
+    def wanted(t):
+        return np.sign(np.sin(3 * t + 0.1)) + 0.2 * t
+
+    run = simulate(RateLimit(rising=2.0, falling=-5.0), {"u": wanted}, stop=4.0, step=0.01)
+    expected = [wanted(0.0)]
+    for t in run["t"][1:]:
+        expected.append(float(np.clip(wanted(t), expected[-1] - 0.05, expected[-1] + 0.02)))
+    assert run["y"] == pytest.approx(expected, abs=1e-12)
+
+
+def test_rate_limit_lets_a_slow_signal_pass():
+    run = simulate(RateLimit(rising=3.0, falling=-3.0), {"u": np.sin}, stop=4.0, step=0.01)
+    assert run["y"] == pytest.approx(np.sin(run["t"]), abs=1e-12)
+
+
+def test_rate_limit_may_set_out_from_its_state():
+    block = RateLimit(rising=2.0, falling=-1.0, start="last", last=0.5)
+    run = simulate(block, {"u": lambda _: 1.5}, stop=1.0, step=0.1)
+    assert run["y"] == pytest.approx(np.minimum(0.5 + 2 * run["t"], 1.5), abs=1e-12)
+
+
+def test_rate_limit_holds_within_the_step():
+    block = RateLimit(rising=2.0, falling=-1.0)
+    x = signals(["last", "time"], [1.0, 10.0])
+    for dt in (0.0, 0.005, 0.01):
+        assert float(block.outputs(10 + dt, x, signals(["u"], [99.0]))["y"]) == pytest.approx(1 + 2 * dt)
+        assert float(block.outputs(10 + dt, x, signals(["u"], [-99.0]))["y"]) == pytest.approx(1 - dt)
+
+
+def test_relay_switches_at_once_and_remembers():
+    block = Relay(on=1.0, off=-0.5, high=10.0, low=-2.0)
+    active, seen = 0.0, []
+    for u in (0.0, 0.99, 1.0, 0.0, -0.49, -0.5, 0.0, 5.0):
+        x = signals(["active"], [active])
+        seen.append(float(block.outputs(0.0, x, signals(["u"], [u]))["y"]))
+        active = float(block.updates(0.0, x, signals(["u"], [u]))["active"])
+    assert seen == [-2, -2, 10, 10, 10, -2, -2, 10]
+    assert value(block, {"active": 1.0}, u=0.0)["y"] == 10
+
+
+def test_lookup_table():
+    points, values = (-1.0, 0.0, 0.5, 2.0), (3.0, -1.0, 0.0, 0.5)
+    held = LookupTable(points=points, values=values)
+    extended = LookupTable(points=points, values=values, outside="extend")
+    for u in NUMBERS[:-2]:
+        inside = np.interp(u, points, values)
+        assert value(held, u=u)["y"] == pytest.approx(inside, abs=1e-14)
+        beyond = 3 - 4 * (u + 1) if u < -1 else 0.5 + (u - 2) / 3 if u > 2 else inside
+        assert value(extended, u=u)["y"] == pytest.approx(beyond, abs=1e-14)
+    line = LookupTable(points=(0, 1), values=(1, 3), outside="extend")
+    assert value(line, u=-5.0)["y"] == -9
+    assert value(line, u=5.0)["y"] == 11
+
+
+def test_refuses_what_does_not_go_together():
+    refuses("Saturation needs low < high, got low=1, high=1.", Saturation, low=1, high=1)
+    refuses("DeadZone needs low <= high, got low=0.2, high=0.05.", DeadZone, low=0.2)
+    refuses("Relay needs off <= on, got off=1, on=0.01.", Relay, off=1)
+    refuses(
+        "RateLimit.falling must lie in (-inf, 0), got 3. It is: fastest fall, negative [?u/s].",
+        RateLimit,
+        falling=3,
+    )
+    refuses(
+        "Quantiser.interval must lie in (0, inf), got 0. It is: distance between two values [?u].",
+        Quantiser,
+        interval=0,
+    )
+    for points, values in (((0, 1), (1,)), ((0,), (1,))):
+        refuses(
+            "LookupTable needs one value for each point and at least two points, "
+            f"got {len(points)} points and {len(values)} values.",
+            LookupTable,
+            points=points,
+            values=values,
+        )
+    refuses(
+        "LookupTable.points must increase, but points[1]=2 and points[2]=1.",
+        LookupTable,
+        points=(0, 2, 1),
+        values=(0, 1, 2),
+    )
+    refuses(
+        "LookupTable.outside is 'extnd', which is not a choice. Did you mean 'extend'? "
+        "It is: what happens beyond the points.",
+        LookupTable,
+        outside="extnd",
+    )

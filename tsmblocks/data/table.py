@@ -1,0 +1,52 @@
+"""What every reader hands on: headings, and numbers with the place in the file that each came from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import attrs
+import numpy as np
+
+from tsmblocks.data.record import heading
+
+Rows = tuple[int | None, int | None]
+"""First and last row to keep, both included, numbered as in the file; None is the end."""
+
+
+@attrs.frozen(eq=False)
+class Table:
+    """Columns of numbers. ``values`` has one column per name, NaN where the file has no number.
+
+    ``rows`` holds the row number of each sample and ``places`` the column number of each column,
+    both counted from 1 as an editor or a spreadsheet counts them.
+    """
+
+    origin: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+    rows: np.ndarray
+    places: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+
+    def column(self, k: int) -> str:
+        """A column as a message names it."""
+        return f"column {self.places[k]} ({heading(self.names[k], self.units[k])})"
+
+
+class Source(Protocol):
+    """A file whose headings are known and whose numbers have not been read yet."""
+
+    headings: Sequence[str]
+    notes: tuple[str, ...]
+
+    def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Values of the chosen columns, shape (samples, columns), and the row number of each sample."""
+        ...
+
+
+def within(numbers: np.ndarray, rows: Rows) -> np.ndarray:
+    """Which of these row numbers are to be kept."""
+    first, last = rows
+    return (numbers >= (1 if first is None else first)) & (numbers <= (np.inf if last is None else last))

@@ -1,0 +1,173 @@
+"""Reading tables of numbers from text: CSV and its relatives, with or without a header."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import attrs
+import numpy as np
+
+from tsmblocks.data.table import Rows, within
+from tsmblocks.errors import DataError, in_words
+
+COMMENTS = ("#", "%", "//")
+BLANK = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "+inf", "-inf"})
+"""What stands in a cell that holds no number. An infinity is none either."""
+_WORD = re.compile(r"\"[^\"]*\"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
+
+
+def _decoded(path: Path, raw: bytes) -> str:
+    """The text of a file; says what is wrong when it is not UTF-8 text."""
+    if not raw.strip():
+        raise DataError(f"{path}: the file is empty.")
+    if raw[:4] == b"PK\x03\x04":
+        raise DataError(f"{path}: this is a spreadsheet or an archive. Export the sheet as CSV.")
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise DataError(f"{path}: this is UTF-16 text. Save it as UTF-8.")
+    if b"\0" in raw:
+        raise DataError(f"{path}: this is not text (zero byte in row {raw[: raw.index(0)].count(10) + 1}).")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = raw[: error.start].count(b"\n") + 1
+        raise DataError(f"{path}: row {row} is not UTF-8 text (byte 0x{raw[error.start]:02x}). "
+                        "Save the file as UTF-8.") from None  # fmt: skip
+
+
+def _separator(lines: Sequence[str]) -> str | None:
+    """What stands between the cells; None is white space."""
+    return next((c for c in ";\t," if all(c in line for line in lines)), None)
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return [cell.strip('"') for cell in _WORD.findall(line)]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+
+
+def _number(cell: str) -> float | None:
+    """The number in a cell, NaN for a blank one, None for text."""
+    text = cell.strip().strip('"').strip()
+    if text.lower() in BLANK:
+        return float("nan")
+    try:
+        return None if "_" in text else float(text)
+    except ValueError:
+        return None
+
+
+def _is_numeric(cells: Sequence[str]) -> bool:
+    return all(_number(cell) is not None for cell in cells)
+
+
+@attrs.frozen(eq=False)
+class Text:
+    """A text file split into lines, its headings read, its numbers not yet."""
+
+    origin: str
+    headings: Sequence[str]
+    separator: str | None
+    lines: list[str] = attrs.field(repr=False)
+    at: np.ndarray = attrs.field(repr=False)
+    notes: tuple[str, ...] = ()
+
+    def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """See Source. Raises DataError with row and column for text, and for rows of another length."""
+        kept = within(self.at, rows)
+        at = self.at[kept]
+        lines = [line for line, keep in zip(self.lines, kept, strict=True) if keep]
+        if not lines:
+            return np.empty((0, len(chosen))), at
+        if any('"' in line for line in lines):  # a quoted cell may hold the separator
+            return self._one_by_one(lines, at, chosen), at
+        self._check_lengths(lines, at)
+        try:
+            values = np.loadtxt(lines, delimiter=self.separator, usecols=chosen, ndmin=2, comments=None)
+        except ValueError:
+            return self._one_by_one(lines, at, chosen), at
+        return np.where(np.isfinite(values), values, np.nan), at
+
+    def _check_lengths(self, lines: list[str], at: np.ndarray) -> None:
+        c = self.separator
+        counts = np.array([line.count(c) + 1 for line in lines] if c else [len(line.split()) for line in lines])
+        bad = np.flatnonzero(counts != len(self.headings))
+        if len(bad):
+            k = bad[0]
+            raise DataError(f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are {len(self.headings)} "
+                            f"columns{_more(len(bad), 'row')}. {_ending(len(bad), k, at)}")  # fmt: skip
+
+    def _one_by_one(self, lines: list[str], at: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
+        values, wrong = np.full((len(lines), len(chosen)), np.nan), []
+        for row, line in enumerate(lines):
+            cells = _cells(line, self.separator)
+            for k, place in enumerate(chosen):
+                number = _number(cells[place]) if place < len(cells) else float("nan")
+                if number is None:
+                    wrong.append((row, place, cells[place]))
+                else:
+                    values[row, k] = number
+        if wrong:
+            row, place, cell = wrong[0]
+            raise DataError(f"{self.origin}: row {at[row]}, column {place + 1} ({self.headings[place]}) holds "
+                            f"{in_words(cell)}, which is not a number{_more(len(wrong), 'cell')}.")  # fmt: skip
+        return values
+
+
+def _more(count: int, what: str) -> str:
+    return f" (and {count - 1} more such {what}{'s' if count > 2 else ''})" if count > 1 else ""
+
+
+def _ending(count: int, k: int, at: np.ndarray) -> str:
+    """What to do about one short row at the very end: the file was cut while it was written."""
+    if count > 1 or k != len(at) - 1 or k == 0:
+        return "Every row needs the same number of cells."
+    return f"The file seems to have been cut while it was written: rows=(1, {at[k] - 1}) leaves that row out."
+
+
+def open_text(path: Path, columns: Sequence[str] | None) -> Text:
+    """Split a text file into headings and lines. Raises DataError when it is no table or has no header."""
+    lines, at, remark = [], [], ""
+    for number, line in enumerate(re.split("\r?\n|\r", _decoded(path, path.read_bytes())), 1):
+        bare = line.strip()
+        if bare.startswith(COMMENTS):
+            remark = remark if lines else bare.lstrip("#%/ ")
+        elif bare.strip(",; "):
+            lines.append(bare if "\t" not in line else line)
+            at.append(number)
+    if not lines:
+        raise DataError(f"{path}: the file holds no numbers, only comments.")
+    separator, notes = _separator(lines[:50]), []
+    first = _cells(lines[0], separator)
+    headings = _headings(path, columns, first, remark, separator)
+    if not _is_numeric(first):
+        lines, at = lines[1:], at[1:]
+        if columns:
+            notes.append("The header of the file was replaced by the columns given.")
+    if separator in (";", "\t") and any("," in line for line in lines[:50]):
+        lines = [line.replace(",", ".") for line in lines]
+        notes.append("Decimal commas were read as points.")
+    return Text(str(path), headings, separator, lines, np.array(at, dtype=int), tuple(notes))
+
+
+def _headings(
+    path: Path, columns: Sequence[str] | None, first: list[str], remark: str, separator: str | None
+) -> list[str]:
+    """Headings of the columns: those given, those of the file, or those in the comment just above."""
+    if columns:
+        if first[-1] == "" and len(columns) == len(first) - 1:  # lines that end with the separator
+            columns = [*columns, ""]
+        if len(columns) != len(first):
+            raise DataError(f"{path}: the file has {len(first)} columns, but {len(columns)} names were given "
+                            f"({', '.join(columns)}).")  # fmt: skip
+        return list(columns)
+    if not _is_numeric(first):
+        return first
+    above = _cells(remark, separator)
+    if len(above) == len(first) and not any(_number(cell) is not None for cell in above):
+        return above
+    shown = ", ".join(first[:8]) + (", …" if len(first) > 8 else "")
+    raise DataError(f"{path}: the file has no header. Name its {len(first)} columns in order, with units "
+                    f"(columns = t, x_in [deg], …). The first row holds {shown}.")  # fmt: skip
