@@ -76,6 +76,7 @@ def simulate_batch(
     returns results of shape (lanes,), so that long batches need not be kept whole. Other arguments as
     for ``simulate``. Raises ParameterError for an unknown name or arrays of different lengths.
     """
+    diagram = diagram.untied(parameters)
     eq = equations(diagram)
     sets, count = _sets(eq, diagram, parameters)
     names = list(outputs) if outputs is not None else list(eq.aliases)
@@ -129,6 +130,7 @@ def sensitivities(
     At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
     for an unknown name.
     """
+    diagram = diagram.untied(names)
     eq = equations(diagram)
     base = parameter_vector(eq, diagram)
     known = [_index(eq, name) for name in names]

@@ -336,7 +336,8 @@ class Block:
 
 def _validate(owner: str, name: str, field: Field, value: Any) -> None:
     """Raise ParameterError unless ``value`` is of the kind of the default and within the bounds."""
-    meaning = f"It is: {field.about}{f' [{field.unit}]' if field.unit else ''}."
+    unit = f" [{field.unit}]" if field.unit and "?" not in field.unit else ""
+    meaning = f"It is: {field.about}{unit}."
     if field.choices and value not in field.choices:
         raise ParameterError(
             f"{owner}.{name} is {in_words(value)}, which is not a choice."
@@ -389,7 +390,7 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
     made = attrs.frozen(kw_only=True, slots=False)(cls)
     made._declared = specs
     made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
-    made.__init__ = _guarded(made.__init__, made)  # type: ignore[misc]
+    type.__setattr__(made, "__init__", _guarded(made.__init__, made))
     if register:
         _register(made)
     return made

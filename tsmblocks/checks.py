@@ -6,12 +6,15 @@ leaves a port open) is not said.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+import attrs
+
 from tsmblocks import units
-from tsmblocks.errors import near
+from tsmblocks.errors import clip, in_words, near
 from tsmblocks.wires import NAME, Fault, Link, Located, kind, parse, resolve
 
 if TYPE_CHECKING:
@@ -21,6 +24,49 @@ End = tuple[str, str]
 SHARED = re.compile(r"\?(\w+?)((?:[*/].*)?)")
 """A unit that a block's ports share: a letter, times a known unit."""
 ONE = units.Unit(1.0, ())
+ENOUGH = 50
+"""Faults of one kind after which no more are looked for; looking for near misses takes time."""
+
+
+@attrs.frozen
+class Checked:
+    """What wires, inputs and outputs were found to mean, and a sentence for each fault."""
+
+    links: list[Link]
+    inlets: dict[str, tuple[End, ...]]
+    shown: dict[str, End]
+    port_units: dict[End, units.Unit]
+    faults: list[str]
+
+
+def examine(
+    blocks: Mapping[str, Any],
+    wires: Any,
+    inputs: Mapping[str, Inlet],
+    outputs: Mapping[str, str],
+    values: Mapping[str, float],
+    *,
+    unsure: Collection[str] = (),
+    silent: bool = False,
+) -> Checked:
+    """Everything that must hold of a diagram's parts.
+
+    ``unsure`` names blocks whose ports, and values whose number, are not known because they are
+    faulty themselves; nothing is said that could follow from that. ``silent`` leaves out open
+    inputs, for use when some wires could not be read.
+    """
+    faults = [*name_faults(blocks, "block"), *name_faults(inputs, "input"),
+              *name_faults(outputs, "output"), *name_faults(values, "value")]  # fmt: skip
+    links, bad_wires = read_wires(wires, blocks, inputs)
+    inlets, bad_inputs = resolve_inlets(inputs, blocks)
+    shown, bad_outputs = resolve_outputs(outputs, blocks, inputs)
+    echoes = silent or bool(bad_wires or bad_inputs)  # a misspelt wire leaves a port open: say the spelling
+    known = {k: b for k, b in blocks.items() if k not in unsure}
+    faults += [*bad_wires, *bad_inputs, *bad_outputs]
+    faults += driver_faults(links, inlets, known, silent=echoes)
+    faults += value_faults(known, values, unsure)
+    bad_units, found = unit_faults(links, inlets, {k: v.unit for k, v in inputs.items()}, known)
+    return Checked(links, inlets, shown, found, [*faults, *bad_units])
 
 
 def located(text: str, place: str) -> str:
@@ -28,23 +74,30 @@ def located(text: str, place: str) -> str:
     return f"{place}: {text}" if place else text
 
 
+def place_of(text: Any) -> str:
+    """``file:line`` of a name or wire text, or ``""`` where it is not known."""
+    return getattr(text, "place", "")
+
+
 def read_wires(wires: Any, blocks: Mapping[str, Any], inputs: Mapping[str, Any]) -> tuple[list[Link], list[str]]:
     """Links from chains (or links already read), with the faults found."""
     links: list[Link] = []
     faults: list[str] = []
     for text in wires:
+        if len(faults) >= ENOUGH:
+            break
         if isinstance(text, Link):
             links.append(text)
             continue
         if not isinstance(text, str):
-            faults.append(f"a wire must be text such as 'error -> pid', got {text!r}.")
+            faults.append(f"a wire must be text such as 'error -> pid', got {in_words(text)}.")
             continue
         found, wrong = parse(text, blocks)
         links += found
         for fault in wrong:
             hint = next((f" '{n}' is an input of the diagram: list its ports under inputs." for n in inputs
                          if f"names block '{n}'" in fault), "")  # fmt: skip
-            faults.append(located(fault + hint, getattr(text, "place", "")))
+            faults.append(located(fault + hint, place_of(text)))
     return links, faults
 
 
@@ -53,8 +106,9 @@ def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
     for name in names:
         if not isinstance(name, str) or not NAME.fullmatch(name):
             yield located(
-                f"{what} name {str(name)!r} must be letters, digits and underscores, not starting with a digit.",
-                getattr(name, "place", ""),
+                f"{what} name {clip(str(name))!r} must be letters, digits and underscores, "
+                "not starting with a digit.",
+                place_of(name),
             )
 
 
@@ -67,12 +121,16 @@ def resolve_inlets(
     for name, inlet in inlets.items():
         ends = []
         if name in blocks:
-            faults.append(f"'{name}' is both an input of the diagram and a block; give one of them another name.")
+            faults.append(located(
+                f"'{name}' is both an input of the diagram and a block; give one of them another name.",
+                place_of(name)))  # fmt: skip
         for port in inlet.ports:
+            if len(faults) >= ENOUGH:
+                break
             try:
                 ends.append(resolve(port, blocks, "input"))
             except Fault as fault:
-                faults.append(located(f"input '{name}': {fault}", getattr(port, "place", "")))
+                faults.append(located(f"input '{name}': {fault}", place_of(port)))
         found[name] = tuple(ends)
     return found, faults
 
@@ -84,13 +142,15 @@ def resolve_outputs(
     found: dict[str, End] = {}
     faults: list[str] = []
     for name, signal in outputs.items():
+        if len(faults) >= ENOUGH:
+            break
         if signal in inputs:
             found[name] = ("", str(signal))
             continue
         try:
             found[name] = resolve(signal, blocks, "output")
         except Fault as fault:
-            faults.append(located(f"output '{name}': {fault}", getattr(signal, "place", "")))
+            faults.append(located(f"output '{name}': {fault}", place_of(signal)))
     return found, faults
 
 
@@ -103,7 +163,7 @@ def driver_faults(
         driven.setdefault(link.target, []).append((str(link), link.place))
     for name, ends in inlets.items():
         for end in ends:
-            driven.setdefault(end, []).append((f"input {name} -> {'.'.join(end)}", ""))
+            driven.setdefault(end, []).append((f"input {name} -> {'.'.join(end)}", place_of(name)))
     for end, writers in driven.items():
         if len(writers) > 1:
             texts = "; ".join(text for text, _ in writers)
@@ -118,8 +178,9 @@ def driver_faults(
             if (name, port) not in driven and not getattr(spec, "rate_of", ""):
                 unit = f" [{spec.unit}]" if spec.unit and "?" not in spec.unit else ""
                 about = f" It is: {spec.about}{unit}." if spec.about else ""
-                yield (f"{name}.{port} ({kind(block)}) is driven by nothing.{about} "
-                       f"Wire it, list it under inputs, or drive it with a Constant.")  # fmt: skip
+                yield located(f"{name}.{port} ({kind(block)}) is driven by nothing.{about} "
+                              f"Wire it, list it under inputs, or drive it with a Constant.",
+                              place_of(name))  # fmt: skip
 
 
 # ---- units: every port's unit is a known label, or a power of s times an unknown shared by some ports
@@ -178,14 +239,18 @@ def _port_faults(known: _Units, labels: dict[End, str], name: str, block: Any) -
             end = (name, port)
             if not spec.unit:
                 continue
-            if "?" not in spec.unit:
-                labels[end] = spec.unit
-                known.join(end, "SI", units.parse(spec.unit))
-                continue
             match = SHARED.fullmatch(spec.unit)
-            symbol, factor = (match[1], units.parse("1" + match[2])) if match else (port, units.parse(spec.unit))
-            if known.join(end, (name, "?", symbol), factor) is not None:
-                yield f"{name}.{port} cannot have the unit '{spec.unit}' beside the block's other ports."
+            try:
+                factor = units.parse("1" + match[2] if match else spec.unit)
+            except units.UnitError as error:
+                yield located(f"{name}.{port}: {error}", place_of(name))
+                continue
+            if match is None:
+                labels[end] = spec.unit
+                known.join(end, "SI", factor)
+            elif known.join(end, (name, "?", match[1]), factor) is not None:
+                yield located(f"{name}.{port} cannot have the unit '{spec.unit}' beside the block's "
+                              "other ports.", place_of(name))  # fmt: skip
 
 
 def unit_faults(
@@ -197,15 +262,19 @@ def unit_faults(
     across them too.
     """
     known, labels = _Units(), dict[End, str]()
-    faults = []
+    faults: list[str] = []
     for name, block in blocks.items():
         faults += _port_faults(known, labels, name, block)
     for name, unit in declared.items():
         if unit:
-            known.join(("", name), "SI", units.parse(unit))
-            labels["", name] = unit
+            try:
+                known.join(("", name), "SI", units.parse(unit))
+                labels["", name] = unit
+            except units.UnitError as error:
+                faults.append(located(f"input '{name}': {error}", place_of(name)))
     wires = [(link.source, link.target, str(link), link.place) for link in links]
-    wires += [(("", n), end, f"input {n} -> {'.'.join(end)}", "") for n, ends in inlets.items() for end in ends]
+    wires += [(("", n), end, f"input {n} -> {'.'.join(end)}", place_of(n))
+              for n, ends in inlets.items() for end in ends]  # fmt: skip
     for source, target, text, place in wires:
         if known.join(source, target, ONE) is not None:
             a, b = (_label(known, labels, end) for end in (source, target))
@@ -240,29 +309,41 @@ def name_of(unit: units.Unit) -> str:
     return power if abs(unit.factor - 1) < 1e-12 else f"{unit.factor:g}*{power}"
 
 
-def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float]) -> Iterator[str]:
-    """References to numbers that are not in the table, and referenced numbers a block refuses."""
+def value_faults(
+    blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str] = ()
+) -> Iterator[str]:
+    """References to numbers that are not in the table, and referenced numbers a block refuses.
+
+    Numbers named in ``unsure`` exist, and are not to be judged by.
+    """
     from tsmblocks.block import Block, is_reference, leaves, map_leaves
     from tsmblocks.errors import ParameterError
 
     for key, value in values.items():
-        if not isinstance(value, float):
-            yield located(f"value '{key}' must be a number, got {value!r}.", getattr(key, "place", ""))
+        if not _is_number(value):
+            yield located(f"value '{key}' must be a number, got {in_words(value)}.", place_of(key))
     for name, block in blocks.items():
         if not isinstance(block, Block):
             continue
         used = {k: v for k, v in block.parameters.items() if any(is_reference(x) for _, x in leaves(v))}
-        missing = {x[1:] for v in used.values() for _, x in leaves(v) if is_reference(x)} - set(values)
-        for key in sorted(missing):
-            yield f"{name}: '${key}' stands for a number that is not in values.{near(key, values)}"
-        if used and not missing and all(isinstance(v, float) for v in values.values()):
+        wanted = {x[1:] for v in used.values() for _, x in leaves(v) if is_reference(x)}
+        missing = wanted - set(values) - set(unsure)
+        place = place_of(name)
+        for key in sorted(missing)[:ENOUGH]:
+            yield located(f"{name}: '${clip(key)}' stands for a number that is not in values."
+                          f"{near(key, values)}", place)  # fmt: skip
+        if used and not wanted & set(unsure) and not missing and all(_is_number(values[k]) for k in wanted):
             try:
                 block.replace(**{
                     k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v) for k, v in used.items()
                 })  # fmt: skip
             except ParameterError as error:
-                yield f"{name}: {error}"
+                yield located(f"{name}: {error}", place)
 
 
-__all__ = ["Located", "driver_faults", "name_faults", "read_wires", "resolve_inlets", "resolve_outputs",
-           "unit_faults", "value_faults"]  # fmt: skip
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float) and not math.isnan(value)
+
+
+__all__ = ["Checked", "Located", "driver_faults", "examine", "name_faults", "read_wires", "resolve_inlets",
+           "resolve_outputs", "unit_faults", "value_faults"]  # fmt: skip

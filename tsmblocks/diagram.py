@@ -79,45 +79,30 @@ class Diagram:
     port_units: Mapping[tuple[str, str], units.Unit] = attrs.field(init=False, eq=False, repr=False)
 
     def __attrs_post_init__(self) -> None:
-        links, inlets, shown, found = self._checked()
-        object.__setattr__(self, "links", tuple(dict.fromkeys(links)))
-        object.__setattr__(self, "inlets", _frozen(inlets))
-        object.__setattr__(self, "shown", _frozen(shown))
-        object.__setattr__(self, "port_units", _frozen(found))
+        found = self._checked()
+        object.__setattr__(self, "links", tuple(dict.fromkeys(found.links)))
+        object.__setattr__(self, "inlets", _frozen(found.inlets))
+        object.__setattr__(self, "shown", _frozen(found.shown))
+        object.__setattr__(self, "port_units", _frozen(found.port_units))
         object.__setattr__(self, "wires", tuple(chains(self.links, self.blocks)))
         # one spelling of each end, so that "tsm" and "tsm.y" make equal diagrams
-        full = {k: attrs.evolve(v, ports=[".".join(e) for e in inlets[k]]) for k, v in self.inputs.items()}
+        full = {k: attrs.evolve(v, ports=[".".join(e) for e in found.inlets[k]]) for k, v in self.inputs.items()}
         object.__setattr__(self, "inputs", _frozen(full))
-        object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in shown.items()}))
+        object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()}))
 
-    def _checked(self) -> tuple[Any, ...]:
-        """Links, inlets, outputs and port units; raises DiagramError with every fault found."""
+    def _checked(self) -> checks.Checked:
+        """What the wires, inputs and outputs mean; raises DiagramError with every fault found."""
         blocks = self.blocks
-        faults = [*checks.name_faults(blocks, "block"), *checks.name_faults(self.inputs, "input"),
-                  *checks.name_faults(self.outputs, "output"), *checks.name_faults(self.values, "value")]  # fmt: skip
         wrong = [f"{k} must be a block or a diagram, got {v!r}." for k, v in blocks.items()
                  if not isinstance(v, (Block, Diagram))]  # fmt: skip
+        if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
+            wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
             raise DiagramError(self.title, wrong, self.where)
-        if max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
-            faults.append(f"diagrams stand inside diagrams more than {DEEPEST} deep.")
-        links, bad_wires = checks.read_wires(self.wires, blocks, self.inputs)
-        inlets, bad_inputs = checks.resolve_inlets(self.inputs, blocks)
-        shown, bad_outputs = checks.resolve_outputs(self.outputs, blocks, self.inputs)
-        echoes = bool(bad_wires or bad_inputs)  # a misspelt wire leaves a port open: say the spelling only
-        faults += [*bad_wires, *bad_inputs, *bad_outputs]
-        faults += checks.driver_faults(links, inlets, blocks, silent=echoes)
-        faults += checks.value_faults(blocks, self.values)
-        found: dict[Any, Any] = {}
-        try:
-            declared = {k: v.unit for k, v in self.inputs.items()}
-            bad_units, found = checks.unit_faults(links, inlets, declared, blocks)
-            faults += bad_units
-        except units.UnitError as error:
-            faults.append(str(error))
-        if faults:
-            raise DiagramError(self.title, faults, self.where)
-        return links, inlets, shown, found
+        found = checks.examine(blocks, self.wires, self.inputs, self.outputs, self.values)
+        if found.faults:
+            raise DiagramError(self.title, found.faults, self.where)
+        return found
 
     # ---- standing as a block in another diagram
 
@@ -216,6 +201,22 @@ class Diagram:
             return block.with_parameters(part) if isinstance(block, Diagram) else _with_fields(block, part)
         except ParameterError as error:
             raise ParameterError(f"{name}: {error}") from None
+
+    def untied(self, names: Iterable[str]) -> Diagram:
+        """The diagram in which each named parameter has a number of its own, equal to what it refers to now."""
+        changes = {name: value for name in names if (value := self._referred(name)) is not None}
+        return self.with_parameters(changes) if changes else self
+
+    def _referred(self, name: str) -> float | None:
+        """The number behind a parameter that refers to the values table; None for any other name."""
+        head, _, rest = name.partition(".")
+        block = self.blocks.get(head)
+        if isinstance(block, Diagram):
+            return block._referred(rest)
+        if block is None:
+            return None
+        found = {leaf: v for key, value in block.parameters.items() for leaf, v in leaves(value, key)}.get(rest)
+        return self.values[found[1:]] if is_reference(found) else None
 
     # ---- edits
 

@@ -100,27 +100,42 @@ def numbered(problems: Sequence[str]) -> str:
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
         shown.append(f"and {len(problems) - MOST_PROBLEMS} more.")
-    lines = [f"  {n}. " + text.replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
+    lines = [f"  {n}. " + clip(text, LONGEST).replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
     return "\n".join([f"{count}:", *lines])
 
 
 MOST_PROBLEMS = 20
 """A broken file of ten thousand wires should not print ten thousand lines."""
+LONGEST = 1500
+"""Characters of one problem that are shown; a loop of a thousand blocks need not be read in full."""
 
 
 def near(name: object, known: Iterable[str], most: int = 8) -> str:
     """`` Did you mean 'x'?`` when a known name is close, otherwise the choices."""
     choices = sorted({str(k) for k in known})
-    close = get_close_matches(str(name), choices, n=1, cutoff=0.6)
+    close = get_close_matches(str(name), _likely(str(name), choices), n=1, cutoff=0.6)
     if close:
-        return f" Did you mean '{close[0]}'?"
+        return f" Did you mean '{clip(close[0])}'?"
     if not choices:
         return " There is none."
     more = f", … ({len(choices)} in all)" if len(choices) > most else ""
-    return f" Known here: {', '.join(choices[:most])}{more}."
+    return f" Known here: {', '.join(map(clip, choices[:most]))}{more}."
+
+
+def _likely(name: str, choices: list[str]) -> list[str]:
+    """The choices worth comparing: comparing a long text, or with thousands, would take seconds."""
+    if len(name) > 100:
+        return []
+    if len(choices) <= 1000:
+        return choices
+    return [k for k in choices if k[:1] == name[:1] and abs(len(k) - len(name)) <= 2][:1000]
+
+
+def clip(text: str, limit: int = 100) -> str:
+    """A text as a message may show it: no longer than ``limit``."""
+    return text if len(text) <= limit else text[: limit - 1] + "…"
 
 
 def in_words(value: object, limit: int = 60) -> str:
     """A value as a message may show it: short, on one line."""
-    text = f"{value:g}" if isinstance(value, float) else repr(value)
-    return text if len(text) <= limit else text[: limit - 1] + "…"
+    return clip(f"{value:g}" if isinstance(value, float) else repr(value), limit)

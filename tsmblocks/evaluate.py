@@ -30,7 +30,7 @@ class Evaluator:
         if share is None:
             self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
             self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
-            self.u: dict[tuple[str, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
+            self.u: dict[tuple[Any, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
             self.q = [(ca.SX.sym(k), ca.SX.sym(f"rate of {k}")) for k in flat.q_names]
             self.owner: dict[int, tuple[Any, ...]] = {}
             for kind, table in (("x", self.x), ("d", self.d)):
@@ -256,7 +256,7 @@ class Evaluator:
 
     def _loop(self, nodes: list[Node]) -> None:
         """Say which way an algebraic loop runs."""
-        path = []
+        path: list[str] = []
         for node in reversed(nodes):
             signal = self.flat.signal_name(node[1:]) if node[0] == "rate" else f"{node[1]}.{node[2]}"
             signal = f"d/dt {signal}" if node[0] == "rate" else signal

@@ -72,7 +72,7 @@ class Flat:
 
     def _follow(self, node: Node) -> Node:
         """Through the edges of inner diagrams to a block's output or an input of the whole."""
-        seen = []
+        seen: list[Node] = []
         while node[0] in ("in", "out"):
             if node in seen:
                 names = [f"{path}.{port}" for _, path, port in [*seen[seen.index(node):], node]]

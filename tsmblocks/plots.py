@@ -15,7 +15,7 @@ import numpy as np
 from tsmblocks import units
 from tsmblocks.data import heading
 from tsmblocks.errors import TsmError
-from tsmblocks.measures import peak_to_peak
+from tsmblocks.measures import tracking_error
 from tsmblocks.run import Run
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -52,26 +52,32 @@ def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None) -> Any:
 
 
 def plot_tracking(
-    runs: Mapping[str, Run], ax: Sequence[Any] | None = None, *, title: str = "",
+    runs: Mapping[str, Run], ax: Sequence[Any] | None = None, *, title: str = "", after: float | None = None,
     reference: str = "x_ref", output: str = "x_out",
 ) -> Any:  # fmt: skip
     """Reference and outputs of several runs over time, by label, and below them the errors.
 
-    ``ax`` may be two axes, for the signals and the errors. The legend gives the peak-to-peak error over
-    the second half of each run. Returns the figure.
+    ``ax`` may be two axes, for the signals and the errors. With ``after`` [s], what comes before is left
+    out. The legend gives the peak-to-peak error from there on, by default over the second half of each run.
+    Returns the figure.
     """
     if not runs:
         raise TsmError("plot_tracking needs at least one run.")
     above, below = _axes(ax, 2, height=2.9)
-    first = next(iter(runs.values()))
-    wanted, unit = _shown(first[reference], first.unit(reference))
-    above.plot(first.t, wanted, color=INK, lw=1.2, ls=(0, (4, 2)), label="reference")
-    for colour, (label, run) in zip(_colours(len(runs)), runs.items(), strict=True):
-        reached, _ = _shown(run[output], run.unit(output))
-        error = _shown(run[reference], run.unit(reference))[0] - reached
-        late = error[run.t >= (run.t[0] + run.t[-1]) / 2]
-        above.plot(run.t, reached, color=colour, lw=1.4, label=label)
-        below.plot(run.t, error, color=colour, lw=1.2, label=f"{peak_to_peak(late):.3g} {unit}".strip())
+    for k, (label, run) in enumerate(runs.items()):
+        kept = run.t >= (run.t[0] if after is None else after)
+        t, unit = run.t[kept], run.unit(reference)
+        wanted, reached = (_shown(run[name][kept], unit) for name in (reference, output))
+        unit = wanted[1]
+        if k == 0:
+            above.plot(t, wanted[0], color=INK, lw=1.2, ls=(0, (4, 2)), label="reference")
+        error = tracking_error(wanted[0], reached[0], t=t, unit=unit,
+                               after=(run.t[0] + run.t[-1]) / 2 if after is None else after)  # fmt: skip
+        colour = COLOURS[k % len(COLOURS)]
+        above.plot(t, reached[0], color=colour, lw=1.4, label=label)
+        below.plot(
+            t, wanted[0] - reached[0], color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip()
+        )
     above.set_ylabel(heading("angle" if unit == "deg" else output, unit))
     below.set_ylabel(heading("error", unit))
     below.axhline(0.0, color=INK, lw=0.6)
@@ -87,7 +93,10 @@ def plot_loop(
 ) -> Any:  # fmt: skip
     """One signal over another, both in ``unit``: the loop of a hysteresis. Returns the figure."""
     (panel,) = _axes(ax, 1, height=4.6, width=5.0)
-    (across, shown), (up, _) = _shown(np.asarray(x, dtype=float), unit), _shown(np.asarray(y, dtype=float), unit)
+    (across, shown), (up, _) = (
+        _shown(np.asarray(x, dtype=float), unit),
+        _shown(np.asarray(y, dtype=float), unit),
+    )
     panel.plot(across, up, lw=1.4, label=label or None, color=COLOURS[len(panel.lines) % len(COLOURS)])
     panel.set_xlabel(heading(names[0], shown))
     panel.set_ylabel(heading(names[1], shown))
@@ -95,7 +104,12 @@ def plot_loop(
     return panel.figure
 
 
-_LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False, "fontsize": 9}
+_LEGEND: dict[str, Any] = {
+    "loc": "center left",
+    "bbox_to_anchor": (1.0, 0.5),
+    "frameon": False,
+    "fontsize": 9,
+}
 
 
 def _shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
@@ -104,10 +118,6 @@ def _shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
         if unit == own:
             return values * units.factor(own, shown), shown
     return values, unit
-
-
-def _colours(count: int) -> list[str]:
-    return [COLOURS[k % len(COLOURS)] for k in range(count)]
 
 
 def _axes(ax: Any, count: int, *, height: float, width: float = 8.0) -> list[Any]:

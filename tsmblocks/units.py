@@ -76,13 +76,15 @@ def parse(label: str) -> Unit:
         for word in re.split(r"[*·. ]+", part.strip().strip("()")):
             name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
             name = _ALIAS.get(name, name)
-            if name not in _BASE or not re.fullmatch(r"-?\d{0,2}", power):
+            if name not in _BASE or not re.fullmatch(r"(-?\d)?", power):
                 raise UnitError(f"'{label}' is not a unit known here.{near(name, _BASE)}")
             n = sign * int(power or 1)
             scale, base = _BASE[name]
             factor *= scale**n
             for key, exponent in base.items():
                 powers[key] = powers.get(key, 0) + n * exponent
+    if not 1e-60 < factor < 1e60:  # powers of powers; a product of a few such would overflow
+        raise UnitError(f"'{label}' is not a unit known here: its size cannot be held.")
     return Unit(factor, tuple(sorted((k, n) for k, n in powers.items() if n)))
 
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import attrs
 
-from tsmblocks.errors import near
+from tsmblocks.errors import clip, near
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -72,7 +72,7 @@ def _choose(name: str, block: Ported, port: str, side: str) -> str:
             turned = "output" if side == "input" else "input"
             raise Fault(f"{name}.{port} is an {turned} of {name} ({kind(block)}), and an {side} is needed here."
                         f" Its {side}s: {', '.join(ports) or 'none'}.")  # fmt: skip
-        raise Fault(f"{name} ({kind(block)}) has no {side} '{port}'.{near(port, ports)}")
+        raise Fault(f"{name} ({kind(block)}) has no {side} '{clip(port)}'.{near(port, ports)}")
     usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
     if len(usual) == 1:
         return usual[0]
@@ -86,9 +86,9 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, st
     name, _, port = text.strip().partition(".")
     name, port = name.strip(), port.strip()
     if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
-        raise Fault(f"'{text.strip()}' is not a name. Write block or block.port.")
+        raise Fault(f"'{clip(text.strip())}' is not a name. Write block or block.port.")
     if name not in blocks:
-        raise Fault(f"names block '{name}', which is not in blocks.{near(name, blocks)}")
+        raise Fault(f"names block '{clip(name)}', which is not in blocks.{near(name, blocks)}")
     return name, _choose(name, blocks[name], port, side)
 
 
@@ -98,6 +98,7 @@ def parse(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str
     stages = [[part.strip() for part in stage.split(",")] for stage in text.split("->")]
     links: list[Link] = []
     faults: list[str] = []
+    text = clip(text)
     if len(stages) < 2 or any(not part for stage in stages for part in stage):
         return [], [f"wire '{text}' is not a chain. Write source -> target, for example error -> pid.e."]
     if any(len(stage) > 1 for stage in stages[:-1]):

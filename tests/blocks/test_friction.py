@@ -121,24 +121,24 @@ def test_units_are_the_users_own():
     ("message", "cls", "values"),
     [
         (
-            "CoulombFriction.level must lie in [0, inf), got -1. It is: friction while sliding [?f].",
+            "CoulombFriction.level must lie in [0, inf), got -1. It is: friction while sliding.",
             CoulombFriction,
             dict(level=-1),
         ),
         (
             "CoulombFriction.smoothing must lie in (0, inf), got 0. "
-            "It is: velocity over which the sign changes [?v].",
+            "It is: velocity over which the sign changes.",
             CoulombFriction,
             dict(smoothing=0),
         ),
         (
             "StribeckFriction.stribeck must lie in (0, inf), got 0. "
-            "It is: velocity over which friction falls to the Coulomb level [?v].",
+            "It is: velocity over which friction falls to the Coulomb level.",
             StribeckFriction,
             dict(stribeck=0),
         ),
         (
-            "LuGreFriction.coulomb must lie in (0, inf), got 0. It is: friction while sliding fast [?f].",
+            "LuGreFriction.coulomb must lie in (0, inf), got 0. It is: friction while sliding fast.",
             LuGreFriction,
             dict(coulomb=0),
         ),

@@ -235,7 +235,7 @@ def test_rate_of_displacement_may_be_left_open():
             dict(c2=-1),
         ),
         (
-            "Play.half_width must lie in [0, inf), got -0.1. It is: half of the slack [?u].",
+            "Play.half_width must lie in [0, inf), got -0.1. It is: half of the slack.",
             Play,
             dict(half_width=-0.1),
         ),
@@ -251,7 +251,7 @@ def test_rate_of_displacement_may_be_left_open():
         ),
         (
             "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. "
-            "It is: half of the slack of each play [?u].",
+            "It is: half of the slack of each play.",
             PrandtlIshlinskii,
             dict(radii=(0.1, -0.2), weights=(1.0, 1.0)),
         ),

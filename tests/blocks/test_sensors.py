@@ -44,7 +44,7 @@ def test_refuses_bad_values():
         "Encoder.counts must lie in (0, inf), got 0. It is: counts per revolution [1/rev].", Encoder, counts=0
     )
     refuses(
-        "SensorNoise.std must lie in [0, inf), got -0.1. It is: standard deviation [?u].",
+        "SensorNoise.std must lie in [0, inf), got -0.1. It is: standard deviation.",
         SensorNoise,
         std=-0.1,
     )

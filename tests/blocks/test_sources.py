@@ -140,12 +140,12 @@ def test_random_is_scaled_noise():
 
 
 def test_recorded_hands_its_samples_on():
-    record = Recorded(times=[0, 1, 2.5], values=(1, -1, 4), hold="cubic", gain=2.0, offset=0.5)
+    record = Recorded(times=[0, 1, 2.5, 3], values=(1, -1, 4, 0), hold="cubic", gain=2.0, offset=0.5)
     tape = record.tapes(0.0, 10.0)["w"]
-    assert (tape.t.tolist(), tape.y.tolist(), tape.hold) == ([0, 1, 2.5], [1, -1, 4], "cubic")
+    assert (tape.t.tolist(), tape.y.tolist(), tape.hold) == ([0, 1, 2.5, 3], [1, -1, 4, 0], "cubic")
     none = signals((), ())
     assert record.outputs(0.0, none, signals(("w",), (-1.0,)))["y"] == -1.5
-    assert record == Recorded(times=(0, 1, 2.5), values=(1, -1, 4), hold="cubic", gain=2.0, offset=0.5)
+    assert record == Recorded(times=(0, 1, 2.5, 3), values=(1, -1, 4, 0), hold="cubic", gain=2.0, offset=0.5)
 
 
 def test_refuses_what_does_not_go_together():
@@ -166,7 +166,7 @@ def test_refuses_what_does_not_go_together():
     refuses(
         "Chirp.duration must lie in (0, inf), got 0. It is: how long the sweep takes [s].", Chirp, duration=0
     )
-    refuses("Random.std must lie in [0, inf), got -1. It is: standard deviation [?y].", Random, std=-1)
+    refuses("Random.std must lie in [0, inf), got -1. It is: standard deviation.", Random, std=-1)
     refuses(
         "Random.seed must be a whole number in [0, inf), got 0.5. "
         "It is: seed; blocks with the same seed give the same noise.",
@@ -195,6 +195,13 @@ def test_refuses_what_does_not_go_together():
         "Recorded.values[1] must be a finite number, got nan.", Recorded, times=(0, 1), values=(0, np.nan)
     )
     refuses("Recorded.times[1] must be a finite number, got 'a'.", Recorded, times=(0, "a"), values=(0, 1))
+    refuses(
+        "Recorded with hold='cubic' needs at least 4 samples, got 3.",
+        Recorded,
+        times=(0, 1, 2),
+        values=(0, 1, 2),
+        hold="cubic",
+    )
     refuses(
         "Recorded.hold is 'cubical', which is not a choice. Did you mean 'cubic'? "
         "It is: what the signal does between samples.",

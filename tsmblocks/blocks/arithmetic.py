@@ -14,7 +14,7 @@ from tsmblocks.units import UnitError, factor
 
 
 def numbered_inputs(n: int, about: str, unit: str = "") -> dict[str, Input]:
-    """Inputs ``u1`` to ``un``."""
+    """Make inputs ``u1`` to ``un``."""
     return {f"u{k}": Input(f"{about} {k}", unit=unit) for k in range(1, n + 1)}
 
 

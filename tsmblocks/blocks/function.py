@@ -68,7 +68,7 @@ def function_block(
 def _equations(
     function: Callable[..., Any], name: str, numbers: tuple[str, ...], names: tuple[str, ...], timed: bool
 ) -> Callable[..., dict[str, Any]]:
-    """The block's ``outputs``: one call of the function."""
+    """Make the block's ``outputs``, which call the function once."""
 
     def outputs(self: Any, t: Any, _: Any, u: Any) -> dict[str, Any]:
         values = {key: getattr(self, key) for key in numbers}

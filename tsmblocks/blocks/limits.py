@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -190,7 +191,7 @@ class LookupTable(Block):
                 "LookupTable needs one value for each point and at least two points, "
                 f"got {len(self.points)} points and {len(self.values)} values."
             )
-        for k, (a, b) in enumerate(zip(self.points, self.points[1:], strict=False)):
+        for k, (a, b) in enumerate(pairwise(self.points)):
             if a >= b:
                 raise ParameterError(
                     f"LookupTable.points must increase, but points[{k}]={a:g} and points[{k + 1}]={b:g}."

@@ -254,7 +254,7 @@ class StateSpace(Block):
 
 
 def from_control(system: Any) -> Block:
-    """The block for a linear system of python-control: transfer function, zpk or state space.
+    """Turn a linear system of python-control (transfer function, zpk, state space) into a block.
 
     A system with a sample time (``dt`` > 0) becomes a sampled block with that period. Raises
     BlockError for anything else, for ``dt=True``, and for a transfer function that is not proper.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import attrs
@@ -23,7 +24,7 @@ ROUNDING = 1e-9
 
 
 def in_unit(source: Any) -> dict[str, Output]:
-    """The outputs of a source, in the unit its option ``unit`` asks for."""
+    """Declare the output of a source in the unit its option ``unit`` asks for."""
     declared = source._declared["y"]
     return {"y": attrs.evolve(declared, unit=source.unit or declared.unit)}
 
@@ -37,7 +38,7 @@ def check_unit(source: Any) -> None:
 
 
 def white_noise(seed: int, interval: float, start: float, stop: float) -> Samples:
-    """Normal noise of unit spread, a fresh number every ``interval`` [s], covering ``start`` to ``stop`` [s].
+    """Draw normal noise of unit spread, one number per ``interval`` [s], over ``start`` to ``stop`` [s].
 
     The number at ``k * interval`` depends on ``seed`` and ``k`` only: runs that begin, end or step
     differently see the same noise. Times before zero have a stream of their own.
@@ -327,9 +328,11 @@ class Staircase(Block):
 
 @block
 class Recorded(Block):
-    r"""A signal given by its samples; outside them the first or last value holds.
+    r"""A signal given by its samples; a run that goes beyond them is refused.
 
     .. math:: y = y_0 + k\, w(t)
+
+    Between samples the last value holds (``hold="zero"``), or straight lines or a cubic spline join them.
     """
 
     source = "definition"
@@ -361,7 +364,11 @@ class Recorded(Block):
                 "Recorded needs one value for each instant, "
                 f"got {len(self.times)} times and {len(self.values)} values."
             )
-        for k, (a, b) in enumerate(zip(self.times, self.times[1:], strict=False)):
+        if self.hold == "cubic" and len(self.times) < 4:
+            raise ParameterError(
+                f"Recorded with hold='cubic' needs at least 4 samples, got {len(self.times)}."
+            )
+        for k, (a, b) in enumerate(pairwise(self.times)):
             if a >= b:
                 raise ParameterError(
                     f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}."

@@ -40,7 +40,9 @@ def _plain(value: Any) -> np.ndarray | None:
     return array.astype(float) if array.dtype.kind in "fiub" and array.ndim in (1, 2) else None
 
 
-def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None, units: Mapping[str, str]) -> Arrays:
+def arrays(
+    origin: str, found: Mapping[str, Any], columns: Sequence[str] | None, units: Mapping[str, str]
+) -> Arrays:
     """Columns out of whatever arrays a file holds. Raises DataError when there are none of one length."""
     known = {name: array for name, value in found.items() if (array := _plain(value)) is not None}
     series = {name: array for name, array in known.items() if array.ndim == 1 and len(array) > 1}
@@ -51,7 +53,11 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     length = len(series[clock]) if clock else max(set(lengths), key=lengths.count)
     kept = {k: a for k, a in series.items() if len(a) == length}
     left = [k for k in series if k not in kept]
-    notes = (f"Left out, being of another length than {clock or next(iter(kept))}: {', '.join(left)}.",) if left else ()
+    notes = (
+        (f"Left out, being of another length than {clock or next(iter(kept))}: {', '.join(left)}.",)
+        if left
+        else ()
+    )
     return Arrays(origin, [heading(k, units.get(k, "")) for k in kept], list(kept.values()), notes)
 
 
@@ -60,7 +66,9 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
     tables = {k: a for k, a in known.items() if a.ndim == 2}
     inside = ", ".join(f"{k} {a.shape}" for k, a in known.items()) or "none"
     if len(tables) != 1:
-        raise DataError(f"{origin}: no arrays of one length were found that could be signals. Numeric arrays: {inside}.")
+        raise DataError(
+            f"{origin}: no arrays of one length were found that could be signals. Numeric arrays: {inside}."
+        )
     name, table = next(iter(tables.items()))
     if not columns or len(columns) != table.shape[1]:
         given = f"{len(columns)} names were given" if columns else "they have no names"

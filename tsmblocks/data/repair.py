@@ -83,7 +83,9 @@ def repeats_are_merged(table: Table) -> Table:
 def enough_samples(table: Table) -> Table:
     """A few samples are no measurement."""
     if len(table.values) < FEWEST:
-        raise DataError(f"{table.origin}: only {_plural(len(table.values), 'sample')} found; {FEWEST} are the least.")
+        raise DataError(
+            f"{table.origin}: only {_plural(len(table.values), 'sample')} found; {FEWEST} are the least."
+        )
     return table
 
 
@@ -115,7 +117,9 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
         if b - a == len(missing):
             why = "It is empty throughout: map another column"
         elif at_end:
-            why = f"At the {'start' if a == 0 else 'end'} there is nothing to interpolate from: read fewer rows"
+            why = (
+                f"At the {'start' if a == 0 else 'end'} there is nothing to interpolate from: read fewer rows"
+            )
         else:
             why = f"At most {LONGEST_GAP} samples are interpolated: read the rows before or after"
         raise DataError(f"{table.origin}: {table.column(k)} has no number in {where}. {why}, leave the column out, or "

@@ -1,0 +1,145 @@
+"""What blocks there are, by family; or the card of one: equation, source, ports, parameters."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import textwrap
+from typing import Any
+
+from tsmblocks.cli import common
+
+HELP = "list the blocks, or show one block's card"
+FAMILIES = {"lti": "linear"}
+"""Modules whose blocks belong to the family of another."""
+ORDER = ("sources", "arithmetic", "linear", "limits", "friction", "hysteresis", "control", "motor", "discrete",
+         "sensors")  # fmt: skip
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("name", metavar="NAME", nargs="?", help="a block")
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    import tsmblocks.blocks  # noqa: F401 - importing it registers every block
+    from tsmblocks.block import REGISTRY
+
+    if args.name:
+        made = card(REGISTRY[common.choose(args.name, REGISTRY, "block")])
+        common.give(made) if args.json else print(card_in_words(made))
+        return 0
+    listed: dict[str, dict[str, str]] = {}
+    for name, cls in sorted(REGISTRY.items()):
+        listed.setdefault(family(cls), {})[name] = words(cls)[0]
+    ordered = {
+        k: listed[k] for k in sorted(listed, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))
+    }
+    common.give(ordered) if args.json else print(list_in_words(ordered))
+    return 0
+
+
+def family(cls: type) -> str:
+    """The family of a block: the module it stands in."""
+    module = cls.__module__.rpartition(".")[2]
+    return FAMILIES.get(module, module)
+
+
+def words(cls: type) -> tuple[str, str, str]:
+    """First sentence, equation and remarks of a block, out of its docstring."""
+    sentence, equations, remarks = "", [], []
+    parts = inspect.cleandoc(cls.__doc__ or "").split("\n\n")
+    in_math = False
+    for part in parts:
+        if part.startswith(".. math::"):
+            in_math = True
+            body = textwrap.dedent(part.removeprefix(".. math::").strip("\n ")).strip()
+            equations += [body] if body else []
+        elif in_math and part.startswith("    "):
+            equations.append(textwrap.dedent(part).strip())
+        else:
+            in_math = False
+            text = " ".join(part.split())
+            sentence, remarks = (sentence, [*remarks, text]) if sentence else (text, remarks)
+    return sentence, "\n".join(equations), "\n".join(remarks)
+
+
+def card(cls: Any) -> dict[str, Any]:
+    """All that is declared of a block, as plain values."""
+    block = cls()
+    sentence, equation, remarks = words(cls)
+    return {
+        "name": cls.__name__, "family": family(cls), "words": sentence, "equation": equation, "remarks": remarks,
+        "source": block.source, "symbol": block.symbol, "sampled": block.sampled,
+        "inputs": [{"name": k, "unit": p.unit, "about": p.about, "rate_of": p.rate_of} for k, p in block.inports.items()],
+        "outputs": [{"name": k, "unit": p.unit, "about": p.about} for k, p in block.outports.items()],
+        "parameters": [
+            {"name": k, "kind": f.kind, "default": getattr(block, k), "unit": f.unit, "bounds": f.bounds(),
+             "low": f.low, "high": f.high, "choices": list(f.choices), "about": f.about}
+            for k, f in cls.fields().items()
+        ],
+    }  # fmt: skip
+
+
+def list_in_words(listed: dict[str, dict[str, str]]) -> str:
+    """The list as the terminal shows it."""
+    width = max(len(name) for blocks in listed.values() for name in blocks)
+    lines: list[str] = []
+    for name, blocks in listed.items():
+        lines += [name, *(f"  {k.ljust(width)}  {text}" for k, text in blocks.items()), ""]
+    return "\n".join([*lines, "'tsmblocks blocks NAME' shows one block's card."])
+
+
+def card_in_words(made: dict[str, Any]) -> str:
+    """The card as the terminal shows it."""
+    lines = [f"{made['name']} ({made['family']})", *textwrap.wrap(made["words"], 100), ""]
+    if made["equation"]:
+        lines += [textwrap.indent(made["equation"], "    "), ""]
+    if made["remarks"]:
+        lines += [*textwrap.wrap(made["remarks"], 100), ""]
+    lines.append(f"Source: {made['source']}")
+    for title in ("inputs", "outputs"):
+        rows = [(p["name"], f"[{p['unit'] or 'any'}]", p["about"] + _rate(p)) for p in made[title]]
+        lines += ["", title, common.columns(rows, "  ", _LEFT) if rows else "  none"]
+    rows = [
+        (p["name"], f"[{p['unit'] or '-'}]", _value(p["default"]), _limits(p), _about(p))
+        for p in made["parameters"]
+    ]
+    lines += ["", "parameters", common.columns(rows, "  ", _LEFT - {2}) if rows else "  none"]
+    if any("?" in p["unit"] for kind in ("inputs", "outputs", "parameters") for p in made[kind]):
+        lines += ["", "[?u] stands for any unit, the same wherever the letter occurs."]
+    return "\n".join(lines)
+
+
+_LEFT = frozenset(range(5))
+
+
+def _rate(port: dict[str, Any]) -> str:
+    return f" (formed from {port['rate_of']} when not connected)" if port.get("rate_of") else ""
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple):
+        shown = ", ".join(_value(v) for v in value[:4])
+        return f"[{shown}{', …' if len(value) > 4 else ''}]"
+    return (
+        f"{value:g}"
+        if isinstance(value, float)
+        else f'"{value}"'
+        if isinstance(value, str)
+        else str(value).lower()
+    )
+
+
+def _limits(parameter: dict[str, Any]) -> str:
+    if parameter["choices"]:
+        return "one of " + ", ".join(map(str, parameter["choices"]))
+    return "" if parameter["bounds"] == "(-inf, inf)" else f"in {parameter['bounds']}"
+
+
+def _about(parameter: dict[str, Any]) -> str:
+    return {"state": "start value: ", "option": "option: "}.get(parameter["kind"], "") + str(
+        parameter["about"]
+    )

@@ -1,0 +1,101 @@
+"""Arguments in, exit status out: 0 done, 2 bad usage or input, 130 stopped by Ctrl-C, 1 anything else.
+
+Only argparse is imported here; each command imports what it needs when it is run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+from tsmblocks.cli import blocks, check, demo, draw, run
+from tsmblocks.cli.common import INTERRUPTED, Parser, UsageError, complain
+from tsmblocks.errors import TsmError, near
+
+COMMANDS = {"run": run, "draw": draw, "check": check, "blocks": blocks, "demo": demo}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; the exit status. Nothing is raised, and messages go to standard error."""
+    try:
+        with warnings.catch_warnings():
+            _quiet_warnings()
+            status = _dispatch(list(sys.argv[1:] if argv is None else argv))
+            sys.stdout.flush()
+            return status
+    except SystemExit as stop:  # --help and --version
+        return int(stop.code or 0)
+    except KeyboardInterrupt:
+        complain("stopped before there was a result.")
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of a pipe went away; what it wanted it has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except TsmError as error:
+        complain(str(error))
+        return 2
+    except OSError as error:
+        complain(f"{error.filename}: {error.strerror}." if error.filename and error.strerror else str(error))
+        return 2
+    except Exception:
+        traceback.print_exc()
+        complain("this is a fault of the program, not of your input; please report it with the lines above.")
+        return 1
+
+
+def _dispatch(argv: list[str]) -> int:
+    parser, parsers = _parsers()
+    if not argv:
+        parser.print_help(sys.stderr)
+        return 2
+    if not argv[0].startswith("-") and argv[0] not in COMMANDS:
+        raise UsageError(f"there is no command '{argv[0]}'.{near(argv[0], COMMANDS)}")
+    args, extra = parser.parse_known_args(argv)
+    if extra:
+        known = [o for o in parsers[args.command]._option_string_actions] if "command" in args else []
+        word = extra[0].partition("=")[0]
+        kind = "option" if word.startswith("-") else "argument"
+        hint = near(word, known, most=20) if kind == "option" else ""
+        raise UsageError(f"{args.command} takes no {kind} '{word}'.{hint}")
+    return int(COMMANDS[args.command].execute(args))
+
+
+def _parsers() -> tuple[Parser, dict[str, Parser]]:
+    parser = Parser(prog="tsmblocks", description="Block diagrams for mechanisms with friction, backlash and hysteresis.",
+                    allow_abbrev=False)  # fmt: skip
+    parser.add_argument("--version", action="version", version=f"tsmblocks {_version()}")
+    inside = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
+    made = {}
+    for name, module in COMMANDS.items():
+        made[name] = inside.add_parser(
+            name, help=module.HELP, description=module.__doc__, allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+        module.arguments(made[name])
+    return parser, made
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("tsmblocks")
+    except PackageNotFoundError:
+        return "(run from its sources, not installed)"
+
+
+def _quiet_warnings() -> None:
+    """Warnings meant for the user as one line each; those of libraries for their authors not at all."""
+
+    def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
+        complain(f"warning: {message}")
+
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+    warnings.showwarning = show

@@ -1,0 +1,190 @@
+"""Run a diagram and say what came out of it.
+
+With outputs x_ref and x_out, the peak-to-peak and rms tracking error are printed, over the second
+half of the run (the transient of the start is over) and over all of it. Otherwise a table of outputs.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from tsmblocks.cli import common
+from tsmblocks.errors import RunError, near
+
+HELP = "run a diagram, print its tracking error or a table of outputs"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add = parser.add_argument
+    add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+    add(
+        "--stop",
+        type=common.number,
+        metavar="S",
+        help="end of the run in s (default: end of the data, else 20)",
+    )
+    add("--step", type=common.number, metavar="H", default=1e-3, help="step in s (default 0.001)")
+    add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
+    add("--set", dest="settings", type=common.setting, action="append", default=[], metavar="BLOCK.PARAMETER=VALUE",
+        help="another value for a parameter; may be given several times")  # fmt: skip
+    common.data_arguments(parser)
+    add(
+        "--hold",
+        default="linear",
+        metavar="HOLD",
+        help="data between samples: zero, linear (default) or cubic",
+    )
+    add("--out", metavar="FILE", help="write the outputs to a .csv, .npz or .mat file")
+    add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
+    add("--every", type=common.whole, metavar="N", default=1, help="keep every N-th instant (default 1)")
+    add("--backend", metavar="B", default="", help="llvm or casadi (default: llvm where it is installed)")
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    from tsmblocks.files import load
+
+    out, plot = common.result_path(args.out), common.result_path(args.plot, common.PICTURES)
+    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    record, inputs = _inputs(args, diagram)
+    run = _simulate(args, diagram, record, inputs, out)
+    written = [str(run.save(out))] if out else []
+    if plot:
+        written.append(str(_plot(run, plot)))
+    summary = summarise(run, args.diagram, record)
+    if args.json:
+        common.give({**summary, "written": written})
+    else:
+        print(in_words(summary))
+        for path in written:
+            print(f"wrote {path}")
+    if not run.complete:
+        common.complain(f"stopped at t = {run.t[-1]:g} s; the result up to there is what you see"
+                        f"{' and what was written' if written else ''}.")  # fmt: skip
+        return common.INTERRUPTED
+    return 0
+
+
+def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]]:
+    """The measured record, if any, and the diagram's inputs out of it."""
+    wanted = diagram.inports
+    if not args.data:
+        if wanted:
+            name, port = next(iter(wanted.items()))
+            raise common.UsageError(
+                f"'{args.diagram}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. Give --data FILE "
+                f"with a column '{name}{f' [{port.unit}]' if port.unit else ''}', or with --map {name}=COLUMN.")  # fmt: skip
+        return None, {}
+    if not wanted:
+        raise common.UsageError(
+            f"'{args.diagram}' has no inputs, so there is nothing that --data could drive."
+        )
+    for name, _ in args.map:
+        if name not in wanted and name != "t":
+            raise common.UsageError(
+                f"--map {name}=…: '{args.diagram}' has no input '{name}'.{near(name, wanted)}"
+            )
+    record = common.read_record(args, only=wanted)
+    for name, port in wanted.items():
+        if port.unit and not record.unit(name):
+            common.note(f"{record.origin}: '{name}' has no unit; it is taken to be in {port.unit}.")
+    return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
+
+
+def _simulate(
+    args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[str, Any], out: Path | None
+) -> Any:
+    """The run. A run that breaks off leaves what there was of it in the file asked for."""
+    from tsmblocks.simulate import simulate
+
+    tell = None if args.json else common.progress("running")
+    start = float(record.t[0]) if record is not None else 0.0
+    try:
+        return simulate(diagram, start=start, stop=args.stop, step=args.step, method=args.method, inputs=inputs,
+                        log="outputs" if diagram.outputs else "all", every=args.every, progress=tell,
+                        backend=args.backend)  # fmt: skip
+    except RunError as error:
+        if out and error.run is not None and len(error.run.t):
+            common.note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
+        raise
+    finally:
+        common.clear_progress(tell)
+
+
+def _plot(run: Any, path: Path) -> Path:
+    from tsmblocks.plots import plot_run, plot_tracking
+
+    figure = plot_tracking({"x_out": run}, title=run.title) if _tracks(run) else plot_run(run)
+    figure.savefig(path, dpi=150)
+    return path
+
+
+def _tracks(run: Any) -> bool:
+    return "x_ref" in run.aliases and "x_out" in run.aliases
+
+
+# ---- what is said -------------------------------------------------------------------------------
+
+
+def summarise(run: Any, diagram: str, record: Any = None) -> dict[str, Any]:
+    """All that the command says about a run, as plain values."""
+    made: dict[str, Any] = {
+        "diagram": diagram, "title": run.title, "start": float(run.t[0]), "stop": float(run.t[-1]), "step": run.step,
+        "method": run.method, "instants": len(run.t), "complete": run.complete, "outputs": {},
+        "notes": list(record.notes) if record is not None else [],
+    }  # fmt: skip
+    for name in run.aliases or run.keys():
+        y = run[name]
+        made["outputs"][name] = {"unit": run.unit(name), "min": float(y.min()), "max": float(y.max()),
+                                 "last": float(y[-1])}  # fmt: skip
+    if _tracks(run):
+        from tsmblocks.measures import tracking_error
+
+        half = float(run.t[0] + run.t[-1]) / 2
+        made["tracking_error"] = {
+            "second_half": _error(tracking_error(run, after=half)), "whole_run": _error(tracking_error(run)),
+        }  # fmt: skip
+    return made
+
+
+def _error(error: Any) -> dict[str, Any]:
+    return {"from": error.after, "unit": error.unit, "peak_to_peak": error.peak_to_peak, "rms": error.rms,
+            "largest": error.largest}  # fmt: skip
+
+
+def in_words(summary: dict[str, Any]) -> str:
+    """The summary as the terminal shows it."""
+    first = (f"{summary['title'] or summary['diagram']}\n{summary['start']:g} to {summary['stop']:g} s in steps of "
+             f"{summary['step']:g} s ({summary['method']})")  # fmt: skip
+    if "tracking_error" in summary:
+        return f"{first}\n\n{_tracking_table(summary)}"
+    rows = [("output", "unit", "min", "max", "last")]
+    rows += [(name, y["unit"], *(common.show(y[k]) for k in ("min", "max", "last")))
+             for name, y in summary["outputs"].items()]  # fmt: skip
+    return f"{first}\n\n{common.columns(rows, left=frozenset({0, 1}))}"
+
+
+def _tracking_table(summary: dict[str, Any]) -> str:
+    halves = summary["tracking_error"]
+    rows = [("tracking error x_ref - x_out", "peak to peak", "rms", "largest")]
+    for words, error in ((f"second half, from {halves['second_half']['from']:g} s", halves["second_half"]),
+                         ("whole run", halves["whole_run"])):  # fmt: skip
+        for unit, factor in _units(error["unit"]):
+            shown = (f"{factor * error[k]:.4g} {unit}".strip() for k in ("peak_to_peak", "rms", "largest"))
+            rows.append((words, *shown))
+            words = ""
+    return common.columns(rows)
+
+
+def _units(unit: str) -> list[tuple[str, float]]:
+    """The units an error is shown in: its own, and degrees for an angle."""
+    from tsmblocks import units
+
+    angle = units.parse(unit).dimension == units.parse("rad").dimension
+    return (
+        [("rad", units.factor(unit, "rad")), ("deg", units.factor(unit, "deg"))] if angle else [(unit, 1.0)]
+    )

@@ -1,0 +1,198 @@
+"""A diagram as a graph to be drawn: nodes, signals, columns and feedback. It knows no coordinates."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.draw import cycles
+from tsmblocks.draw.notes import Notes
+
+End = tuple[str, str]
+"""Key of a node, and port. Blocks have their names as keys, terminals ``>name`` and ``<name``."""
+
+SUMS, PRODUCTS = ("Σ", "Sum"), ("×", "Product")
+"""Symbols of the blocks that are drawn as circles."""
+
+
+@attrs.define(eq=False)
+class Node:
+    """One box, circle or terminal. ``ins`` and ``outs`` are the ports that have a wire."""
+
+    key: str
+    name: str
+    shape: str
+    block: Any = None
+    ins: tuple[str, ...] = ()
+    outs: tuple[str, ...] = ()
+
+    @property
+    def round(self) -> bool:
+        """Whether wires may also come from above and below."""
+        return self.shape == "round"
+
+
+@attrs.define(eq=False)
+class Net:
+    """One signal: its source, the ports ahead of it, and the ports it is fed back to."""
+
+    source: End
+    ahead: list[End] = attrs.field(factory=list)
+    back: list[End] = attrs.field(factory=list)
+    outputs: tuple[str, ...] = ()
+    note: str = ""
+
+    @property
+    def tapped(self) -> bool:
+        """Whether an output of the diagram is read off the wire, because the signal goes on."""
+        return bool(self.outputs) and not any(key.startswith("<") for key, _ in self.ahead)
+
+
+@attrs.define(eq=False)
+class Loop:
+    """One feedback: the signals it runs over, from right to left, and the blocks that stand between them."""
+
+    nets: tuple[Net, ...]
+    blocks: tuple[str, ...] = ()
+
+
+@attrs.define(eq=False)
+class Graph:
+    """What is drawn, with the column of every node that is not in a feedback path."""
+
+    nodes: dict[str, Node]
+    nets: list[Net]
+    column: dict[str, int]
+    loops: list[Loop]
+
+
+def graph(diagram: Diagram, notes: Notes) -> Graph:
+    """The diagram with its feedback found and its blocks in columns."""
+    nodes, nets = _read(diagram, notes)
+    _split(nodes, nets)
+    loops = _loops(nodes, nets)
+    hidden = {name for loop in loops for name in loop.blocks}
+    placed = [key for key in nodes if key not in hidden]
+    edges = [(net.source[0], key) for net in nets for key, _ in net.ahead]
+    fed, inputs = {v for _, v in edges}, {k for k in placed if k.startswith(">")}
+    column = cycles.columns(placed, edges, lambda k: int(bool(inputs) and k in fed), inputs)
+    lowest, last = min(column.values(), default=0), max(column.values(), default=-1) + 1
+    for net in nets:  # an edge taken for feedback may turn out to lead forward after all
+        late = [end for end in net.back if net.source[0] in column and column[end[0]] > column[net.source[0]]]
+        net.ahead += late
+        net.back = [end for end in net.back if end not in late]
+        if net.outputs and not net.ahead:
+            for name in net.outputs:
+                nodes["<" + name] = Node("<" + name, name, "terminal")
+                net.ahead.append(("<" + name, ""))
+                column["<" + name] = last
+    loops = [loop for loop in loops if loop.nets[-1].back]
+    return Graph(nodes, nets, {k: c - lowest for k, c in column.items()}, loops)
+
+
+def _read(diagram: Diagram, notes: Notes) -> tuple[dict[str, Node], list[Net]]:
+    """Nodes and signals in the order of the diagram's blocks and ports, whatever the order of the wires."""
+    nodes = {">" + name: Node(">" + name, name, "terminal") for name in diagram.inputs}
+    place = {end: k for k, end in enumerate(
+        (name, port) for name, block in diagram.blocks.items() for port in block.inports)}  # fmt: skip
+    targets: dict[End, list[End]] = {(">" + name, ""): list(ends) for name, ends in diagram.inlets.items()}
+    for link in diagram.links:
+        targets.setdefault(link.source, []).append(link.target)
+    shown: dict[End, list[str]] = {}
+    for output, (name, port) in diagram.shown.items():
+        shown.setdefault((name, port) if name else (">" + port, ""), []).append(output)
+    wired = {end for ends in targets.values() for end in ends}
+    for name, block in diagram.blocks.items():
+        ins = tuple(p for p in block.inports if (name, p) in wired)
+        outs = tuple(p for p in block.outports if (name, p) in {*targets, *shown} or notes.at((name, p)))
+        nodes[name] = Node(name, name, _shape(block, ins, outs), block, ins, outs)
+    sources = [(key, "") for key in nodes if key.startswith(">")]
+    sources += [(key, port) for key, node in nodes.items() for port in node.outs]
+    nets = [Net(source, sorted(set(targets.get(source, ())), key=place.__getitem__),
+                outputs=tuple(shown.get(source, ())), note=notes.at(source)) for source in sources]  # fmt: skip
+    return nodes, nets
+
+
+def _shape(block: Any, ins: tuple[str, ...], outs: tuple[str, ...]) -> str:
+    if isinstance(block, Diagram):
+        return "double"
+    if symbol_of(block) not in (*SUMS, *PRODUCTS) or len(outs) > 1:
+        return "box"
+    if len(ins) <= 3:
+        return "round"
+    return "tall" if symbol_of(block) in SUMS else "box"
+
+
+def symbol_of(block: Any) -> str:
+    """What stands in the box: the block's symbol, else its class name."""
+    return str(getattr(block, "symbol", "") or type(block).__name__)
+
+
+def sign_of(node: Node, port: str) -> str:
+    """The sign beside an input of a sum; nothing for other blocks."""
+    if node.block is None or isinstance(node.block, Diagram) or symbol_of(node.block) not in SUMS:
+        return ""
+    signs, ports = getattr(node.block, "signs", None), list(node.block.inports)
+    if isinstance(signs, str) and len(signs) == len(ports):
+        return signs[ports.index(port)].replace("-", "−")
+    return "−" if port.startswith("minus") else "+"
+
+
+def _split(nodes: Mapping[str, Node], nets: list[Net]) -> None:
+    """Part the targets of each signal into those ahead and those it is fed back to."""
+    edges = list(dict.fromkeys((net.source[0], key) for net in nets for key, _ in net.ahead))
+    joins = {key for key, node in nodes.items() if node.shape in ("round", "tall")}
+    shown = {net.source[0] for net in nets if net.outputs}
+    found = cycles.feedback(list(nodes), edges, joins, shown)
+    for net in nets:
+        net.back = [end for end in net.ahead if (net.source[0], end[0]) in found]
+        net.ahead = [end for end in net.ahead if (net.source[0], end[0]) not in found]
+
+
+def _loops(nodes: Mapping[str, Node], nets: list[Net]) -> list[Loop]:
+    """The feedbacks; blocks that do nothing but return a signal are taken out of the columns."""
+    driver = {end: net for net in nets for end in (*net.ahead, *net.back)}
+    receivers = {net.source: len(net.ahead) + len(net.back) + len(net.outputs) for net in nets}
+    sources = [net.source[0] for net in nets]
+    after = cycles.successors(nodes, [(net.source[0], key) for net in nets for key, _ in net.ahead])
+    loops = []
+    for net in nets:
+        if not net.back:
+            continue
+        path = [net]
+        while _returns(nodes[path[-1].source[0]], path, receivers, sources):
+            path.append(driver[path[-1].source[0], nodes[path[-1].source[0]].ins[0]])
+        start = path[-1]
+        whole = len(path) > 1 and receivers[start.source] > 1 and _reaches(after, net.back[0][0], start.source[0])
+        if not whole:
+            loops.append(Loop((net,)))
+            continue
+        for ahead, one in itertools.pairwise(reversed(path)):
+            ahead.ahead = [end for end in ahead.ahead if end[0] != one.source[0]]
+        loops.append(Loop(tuple(reversed(path)), tuple(one.source[0] for one in reversed(path[:-1]))))
+    return loops
+
+
+def _returns(node: Node, path: list[Net], receivers: Mapping[End, int], sources: list[str]) -> bool:
+    """Whether a block stands in a feedback path: one way in, one way out, one receiver."""
+    return (
+        not node.round
+        and len(node.ins) == 1
+        and sources.count(node.key) == 1
+        and receivers[path[-1].source] == 1
+        and node.key not in [net.source[0] for net in path[:-1]]
+    )
+
+
+def _reaches(after: Mapping[str, list[str]], start: str, goal: str) -> bool:
+    """Whether the signal flows from one node to the other without feedback."""
+    seen, line = {start}, [start]
+    for node in line:
+        fresh = [n for n in after[node] if n not in seen]
+        seen.update(fresh)
+        line += fresh
+    return goal in seen

@@ -1,0 +1,51 @@
+"""The small texts on wires: which signal has which value. It knows names, numbers and units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import TsmError, near
+
+
+@attrs.frozen
+class Notes:
+    """Text by signal; a block's signal is ``(block, port)``, an input of the diagram ``(">name", "")``."""
+
+    texts: Mapping[tuple[str, str], str]
+
+    def at(self, end: tuple[str, str]) -> str:
+        """The text on the wire that leaves ``end``; empty when there is none."""
+        return self.texts.get(end, "")
+
+
+def notes(diagram: Diagram, values: Mapping[str, Any] | None) -> Notes:
+    """What ``values`` says of the signals that can be seen; numbers get the unit of their port.
+
+    A name may be an output or input of the diagram, ``"block.port"``, or ``"block"`` where it has one
+    output. Signals inside a block that is a diagram are passed over. Raises TsmError for any other.
+    """
+    ends = {f"{name}.{port}": (name, port) for name, block in diagram.blocks.items() for port in block.outports}
+    ends |= {name: (name, *block.outports) for name, block in diagram.blocks.items() if len(block.outports) == 1}
+    ends |= {name: (">" + name, "") for name in diagram.inputs}
+    ends |= {name: (end if end[0] else (">" + end[1], "")) for name, end in diagram.shown.items()}
+    texts = {}
+    for name, value in (values or {}).items():
+        if name in ends:
+            texts[ends[name]] = _text(value, diagram.unit(_full(ends[name])))
+        elif not isinstance(diagram.blocks.get(name.partition(".")[0]), Diagram):
+            raise TsmError(f"diagram '{diagram.title}' has no signal '{name}' to write a value on.{near(name, ends)}")
+    return Notes(texts)
+
+
+def _full(end: tuple[str, str]) -> str:
+    return end[0].removeprefix(">") if not end[1] else ".".join(end)
+
+
+def _text(value: Any, unit: str) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{float(value):.4g}{f' {unit}' if unit not in ('', '1') else ''}".replace("-", "−")

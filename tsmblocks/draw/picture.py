@@ -1,0 +1,147 @@
+"""What a drawing is made of: boxes, wires and texts with coordinates, as values. It knows no diagram.
+
+Lengths are pixels, x to the right and y downwards. Everything that carries a wire lies on a grid of
+``GRID`` pixels, so two wires either share a line or stand at least that far apart.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+
+import attrs
+
+Point = tuple[float, float]
+
+GRID = 10
+PITCH = 20
+"""Distance of neighbouring ports, parallel wires and feedback channels."""
+RADIUS = 15
+"""Of the circle that stands for a sum or a product."""
+
+NAME, SYMBOL, SMALL, TITLE = 12, 15, 10, 16
+"""Sizes of the texts: names, symbols, ports and signals, the title."""
+
+_WIDTHS = {"": 0.66, "'ijlI": 0.3, "J,. /:;\\|f-`": 0.38, "()[]trst!sz_*": 0.53, "DGHNOQ&": 0.8, "w#+<=>^~×÷ω−→M": 0.87,
+           "m@%W…—": 1.02, "₀₁₂₃₄₅₆₇₈₉ₓ²³": 0.45}  # fmt: skip
+_WIDTH = {c: width for chars, width in _WIDTHS.items() for c in chars}
+"""Widths of DejaVu Sans, the widest of the usual sans-serif fonts, in units of the size, rounded up."""
+
+
+def text_width(text: str, size: float) -> float:
+    """An upper estimate of the width of a text, without asking any font."""
+    return size * sum(_char_width(c) for c in text)
+
+
+def _char_width(c: str) -> float:
+    if unicodedata.combining(c):
+        return 0.0
+    if unicodedata.east_asian_width(c) in "WF":
+        return 1.05
+    return _WIDTH.get(c, _WIDTHS[""])
+
+
+def fitted(text: str, size: float, width: float) -> str:
+    """The text, cut with an ellipsis where it would be wider than ``width``."""
+    if text_width(text, size) <= width:
+        return text
+    while text and text_width(text + "…", size) > width:
+        text = text[:-1]
+    return text.rstrip() + "…"
+
+
+@attrs.frozen
+class Label:
+    """A line of text. ``y`` is its baseline; ``anchor`` says which point of the text ``x`` is.
+
+    ``kind`` is ``name``, ``symbol``, ``port``, ``sign``, ``terminal``, ``signal``, ``title`` or ``source``.
+    """
+
+    text: str
+    x: float
+    y: float
+    size: float
+    kind: str
+    anchor: str = "middle"
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom of the text, estimated."""
+        width = text_width(self.text, self.size)
+        left = self.x - {"start": 0.0, "middle": 0.5, "end": 1.0}[self.anchor] * width
+        return left, self.y - 0.8 * self.size, left + width, self.y + 0.22 * self.size
+
+
+@attrs.frozen
+class Box:
+    """One block or terminal: its outline and the texts and strokes that belong to it.
+
+    ``shape`` is ``box``, ``double`` (a diagram inside the diagram), ``round`` (sum, product), ``tall``
+    (a sum of many inputs) or ``terminal``; ``about`` is the tooltip.
+    """
+
+    name: str
+    shape: str
+    x: float
+    y: float
+    width: float
+    height: float
+    labels: tuple[Label, ...] = ()
+    strokes: tuple[tuple[Point, Point], ...] = ()
+    about: str = ""
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom of the outline."""
+        return self.x, self.y, self.x + self.width, self.y + self.height
+
+
+@attrs.frozen
+class Arrow:
+    """An arrowhead: its tip, and the direction it points in."""
+
+    x: float
+    y: float
+    dx: int
+    dy: int
+
+    @property
+    def corners(self) -> tuple[Point, Point, Point]:
+        """Tip and the two corners behind it."""
+        back, half = 8.5, 3.5
+        x, y = self.x - back * self.dx, self.y - back * self.dy
+        return (self.x, self.y), (x - half * self.dy, y - half * self.dx), (x + half * self.dy, y + half * self.dx)
+
+
+@attrs.frozen
+class Wire:
+    """One signal: where it comes from and goes to, and the lines it is drawn with.
+
+    ``dots`` mark branch points, ``taps`` the places where an output of the diagram is read off.
+    """
+
+    signal: str
+    targets: tuple[str, ...]
+    lines: tuple[tuple[Point, ...], ...]
+    arrows: tuple[Arrow, ...] = ()
+    dots: tuple[Point, ...] = ()
+    taps: tuple[Point, ...] = ()
+    labels: tuple[Label, ...] = ()
+    about: str = ""
+
+
+@attrs.frozen
+class Picture:
+    """A drawing as a value: what ``to_svg`` and ``to_png`` put on paper."""
+
+    title: str
+    width: float
+    height: float
+    boxes: tuple[Box, ...]
+    wires: tuple[Wire, ...]
+    labels: tuple[Label, ...] = ()
+
+    @property
+    def texts(self) -> tuple[Label, ...]:
+        """Every text of the drawing."""
+        owners = (*self.boxes, *self.wires)
+        return (*self.labels, *(label for owner in owners for label in owner.labels))

@@ -1,0 +1,164 @@
+"""Where things stand in a TOML text: the line of every key and of every text in an array.
+
+``tomllib`` gives values without lines, so the text is read here a second time, for places only.
+The reading is lenient: what is not TOML is ``tomllib``'s to refuse. Brackets and dots nested deeper
+than any diagram needs are noticed here, before ``tomllib`` runs out of stack or of time over them.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+Path = tuple[str | int, ...]
+
+DEEPEST = 160
+"""Parts of a key, counted through tables; 64 diagrams inside each other need 130."""
+MOST = 250_000
+"""Keys and texts in one file; a hundred times the largest diagram anybody has drawn by hand."""
+
+_TOKEN = re.compile(
+    r"""
+    (?P<blank>  [ \t\r]+ | \#[^\n]* )
+  | (?P<line>   \n )
+  | (?P<mark>   [][{},=] )
+  | (?P<word>   [^\s"'\#\[\]{},=]+ )
+  | (?P<text>   \"{3} (?:\\.|[^\\])*? \"{3,5} | '{3} .*? '{3,5}
+              | " [^"\\\n]* (?:\\.[^"\\\n]*)* " | ' [^'\n]* ' )
+    """,
+    re.VERBOSE | re.DOTALL,
+)
+
+
+class Places:
+    """Lines of a TOML text, counted from 1, by path: ``("blocks", "pid", "kp")``, ``("wires", 2)``.
+
+    ``repeated`` maps the line of a key that was there already to its path and first line.
+    ``trouble`` holds a line and a sentence where the text is too deep or too long to be read.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.lines: dict[Path, int] = {}
+        self.repeated: dict[int, tuple[Path, int]] = {}
+        self.trouble: tuple[int, str] | None = None
+        self._line = 1
+        self._table: Path = ()  # the section whose keys are being read
+        self._parts: list[str] = []  # of the key being read
+        self._open: list[tuple[Path, int | None]] = []  # brackets: an array with its index, or a table
+        self._at: Path = ()  # the key whose value is being read
+        self._in_key = True
+        self._in_header = False
+        self._read(text)
+
+    def line(self, *path: str | int) -> int | None:
+        """Return the line of a key, or of the nearest one around it that has a known line."""
+        for length in range(len(path), 0, -1):
+            if path[:length] in self.lines:
+                return self.lines[path[:length]]
+        return None
+
+    # ---- reading
+
+    def _read(self, text: str) -> None:
+        at, end = 0, len(text)
+        while at < end and self.trouble is None:
+            token = _TOKEN.match(text, at)
+            if token is None:
+                return
+            at = token.end()
+            kind, shown = token.lastgroup, token[0]
+            if kind == "line":
+                self._new_line()
+            elif kind == "mark":
+                self._mark(shown)
+            elif kind != "blank":
+                self._content(shown, kind == "text")
+                self._line += shown.count("\n")
+
+    def _new_line(self) -> None:
+        self._line += 1
+        if not self._open:
+            self._in_key, self._in_header, self._parts = True, False, []
+
+    def _content(self, shown: str, quoted: bool) -> None:
+        if not self._in_key:
+            if quoted:
+                self._element()
+            return
+        self._parts += [_unquoted(shown)] if quoted else [part for part in shown.split(".") if part]
+        self._check_depth(len(self._parts))
+
+    def _element(self) -> None:
+        """Note the line of a text in an array."""
+        if self._open and self._open[-1][1] is not None:
+            path, index = self._open[-1]
+            self._record((*path, index))  # type: ignore[arg-type]
+
+    def _record(self, path: Path) -> None:
+        self.lines.setdefault(path, self._line)
+        if len(self.lines) > MOST:
+            self.trouble = self._line, f"the file holds more than {MOST:,} keys and texts; it is not read further."
+
+    def _check_depth(self, more: int) -> None:
+        around = self._open[-1][0] if self._open else self._table
+        if len(around) + more > DEEPEST:
+            self.trouble = self._line, f"keys and brackets stand inside each other more than {DEEPEST} deep."
+
+    # ---- marks
+
+    def _mark(self, mark: str) -> None:
+        if self._in_key and not self._open and mark in "[]":
+            self._header(mark)
+        elif mark == "=":
+            self._assign()
+        elif mark in "[{":
+            self._enter(mark)
+        elif mark in "]}":
+            if self._open:
+                self._open.pop()
+                self._in_key = False
+        elif self._open:  # a comma
+            path, index = self._open[-1]
+            self._open[-1] = path, None if index is None else index + 1
+            self._in_key, self._parts = index is None, []
+
+    def _header(self, mark: str) -> None:
+        if mark == "[":
+            self._in_header, self._parts = True, []
+        elif self._parts:
+            self._table, self._parts = tuple(self._parts), []
+            self._note((), self._table)
+
+    def _assign(self) -> None:
+        if not self._in_key or self._in_header:
+            return
+        base = self._open[-1][0] if self._open else self._table
+        self._at = (*base, *self._parts)
+        self._note(base, self._at)
+        self._in_key, self._parts = False, []
+
+    def _note(self, base: Path, path: Path) -> None:
+        """Note the line of a key, and of the tables that its dots pass through where they are new."""
+        if path in self.lines:
+            self.repeated[self._line] = path, self.lines[path]
+        for length in range(len(base) + 1, len(path)):
+            self.lines.setdefault(path[:length], self._line)
+        self._record(path)
+
+    def _enter(self, mark: str) -> None:
+        path = self._at
+        if self._open and self._open[-1][1] is not None:
+            path = (*self._open[-1][0], self._open[-1][1])
+        self._open.append((path, 0 if mark == "[" else None))
+        self._in_key, self._parts = mark == "{", []
+        self._check_depth(0)
+
+
+def _unquoted(text: str) -> str:
+    """Return a quoted key as the name it stands for."""
+    if "\\" not in text:
+        return text[1:-1]
+    try:
+        return str(tomllib.loads(f"key = {text}")["key"])
+    except tomllib.TOMLDecodeError:
+        return text[1:-1]

@@ -1,0 +1,290 @@
+"""The promises every block keeps, as checks. A check's name is the promise, its docstring says it in words.
+
+    from tsmblocks.testing import checks_for
+
+    @pytest.mark.parametrize("check", checks_for(MyBlock()), ids=str)
+    def test_my_block(check):
+        check()
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tsmblocks import units
+from tsmblocks.block import Block, is_reference, leaves, map_leaves, signals
+from tsmblocks.checks import SHARED
+from tsmblocks.errors import ParameterError, TsmError
+from tsmblocks.structure import call, structure_of, symbolic
+
+SCALES = (0.0, 1.0, 1e3, 1e6)
+"""How large states and inputs are made: at rest, ordinary, and far outside normal use."""
+
+Promise = Callable[[Block], None]
+PROMISES: dict[str, Promise] = {}
+
+
+class BrokenPromise(TsmError):
+    """A block does not keep one of its promises."""
+
+
+def promise(check: Promise) -> Promise:
+    """Add a check to the suite, under its own name."""
+    PROMISES[check.__name__] = check
+    return check
+
+
+class Check:
+    """One promise for one block; call it. Its text is ``Block-promise``."""
+
+    def __init__(self, block: Block, name: str) -> None:
+        self.block, self.name = block, name
+
+    def __call__(self) -> None:
+        try:
+            PROMISES[self.name](self.block)
+        except BrokenPromise:
+            raise
+        except TsmError as error:
+            raise BrokenPromise(str(error)) from error
+
+    def __str__(self) -> str:
+        return f"{type(self.block).__name__}-{self.name}"
+
+
+def checks_for(block: Block) -> list[Check]:
+    """Every promise, for one block."""
+    return [Check(block, name) for name in PROMISES]
+
+
+def broken_promises(block: Block) -> dict[str, str]:
+    """The promises a block breaks, with what was found; empty for a good block."""
+    found = {}
+    for check in checks_for(block):
+        try:
+            check()
+        except Exception as error:  # whatever a faulty block raises is a broken promise
+            found[check.name] = f"{type(error).__name__}: {error}"
+    return found
+
+
+def need(condition: Any, text: str) -> None:
+    """Raise BrokenPromise unless the condition holds."""
+    if not condition:
+        raise BrokenPromise(text)
+
+
+# ---- looking at a block
+
+
+@functools.lru_cache(maxsize=512)
+def _functions(block: Block) -> tuple[Any, list[str], list[str]]:
+    """All equations as one function of (t, x, u, p), with the names of its results and parameters."""
+    twin, t, x, u = symbolic(block)
+    results = {f"{kind}.{k}": v for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
+               for k, v in call(twin, equation, t, x, u).items()}  # fmt: skip
+    p = [v for value in twin.parameters.values() for _, v in leaves(value)]
+    names = [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
+    column = lambda parts: ca.vertcat(*parts) if parts else ca.SX(0, 1)  # noqa: E731 - a local shorthand
+    f = ca.Function("block", [t, column(list(x)), column(list(u)), column(p)], [column(list(results.values()))])
+    return f, list(results), names
+
+
+def _numbers(block: Block) -> list[float]:
+    return [0.0 if is_reference(v) else v for value in block.parameters.values() for _, v in leaves(value)]
+
+
+def _points(block: Block) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Times, states and inputs to try: each scale, with mixed signs and with one sign, reproducibly."""
+    made = []
+    rng = np.random.default_rng(20)
+    nx, nu = len(block.states), len(block.read_names)
+    for scale in SCALES:
+        for signs in (rng.uniform(-1, 1, nx + nu), np.ones(nx + nu), -np.ones(nx + nu)):
+            made.append((scale, scale * signs[:nx], scale * signs[nx:]))
+    return made
+
+
+# ---- the promises
+
+
+@promise
+def documented(block: Block) -> None:
+    """A sentence, an equation, a source, and words on every port and field."""
+    owner = type(block).__name__
+    text = inspect.getdoc(type(block)) or ""
+    need(text and text.strip().splitlines()[0].rstrip().endswith("."), f"{owner} has no opening sentence.")
+    need(block.source, f"{owner} names no source.")
+    parts: list[tuple[str, Any]] = [*block.inports.items(), *block.outports.items(), *block.tape_ports.items(),
+                                    *block.past_ports.items(), *block.fields().items()]  # fmt: skip
+    for name, part in parts:
+        need(part.about.strip(), f"{owner}.{name} has no words.")
+
+
+@promise
+def equations_cover_what_is_declared(block: Block) -> None:
+    """Every output, every state and nothing else comes out of the equations."""
+    structure_of(block)
+
+
+@promise
+def units_are_known(block: Block) -> None:
+    """Every unit is one this package can read."""
+    parts: list[Any] = [*block.inports.values(), *block.outports.values(), *block.fields().values(),
+                        *block.states.values()]  # fmt: skip
+    for part in parts:
+        match = SHARED.fullmatch(part.unit)
+        units.parse("1" + match[2] if match else part.unit)
+
+
+@promise
+def every_parameter_matters(block: Block) -> None:
+    """Each parameter changes something; none was frozen into a number."""
+    f, results, names = _functions(block)
+    t, x, u, p = f.sx_in()
+    used = ca.which_depends(f(t, x, u, p), p, 1, False) if results and names else []
+    starts = {leaf for k, s in block.twin(lambda n, v: ca.SX.sym(n)).states.items() for leaf in _symbols(s.start)}
+    past = {p.by for p in block.past_ports.values()} | {p.initial for p in block.past_ports.values()}
+    idle = [n for n, u_ in zip(names, used, strict=True) if not u_ and n not in starts and n not in past]
+    need(not idle, f"no equation of {type(block).__name__} uses {', '.join(idle)}.")
+
+
+def _symbols(start: Any) -> set[str]:
+    return {s.name() for s in ca.symvar(start)} if isinstance(start, ca.SX) else set()
+
+
+@promise
+def every_input_matters(block: Block) -> None:
+    """Each input, tape and past value is read by some equation."""
+    f, _, _ = _functions(block)
+    t, x, u, p = f.sx_in()
+    used = ca.which_depends(f(t, x, u, p), u, 1, False) if block.read_names else []
+    past = {k.of for k in block.past_ports.values()} | {k.rate_of for k in block.inports.values()}
+    idle = [n for n, u_ in zip(block.read_names, used, strict=True) if not u_ and n not in past]
+    need(not idle, f"no equation of {type(block).__name__} reads {', '.join(idle)}.")
+
+
+@promise
+def floats_and_symbols_agree(block: Block) -> None:
+    """The equations give the same with numbers as with symbols, and the same twice."""
+    f, results, _ = _functions(block)
+    for t, x, u in _points(block)[3:6] if _singular(block) else _points(block)[:6]:
+        expected = np.asarray(f(t, x, u, _numbers(block))).ravel()
+        for _ in range(2):
+            states, inputs = signals(list(block.states), list(x)), signals(list(block.read_names), list(u))
+            direct = {f"{kind}.{k}": float(v)
+                      for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
+                      for k, v in call(block, equation, t, states, inputs).items()}  # fmt: skip
+            for name, value in zip(results, expected, strict=True):
+                same = direct[name] == value or math.isclose(direct[name], value, rel_tol=1e-9, abs_tol=1e-12)
+                same = same or (math.isnan(value) and math.isnan(direct[name]))
+                need(same, f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.")
+
+
+def _singular(block: Block) -> bool:
+    return bool(getattr(block, "singular", ""))
+
+
+@promise
+def finite_everywhere(block: Block) -> None:
+    """No NaN or infinity: at rest, at zero, and far outside normal use."""
+    if _singular(block):
+        return  # says itself where it is not finite (a division by zero)
+    f, results, _ = _functions(block)
+    for t, x, u in _points(block):
+        values = np.asarray(f(t, x, u, _numbers(block))).ravel()
+        bad = [n for n, v in zip(results, values, strict=True) if not np.isfinite(v)]
+        need(not bad, f"{type(block).__name__} {', '.join(bad)} is not finite at t={t:g}, x={x}, u={u}.")
+
+
+@promise
+def slopes_are_finite(block: Block) -> None:
+    """Derivatives with respect to states, inputs and parameters are finite, which fits and designs need."""
+    if _singular(block):
+        return
+    f, results, _ = _functions(block)
+    t, x, u, p = f.sx_in()
+    if not results:
+        return
+    jacobian = ca.Function("slopes", [t, x, u, p], [ca.jacobian(f(t, x, u, p), ca.vertcat(x, u, p))])
+    finite = [0.0 if not math.isfinite(v) else v for v in _numbers(block)]
+    for time, xs, us in _points(block):
+        values = np.asarray(jacobian(time, xs, us, finite))
+        rows = [n for n, row in zip(results, values, strict=True) if not np.isfinite(row).all()]
+        need(not rows, f"a slope of {type(block).__name__} {', '.join(rows)} is not finite at x={xs}, u={us}.")
+
+
+@promise
+def is_a_value(block: Block) -> None:
+    """Frozen, equal to its copy, hashable, and it pickles."""
+    copy = block.replace()
+    need(copy == block and hash(copy) == hash(block), f"{type(block).__name__} differs from its copy.")
+    need(pickle.loads(pickle.dumps(block)) == block, f"{type(block).__name__} changes when pickled.")
+    name = next(iter(block.fields()), None)
+    if name is not None:
+        try:
+            setattr(block, name, None)
+        except AttributeError:
+            return
+        raise BrokenPromise(f"{type(block).__name__} can be changed in place.")
+
+
+@promise
+def survives_a_file(block: Block) -> None:
+    """Written to a diagram file and read back, it is the same block."""
+    from tsmblocks.block import REGISTRY
+    from tsmblocks.diagram import Diagram
+    from tsmblocks.files import dumps, loads
+
+    need(REGISTRY.get(type(block).__name__) is type(block), f"{type(block).__name__} is not known to files by its name.")
+    inputs = {f"in_{k}": f"block.{k}" for k in block.inports}
+    alone = Diagram(title="alone", blocks={"block": block}, inputs=inputs)
+    need(loads(dumps(alone)) == alone, f"{type(block).__name__} changes when written to a file.")
+
+
+@promise
+def refuses_bad_numbers(block: Block) -> None:
+    """Text, NaN and values outside the bounds are refused, naming block and parameter."""
+    owner = type(block).__name__
+    for name, field in block.fields().items():
+        if isinstance(field.default, (str, bool)):
+            continue
+        wrong: list[Any] = ["three", math.nan]
+        wrong += [field.above] if math.isfinite(field.above) else []
+        wrong += [field.below] if math.isfinite(field.below) else []
+        wrong += [field.at_least - 1] if math.isfinite(field.at_least) else []
+        wrong += [field.at_most + 1] if math.isfinite(field.at_most) else []
+        value = getattr(block, name)
+        if isinstance(value, tuple) and not any(True for _ in leaves(value)):
+            continue
+        if isinstance(value, tuple) and field.kind == "option":
+            continue  # a list of anything: the block's own check speaks
+        for bad in wrong:
+            given = map_leaves(functools.partial(_always, bad), value) if isinstance(value, tuple) else bad
+            try:
+                block.replace(**{name: given})
+            except ParameterError as error:
+                need(owner in str(error) and name in str(error), f"the refusal does not name {owner}.{name}: {error}")
+            else:
+                raise BrokenPromise(f"{owner}.{name} takes {bad!r}.")
+
+
+def _always(value: Any, _name: str, _leaf: Any) -> Any:
+    return value
+
+
+@promise
+def fits_a_page(block: Block) -> None:
+    """No equation is longer than 40 lines: a long one wants to be a diagram."""
+    for equation in ("outputs", "derivatives", "updates"):
+        method = getattr(type(block), equation)
+        lines = len(inspect.getsource(method).splitlines())
+        need(lines <= 40, f"{type(block).__name__}.{equation} has {lines} lines.")
