@@ -6,6 +6,10 @@ Reading order for the whole idea: ``block``, ``blocks/limits``, ``diagram``, ``c
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+# These two stand before their modules of the same name, so they cannot wait to be asked for.
+from tsmblocks.block import block as block
+from tsmblocks.simulate import simulate as simulate
+
 __version__ = "0.1.0"
 
 _HOME = {
@@ -73,7 +77,6 @@ if TYPE_CHECKING:
     from tsmblocks.block import Samples as Samples
     from tsmblocks.block import State as State
     from tsmblocks.block import Tape as Tape
-    from tsmblocks.block import block as block
     from tsmblocks.block import option as option
     from tsmblocks.block import parameter as parameter
     from tsmblocks.block import signals as signals
@@ -93,4 +96,3 @@ if TYPE_CHECKING:
     from tsmblocks.run import Run as Run
     from tsmblocks.simulate import Stepper as Stepper
     from tsmblocks.simulate import equations as equations
-    from tsmblocks.simulate import simulate as simulate

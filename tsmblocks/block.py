@@ -77,7 +77,8 @@ class State:
 class Samples:
     """A signal known at instants ``t`` [s] only; ``hold`` says what it is in between.
 
-    ``hold`` is ``"zero"``, ``"linear"`` or ``"cubic"``; outside the instants the end values hold.
+    ``hold`` is ``"zero"``, ``"linear"`` or ``"cubic"``. A run may not reach beyond the instants, save
+    that a zero-order hold keeps its last value.
     """
 
     t: np.ndarray
@@ -254,8 +255,11 @@ class Block:
         """New values of the memory states by name."""
         return {}
 
-    def tapes(self, start: float, stop: float) -> dict[str, Samples]:
-        """Samples of each Tape that cover ``start`` to ``stop`` [s]."""
+    def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
+        """Samples of each Tape that cover ``start`` to ``stop`` [s].
+
+        ``name`` is the block's name in its diagram, so that two noises with one seed differ.
+        """
         return {}
 
     def check(self) -> None:

@@ -6,6 +6,7 @@ and algebraic loops are exact, per port and through hierarchy. It knows nothing 
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import casadi as ca
@@ -44,7 +45,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
         p=tuple(flat.p_names), y=tuple(names), q=tuple(flat.q_names), p_default=np.array(flat.p_values, dtype=float),
         rhs=rhs, update=update, start=start, lag=lag, periods=tuple(flat.periods),
         aliases={k: flat.signal_name(end) for k, end in flat.shown.items()},
-        units=_units(diagram, flat, names), tapes={k: b.tapes for k, b in flat.blocks.items() if b.tape_ports},
+        units=_units(diagram, flat, names), tapes={k: functools.partial(b.tapes, name=k) for k, b in flat.blocks.items() if b.tape_ports},
         every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
         reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
     )  # fmt: skip

@@ -23,11 +23,13 @@ _TOKEN = re.compile(
   | (?P<line>   \n )
   | (?P<mark>   [][{},=] )
   | (?P<word>   [^\s"'\#\[\]{},=]+ )
-  | (?P<text>   \"{3} (?:\\.|[^\\])*? \"{3,5} | '{3} .*? '{3,5}
-              | " [^"\\\n]* (?:\\.[^"\\\n]*)* " | ' [^'\n]* ' )
+  | (?P<text>   "{3} [^"\\]*+ (?:(?:\\.|"{1,2}(?!")) [^"\\]*+)*+ "{3,5} | '{3} .*? '{3,5}
+              | " [^"\\\n]*+ (?:\\.[^"\\\n]*+)*+ " | ' [^'\n]* ' )
     """,
     re.VERBOSE | re.DOTALL,
 )
+_PLAIN = re.compile(r"[^\"'#\[\]{}\n]+")
+"""Numbers and commas, which a long array holds by the thousand."""
 
 
 class Places:
@@ -62,6 +64,11 @@ class Places:
     def _read(self, text: str) -> None:
         at, end = 0, len(text)
         while at < end and self.trouble is None:
+            token = self._in_array() and _PLAIN.match(text, at)
+            if token:
+                at = token.end()
+                self._next(token[0].count(","))
+                continue
             token = _TOKEN.match(text, at)
             if token is None:
                 return
@@ -90,9 +97,23 @@ class Places:
 
     def _element(self) -> None:
         """Note the line of a text in an array."""
-        if self._open and self._open[-1][1] is not None:
-            path, index = self._open[-1]
-            self._record((*path, index))  # type: ignore[arg-type]
+        if self._in_array():
+            self._record(self._here())
+
+    def _in_array(self) -> bool:
+        return bool(self._open) and self._open[-1][1] is not None
+
+    def _here(self) -> Path:
+        """Return the path of the value that is being read."""
+        path, index = self._open[-1] if self._open else ((), None)
+        return self._at if index is None else (*path, index)
+
+    def _next(self, commas: int) -> None:
+        path, index = self._open[-1]
+        if index is not None:
+            self._open[-1] = path, index + commas
+        elif commas:
+            self._in_key, self._parts = True, []
 
     def _record(self, path: Path) -> None:
         self.lines.setdefault(path, self._line)
@@ -118,9 +139,7 @@ class Places:
                 self._open.pop()
                 self._in_key = False
         elif self._open:  # a comma
-            path, index = self._open[-1]
-            self._open[-1] = path, None if index is None else index + 1
-            self._in_key, self._parts = index is None, []
+            self._next(1)
 
     def _header(self, mark: str) -> None:
         if mark == "[":
@@ -146,10 +165,7 @@ class Places:
         self._record(path)
 
     def _enter(self, mark: str) -> None:
-        path = self._at
-        if self._open and self._open[-1][1] is not None:
-            path = (*self._open[-1][0], self._open[-1][1])
-        self._open.append((path, 0 if mark == "[" else None))
+        self._open.append((self._here(), 0 if mark == "[" else None))
         self._in_key, self._parts = mark == "{", []
         self._check_depth(0)
 

@@ -1,7 +1,7 @@
-"""Figures of runs: signals over time, tracking with its error, hysteresis loops. Needs matplotlib, imported late.
+"""Figures of runs: signals over time, tracking with its error, hysteresis loops.
 
 Angles are stored in rad and shown in deg, as the paper shows them. Every function draws on the axes it
-is given, or makes a figure, and returns the figure.
+is given, or makes a figure, and returns the figure. Needs matplotlib, imported when a figure is made.
 """
 
 from __future__ import annotations
@@ -89,10 +89,11 @@ def plot_tracking(
 
 
 def plot_loop(
-    x: Any, y: Any, ax: Any = None, *, unit: str = "rad", label: str = "", names: tuple[str, str] = ("x_in", "x_out"),
+    x: Any, y: Any, ax: Any = None, *, unit: str = "rad", label: str = "",
+    names: tuple[str, str] = ("x_in", "x_out"),
 ) -> Any:  # fmt: skip
     """One signal over another, both in ``unit``: the loop of a hysteresis. Returns the figure."""
-    (panel,) = _axes(ax, 1, height=4.6, width=5.0)
+    (panel,) = _axes(ax, 1, height=4.6, width=6.6)
     (across, shown), (up, _) = (
         _shown(np.asarray(x, dtype=float), unit),
         _shown(np.asarray(y, dtype=float), unit),

@@ -38,7 +38,7 @@ class Encoder(Block):
 
 @block
 class SensorNoise(Block):
-    r"""Normal noise added to a signal; the same seed gives the same noise.
+    r"""Normal noise added to a signal; the same seed and block name give the same noise.
 
     .. math:: y = u + \sigma w_k, \qquad w_k \sim N(0, 1), \quad k = \lfloor t / T \rfloor
     """
@@ -47,15 +47,15 @@ class SensorNoise(Block):
     symbol = "+ noise"
 
     std: float = parameter(default=0.001, about="standard deviation", unit="?u", at_least=0.0)
-    seed: int = option(default=0, about="seed; blocks with the same seed give the same noise", at_least=0)
+    seed: int = option(default=0, about="seed; with the block's name it fixes the noise", at_least=0)
     interval: float = option(default=0.001, about="time for which each number is held", unit="s", above=0.0)
 
     u = Input("true value", unit="?u")
     w = Tape("white noise of unit spread")
     y = Output("measured value", unit="?u")
 
-    def tapes(self, start: float, stop: float) -> dict[str, Samples]:
-        return dict(w=white_noise(self.seed, self.interval, start, stop))
+    def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
+        return dict(w=white_noise(self.seed, self.interval, start, stop, name))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.std * u.w)

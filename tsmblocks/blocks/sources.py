@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from itertools import pairwise
 from typing import Any
 
@@ -19,7 +20,7 @@ PEAK = math.radians(55.0)
 """Amplitude of the paper's sine [rad]."""
 TONE = math.radians(28.0)
 """Amplitude of each sine of the paper's two-tone signals [rad]."""
-ROUNDING = 1e-9
+ROUNDING = 1e-12
 """A jump due at 0.3 s must not come one step late because 3 * 0.1 s falls a hair short of it."""
 
 
@@ -37,16 +38,17 @@ def check_unit(source: Any) -> None:
         raise ParameterError(f"{type(source).__name__}.unit: {error}") from None
 
 
-def white_noise(seed: int, interval: float, start: float, stop: float) -> Samples:
+def white_noise(seed: int, interval: float, start: float, stop: float, name: str = "") -> Samples:
     """Draw normal noise of unit spread, one number per ``interval`` [s], over ``start`` to ``stop`` [s].
 
-    The number at ``k * interval`` depends on ``seed`` and ``k`` only: runs that begin, end or step
-    differently see the same noise. Times before zero have a stream of their own.
+    The number at ``k * interval`` depends on ``seed``, ``name`` and ``k`` only: runs that begin, end or
+    step differently see the same noise. Times before zero have a stream of their own.
     """
+    stream = zlib.crc32(name.encode())
     first, last = math.floor(start / interval) - 1, math.floor(stop / interval) + 1
     k = np.arange(first, last + 1)
-    ahead = np.random.default_rng(seed).standard_normal(max(last + 1, 0))
-    before = np.random.default_rng([seed, 1]).standard_normal(max(-first, 0))
+    ahead = np.random.default_rng([seed, stream]).standard_normal(max(last + 1, 0))
+    before = np.random.default_rng([seed, stream, 1]).standard_normal(max(-first, 0))
     return Samples(k * interval, np.concatenate([before[::-1], ahead])[k + len(before)], "zero")
 
 
@@ -232,7 +234,7 @@ class Chirp(Block):
 
 @block
 class Random(Block):
-    r"""Normal noise, a fresh number every interval; the same seed gives the same noise.
+    r"""Normal noise, a fresh number every interval; the same seed and block name give the same noise.
 
     .. math:: y = \mu + \sigma w_k, \qquad w_k \sim N(0, 1), \quad k = \lfloor t / T \rfloor
     """
@@ -242,7 +244,7 @@ class Random(Block):
 
     std: float = parameter(default=1.0, about="standard deviation", unit="?y", at_least=0.0)
     mean: float = parameter(default=0.0, about="mean value", unit="?y")
-    seed: int = option(default=0, about="seed; blocks with the same seed give the same noise", at_least=0)
+    seed: int = option(default=0, about="seed; with the block's name it fixes the noise", at_least=0)
     interval: float = option(default=0.01, about="time for which each number is held", unit="s", above=0.0)
     unit: str = option(default="", about=UNIT)
     w = Tape("white noise of unit spread")
@@ -255,8 +257,8 @@ class Random(Block):
     def check(self) -> None:
         check_unit(self)
 
-    def tapes(self, start: float, stop: float) -> dict[str, Samples]:
-        return dict(w=white_noise(self.seed, self.interval, start, stop))
+    def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
+        return dict(w=white_noise(self.seed, self.interval, start, stop, name))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.mean + self.std * u.w)
@@ -374,7 +376,7 @@ class Recorded(Block):
                     f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}."
                 )
 
-    def tapes(self, start: float, stop: float) -> dict[str, Samples]:
+    def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
         return dict(w=Samples(np.array(self.times), np.array(self.values), self.hold))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

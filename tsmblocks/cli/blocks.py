@@ -12,8 +12,10 @@ from tsmblocks.cli import common
 HELP = "list the blocks, or show one block's card"
 FAMILIES = {"lti": "linear"}
 """Modules whose blocks belong to the family of another."""
-ORDER = ("sources", "arithmetic", "linear", "limits", "friction", "hysteresis", "control", "motor", "discrete",
-         "sensors")  # fmt: skip
+ORDER = [
+    "sources", "arithmetic", "linear", "limits", "friction", "hysteresis", "control", "motor", "discrete",
+    "sensors",
+]  # fmt: skip
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +51,7 @@ def family(cls: type) -> str:
 
 def words(cls: type) -> tuple[str, str, str]:
     """First sentence, equation and remarks of a block, out of its docstring."""
-    sentence, equations, remarks = "", [], []
+    sentence, equations, remarks = "", list[str](), list[str]()
     parts = inspect.cleandoc(cls.__doc__ or "").split("\n\n")
     in_math = False
     for part in parts:
@@ -70,10 +72,11 @@ def card(cls: Any) -> dict[str, Any]:
     """All that is declared of a block, as plain values."""
     block = cls()
     sentence, equation, remarks = words(cls)
+    ports = block.inports.items()
     return {
-        "name": cls.__name__, "family": family(cls), "words": sentence, "equation": equation, "remarks": remarks,
-        "source": block.source, "symbol": block.symbol, "sampled": block.sampled,
-        "inputs": [{"name": k, "unit": p.unit, "about": p.about, "rate_of": p.rate_of} for k, p in block.inports.items()],
+        "name": cls.__name__, "family": family(cls), "words": sentence, "equation": equation,
+        "remarks": remarks, "source": block.source, "symbol": block.symbol, "sampled": block.sampled,
+        "inputs": [{"name": k, "unit": p.unit, "about": p.about, "rate_of": p.rate_of} for k, p in ports],
         "outputs": [{"name": k, "unit": p.unit, "about": p.about} for k, p in block.outports.items()],
         "parameters": [
             {"name": k, "kind": f.kind, "default": getattr(block, k), "unit": f.unit, "bounds": f.bounds(),
@@ -103,11 +106,11 @@ def card_in_words(made: dict[str, Any]) -> str:
     for title in ("inputs", "outputs"):
         rows = [(p["name"], f"[{p['unit'] or 'any'}]", p["about"] + _rate(p)) for p in made[title]]
         lines += ["", title, common.columns(rows, "  ", _LEFT) if rows else "  none"]
-    rows = [
+    fields = [
         (p["name"], f"[{p['unit'] or '-'}]", _value(p["default"]), _limits(p), _about(p))
         for p in made["parameters"]
     ]
-    lines += ["", "parameters", common.columns(rows, "  ", _LEFT - {2}) if rows else "  none"]
+    lines += ["", "parameters", common.columns(fields, "  ", _LEFT - {2}) if fields else "  none"]
     if any("?" in p["unit"] for kind in ("inputs", "outputs", "parameters") for p in made[kind]):
         lines += ["", "[?u] stands for any unit, the same wherever the letter occurs."]
     return "\n".join(lines)

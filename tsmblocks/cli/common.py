@@ -26,6 +26,10 @@ class UsageError(TsmError):
 class Parser(argparse.ArgumentParser):
     """An argument parser that raises its complaints, so that all messages leave by one door."""
 
+    def options(self) -> list[str]:
+        """Every option it takes, as it is typed."""
+        return [name for action in self._actions for name in action.option_strings]
+
     def error(self, message: str) -> NoReturn:
         """Raise UsageError with where to look."""
         raise UsageError(f"{message}. '{self.prog} --help' shows what it takes.")
@@ -93,13 +97,13 @@ def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | No
 
 def data_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a measurement."""
-    parser.add_argument("--data", metavar="FILE", help="measured signals: CSV and its relatives, NPZ, MAT")
-    parser.add_argument("--columns", metavar="A,B,C", help="names of the columns of a file without a header, in "
-                        "order, with units: 't, x_in [deg]'")  # fmt: skip
-    parser.add_argument("--map", metavar="NAME=COLUMN", type=pair, action="append", default=[],
-                        help="which column a signal (or the time t) is in, when it has another name")  # fmt: skip
-    parser.add_argument("--rows", metavar="FIRST:LAST", type=span, default=(None, None),
-                        help="rows of the file to read, counted from 1")  # fmt: skip
+    add = parser.add_argument
+    add("--data", metavar="FILE", help="measured signals: CSV and its relatives, NPZ, MAT")
+    add("--columns", metavar="A,B,C", help="names of a headerless file's columns, in order: 't, x_in [deg]'")
+    add("--map", metavar="NAME=COLUMN", type=pair, action="append", default=[],
+        help="the column that holds a signal (or the time t), when it has another name")  # fmt: skip
+    add("--rows", metavar="FIRST:LAST", type=span, default=(None, None),
+        help="rows of the file to read, counted from 1")  # fmt: skip
 
 
 def read_record(args: argparse.Namespace, only: Iterable[str]) -> Any:
@@ -142,7 +146,7 @@ def _plain(value: Any) -> Any:
 
 
 def columns(rows: Iterable[Sequence[str]], indent: str = "", left: frozenset[int] | None = None) -> str:
-    """Rows with their cells in columns; the columns in ``left`` (by default the first) start flush, others end so."""
+    """Rows with their cells in columns; those in ``left`` (by default the first) are flush left."""
     table = [list(row) for row in rows]
     left = frozenset({0}) if left is None else left
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []

@@ -28,19 +28,19 @@ STEP = 1e-3
 STOP = 40.0
 """Seconds simulated: 8 periods of the slowest sine, the second half of them past the start."""
 WHY = (
-    "Even with a perfect model (11) leaves about 13 deg: it takes the internal state and the slope at the reference, "
-    "by (14), but the plant's follow the motor, which around a reversal moves much further than the reference, so that "
-    "the plant's hysteresis switches sooner than the observer's."
+    "Even with a perfect model and an ideal motor (11) leaves 13 deg: by (14) it takes the state and "
+    "the slope at the reference, but those of the plant follow the motor, which around a reversal moves much "
+    "further than the reference, so that the plant's hysteresis switches sooner than the observer's."
 )
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results "
-                        "(default: tsmblocks-demo)")  # fmt: skip
+    add = parser.add_argument
+    add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
     common.data_arguments(parser)
-    parser.add_argument("--column", metavar="NAME", help="column of --data that holds a measured reference, with its "
-                        "unit if the file has none: 'x_ref [deg]'")  # fmt: skip
+    add("--column", metavar="NAME", help="column of --data with a measured reference; with its unit, if the "
+        "file has none: 'x_ref [deg]'")  # fmt: skip
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -121,7 +121,7 @@ def _measured_case(args: argparse.Namespace) -> list[Case]:
     values = record.values(name, "rad") if record.unit(name) else record[name] * units.factor(unit, "rad")
     t = record.t - record.t[0]
     stop = math.floor(float(t[-1]) / STEP) * STEP
-    source = Recorded(times=tuple(t), values=tuple(values), unit="rad")
+    source = Recorded(times=tuple(t), values=tuple(values), hold="cubic", unit="rad")
     return [Case("measured", f"{name} of {Path(args.data).name}, {stop:.4g} s", source, stop=stop)]
 
 
@@ -160,7 +160,7 @@ def _write(cases: list[Case], folder: Path) -> None:
         plot_tracking(labelled, title=case.words, after=case.settled).savefig(
             folder / f"tracking_{case.key}.png", dpi=150
         )
-        panel = None
+        panel: Any = None
         for label, run in labelled.items():
             late = run.t >= case.settled
             figure = plot_loop(run["x_in"][late], run["x_out"][late], panel, label=label)
@@ -197,5 +197,6 @@ def _table(cases: list[Case]) -> str:
         shown = ["-" if e is None else f"{e.peak_to_peak:.1f}" for e in errors]
         paper = " / ".join("-" if p is None else f"{p:g}" for p in case.paper)
         rows.append((case.words, *shown, paper if any(case.paper) else "-"))
-    return ("Peak-to-peak tracking error in deg, over the second half of each run\n"
-            f"(models and gains of the paper; PID case with its second set of numbers)\n\n{common.columns(rows)}")  # fmt: skip
+    title = ("Peak-to-peak tracking error in deg, over the second half of each run\n"
+             "(the paper's models and gains; with PID, its second set of numbers)")  # fmt: skip
+    return f"{title}\n\n{common.columns(rows)}"

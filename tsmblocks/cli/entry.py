@@ -57,7 +57,7 @@ def _dispatch(argv: list[str]) -> int:
         raise UsageError(f"there is no command '{argv[0]}'.{near(argv[0], COMMANDS)}")
     args, extra = parser.parse_known_args(argv)
     if extra:
-        known = [o for o in parsers[args.command]._option_string_actions] if "command" in args else []
+        known = parsers[args.command].options()
         word = extra[0].partition("=")[0]
         kind = "option" if word.startswith("-") else "argument"
         hint = near(word, known, most=20) if kind == "option" else ""
@@ -66,8 +66,8 @@ def _dispatch(argv: list[str]) -> int:
 
 
 def _parsers() -> tuple[Parser, dict[str, Parser]]:
-    parser = Parser(prog="tsmblocks", description="Block diagrams for mechanisms with friction, backlash and hysteresis.",
-                    allow_abbrev=False)  # fmt: skip
+    about = "Block diagrams for mechanisms with friction, backlash and hysteresis."
+    parser = Parser(prog="tsmblocks", description=about, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"tsmblocks {_version()}")
     inside = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     made = {}
@@ -92,7 +92,7 @@ def _version() -> str:
 def _quiet_warnings() -> None:
     """Warnings meant for the user as one line each; those of libraries for their authors not at all."""
 
-    def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
+    def show(message: Any, *_: Any, **__: Any) -> None:
         complain(f"warning: {message}")
 
     if not sys.warnoptions:

@@ -28,8 +28,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--step", type=common.number, metavar="H", default=1e-3, help="step in s (default 0.001)")
     add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
-    add("--set", dest="settings", type=common.setting, action="append", default=[], metavar="BLOCK.PARAMETER=VALUE",
-        help="another value for a parameter; may be given several times")  # fmt: skip
+    add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
+        default=[], help="another value for a parameter; may be given several times")  # fmt: skip
     common.data_arguments(parser)
     add(
         "--hold",
@@ -75,9 +75,11 @@ def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]
     if not args.data:
         if wanted:
             name, port = next(iter(wanted.items()))
+            column = f"{name} [{port.unit}]" if port.unit else name
             raise common.UsageError(
-                f"'{args.diagram}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. Give --data FILE "
-                f"with a column '{name}{f' [{port.unit}]' if port.unit else ''}', or with --map {name}=COLUMN.")  # fmt: skip
+                f"'{args.diagram}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. "
+                f"Give --data FILE with a column '{column}', or with --map {name}=COLUMN."
+            )
         return None, {}
     if not wanted:
         raise common.UsageError(
@@ -91,7 +93,8 @@ def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]
     record = common.read_record(args, only=wanted)
     for name, port in wanted.items():
         if port.unit and not record.unit(name):
-            common.note(f"{record.origin}: '{name}' has no unit; it is taken to be in {port.unit}.")
+            common.note(f"{record.origin}: '{name}' has no unit and is taken to be in {port.unit}; if it is "
+                        "not, give its column a unit, as in 'x [deg]'.")  # fmt: skip
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
 
@@ -104,9 +107,9 @@ def _simulate(
     tell = None if args.json else common.progress("running")
     start = float(record.t[0]) if record is not None else 0.0
     try:
-        return simulate(diagram, start=start, stop=args.stop, step=args.step, method=args.method, inputs=inputs,
-                        log="outputs" if diagram.outputs else "all", every=args.every, progress=tell,
-                        backend=args.backend)  # fmt: skip
+        return simulate(diagram, start=start, stop=args.stop, step=args.step, method=args.method,
+                        inputs=inputs, log="outputs" if diagram.outputs else "all", every=args.every,
+                        progress=tell, backend=args.backend)  # fmt: skip
     except RunError as error:
         if out and error.run is not None and len(error.run.t):
             common.note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
@@ -133,9 +136,9 @@ def _tracks(run: Any) -> bool:
 def summarise(run: Any, diagram: str, record: Any = None) -> dict[str, Any]:
     """All that the command says about a run, as plain values."""
     made: dict[str, Any] = {
-        "diagram": diagram, "title": run.title, "start": float(run.t[0]), "stop": float(run.t[-1]), "step": run.step,
-        "method": run.method, "instants": len(run.t), "complete": run.complete, "outputs": {},
-        "notes": list(record.notes) if record is not None else [],
+        "diagram": diagram, "title": run.title, "start": float(run.t[0]), "stop": float(run.t[-1]),
+        "step": run.step, "method": run.method, "instants": len(run.t), "complete": run.complete,
+        "outputs": {}, "notes": list(record.notes) if record is not None else [],
     }  # fmt: skip
     for name in run.aliases or run.keys():
         y = run[name]
@@ -158,11 +161,12 @@ def _error(error: Any) -> dict[str, Any]:
 
 def in_words(summary: dict[str, Any]) -> str:
     """The summary as the terminal shows it."""
-    first = (f"{summary['title'] or summary['diagram']}\n{summary['start']:g} to {summary['stop']:g} s in steps of "
-             f"{summary['step']:g} s ({summary['method']})")  # fmt: skip
+    title = summary["title"] or summary["diagram"]
+    span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
+    first = f"{title}\n{span} ({summary['method']})"
     if "tracking_error" in summary:
         return f"{first}\n\n{_tracking_table(summary)}"
-    rows = [("output", "unit", "min", "max", "last")]
+    rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]
     rows += [(name, y["unit"], *(common.show(y[k]) for k in ("min", "max", "last")))
              for name, y in summary["outputs"].items()]  # fmt: skip
     return f"{first}\n\n{common.columns(rows, left=frozenset({0, 1}))}"
@@ -170,7 +174,7 @@ def in_words(summary: dict[str, Any]) -> str:
 
 def _tracking_table(summary: dict[str, Any]) -> str:
     halves = summary["tracking_error"]
-    rows = [("tracking error x_ref - x_out", "peak to peak", "rms", "largest")]
+    rows: list[tuple[str, ...]] = [("tracking error x_ref - x_out", "peak to peak", "rms", "largest")]
     for words, error in ((f"second half, from {halves['second_half']['from']:g} s", halves["second_half"]),
                          ("whole run", halves["whole_run"])):  # fmt: skip
         for unit, factor in _units(error["unit"]):

@@ -72,8 +72,8 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
     name, table = next(iter(tables.items()))
     if not columns or len(columns) != table.shape[1]:
         given = f"{len(columns)} names were given" if columns else "they have no names"
-        raise DataError(f"{origin}: '{name}' has {table.shape[1]} columns, but {given}. Name them in order, with units "
-                        "(columns = t, x_in [deg], …).")  # fmt: skip
+        raise DataError(f"{origin}: '{name}' has {table.shape[1]} columns, but {given}. Name them in order, "
+                        "with units (columns = t, x_in [deg], …).")  # fmt: skip
     return Arrays(origin, list(columns), list(table.T))
 
 

@@ -38,7 +38,8 @@ def read(
     """Read a measurement from a CSV-like text file, NPZ, MAT (5 or 7.3) or HDF5.
 
     ``columns`` names the columns of a file without a header, in order, as a list or with commas
-    (``"t, x_in [deg]"``; an empty name skips one). ``map`` gives columns other names: ``{"x_in": "motor angle"}``, the time as ``"t"``.
+    (``"t, x_in [deg]"``; an empty name skips one). ``map`` gives columns other names:
+    ``{"x_in": "motor angle"}``, the time as ``"t"``.
     ``units`` gives units by name where the file does not. ``only`` keeps these signals and leaves the
     rest unread, faults included. ``rows`` keeps the rows from the first to the last given, both counted
     from 1 as an editor does (None: from the start, to the end). ``step`` is the time in s from row to
@@ -54,7 +55,7 @@ def read(
     if not path.exists():
         beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         raise DataError(f"there is no file {path}.{near(path.name, beside)}")
-    source: Source = _READERS.get(path.suffix.lower(), text.open_text)(path, columns)
+    source = _READERS.get(path.suffix.lower(), text.open_text)(path, columns)
     return _record(source, path.stem, str(path), map or {}, units or {}, only, rows, step)
 
 
@@ -128,8 +129,8 @@ def _named(origin: str, names: list[str], renamed: Mapping[str, str]) -> dict[st
     """Column numbers by the name the record will use."""
     for name, column in renamed.items():
         if column not in names:
-            raise DataError(f"{origin}: '{name}' is mapped to column '{column}', which the file does not have."
-                            f"{near(column, [n for n in names if n])}")  # fmt: skip
+            hint = near(column, [n for n in names if n])
+            raise DataError(f"{origin}: '{name}' is mapped to column '{column}', which is not there.{hint}")
     found: dict[str, int] = {}
     moved = set(renamed.values()) - set(renamed)
     for place, name in enumerate(names):
@@ -149,8 +150,9 @@ def _time(origin: str, found: Mapping[str, int]) -> str:
         for name in found:
             if name.lower() == wanted:
                 return name
-    raise DataError(f"{origin}: no column is named t or time. Map t to the column that holds the time (t=COLUMN; "
-                    f"there are {', '.join(found)}), or give the step between rows in s.")  # fmt: skip
+    known = ", ".join(found)
+    raise DataError(f"{origin}: no column is named t or time. Map t to the column that holds the time (there "
+                    f"are {known}), or give the step between rows in s.")  # fmt: skip
 
 
 def _selected(

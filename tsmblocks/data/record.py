@@ -34,6 +34,14 @@ def _still(values: np.ndarray) -> np.ndarray:
     return array
 
 
+def _all_still(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    return MappingProxyType({name: _still(values) for name, values in signals.items()})
+
+
+def _fixed(labels: Mapping[str, str]) -> Mapping[str, str]:
+    return MappingProxyType(dict(labels))
+
+
 @attrs.frozen(eq=False)
 class Record:
     """A measurement: signals sampled at the increasing times ``t`` [s].
@@ -44,10 +52,8 @@ class Record:
 
     name: str
     t: np.ndarray = attrs.field(converter=_still, repr=False)
-    signals: Mapping[str, np.ndarray] = attrs.field(
-        converter=lambda s: MappingProxyType({k: _still(v) for k, v in s.items()}), repr=False
-    )
-    units: Mapping[str, str] = attrs.field(converter=lambda u: MappingProxyType(dict(u)))
+    signals: Mapping[str, np.ndarray] = attrs.field(converter=_all_still, repr=False)
+    units: Mapping[str, str] = attrs.field(converter=_fixed)
     origin: str = ""
     notes: tuple[str, ...] = ()
 

@@ -41,8 +41,8 @@ def time_moves(table: Table) -> Table:
     """Time that never changes is a wrong column."""
     t = table.values[:, 0]
     if len(t) > 1 and t.min() == t.max():
-        raise DataError(f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot be the "
-                        "time. Map t to the column that is.")  # fmt: skip
+        raise DataError(f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot "
+                        "be the time. Map t to the column that is.")  # fmt: skip
     return table
 
 
@@ -57,8 +57,8 @@ def time_goes_forward(table: Table) -> Table:
     rest = len(t) - k
     raise DataError(
         f"{table.origin}: time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s{places}. "
-        f"Rows {rows[0]} to {rows[k - 1]} are one recording; {_plural(rest, 'row')} ({100 * rest / len(t):.0f} %) "
-        f"{'follows' if rest == 1 else 'follow'}. To keep the first part, read rows {rows[0]} to {rows[k - 1]}: "
+        f"From there on ({_plural(rest, 'row')}, {100 * rest / len(t):.0f} %) it is another recording "
+        f"or a tail. To keep the first part, read rows {rows[0]} to {rows[k - 1]}: "
         f"rows=({rows[0]}, {rows[k - 1]}), or --rows {rows[0]}:{rows[k - 1]}."
     )
 
@@ -67,7 +67,7 @@ def repeats_are_merged(table: Table) -> Table:
     """Rows with the time of the row before are replaced, group by group, by their mean."""
     t = table.values[:, 0]
     first = np.flatnonzero(np.r_[True, np.diff(t) > 0])
-    if len(first) == len(t):
+    if len(first) >= len(t):
         return table
     known = np.isfinite(table.values)
     total = np.add.reduceat(np.where(known, table.values, 0.0), first, axis=0)
@@ -75,8 +75,8 @@ def repeats_are_merged(table: Table) -> Table:
     with np.errstate(invalid="ignore"):
         mean = np.where(count > 0, total / count, np.nan)
     mean[:, 0] = t[first]  # the mean of equal numbers is not always that number
-    note = (f"{_plural(len(t) - len(first), 'row')} repeated the time of the row before; each group was replaced by "
-            f"its mean, leaving {len(first)} of {len(t)} samples.")  # fmt: skip
+    note = (f"{_plural(len(t) - len(first), 'row')} repeated the time of the row before; each group was "
+            f"replaced by its mean, leaving {len(first)} of {len(t)} samples.")  # fmt: skip
     return _noted(table, mean, table.rows[first], note)
 
 
@@ -100,8 +100,8 @@ def gaps_are_filled(table: Table) -> Table:
         values[missing, k] = np.interp(t[missing], t[~missing], values[~missing, k])
         shown = ", ".join(map(str, table.rows[missing][:5])) + (", …" if missing.sum() > 5 else "")
         count = int(missing.sum())
-        note = (f"{table.names[k]}: {_plural(count, 'missing number')} (row{'s' if count > 1 else ''} {shown}) "
-                f"{'were' if count > 1 else 'was'} interpolated.")  # fmt: skip
+        note = (f"{table.names[k]}: {_plural(count, 'missing number')} (row{'s' if count > 1 else ''} "
+                f"{shown}) {'were' if count > 1 else 'was'} interpolated.")  # fmt: skip
         table = _noted(table, values, table.rows, note)
     return table
 
@@ -122,8 +122,10 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
             )
         else:
             why = f"At most {LONGEST_GAP} samples are interpolated: read the rows before or after"
-        raise DataError(f"{table.origin}: {table.column(k)} has no number in {where}. {why}, leave the column out, or "
-                        "correct the file.")  # fmt: skip
+        place = f"{table.origin}: {table.column(k)}"
+        raise DataError(
+            f"{place} has no number in {where}. {why}, leave the column out, or correct the file."
+        )
 
 
 def constants_are_named(table: Table) -> Table:

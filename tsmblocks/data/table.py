@@ -38,8 +38,15 @@ class Table:
 class Source(Protocol):
     """A file whose headings are known and whose numbers have not been read yet."""
 
-    headings: Sequence[str]
-    notes: tuple[str, ...]
+    @property
+    def headings(self) -> Sequence[str]:
+        """What stands above each column: a name, perhaps with a unit."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What had to be guessed or left out already."""
+        ...
 
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Values of the chosen columns, shape (samples, columns), and the row number of each sample."""

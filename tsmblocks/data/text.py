@@ -39,7 +39,7 @@ def _decoded(path: Path, raw: bytes) -> str:
 
 def _separator(lines: Sequence[str]) -> str | None:
     """What stands between the cells; None is white space."""
-    return next((c for c in ";\t," if all(c in line for line in lines)), None)
+    return next((c for c in ";\t," if 2 * sum(c in line for line in lines) > len(lines)), None)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
@@ -98,8 +98,9 @@ class Text:
         bad = np.flatnonzero(counts != len(self.headings))
         if len(bad):
             k = bad[0]
-            raise DataError(f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are {len(self.headings)} "
-                            f"columns{_more(len(bad), 'row')}. {_ending(len(bad), k, at)}")  # fmt: skip
+            many, advice = _more(len(bad), "row"), _ending(len(bad), k, at)
+            raise DataError(f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are "
+                            f"{len(self.headings)} columns{many}. {advice}")  # fmt: skip
 
     def _one_by_one(self, lines: list[str], at: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
         values, wrong = np.full((len(lines), len(chosen)), np.nan), []
@@ -113,8 +114,9 @@ class Text:
                     values[row, k] = number
         if wrong:
             row, place, cell = wrong[0]
-            raise DataError(f"{self.origin}: row {at[row]}, column {place + 1} ({self.headings[place]}) holds "
-                            f"{in_words(cell)}, which is not a number{_more(len(wrong), 'cell')}.")  # fmt: skip
+            spot = f"row {at[row]}, column {place + 1} ({self.headings[place]})"
+            many = _more(len(wrong), "cell")
+            raise DataError(f"{self.origin}: {spot} holds {in_words(cell)}, which is not a number{many}.")
         return values
 
 
@@ -131,7 +133,7 @@ def _ending(count: int, k: int, at: np.ndarray) -> str:
 
 def open_text(path: Path, columns: Sequence[str] | None) -> Text:
     """Split a text file into headings and lines. Raises DataError when it is no table or has no header."""
-    lines, at, remark = [], [], ""
+    lines, at, remark = list[str](), list[int](), ""
     for number, line in enumerate(re.split("\r?\n|\r", _decoded(path, path.read_bytes())), 1):
         bare = line.strip()
         if bare.startswith(COMMENTS):

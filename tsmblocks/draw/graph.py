@@ -167,8 +167,9 @@ def _loops(nodes: Mapping[str, Node], nets: list[Net]) -> list[Loop]:
         while _returns(nodes[path[-1].source[0]], path, receivers, sources):
             path.append(driver[path[-1].source[0], nodes[path[-1].source[0]].ins[0]])
         start = path[-1]
-        whole = len(path) > 1 and receivers[start.source] > 1 and _reaches(after, net.back[0][0], start.source[0])
-        if not whole:
+        entry = path[-2].source[0] if len(path) > 1 else ""
+        room = _steps(after, net.back[0][0], start.source[0]) + 1  # columns that the feedback runs below, at least
+        if entry not in [key for key, _ in start.ahead] or receivers[start.source] < 2 or len(path) - 1 > room:
             loops.append(Loop((net,)))
             continue
         for ahead, one in itertools.pairwise(reversed(path)):
@@ -188,11 +189,12 @@ def _returns(node: Node, path: list[Net], receivers: Mapping[End, int], sources:
     )
 
 
-def _reaches(after: Mapping[str, list[str]], start: str, goal: str) -> bool:
-    """Whether the signal flows from one node to the other without feedback."""
-    seen, line = {start}, [start]
+def _steps(after: Mapping[str, list[str]], start: str, goal: str) -> int:
+    """Steps from one node to the other without feedback; -1 where there is no way."""
+    steps, line = {start: 0}, [start]
     for node in line:
-        fresh = [n for n in after[node] if n not in seen]
-        seen.update(fresh)
-        line += fresh
-    return goal in seen
+        for other in after[node]:
+            if other not in steps:
+                steps[other] = steps[node] + 1
+                line.append(other)
+    return steps.get(goal, -1)

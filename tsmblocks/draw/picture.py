@@ -145,3 +145,23 @@ class Picture:
         """Every text of the drawing."""
         owners = (*self.boxes, *self.wires)
         return (*self.labels, *(label for owner in owners for label in owner.labels))
+
+
+def moved(part: Box | Wire, dx: float, dy: float) -> Box | Wire:
+    """The same box or wire elsewhere."""
+
+    def point(p: Point) -> Point:
+        return p[0] + dx, p[1] + dy
+
+    labels = tuple(attrs.evolve(a, x=a.x + dx, y=a.y + dy) for a in part.labels)
+    if isinstance(part, Box):
+        strokes = tuple((point(a), point(b)) for a, b in part.strokes)
+        return attrs.evolve(part, x=part.x + dx, y=part.y + dy, labels=labels, strokes=strokes)
+    return attrs.evolve(
+        part,
+        labels=labels,
+        lines=tuple(tuple(map(point, line)) for line in part.lines),
+        arrows=tuple(attrs.evolve(a, x=a.x + dx, y=a.y + dy) for a in part.arrows),
+        dots=tuple(map(point, part.dots)),
+        taps=tuple(map(point, part.taps)),
+    )

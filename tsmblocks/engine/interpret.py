@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tsmblocks.engine.kernel import Frame
+from tsmblocks.engine.kernel import HAIR, Frame
 from tsmblocks.engine.kernels import Kernel, Memory
 from tsmblocks.engine.plan import Layout, Plan
 
@@ -17,9 +17,11 @@ class InterpretedKernel(Kernel):
     """Steps through CasADi's virtual machine; lanes are columns of a mapped function."""
 
     def __init__(self, plan: Plan) -> None:
-        super().__init__(Frame(plan, ""))
+        frame = Frame(plan, "")
+        super().__init__(frame)
+        self.end = 1.0 - HAIR if frame.jumps else 1.0
         self.lanes = plan.lanes
-        self.step = _Call(_one_step(plan), plan.lanes) if not plan.wide_s else None
+        self.step = _Call(_one_step(plan, self.end), plan.lanes) if not plan.wide_s else None
         self.rhs = _Call(plan.rhs, plan.lanes)
         self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
         self.lock = threading.Lock()  # the buffers of a call are shared
@@ -71,7 +73,8 @@ class InterpretedKernel(Kernel):
         for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
             ahead = x + h * sum(a * s for a, s in zip(row, slopes, strict=True) if a)
             inputs = u[method.instants.index(offset)][:, None]
-            slopes.append(self.rhs(t + offset * h, ahead, d, inputs, past.at(k, offset), p)[0])
+            at = self.end if offset == 1 else offset
+            slopes.append(self.rhs(t + at * h, ahead, d, inputs, past.at(k, offset), p)[0])
         return np.asarray(x + h * sum(b * s for b, s in zip(method.weights, slopes, strict=True)))
 
 
@@ -141,7 +144,7 @@ def _dense(f: Any) -> Any:
     return ca.Function("dense", ins, [ca.densify(v) for v in f.call(ins)])
 
 
-def _one_step(plan: Plan) -> Any:
+def _one_step(plan: Plan, end: float) -> Any:
     """One step of the method as one function of t, h, x, d, u (at all instants), p."""
     f, method, count = plan.rhs, plan.method, plan.inputs
     t, h = ca.SX.sym("t"), ca.SX.sym("h")
@@ -154,7 +157,8 @@ def _one_step(plan: Plan) -> Any:
         for a, s in zip(row, slopes, strict=True):
             ahead = ahead + h * a * s if a else ahead
         i = method.instants.index(offset)
-        slopes.append(f(t + offset * h, ahead, d, u[i * count : (i + 1) * count], q, p)[0])
+        at = end if offset == 1 else offset
+        slopes.append(f(t + at * h, ahead, d, u[i * count : (i + 1) * count], q, p)[0])
     new = x + sum(h * b * s for b, s in zip(method.weights, slopes, strict=True))
     return ca.Function("step", [t, h, x, d, u, p], ca.cse([new]))
 

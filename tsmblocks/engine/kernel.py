@@ -23,6 +23,14 @@ from tsmblocks.engine.program import Program
 
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
 CONSTANT, TIME, HELD, MOVING = range(4)
+HAIR = 1e-6
+"""Fraction of a step by which the end of a step stands before a jump that falls on it."""
+
+
+def _time_jumps(program: Program, grades: list[int]) -> bool:
+    """Whether a signal that depends on time alone is decided by a comparison (a step, a staircase)."""
+    deciding = {"LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL"}
+    return any(g == TIME and name in deciding for g, (name, _) in zip(grades, program.nodes, strict=True))
 
 
 class Frame:
@@ -39,6 +47,7 @@ class Frame:
         self.update = Program(plan.update) if plan.update is not None else None
         self.lag = Program(plan.lag) if plan.wide_s else None
         self.wide = self.widths(self.rhs)
+        self.jumps = _time_jumps(self.rhs, self.grades(self.rhs))
         self.y = Layout.of(tuple(self.is_wide_output(k) for k in plan.y), plan.lanes)
 
     def widths(self, program: Program) -> list[bool]:
@@ -123,12 +132,16 @@ class Frame:
         return f"fadd contract double {w.emit(f'fmul contract double {steps}, %h')}, %t0"
 
     def time_at(self, offset: float) -> str:
-        """The time at a fraction of the present step; at its end, exactly that of the next one."""
+        """The time at a fraction of the present step; at its end, exactly that of the next one.
+
+        Where a signal jumps with time, a hair before: a jump on the grid belongs to the step after it.
+        """
         w = self.w
         if offset == 0:
             return "%tn"
         if offset == 1:
-            return w.emit(self._time(w.emit("add i64 %kg, 1")))
+            end = w.emit(self._time(w.emit("add i64 %kg, 1")))
+            return w.emit(f"fsub double {end}, {w.emit(f'fmul double %h, {number(HAIR)}')}") if self.jumps else end
         part = w.emit(f"fmul double %h, {number(offset)}")
         return w.emit(f"fadd double %tn, {part}")
 

@@ -22,7 +22,7 @@ class RegisterKernel:
             "y": [self.f.rhs.outputs.get((1, k)) for k in plan.y],
             "s": [self.f.rhs.outputs.get((2, k)) for k in range(len(plan.wide_s))],
         }
-        self.carries = 1.0 in plan.method.offsets
+        self.carries = 1.0 in plan.method.offsets and not self.f.jumps
 
     # ---- nodes
 

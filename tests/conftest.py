@@ -1,0 +1,33 @@
+"""What all tests share: machine code kept in a folder of the test run, and the measured data where it is there."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _machine_code_store(tmp_path_factory):
+    """Compile into a private folder, so that no test depends on what earlier runs left."""
+    before = os.environ.get("TSMBLOCKS_CACHE")
+    os.environ["TSMBLOCKS_CACHE"] = str(tmp_path_factory.mktemp("machine-code"))
+    yield
+    if before is None:
+        del os.environ["TSMBLOCKS_CACHE"]
+    else:
+        os.environ["TSMBLOCKS_CACHE"] = before
+
+
+@pytest.fixture(scope="session")
+def measured() -> Path:
+    """The folder of measured data, named by TSMBLOCKS_DATA."""
+    named = os.environ.get("TSMBLOCKS_DATA", "")
+    if not named:
+        pytest.skip(
+            "needs measured data: set TSMBLOCKS_DATA to a folder with tendon_sheath/ (files of the repository "
+            "nhoyh/hysteresis_compensation_ROS) and bouc_wen/, emps/, cascaded_tanks/, silverbox/ "
+            "(nonlinearbenchmark.org)"
+        )
+    folder = Path(named)
+    assert folder.is_dir(), f"TSMBLOCKS_DATA names {folder}, which is not a folder"
+    return folder

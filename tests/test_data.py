@@ -1,0 +1,349 @@
+"""Reading measured data: every kind of file, every repair with its note, every refusal with its row."""
+
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tsmblocks.blocks import Gain
+from tsmblocks.data import Record, from_pandas, read, split_heading
+from tsmblocks.diagram import Diagram, Inlet
+from tsmblocks.errors import DataError
+from tsmblocks.simulate import simulate
+
+CALIB = ["t", "x_ref", "v_ref", "x_out", "tension1", "tension2", "current1", "current2"]
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write text (or bytes) to a file and give its path."""
+
+    def make(content, name="measured.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return make
+
+
+def refused(path, **options):
+    with pytest.raises(DataError) as error:
+        read(path, **options)
+    text = str(error.value)
+    assert str(path) in text
+    return text
+
+
+# ---- kinds of text files
+
+
+SAME = {
+    "comma": "t [s], x_in [deg]\n0, 1.5\n1, 2.5\n2, 3.5\n3, 4.5\n",
+    "semicolon": "t [s];x_in [deg]\n0;1.5\n1;2.5\n2;3.5\n3;4.5\n",
+    "decimal comma": "t [s];x_in [deg]\n0;1,5\n1;2,5\n2;3,5\n3;4,5\n",
+    "tab": "t [s]\tx_in [deg]\n0\t1.5\n1\t2.5\n2\t3.5\n3\t4.5\n",
+    "white space": "t [s]   x_in [deg]\n 0  1.5\n 1  2.5\n 2  3.5\n 3  4.5\n",
+    "quotes": '"t [s]","x_in [deg]"\n"0","1.5"\n1,2.5\n2,3.5\n3,4.5\n',
+    "round brackets": "t (s),x_in (deg)\n0,1.5\n1,2.5\n2,3.5\n3,4.5\n",
+    "comments and blank lines": "# by hand\nt [s],x_in [deg]\n\n0,1.5\n# here it stuck\n1,2.5\n2,3.5\n3,4.5\n,\n\n",
+    "header in a comment": "# t [s],x_in [deg]\n0,1.5\n1,2.5\n2,3.5\n3,4.5\n",
+    "windows": "\ufefft [s],x_in [deg]\r\n0,1.5\r\n1,2.5\r\n2,3.5\r\n3,4.5\r\n",
+    "commas at the end": "t [s],x_in [deg],\n0,1.5,\n1,2.5,\n2,3.5,\n3,4.5,\n",
+    "milliseconds": "time [ms],x_in [deg]\n0,1.5\n1000,2.5\n2000,3.5\n3000,4.5\n",
+}
+
+
+@pytest.mark.parametrize("content", SAME.values(), ids=SAME.keys())
+def test_the_same_table_however_it_is_written(file, content):
+    record = read(file(content))
+    assert record.names == ("x_in",)
+    assert record.unit("x_in") == "deg"
+    np.testing.assert_allclose(record.t, [0, 1, 2, 3], rtol=1e-15)
+    np.testing.assert_array_equal(record["x_in"], [1.5, 2.5, 3.5, 4.5])
+
+
+def test_decimal_commas_are_told(file):
+    assert read(file(SAME["decimal comma"])).notes == ("Decimal commas were read as points.",)
+
+
+def test_columns_name_a_file_without_a_header(file):
+    path = file("0, 1, 7\n1, 2, 7\n2, 3, 8\n3, 4, 8\n")
+    assert "the file has no header. Name its 3 columns in order" in refused(path)
+    assert read(path, columns=["t", "x_in [deg]", ""]).names == ("x_in",)
+    assert read(path, columns="t, x_in [deg], x_out").unit("x_in") == "deg"
+    assert "the file has 3 columns, but 2 names were given (t, x)" in refused(path, columns=["t", "x"])
+
+
+def test_columns_replace_a_header_and_say_so(file):
+    record = read(file(SAME["comma"]), columns=["t", "angle"])
+    assert record.names == ("angle",)
+    assert record.notes == ("The header of the file was replaced by the columns given.",)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64), min_size=4, max_size=30))
+def test_numbers_survive_a_file(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("numbers") / "a.csv"
+    path.write_text("t,x\n" + "".join(f"{k},{v!r}\n" for k, v in enumerate(values)))
+    np.testing.assert_array_equal(read(path)["x"], values)
+
+
+# ---- names and units
+
+
+def test_map_and_units_say_what_the_file_does_not(file):
+    path = file("time,motor angle,x_out\n0,10,1\n1,20,2\n2,30,3\n3,40,4\n")
+    record = read(path, map={"x_in": "motor angle"}, units={"x_in": "deg"})
+    assert record.names == ("x_in", "x_out")
+    np.testing.assert_allclose(record.values("x_in", "rad"), np.radians([10, 20, 30, 40]), rtol=1e-15)
+    np.testing.assert_array_equal(record.values("x_out", "rad"), [1, 2, 3, 4])  # no unit: taken as it is
+    assert "column 'motor angel', which is not there. Did you mean 'motor angle'?" in refused(
+        path, map={"x_in": "motor angel"}
+    )
+    assert "a unit is given for 'x_inn', which is not read." in refused(path, units={"x_inn": "deg"})
+
+
+def test_a_missing_column_is_named_with_the_near_miss(file):
+    path = file(SAME["comma"])
+    text = refused(path, only=["x_on"])
+    assert "there is no column 'x_on'. Did you mean 'x_in'? If it has another name there, map it" in text
+    with pytest.raises(DataError, match="there is no signal 'x_inn'. Did you mean 'x_in'?"):
+        read(path)["x_inn"]
+
+
+def test_a_unit_that_does_not_convert_is_refused_when_it_is_asked_for(file):
+    record = read(file(SAME["comma"]))
+    with pytest.raises(DataError, match=r"signal 'x_in \[deg\]' is wanted in V"):
+        record.samples("x_in", "V")
+
+
+def test_two_columns_of_one_name_are_refused(file):
+    assert "columns 2 and 3 are both named 'x'" in refused(file("t,x,x\n0,1,1\n1,2,2\n2,3,3\n3,4,4\n"))
+
+
+def test_a_file_without_time_needs_a_step(file):
+    path = file("u,y\n1,2\n2,3\n3,4\n4,5\n")
+    assert "no column is named t or time. Map t to the column that holds the time (there are u, y)" in refused(path)
+    np.testing.assert_allclose(read(path, step=0.25).t, [0, 0.25, 0.5, 0.75])
+    assert "the step from row to row must be a positive number of seconds" in refused(path, step=-1.0)
+    np.testing.assert_allclose(read(path, map={"t": "u"}).t, [1, 2, 3, 4])
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [("x_in [deg]", ("x_in", "deg")), ("x_in", ("x_in", "")), (" x ( rad/s ) ", ("x", "rad/s")), ("", ("", ""))],
+)
+def test_headings_are_taken_apart(text, parts):
+    assert split_heading(text) == parts
+
+
+# ---- repairs
+
+
+def test_repeated_times_are_merged_into_their_mean(file):
+    rows = "0,1\n0.5,2\n0.5,4\n0.5,6\n1,7\n1.5,8\n1.5,9\n2,9\n"
+    record = read(file("t,x\n" + rows))
+    np.testing.assert_array_equal(record.t, [0, 0.5, 1, 1.5, 2])
+    np.testing.assert_allclose(record["x"], [1, 4, 7, 8.5, 9])
+    assert record.notes == (
+        "3 rows repeated the time of the row before; each group was replaced by its mean, leaving 5 of 8 samples.",
+    )
+
+
+def test_a_headerless_file_with_repeated_times_reads_as_it_is_published(file):
+    """The layout of the tendon-sheath calibration files: eight columns, each time four or five times."""
+    t = np.repeat(np.arange(0, 3, 0.025), 5)
+    table = np.column_stack([t, 60 * np.sin(t), 1500 * np.cos(t), *[np.cos(k + t) for k in range(5)]])
+    text = "".join(", ".join(f"{v:.6f}" for v in row) + " \n" for row in table)
+    record = read(file(text, "60.txt"), columns=CALIB)
+    assert record.names == tuple(CALIB[1:])
+    assert len(record) == 120
+    np.testing.assert_allclose(record["x_ref"], 60 * np.sin(record.t), atol=1e-6)
+    assert "480 rows repeated the time" in record.notes[0]
+
+
+def test_a_time_that_jumps_back_is_refused_and_can_be_cut_off(file):
+    lines = ["# logger 7", "t,x", *(f"{k / 10},{k}" for k in range(20)), "0,20", "0,20"]
+    path = file("\n".join(lines))
+    text = refused(path)
+    assert "time jumps back at row 23, from 1.9 s to 0 s" in text
+    assert "rows=(3, 22), or --rows 3:22" in text
+    record = read(path, rows=(3, 22))
+    assert (len(record), record.t[-1]) == (20, 1.9)
+    assert len(read(path, rows=(None, 22))) == 20
+    assert "must be two row numbers in order" in refused(path, rows=(5, 2))
+
+
+def test_short_gaps_are_interpolated_in_time(file):
+    record = read(file("t,x,y\n0,1,1\n1,,2\n3,4,\n4,NaN,\n5,n/a,5\n6,7,6\n"))
+    np.testing.assert_allclose(record["x"], [1, 2, 4, 5, 6, 7])
+    np.testing.assert_allclose(record["y"], [1, 2, 3 + 1 / 2, 4.25, 5, 6])
+    assert record.notes == (
+        "x: 3 missing numbers (rows 3, 5, 6) were interpolated.",
+        "y: 2 missing numbers (rows 4, 5) were interpolated.",
+    )
+
+
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        ("1,,,,,6", "column 2 (x [deg]) has no number in rows 3 to 6. At most 3 samples are interpolated"),
+        (",2,3,4,5,6", "column 2 (x [deg]) has no number in row 2. At the start there is nothing to interpolate from"),
+        ("1,2,3,4,5,inf", "column 2 (x [deg]) has no number in row 7. At the end there is nothing"),
+        (",,,,,", "column 2 (x [deg]) has no number in rows 2 to 7. It is empty throughout"),
+        ("1,2,abc,4,5,6", "row 4, column 2 (x [deg]) holds 'abc', which is not a number."),
+        ("1,2,abc,4,x5,6", "holds 'abc', which is not a number (and 1 more such cell)."),
+        ("1,2,1_0,4,5,6", "row 4, column 2 (x [deg]) holds '1_0', which is not a number."),
+    ],
+)
+def test_cells_that_hold_no_number(file, cells, words):
+    path = file("t,x [deg],y\n" + "".join(f"{k},{cell},{k}\n" for k, cell in enumerate(cells.split(","))))
+    assert words in refused(path)
+    assert read(path, only=["y"]).names == ("y",)  # the fault is in a column that is not wanted
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "the file is empty."),
+        (b" \n\n", "the file is empty."),
+        (b"# only a remark\n", "the file holds no numbers, only comments."),
+        (b"t,x\n0,1\n1,2\n2,3\n", "only 3 samples found; 4 are the least."),
+        (b"t,x\n", "only 0 samples found"),
+        (b"t,x\n5,1\n5,2\n5,3\n5,4\n", "column 1 (t) is 5 s in all 4 rows, so it cannot be the time."),
+        (b"t,x\n0,1\n,2\n2,3\n3,4\n4,5\n", "column 1 (t) has no number in row 3 (1 such row)."),
+        (b"t,x\n0,1\n1,2\n2,3,4\n3,4\n4,5\n", "row 4 has 3 cells, but there are 2 columns. Every row needs the same"),
+        (b"t,x\n0,1\n1,2\n2,3\n3,4\n4,5\n6\n", "row 7 has 1 cells, but there are 2 columns. The file seems to have been cut"),
+        (b"t,x\n0,1\n1,\xb02\n2,3\n3,4\n", "row 3 is not UTF-8 text (byte 0xb0). Save the file as UTF-8."),
+        ("t,x\n0,1\n".encode("utf-16"), "this is UTF-16 text. Save it as UTF-8."),
+        (b"t,x\n0,1\n\x00\x00", "this is not text (zero byte in row 3)."),
+        (b"PK\x03\x04rest", "this is a spreadsheet or an archive. Export the sheet as CSV."),
+        (b"t [furlong],x\n0,1\n1,2\n2,3\n3,4\n", "the time is in 'furlong'. 'furlong' is not a unit known here."),
+    ],
+)
+def test_files_that_are_no_measurement(file, content, words):
+    assert words in refused(file(content))
+
+
+def test_folders_and_missing_files(tmp_path, file):
+    assert "is a folder; give one file." in refused(tmp_path)
+    file("x", "calib60.csv")
+    assert "Did you mean 'calib60.csv'?" in refused(tmp_path / "calib6.csv")
+
+
+def test_constant_signals_are_told(file):
+    record = read(file("t,x,y\n0,5,1\n1,5,2\n2,5,3\n3,5,4\n"))
+    assert record.notes == ("x never changes (it is 5 throughout).",)
+
+
+# ---- arrays: NPZ, MAT, HDF5, pandas
+
+
+def test_npz_as_a_run_saves_it(tmp_path):
+    diagram = Diagram(blocks={"k": Gain(gain=2.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"u": "u", "y": "k"})
+    run = simulate(diagram, stop=1.0, step=0.1, inputs={"u": np.linspace(0, 1, 11)})
+    record = read(run.save(tmp_path / "run.npz"))
+    np.testing.assert_array_equal(record["y"], run["y"])
+    assert record.unit("u") == "rad"
+    again = read(run.save(tmp_path / "run.csv"))
+    np.testing.assert_array_equal(again["y"], run["y"])
+    assert again.unit("u") == "rad"
+
+
+def test_mat_of_version_5(tmp_path):
+    from scipy.io import savemat
+
+    t = np.arange(6) / 10
+    path = tmp_path / "emps.mat"
+    savemat(path, {"t": t[:, None], "qg": np.sin(t)[:, None], "kp": 160.18, "other": np.ones(9), "text": "hello"})
+    record = read(path)
+    assert record.names == ("qg",)
+    np.testing.assert_array_equal(record["qg"], np.sin(t))
+    assert record.notes == ("Left out, being of another length than t: other.",)
+
+
+def test_a_matrix_needs_names(tmp_path):
+    from scipy.io import savemat
+
+    path = tmp_path / "matrix.mat"
+    savemat(path, {"data": np.column_stack([np.arange(5.0), np.arange(5.0) ** 2])})
+    assert "'data' has 2 columns, but they have no names." in refused(path)
+    np.testing.assert_array_equal(read(path, columns=["t", "x"])["x"], np.arange(5.0) ** 2)
+    savemat(path, {"kp": 2.0})
+    assert "no arrays of one length were found" in refused(path)
+
+
+def test_mat_of_version_7_3_and_hdf5(tmp_path):
+    h5py = pytest.importorskip("h5py", reason="the extra [data] brings it")
+    for name in ("new.mat", "groups.h5"):
+        with h5py.File(tmp_path / name, "w", userblock_size=512 if name == "new.mat" else 0) as made:
+            made["run/t"], made["run/x"] = np.arange(5.0)[None, :], np.arange(5.0)[None, :] ** 2
+        record = read(tmp_path / name, map={"t": "run/t", "x": "run/x"})
+        np.testing.assert_array_equal(record["x"], np.arange(5.0) ** 2)
+
+
+def test_without_h5py_the_way_out_is_told(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    path = tmp_path / "new.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n")
+    assert 'need h5py: pip install "tsmblocks[data]"' in refused(path)
+
+
+@pytest.mark.parametrize("name", ["broken.npz", "broken.mat", "broken.h5"])
+def test_damaged_binary_files(file, name):
+    refused(file(b"\x01\x02\x03 this is nothing", name))
+
+
+def test_pandas_frames():
+    pd = pytest.importorskip("pandas", reason="the extra [data] brings it")
+    frame = pd.DataFrame({"x_in [deg]": [1.0, 2.0, 3.0, 5.0]}, index=pd.Index([0, 1, 2, 3], name="t"))
+    record = from_pandas(frame, name="bench")
+    assert (record.name, record.unit("x_in")) == ("bench", "deg")
+    np.testing.assert_array_equal(record.t, [0, 1, 2, 3])
+    with pytest.raises(DataError, match="column 'who' holds"):
+        from_pandas(frame.assign(who="me"))
+
+
+# ---- the record
+
+
+def test_a_record_is_a_value_that_drives_a_run(file):
+    record = read(file(SAME["comma"]))
+    assert isinstance(record, Record)
+    with pytest.raises(ValueError, match="read-only"):
+        record["x_in"][0] = 7.0
+    diagram = Diagram(blocks={"k": Gain(gain=1.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"y": "k"})
+    run = simulate(diagram, step=0.5, inputs={"u": record.samples("x_in", "rad")})
+    assert run.t[-1] == 3.0
+    np.testing.assert_allclose(run["y"], np.radians(1.5 + run.t), rtol=1e-12)
+
+
+# ---- the files as published
+
+
+def test_published_calibration_files(measured):
+    for bend in (0, 60, 120, 180, 240):
+        record = read(measured / f"tendon_sheath/calib/{bend}.txt", columns=CALIB, units={"x_ref": "deg"})
+        assert 510 <= len(record) <= 520
+        assert np.all(np.diff(record.t) > 0)
+        assert "repeated the time" in record.notes[0]
+        assert record.values("x_ref", "rad").max() == pytest.approx(np.radians(60.0), rel=1e-3)
+
+
+def test_a_published_file_whose_tail_resets_the_time(measured):
+    path = measured / "tendon_sheath/tracking/conf90_60.txt"
+    columns = ["t", "x_ref [deg]", "v_ref", "", "", "x_out [deg]", "f1", "f2", "f3", "f4"]
+    assert "time jumps back at row 26329, from 14.9995 s to 0 s" in refused(path, columns=columns)
+    record = read(path, columns=columns, rows=(1, 26328))
+    assert record.t[-1] == 14.9995
+
+
+def test_published_benchmarks(measured):
+    assert read(measured / "emps/DATA_EMPS.mat").names == ("qg", "qm", "vir")
+    tanks = measured / "cascaded_tanks/dataBenchmark.csv"
+    assert len(read(tanks, step=4.0, only=["uEst", "yEst"])) == 1024
+    assert "column 5 (Ts) has no number in rows 3 to 1025." in refused(tanks, step=4.0)
+    assert len(read(measured / "silverbox/SNLS80mV.csv", step=1 / 610.35)) == 131072
+    assert "multisine/u" in read(measured / "bouc_wen/test.h5", step=1 / 750).names

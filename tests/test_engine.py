@@ -1,0 +1,640 @@
+"""The engine against independent integrators, closed forms, and itself by other routes."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import tsmblocks as tsm
+from tests.tolerances import BACKENDS, EXACT, INTEGRATION
+from tsmblocks import shelf
+from tsmblocks.blocks import (
+    PID,
+    AsymmetricBoucWen,
+    Constant,
+    Delay,
+    Derivative,
+    DiscretePID,
+    Divide,
+    FirstOrderLag,
+    Gain,
+    Integrator,
+    Play,
+    Ramp,
+    Saturation,
+    SecondOrderLag,
+    SensorNoise,
+    Sine,
+    Step,
+    Sum,
+    TransferFunction,
+    UnitDelay,
+    ZeroOrderHold,
+)
+from tsmblocks.engine import jit, session
+from tsmblocks.engine.methods import METHODS
+from tsmblocks.errors import NotFinite, RunError
+
+SHIPPED = shelf.names()
+W = 2 * np.pi * 0.2
+AMPLITUDE = np.deg2rad(55)
+
+
+def inputs_for(diagram, stop=20.0, step=1e-3):
+    """A sine for each input, as samples fine enough that the hold does not matter (cubic)."""
+    t = np.arange(0, stop + step, step)
+    return {name: tsm.Samples(t, AMPLITUDE * np.sin(W * t), "cubic") for name in diagram.inputs}
+
+
+def run_shipped(name, **options):
+    diagram = tsm.load(name)
+    return tsm.simulate(diagram, stop=options.pop("stop", 10.0), inputs=inputs_for(diagram), **options)
+
+
+# ---- against SciPy
+
+
+def scipy_reference(diagram, stop, knots):
+    """The equations integrated by SciPy at tight tolerance, piece by piece between the knots (kinks of the input)."""
+    eq = tsm.equations(diagram)
+    p = np.array([diagram.parameters[k] for k in eq.p])
+    given = inputs_for(diagram)
+    splines = {}
+    if given:
+        from scipy.interpolate import CubicSpline
+
+        splines = {k: CubicSpline(v.t, v.y) for k, v in given.items()}
+
+    def feeds(t):
+        return [float(splines[f.name.removeprefix("d/dt ")](t, nu=f.order)) for f in eq.u]
+
+    def rates(t, x):
+        return np.asarray(eq.rhs(t, x, [], feeds(t), [], p)[0]).ravel()
+
+    x = np.asarray(eq.start(p)[0]).ravel()
+    edges = [0.0, *knots, stop]
+    for begin, end in zip(edges, edges[1:], strict=False):
+        out = solve_ivp(rates, (begin, end), x, method="DOP853", rtol=1e-11, atol=1e-13)
+        assert out.success
+        x = out.y[:, -1]
+    y = np.asarray(eq.rhs(stop, x, [], feeds(stop), [], p)[1]).ravel()
+    return {name: y[eq.y.index(signal)] for name, signal in eq.aliases.items()}
+
+
+CONTINUOUS = [n for n in SHIPPED if not tsm.equations(tsm.load(n)).d]
+
+
+@pytest.mark.parametrize("name", CONTINUOUS)
+def test_shipped_diagrams_agree_with_scipy(name):
+    stop = 6.3
+    expected = scipy_reference(tsm.load(name), stop, knots=[1.25, 3.75])  # where the reference turns
+    run = run_shipped(name, stop=stop, step=1e-4)
+    for key, value in expected.items():
+        scale = max(1.0, np.abs(run[key]).max())
+        assert abs(run[key][-1] - value) < INTEGRATION * scale, key
+
+
+def test_every_shipped_diagram_is_held_against_something_independent():
+    """Diagrams with memory or samples have tests of their own; a new one must be added here or there."""
+    with_memory = set(SHIPPED) - set(CONTINUOUS)
+    assert with_memory == {"sampled_position_loop", "tendon_sheath_play"}
+
+
+def test_play_against_its_definition():
+    run = run_shipped("tendon_sheath_play", stop=20.0)
+    x, w, m = run["x_in"], 0.2, 0.0
+    for k, value in enumerate(x):
+        m = max(value - w, min(value + w, m))
+        assert abs(run["x_out"][k] - m) < EXACT
+
+
+def test_sampled_loop_against_scipy_with_a_hand_written_controller():
+    """The plant by SciPy between samples, the controller as a difference equation written out here."""
+    diagram = tsm.load("sampled_position_loop")
+    run = tsm.simulate(diagram, stop=0.5, step=1e-4)
+    assert np.abs(run["x_out"][::10] - _sampled_by_hand(diagram, 0.5)).max() < 2e-6
+
+
+def _sampled_by_hand(diagram, stop):
+    motor, c, encoder = (diagram.blocks[k] for k in ("motor", "controller", "encoder"))
+    names = list(motor.states)
+
+    def rates(_t, x, u):
+        from tsmblocks.block import signals
+
+        made = motor.derivatives(0.0, signals(names, x), signals(["u"], [u]))
+        return [float(ca.DM(made[k])) for k in names]
+
+    x, integral, derivative, last, angles = np.zeros(len(names)), 0.0, 0.0, 0.0, []
+    count = 2 * np.pi / encoder.counts
+    for k in range(round(stop / c.period) + 1):
+        angle = float(motor.outputs(0.0, _by_name(names, x), None)["y"])
+        angles.append(angle)
+        measured = _encode(encoder, angle, count)
+        e = AMPLITUDE * np.sin(W * k * c.period) - measured
+        u, integral, derivative, last = _pid(c, e, integral, derivative, last)
+        out = solve_ivp(rates, (0, c.period), x, args=(np.clip(u, -24, 24),), method="Radau", rtol=1e-9, atol=1e-12)
+        x = out.y[:, -1]
+    return np.array(angles)
+
+
+def _by_name(names, x):
+    from tsmblocks.block import signals
+
+    return signals(names, x)
+
+
+def _encode(encoder, angle, count):
+    from tsmblocks.block import signals
+
+    assert abs(float(encoder.outputs(0.0, None, signals(["u"], [angle]))["y"]) - angle) <= count
+    return float(encoder.outputs(0.0, None, signals(["u"], [angle]))["y"])
+
+
+def _pid(c, e, integral, derivative, last):
+    """The difference equations of the block's docstring, through its own numbers."""
+    from tsmblocks.block import signals
+
+    x = signals(["integral", "derivative", "last"], [integral, derivative, last])
+    u = signals(["e"], [e])
+    y = float(ca.DM(c.outputs(0.0, x, u)["y"]))
+    new = c.updates(0.0, x, u)
+    return y, *(float(ca.DM(new[k])) for k in ("integral", "derivative", "last"))
+
+
+def test_bouc_wen_benchmark_is_reproduced(measured):
+    """Noël and Schoukens' simulated benchmark: the test multisine, RK4 at 15 kHz, to under 1e-6 m."""
+    h5py = pytest.importorskip("h5py", reason="pip install 'tsmblocks[data]'")
+    with h5py.File(measured / "bouc_wen" / "test.h5") as file:
+        group = file["multisine"]
+        u, y = (np.asarray(group[k], dtype=float).ravel() for k in ("u", "y"))
+        rate = float(np.asarray(group["fs"] if "fs" in group else group.attrs["fs"]).ravel()[0])
+    assert np.abs(bouc_wen_oscillator(u, rate) - y).max() < 1e-6
+
+
+def bouc_wen_oscillator(u, rate, per_sample=20):
+    """m 2, c 10, k 5e4, alpha 5e4, beta 1e3, gamma 0.8, delta -1.1, nu 1, as blocks around BoucWen."""
+    blocks = {
+        "force": Sum(signs="+-"),
+        "mass": Gain(gain=1 / 2.0),
+        "speed": Integrator(),
+        "place": Integrator(),
+        "spring": tsm.blocks.BoucWen(alpha_x=5e4, alpha_zeta=1.0, A=5e4, beta=800.0, gamma=-1100.0, n=1.0),
+        "damper": Gain(gain=10.0),
+        "back": Sum(signs="++"),
+    }
+    diagram = tsm.Diagram(
+        title="Bouc-Wen oscillator",
+        blocks={k: _unitless(b) for k, b in blocks.items()},
+        wires=["force -> mass -> speed -> place -> spring.x", "speed -> spring.v, damper", "spring -> back.plus1",
+               "damper -> back.plus2", "back -> force.minus"],
+        inputs={"u": "force.plus"},
+        outputs={"y": "place"},
+    )  # fmt: skip
+    h = 1 / rate / per_sample
+    t = np.arange(len(u)) / rate
+    run = tsm.simulate(diagram, stop=t[-1], step=h, inputs={"u": (t, u)}, hold="zero", every=per_sample, log="outputs")
+    return run["y"]
+
+
+def _unitless(block):
+    return block
+
+
+# ---- order, back ends, forms
+
+
+class TestOrder:
+    """Convergence order of each method, measured on closed forms."""
+
+    @staticmethod
+    def error(method, h):
+        lag = tsm.Diagram(
+            title="lag", blocks={"r": Sine(amplitude=1.0, frequency=1.0), "lag": SecondOrderLag(omega=9.0, zeta=0.4)},
+            wires=["r -> lag"], outputs={"y": "lag"},
+        )  # fmt: skip
+        run = tsm.simulate(lag, stop=1.0, step=h, method=method)
+        w, wn, z = 2 * np.pi, 9.0, 0.4
+        # y'' + 2 z wn y' + wn^2 y = wn^2 sin(w t), from rest
+        g = wn**2 / (wn**2 - w**2 + 2j * z * wn * w)
+        wd, t = wn * np.sqrt(1 - z**2), run.t
+        steady = (g * np.exp(1j * w * t)).imag
+        y0, v0 = -g.imag, -(1j * w * g).imag
+        transient = np.exp(-z * wn * t) * (y0 * np.cos(wd * t) + (v0 + z * wn * y0) / wd * np.sin(wd * t))
+        return np.abs(run["y"] - steady - transient).max()
+
+    @pytest.mark.parametrize("method", sorted(METHODS))
+    def test_order(self, method):
+        coarse, fine = self.error(method, 2e-3), self.error(method, 1e-3)
+        assert np.log2(coarse / fine) == pytest.approx(METHODS[method].order, abs=0.12)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_back_ends_agree(name):
+    fast = run_shipped(name, stop=20.0, backend="llvm")
+    slow = run_shipped(name, stop=20.0, backend="casadi")
+    assert np.abs(fast.rows - slow.rows).max() < BACKENDS
+
+
+@pytest.mark.parametrize("name", [*SHIPPED, "everything"])
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_large_form_agrees(name, method, monkeypatch):
+    diagram = everything() if name == "everything" else tsm.load(name)
+    options = {"stop": 1.5, "method": method, "inputs": inputs_for(diagram)}
+    small = tsm.simulate(diagram, **options)
+    session.single_kernel.cache_clear()
+    monkeypatch.setattr("tsmblocks.engine.kernels.LARGE_OPERATIONS", 0)
+    large = tsm.simulate(diagram, **options)
+    session.single_kernel.cache_clear()
+    assert np.abs(small.rows - large.rows).max() < BACKENDS
+
+
+def everything():
+    """Continuous, sampled at two rates, memory, delay, exact derivative, noise: one of each in one diagram."""
+    return tsm.Diagram(
+        title="one of each",
+        blocks={
+            "ref": Sine(), "e": Sum(), "pid": DiscretePID(period=0.01), "slow": ZeroOrderHold(period=0.05),
+            "hold": UnitDelay(period=0.02), "lag": FirstOrderLag(time_constant=0.2), "rate": Derivative(),
+            "delay": Delay(time=0.0337), "play": Play(half_width=0.1), "noise": SensorNoise(std=0.01, interval=0.004),
+            "tsm": AsymmetricBoucWen(),
+        },
+        wires=["ref -> e.plus", "e -> pid -> lag -> noise -> hold -> e.minus", "lag -> rate", "lag -> delay -> play",
+               "play -> tsm", "lag -> slow"],
+        outputs={"y": "lag", "played": "play", "rate": "rate", "out": "tsm", "slow": "slow"},
+    )  # fmt: skip
+
+
+def test_everything_at_once_agrees_between_back_ends():
+    a = tsm.simulate(everything(), stop=3.0)
+    b = tsm.simulate(everything(), stop=3.0, backend="casadi")
+    assert np.abs(a.rows - b.rows).max() < BACKENDS
+
+
+def test_fused_arithmetic_is_the_only_difference_from_casadi():
+    """Fig 9(b) over 20 s: the two back ends differ by rounding only."""
+    a, b = (run_shipped("fig09b_feedforward", stop=20.0, backend=k) for k in ("llvm", "casadi"))
+    assert np.abs(a["x_out"] - b["x_out"]).max() < 1e-11
+
+
+# ---- python-control
+
+
+def test_linear_blocks_and_a_closed_loop_agree_with_python_control():
+    import control as ct
+
+    t = np.linspace(0, 3, 3001)
+    loop = tsm.Diagram(
+        title="loop",
+        blocks={"e": Sum(), "pid": PID(kp=3.0, ki=2.0, kd=0.4, tau=0.02),
+                "plant": TransferFunction(num=(2.0, 5.0), den=(1.0, 0.7, 4.0))},
+        wires=["e -> pid -> plant -> e.minus"],
+        inputs={"r": "e.plus"}, outputs={"y": "plant"},
+    )  # fmt: skip
+    ours = tsm.simulate(loop, inputs={"r": (t, np.ones_like(t))}, step=1e-3)["y"]
+    s = ct.tf("s")
+    controller = 3.0 + 2.0 / s + 0.4 * s / (0.02 * s + 1)
+    plant = ct.tf([2, 5], [1, 0.7, 4])
+    theirs = ct.step_response(ct.feedback(controller * plant, 1), t).outputs
+    assert np.abs(ours - theirs).max() < 1e-8
+
+
+@pytest.mark.parametrize("system", ["tf", "ss", "mimo", "zpk"])
+def test_a_control_system_is_a_block(system):
+    import control as ct
+
+    made = {
+        "tf": ct.tf([1, 3], [1, 2, 10]),
+        "zpk": ct.zpk([-1], [-2 + 3j, -2 - 3j], 4.0),
+        "ss": ct.ss([[0, 1], [-4, -0.5]], [[0], [1]], [[1, 0]], [[0]]),
+        "mimo": ct.ss([[0, 1], [-4, -0.5]], [[1, 0], [0, 1]], [[1, 0], [0, 2]], [[0, 0], [0.3, 0]]),
+    }[system]
+    t = np.linspace(0, 2, 2001)
+    block = tsm.from_control(made)
+    inputs = {f"in{k}": f"b.{port}" for k, port in enumerate(block.inports)}
+    outputs = {f"out{k}": f"b.{port}" for k, port in enumerate(block.outports)}
+    diagram = tsm.Diagram(title="lti", blocks={"b": block}, inputs=inputs, outputs=outputs)
+    u = np.vstack([np.sin((k + 2) * t) for k in range(len(inputs))])
+    run = tsm.simulate(diagram, inputs={f"in{k}": tsm.Samples(t, row, "cubic") for k, row in enumerate(u)})
+    theirs = ct.forced_response(made, t, u if len(inputs) > 1 else u[0])
+    # python-control holds its inputs linearly between samples, hence 1e-6
+    for k, row in enumerate(np.atleast_2d(theirs.outputs)):
+        assert np.abs(run[f"out{k}"] - row).max() < INTEGRATION
+
+
+# ---- inputs and holds
+
+
+@pytest.mark.parametrize(("hold", "order"), [("zero", 1), ("linear", 2), ("cubic", 4)])
+def test_order_of_each_hold(hold, order):
+    """A smooth input sampled on the steps of RK4 limits the order as its hold does."""
+    diagram = tsm.Diagram(title="l", blocks={"l": FirstOrderLag(time_constant=0.1)}, inputs={"u": "l.u"}, outputs={"y": "l"})
+
+    def error(h):
+        t = np.arange(0, 2 + h / 2, h)
+        run = tsm.simulate(diagram, inputs={"u": (t, np.sin(5 * t))}, hold=hold, step=h)
+        tau, w = 0.1, 5.0
+        exact = (np.sin(w * t) - tau * w * np.cos(w * t) + tau * w * np.exp(-t / tau)) / (1 + (tau * w) ** 2)
+        return np.abs(run["y"] - exact)[len(t) // 2 : -3].max()
+
+    assert np.log2(error(0.02) / error(0.01)) == pytest.approx(order, abs=0.25)
+
+
+def test_inputs_of_every_kind_agree():
+    diagram = tsm.Diagram(title="l", blocks={"l": FirstOrderLag()}, inputs={"u": "l.u"}, outputs={"y": "l"})
+    t = np.linspace(0, 1, 1001)
+    kinds = [2.0, np.full(1001, 2.0), np.full(1000, 2.0), (t, np.full(1001, 2.0)), tsm.Samples(t, np.full(1001, 2.0)),
+             lambda t: 2.0 + 0 * t, lambda t: 2.0]  # fmt: skip
+    runs = [tsm.simulate(diagram, stop=1.0, inputs={"u": kind})["y"] for kind in kinds]
+    assert all(np.abs(run - runs[0]).max() < EXACT for run in runs)
+
+
+def test_a_jump_in_a_held_input_falls_on_its_instant():
+    """With zero-order hold a jump at a sample acts from that instant on, not half a step early."""
+    diagram = tsm.Diagram(title="i", blocks={"i": Integrator()}, inputs={"u": "i.u"}, outputs={"y": "i"})
+    run = tsm.simulate(diagram, stop=1.0, step=0.1, hold="zero", inputs={"u": ([0.0, 0.3, 0.7, 1.0], [0, 1, 3, 0])} if False
+                       else {"u": (np.array([0.0, 0.3, 0.7, 1.0]), np.array([0.0, 1.0, 3.0, 0.0]))})  # fmt: skip
+    assert run["y"][-1] == pytest.approx(0.4 * 1 + 0.3 * 3, abs=EXACT)
+
+
+# ---- exact derivative
+
+
+def test_exact_derivative_of_time_states_and_inputs():
+    t = np.linspace(0, 4, 4001)
+    diagram = tsm.Diagram(
+        title="d",
+        blocks={"r": Sine(amplitude=1.0, frequency=0.5), "dr": Derivative(), "lag": SecondOrderLag(omega=8.0, zeta=0.5),
+                "dx": Derivative(), "ddx": Derivative(), "du": Derivative()},
+        wires=["r -> dr", "r -> lag -> dx -> ddx"],
+        inputs={"u": "du.u"}, outputs={"dr": "dr", "x": "lag", "dx": "dx", "ddx": "ddx", "du": "du"},
+    )  # fmt: skip
+    run = tsm.simulate(diagram, inputs={"u": tsm.Samples(t, np.cos(3 * t), "cubic")}, step=1e-3)
+    assert np.abs(run["dr"] - np.pi * np.cos(np.pi * run.t)).max() < EXACT
+    assert np.abs(run["dx"] - run["lag.rate"]).max() < EXACT
+    central = (run["dx"][2:] - run["dx"][:-2]) / 2e-3
+    assert np.abs(run["ddx"][1:-1] - central).max() < 1e-4
+    assert np.abs(run["du"] + 3 * np.sin(3 * t))[5:-5].max() < 1e-7
+
+
+def test_derivative_action_without_a_filter_goes_through_a_nonlinear_plant():
+    """u = kd d/dt(r - y) around a lag: the derivative of y is known from its state, so no filter is needed."""
+    diagram = tsm.Diagram(
+        title="pd",
+        blocks={"r": Ramp(slope=2.0, start=0.0), "e": Sum(), "d": Derivative(), "g": Gain(gain=0.5), "m": SecondOrderLag()},
+        wires=["r -> e.plus", "e -> d -> g -> m -> e.minus"], outputs={"y": "m"},
+    )  # fmt: skip
+    run = tsm.simulate(diagram, stop=3.0)
+    # y -> u = 0.5 (2 - y'), and the lag's steady state is y = u with y' = 0
+    assert run["y"][-1] == pytest.approx(1.0, abs=1e-6)
+
+
+# ---- delays and samples
+
+
+def test_transport_delay_is_exact_on_the_grid_and_fourth_order_off_it():
+    def error(tau, h):
+        d = tsm.Diagram(title="d", blocks={"r": Sine(amplitude=1.0, frequency=1.0), "d": Delay(time=tau), "i": Integrator()},
+                        wires=["r -> d -> i"], outputs={"y": "d", "int": "i"})  # fmt: skip
+        run = tsm.simulate(d, stop=2.0, step=h)
+        late = run.t > tau + 6 * h
+        exact = np.sin(2 * np.pi * (run.t - tau))
+        return np.abs(run["y"] - exact)[late].max()
+
+    assert error(0.1, 0.01) < EXACT
+    assert np.log2(error(0.1037, 0.01) / error(0.1037, 0.005)) > 3.5
+
+
+def test_delayed_feedback_against_the_method_of_steps():
+    """y' = -y(t - 1), y = 1 before: y = 1 - t on [0, 1], then a parabola; SciPy is not needed."""
+    d = tsm.Diagram(title="dde", blocks={"y": Integrator(initial=1.0), "d": Delay(time=1.0, initial=1.0), "g": Gain(gain=-1.0)},
+                    wires=["y -> d -> g -> y"], outputs={"y": "y"})  # fmt: skip
+    run = tsm.simulate(d, stop=2.0, step=0.01)
+    first, second = run.t <= 1, run.t >= 1
+    assert np.abs(run["y"] - (1 - run.t))[first].max() < 1e-10
+    exact = 1 - run.t + (run.t - 1) ** 2 / 2
+    assert np.abs(run["y"] - exact)[second].max() < 5e-5  # the corner in the past costs an order locally
+
+
+def test_sampled_blocks_of_two_rates_update_in_signal_order():
+    d = tsm.Diagram(
+        title="rates",
+        blocks={"r": Ramp(slope=1.0, start=0.0), "fast": ZeroOrderHold(period=0.01), "slow": ZeroOrderHold(period=0.02),
+                "back": UnitDelay(period=0.01)},
+        wires=["r -> fast -> slow", "fast -> back"], outputs={"fast": "fast", "slow": "slow", "back": "back"},
+    )  # fmt: skip
+    run = tsm.simulate(d, stop=0.1, step=0.001)
+    ticks = np.round(run.t * 1000).astype(int)
+    assert np.abs(run["fast"] - ticks // 10 * 0.01).max() < EXACT
+    assert np.abs(run["slow"] - ticks // 20 * 0.02).max() < EXACT
+    assert np.abs(run["back"] - np.maximum(ticks // 10 - 1, 0) * 0.01).max() < EXACT
+
+
+def test_sampled_feedback_equals_the_z_transform():
+    """A first-order plant under a zero-order hold and a sampled gain has a pole that is known in closed form."""
+    k, tau, period = 2.0, 0.1, 0.02
+    d = tsm.Diagram(
+        title="sampled",
+        blocks={"one": Constant(value=1.0), "e": Sum(), "g": Gain(gain=k), "z": ZeroOrderHold(period=period),
+                "p": FirstOrderLag(time_constant=tau)},
+        wires=["one -> e.plus", "e -> g -> z -> p -> e.minus"], outputs={"y": "p"},
+    )  # fmt: skip
+    run = tsm.simulate(d, stop=0.4, step=0.001)
+    a = np.exp(-period / tau)
+    y, expected = 0.0, []
+    for _ in range(21):
+        expected.append(y)
+        y = a * y + (1 - a) * k * (1 - y)
+    assert np.abs(run["y"][::20] - expected).max() < 1e-8
+
+
+# ---- running
+
+
+def test_stepper_follows_simulate_and_goes_back():
+    d = tsm.load("motor_linear")
+    stepper = tsm.Stepper(d, step=1e-3)
+    run = tsm.simulate(d, stop=0.1, inputs={"u": 3.0})
+    outputs = [stepper.step({"u": 3.0})["x"] for _ in range(100)]
+    assert np.abs(np.array(outputs) - run["x"][1:]).max() < EXACT
+    saved = pickle.loads(pickle.dumps(stepper.save()))
+    onward = [stepper.step({"u": 1.0})["x"] for _ in range(5)]
+    stepper.restore(saved)
+    assert [stepper.step({"u": 1.0})["x"] for _ in range(5)] == onward
+
+
+def test_log_every_and_outputs_only():
+    full = run_shipped("fig16_feedforward_feedback", stop=2.0)
+    thin = run_shipped("fig16_feedforward_feedback", stop=2.0, every=7, log="outputs")
+    assert np.array_equal(thin.t, full.t[::7])
+    for name in thin.aliases:
+        assert np.array_equal(thin[name], full[name][::7])
+    assert "pid.y" not in thin
+    assert "pid.y" in run_shipped("fig16_feedforward_feedback", stop=0.1, log=["pid.*"])
+
+
+def test_long_runs_are_cut_into_pieces_without_a_seam(monkeypatch):
+    whole = tsm.simulate(everything(), stop=9.0)
+    monkeypatch.setattr(session, "PIECE_SECONDS", 1e-9)  # as short as pieces get: 1024 steps
+    seen = []
+    cut = tsm.simulate(everything(), stop=9.0, progress=seen.append, every=3)
+    assert np.array_equal(cut.rows, whole.rows[::3])
+    assert len(seen) >= 3
+    assert all(a < b for a, b in zip(seen, seen[1:], strict=False))
+
+
+def test_ctrl_c_returns_what_there_is():
+    long = tsm.load("fig16_feedforward_feedback")
+    timer = threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    run = tsm.simulate(long, stop=20000.0, every=100, log="outputs")
+    timer.cancel()
+    assert not run.complete
+    assert 0 < run.t[-1] < 20000.0
+    assert len(run.t) == len(run["x_out"])
+
+
+def test_a_changed_parameter_does_not_compile_again():
+    d = tsm.load("fig09b_feedforward")
+    tsm.simulate(d, stop=0.1)
+    eq = tsm.equations(d)
+    before = session.single_kernel.cache_info().misses
+    tsm.simulate(d, stop=0.1, parameters={"controller.kp": 30.0, "tsm.alpha1": 0.9} if False else {"controller.kp": 30.0})
+    assert tsm.equations(d.with_parameters({"theta": 4.0})) is eq
+    assert session.single_kernel.cache_info().misses == before
+
+
+def test_step_too_long_for_the_fastest_pole_warns():
+    d = tsm.Diagram(title="stiff", blocks={"s": Step(), "l": FirstOrderLag(time_constant=1e-4)}, wires=["s -> l"], outputs={"y": "l"})
+    with pytest.warns(tsm.simulate.__globals__["StepWarning"], match=r"fastest pole \(1e\+04 rad/s, at l.value\).*below about 0.00028 s"):
+        tsm.simulate(d, stop=0.01, step=1e-3)
+
+
+def test_nan_is_caught_where_it_is_born_with_the_run_so_far():
+    d = tsm.Diagram(
+        title="d", blocks={"r": Ramp(slope=-1.0, initial=0.5, start=0.0), "one": Constant(value=0.0), "q": Divide(),
+                           "cap": Saturation(), "g": Gain()},
+        wires=["one -> q.num", "r -> q.den", "q -> g -> cap"], outputs={"y": "cap"},
+    )  # fmt: skip
+    with pytest.raises(NotFinite) as caught:
+        tsm.simulate(d, stop=1.0, step=0.125)
+    error = caught.value
+    assert (error.block, error.time) == ("q", 0.5)
+    assert str(error) == "q.y = nan at t = 0.5 s, born in q (Divide). Its inputs: num (from one.y) = 0, den (from r.y) = 0."
+    assert len(error.run.t) == 4
+    assert np.array_equal(error.run["r.y"], [0.5, 0.375, 0.25, 0.125])
+
+
+def test_nan_is_not_swallowed_by_a_limit_when_only_outputs_are_logged():
+    d = tsm.Diagram(
+        title="d", blocks={"zero": Constant(value=0.0), "q": Divide(), "cap": Saturation()},
+        wires=["zero -> q.num, q.den", "q -> cap"], outputs={"y": "cap"},
+    )  # fmt: skip
+    with pytest.raises(NotFinite, match="born in q"):
+        tsm.simulate(d, stop=1.0, log="outputs")
+
+
+# ---- machine code on disk
+
+
+def test_machine_code_is_kept_and_a_damaged_file_is_replaced(tmp_path, monkeypatch):
+    monkeypatch.setenv("TSMBLOCKS_CACHE", str(tmp_path / "store"))
+    text = "define void @run(ptr %t) {\n  ret void\n}\n"
+    jit._LOADED.clear()
+    jit.compile_text(text, promote=True)
+    (file,) = (tmp_path / "store").iterdir()
+    good = file.read_bytes()
+    assert (tmp_path / "store").stat().st_mode & 0o077 == 0
+    for damage in (b"", good[:50], good[:-1] + b"x", b"nonsense"):
+        file.write_bytes(damage)
+        jit._LOADED.clear()
+        jit.compile_text(text, promote=True)
+        assert file.read_bytes() == good
+    jit._LOADED.clear()
+
+
+def test_a_store_others_may_write_to_is_not_used(tmp_path, monkeypatch):
+    store = tmp_path / "open"
+    store.mkdir(mode=0o777)
+    store.chmod(0o777)
+    monkeypatch.setenv("TSMBLOCKS_CACHE", str(store))
+    jit._LOADED.clear()
+    jit.compile_text("define void @run(ptr %t) {\n  ret void\n}\n", promote=True)
+    assert not list(store.iterdir())
+    jit._LOADED.clear()
+
+
+def _write_many(store, started):
+    os.environ["TSMBLOCKS_CACHE"] = str(store)
+    started.set()
+    while True:
+        for n in range(50):
+            jit._LOADED.clear()
+            jit.compile_text(f"define void @run(ptr %t) {{\n  %a = add i64 {n}, 1\n  ret void\n}}\n", promote=True)
+
+
+def test_killed_and_concurrent_writers_leave_no_bad_file(tmp_path):
+    store = tmp_path / "store"
+    context = multiprocessing.get_context("spawn")
+    for _ in range(3):
+        events = [context.Event(), context.Event()]
+        workers = [context.Process(target=_write_many, args=(store, e)) for e in events]
+        for w in workers:
+            w.start()
+        for e in events:
+            e.wait(30)
+        time.sleep(0.3)
+        for w in workers:
+            w.kill()
+            w.join()
+    kept = [f for f in store.iterdir() if f.suffix == ".o"]
+    assert kept
+    assert all(jit._read(f) is not None for f in kept)
+
+
+def test_without_llvmlite_the_other_back_end_serves(monkeypatch):
+    monkeypatch.setenv("TSMBLOCKS_ENGINE", "casadi")
+    session.single_kernel.cache_clear()
+    run = tsm.simulate(tsm.load("motor_linear"), stop=0.1, inputs={"u": 1.0})
+    session.single_kernel.cache_clear()
+    assert run["x"][-1] > 0
+    with pytest.raises(RunError, match="needs llvmlite"):
+        tsm.simulate(tsm.load("motor_linear"), stop=0.1, inputs={"u": 1.0}, backend="llvm")
+
+
+# ---- elementary functions of the emitter
+
+
+@pytest.mark.parametrize("name", ["exp", "expm1", "tanh", "sin", "cos"])
+def test_own_elementary_functions_are_accurate_in_lanes(name):
+    """Each against NumPy over its range, side by side in lanes; a few units in the last place."""
+    from tsmblocks.engine.kernels import CompiledKernel, Memory
+    from tsmblocks.engine.plan import Plan
+
+    x = np.concatenate([np.linspace(-700, 700, 4001), np.logspace(-300, 2, 4000), -np.logspace(-300, 2, 4000), [0.0] * 7])
+    lanes = 16
+    x = x[: len(x) // lanes * lanes]
+    t, d, u, q = ca.SX.sym("t"), ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1)
+    state, p = ca.SX.sym("x"), ca.SX.sym("p")
+    f = ca.Function("rhs", [t, state, d, u, q, p], [ca.SX(0), getattr(ca, name)(p), ca.SX(0, 1)],
+                    ["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])  # fmt: skip
+    kernel = CompiledKernel(Plan(rhs=f, update=None, lag=None, method=METHODS["euler"], y=(0,), groups=0, every_step=False,
+                                 lanes=lanes, wide_x=(True,), wide_d=(), wide_p=(True,), wide_s=(), inputs=0))  # fmt: skip
+    got = np.empty_like(x)
+    for k in range(0, len(x), lanes):
+        memory = Memory(np.zeros(lanes), np.empty(0), x[k : k + lanes].copy(), np.empty(0), 0)
+        y = np.empty((1, lanes))
+        kernel.advance(memory, np.empty((1, 1, 0)), t0=0.0, h=1.0, k0=0, n=0, final=True, every=1, skip=0, hits=(), y=y)
+        got[k : k + lanes] = y[0]
+    expected = getattr(np, name)(x)
+    size = np.abs(expected)
+    ordinary = np.isfinite(expected) & (size > 1e-290)
+    assert (np.abs(got - expected)[ordinary] / np.spacing(size[ordinary])).max() < 4
+    assert np.array_equal(np.isinf(got), np.isinf(expected))

@@ -1,0 +1,45 @@
+"""Everything the README shows is run, and prints what it says."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+README = Path(__file__).parents[1] / "README.md"
+SHOWN = re.findall(r"```python\n(.*?)```(?:\n\n```\n(.*?)```)?", README.read_text(encoding="utf-8"), re.DOTALL)
+SHELL = re.findall(r"^tsmblocks (.*)$", README.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_code_in_the_readme_prints_what_it_says():
+    scope: dict[str, object] = {}
+    assert len(SHOWN) >= 3
+    for code, expected in SHOWN:
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(code, "README.md", "exec"), scope)
+        assert printed.getvalue() == expected
+
+
+@pytest.mark.parametrize("line", SHELL)
+def test_commands_in_the_readme_run(line, tmp_path, monkeypatch, capsys):
+    from tsmblocks.blocks import Gain
+    from tsmblocks.cli import main
+    from tsmblocks.diagram import Diagram
+    from tsmblocks.files import save
+
+    monkeypatch.chdir(tmp_path)
+    save(Diagram(title="mine", blocks={"g": Gain()}, inputs={"u": "g.u"}, outputs={"y": "g"}), tmp_path / "my_loop.toml")
+    assert main(line.split()) == 0
+    assert capsys.readouterr().out
+
+
+def test_pictures_in_the_readme_exist():
+    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", README.read_text(encoding="utf-8")):
+        assert (README.parent / picture).is_file()
+
+
+def test_links_in_the_readme_exist():
+    for link in re.findall(r"(?<!!)\[[^]]*\]\(([^)#]+)\)", README.read_text(encoding="utf-8")):
+        assert link.startswith("http") or (README.parent / link).exists()

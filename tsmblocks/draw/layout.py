@@ -1,0 +1,82 @@
+"""From a diagram to a picture: the steps in order, and the frame around them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.draw import place, route
+from tsmblocks.draw.graph import End, Net, graph
+from tsmblocks.draw.lines import traced
+from tsmblocks.draw.notes import notes
+from tsmblocks.draw.order import rows
+from tsmblocks.draw.picture import SMALL, TITLE, Label, Picture, Point, Wire, fitted, moved, text_width
+from tsmblocks.draw.route import Plan
+from tsmblocks.draw.shapes import box, port_offset, size
+
+MARGIN = 24
+WIDEST = 900
+"""Width at which a title or source line is cut, when the drawing itself is narrower."""
+
+
+def layout(diagram: Diagram, *, values: Mapping[str, Any] | None = None) -> Picture:
+    """The diagram drawn: a value that holds every box, line and text with its coordinates.
+
+    Signals flow from left to right, feedback runs below the blocks. ``values`` as for ``to_svg``. Equal
+    diagrams with their blocks in the same order give equal pictures.
+    """
+    drawn = graph(diagram, notes(diagram, values))
+    found = rows(drawn)
+    sides = place.sides(drawn, found)
+    plan = route.routed(Plan(drawn, found, sides, dict(place.heights(drawn, found, sides))))
+    for channel in plan.channels:
+        plan.y |= {key: channel.y for key in channel.loop.blocks}
+    turned = {key for channel in plan.channels for key in channel.loop.blocks}
+    boxes = [box(node, (plan.x[key], plan.y[key]), sides, key in turned) for key, node in drawn.nodes.items()]
+    wires = [_wire(diagram, plan, net, net.source[0] in turned) for net in drawn.nets]
+    return _framed(diagram, boxes, [wire for wire in wires if wire.lines])
+
+
+def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
+    node = plan.graph.nodes[net.source[0]]
+    way = -1 if turned else 1
+    x = plan.x[node.key] + way * size(node, plan.sides).width / 2
+    y = plan.y[node.key] + port_offset(node, net.source[1], "out", plan.sides)
+    pieces, text = plan.pieces[net], route.note(net)
+    if text and not pieces:
+        pieces.append((x, y, x + way * route.stub(net), y))
+    lines, dots = traced(pieces)
+    labels = (Label(text, x + 10 * way, y - 5, SMALL, "signal", "end" if turned else "start"),) if text else ()
+    taps: tuple[Point, ...] = ((x + 10, y),) if net.tapped else ()
+    targets = tuple(map(_said, (*net.ahead, *net.back)))
+    unit = diagram.unit(_said(net.source))
+    about = f"{_said(net.source)}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
+    return Wire(_said(net.source), targets, lines, tuple(plan.arrows[net]), dots, taps, labels, about)
+
+
+def _said(end: End) -> str:
+    return ".".join(filter(None, (end[0].lstrip("<>"), end[1])))
+
+
+def _framed(diagram: Diagram, boxes: list[Any], wires: list[Wire]) -> Picture:
+    """Everything moved to the right and below the title, with a margin around it."""
+    points = [p for w in wires for line in w.lines for p in line]
+    spans = [b.extent for b in boxes] + [a.extent for o in (*boxes, *wires) for a in o.labels]
+    left = min([s[0] for s in spans] + [p[0] for p in points], default=0.0)
+    top = min([s[1] for s in spans] + [p[1] for p in points], default=0.0)
+    right = max([s[2] for s in spans] + [p[0] for p in points], default=0.0)
+    bottom = max([s[3] for s in spans] + [p[1] for p in points], default=0.0)
+    heads, y = [], float(MARGIN)
+    wide = max(right - left, WIDEST)
+    for text, high, kind in ((diagram.title, TITLE, "title"), (diagram.source, SMALL + 1, "source")):
+        if text:
+            y += high
+            heads.append(Label(fitted(" ".join(text.split()), high, wide), MARGIN, y, high, kind, "start"))
+            y += 6
+    y += 18 if heads else 0
+    width = max([right - left, *(text_width(h.text, h.size) for h in heads)]) + 2 * MARGIN
+    dx, dy = round(MARGIN - left), round(y - top)
+    return Picture(diagram.title, float(round(width + 1)), float(round(dy + bottom + MARGIN)),
+                   tuple(moved(b, dx, dy) for b in boxes), tuple(moved(w, dx, dy) for w in wires),
+                   tuple(heads))  # fmt: skip

@@ -1,0 +1,46 @@
+"""A diagram as Mermaid text, for pages that draw Mermaid themselves."""
+
+from __future__ import annotations
+
+import json
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.draw.graph import PRODUCTS, SUMS, symbol_of
+
+
+def to_mermaid(diagram: Diagram) -> str:
+    """The diagram as a Mermaid flow chart: a line for each block, each link, input and output."""
+    lines = ["---", f"title: {json.dumps(diagram.title, ensure_ascii=False)}", "---"] if diagram.title else []
+    lines.append("flowchart LR")
+    lines += [f"  in_{name}([{_quoted(name)}])" for name in diagram.inputs]
+    for name, block in diagram.blocks.items():
+        if isinstance(block, Diagram):
+            lines.append(f"  b_{name}[[{_quoted(name, block.title)}]]")
+        elif symbol_of(block) in (*SUMS, *PRODUCTS):
+            lines.append(f"  b_{name}(({_quoted(name, symbol_of(block))}))")
+        else:
+            lines.append(f"  b_{name}[{_quoted(name, symbol_of(block))}]")
+    lines += [f"  out_{name}([{_quoted(name)}])" for name in diagram.outputs]
+    for name, ends in diagram.inlets.items():
+        lines += [f"  in_{name} -->{_ports(diagram, ('', ''), end)} b_{end[0]}" for end in ends]
+    lines += [f"  b_{link.source[0]} -->{_ports(diagram, link.source, link.target)} b_{link.target[0]}"
+              for link in diagram.links]  # fmt: skip
+    for name, (block_name, port) in diagram.shown.items():
+        start = f"b_{block_name}" if block_name else f"in_{port}"
+        lines.append(f"  {start} -->{_ports(diagram, (block_name, port), ('', ''))} out_{name}")
+    return "\n".join(lines) + "\n"
+
+
+def _ports(diagram: Diagram, source: tuple[str, str], target: tuple[str, str]) -> str:
+    """The names of the ports, where a block has several on that side."""
+    blocks = diagram.blocks
+    out = source[1] if source[0] and len(blocks[source[0]].outports) > 1 else ""
+    into = target[1] if target[0] and len(blocks[target[0]].inports) > 1 else ""
+    text = " → ".join(filter(None, (out, into)))
+    return f"|{_quoted(text)}|" if text else ""
+
+
+def _quoted(*lines: str) -> str:
+    """Text in quotes, with what Mermaid would read as its own notation written as codes."""
+    codes = {c: f"#{ord(c)};" for c in '"#<>&`|\\'}
+    return '"' + "<br/>".join("".join(codes.get(c, c) for c in " ".join(line.split())) for line in lines if line) + '"'

@@ -1,0 +1,167 @@
+"""The order of blocks and passing wires in each column, with few crossings. It knows no coordinates."""
+
+from __future__ import annotations
+
+from bisect import bisect_right, insort
+
+import attrs
+
+from tsmblocks.draw.graph import End, Graph, Net
+
+FLOOR = "_"
+"""Stands for the feedback channels below all blocks, as the end of a link."""
+SWEEPS = 8
+LARGE = 400
+"""Links beyond which fewer sweeps are made, so that a huge diagram is still drawn in seconds."""
+
+
+@attrs.frozen(eq=False)
+class Link:
+    """A signal between two neighbouring columns; ``main`` when it belongs to the main chain."""
+
+    net: Net
+    left: End
+    right: End
+    main: bool = False
+
+
+@attrs.define(eq=False)
+class Rows:
+    """Keys of each column from top to bottom, and the links of each gap (gap ``k`` is left of column ``k``).
+
+    A signal that passes a column stands in it with a key that begins with ``~``.
+    """
+
+    columns: list[list[str]]
+    gaps: list[list[Link]]
+    passing: dict[str, Net]
+
+
+def rows(graph: Graph) -> Rows:
+    """Columns in a good order, with the links between them."""
+    found = _rows(graph)
+    place = {key: k for column in found.columns for k, key in enumerate(column)}
+    best = (_crossings(graph, found, place), [list(c) for c in found.columns])
+    few = sum(map(len, found.gaps)) > LARGE
+    for first in (0,) if few else (0, 1):
+        found.columns = [list(c) for c in best[1]] if first == 0 else [list(reversed(c)) for c in best[1]]
+        for sweep in range(first, first + (2 if few else SWEEPS)):
+            _sweep(graph, found, rightwards=sweep % 2 == 0)
+            while _swap(graph, found) and not few:
+                pass
+            place = {key: k for column in found.columns for k, key in enumerate(column)}
+            best = min(best, (_crossings(graph, found, place), [list(c) for c in found.columns]), key=lambda b: b[0])
+    found.columns = best[1]
+    return found
+
+
+def main_chain(graph: Graph) -> set[tuple[str, str]]:
+    """Edges of the longest chain of blocks ahead; one that ends at an output of the diagram wins a tie."""
+    edges = sorted({(net.source[0], key) for net in graph.nets for key, _ in net.ahead
+                    if net.source[0] in graph.column and key in graph.column},
+                   key=lambda e: graph.column[e[0]])  # fmt: skip
+    length: dict[str, float] = {}
+    before: dict[str, str] = {}
+    ends = {net.source[0] for net in graph.nets if net.outputs}
+    for u, v in edges:
+        if length.get(u, 0) + 1 > length.get(v, 0):
+            length[v], before[v] = length.get(u, 0) + 1, u
+    chain = set[tuple[str, str]]()
+    last = max(length, key=lambda k: length[k] + 0.5 * (k in ends or k.startswith("<")), default="")
+    while last in before:
+        chain.add((before[last], last))
+        last = before[last]
+    return chain
+
+
+def _rows(graph: Graph) -> Rows:
+    count = max(graph.column.values(), default=0) + 1
+    found = Rows([[] for _ in range(count)], [[] for _ in range(count + 1)], {})
+    for key, column in graph.column.items():
+        found.columns[column].append(key)
+    chain = main_chain(graph)
+    for k, net in enumerate(graph.nets):
+        if net.source[0] not in graph.column:
+            continue
+        start = graph.column[net.source[0]]
+        reach = {end: graph.column[end[0]] for end in net.ahead if end[0] in graph.column}
+        straight = [c for (key, _), c in reach.items() if (net.source[0], key) in chain]
+        left = net.source
+        for column in range(start + 1, max(reach.values(), default=start) + 1):
+            for end in [end for end, c in reach.items() if c == column]:
+                found.gaps[column].append(Link(net, left, end, (net.source[0], end[0]) in chain))
+            if column < max(reach.values()):
+                through = (f"~{k}~{column}", "")
+                found.passing[through[0]] = net
+                found.columns[column].append(through[0])
+                found.gaps[column].append(Link(net, left, through, column < max(straight, default=0)))
+                left = through
+    for loop in graph.loops:
+        first, last = loop.nets[0], loop.nets[-1]
+        found.gaps[graph.column[first.source[0]] + 1].append(Link(first, first.source, (FLOOR, "")))
+        for end in last.back:
+            found.gaps[graph.column[end[0]]].append(Link(last, (FLOOR, ""), end))
+    return found
+
+
+def _rank(graph: Graph, end: End, side: str) -> float:
+    """Where a port stands on its box, between 0 and 1; the ports of a circle are free."""
+    node = graph.nodes.get(end[0])
+    ports = () if node is None or node.shape in ("round", "tall") else node.ins if side == "in" else node.outs
+    return (ports.index(end[1]) + 1) / (len(ports) + 1) if end[1] in ports else 0.5
+
+
+def _position(graph: Graph, place: dict[str, int], end: End, side: str, floor: float) -> float:
+    return floor if end[0] == FLOOR else place[end[0]] + _rank(graph, end, side)
+
+
+def _crossings(graph: Graph, found: Rows, place: dict[str, int]) -> int:
+    """Pairs of links that cross."""
+    total = 0
+    for links in found.gaps:
+        ends = sorted((_position(graph, place, a.left, "out", 1e9), _position(graph, place, a.right, "in", 1e9))
+                      for a in links)  # fmt: skip
+        seen: list[float] = []
+        for _, right in ends:
+            total += len(seen) - bisect_right(seen, right)
+            insort(seen, right)
+    return total
+
+
+def _sweep(graph: Graph, found: Rows, rightwards: bool) -> None:
+    """Sort every column by the mean place of what each key is linked to, one side after the other."""
+    count = len(found.columns)
+    place = {key: k for column in found.columns for k, key in enumerate(column)}
+    for c in range(count) if rightwards else reversed(range(count)):
+        means: dict[str, list[float]] = {key: [] for key in found.columns[c]}
+        for link in found.gaps[c] if rightwards else found.gaps[c + 1]:
+            here, there = (link.right, link.left) if rightwards else (link.left, link.right)
+            if here[0] in means:
+                floor = len(found.columns[c - 1 if rightwards else min(c + 1, count - 1)])
+                means[here[0]].append(_position(graph, place, there, "out" if rightwards else "in", floor))
+        key_of = {k: sum(v) / len(v) if v else float(place[k]) for k, v in means.items()}
+        found.columns[c].sort(key=lambda k: key_of[k])
+        place |= {key: k for k, key in enumerate(found.columns[c])}
+
+
+def _swap(graph: Graph, found: Rows) -> bool:
+    """Exchange neighbours wherever that removes crossings; returns whether it ever did."""
+    place = {key: k for column in found.columns for k, key in enumerate(column)}
+    changed = False
+    for c, column in enumerate(found.columns):
+        sides: dict[str, tuple[list[float], list[float]]] = {key: ([], []) for key in column}
+        for link in found.gaps[c]:
+            if link.right[0] in sides:
+                sides[link.right[0]][0].append(_position(graph, place, link.left, "out", 1e9))
+        for link in found.gaps[c + 1]:
+            if link.left[0] in sides:
+                sides[link.left[0]][1].append(_position(graph, place, link.right, "in", 1e9))
+        for k in range(len(column) - 1):
+            a, b = sides[column[k]], sides[column[k + 1]]
+            now = sum(p > q for s in (0, 1) for p in a[s] for q in b[s])
+            then = sum(p < q for s in (0, 1) for p in a[s] for q in b[s])
+            if then < now:
+                column[k], column[k + 1] = column[k + 1], column[k]
+                changed = True
+        place |= {key: k for k, key in enumerate(column)}
+    return changed

@@ -1,0 +1,133 @@
+"""Heights: which side of a circle a wire enters, and how high each block stands. It knows no widths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tsmblocks.draw import simplex
+from tsmblocks.draw.graph import End, Graph
+from tsmblocks.draw.order import FLOOR, Link, Rows
+from tsmblocks.draw.picture import GRID
+from tsmblocks.draw.shapes import port_offset, size
+
+MAIN, PASSING, SERIES, OTHER = 64, 24, 12, 4
+"""How much a bend costs: in the main chain, in a wire past blocks, between two blocks in series, elsewhere."""
+
+
+def sides(graph: Graph, found: Rows) -> dict[End, str]:
+    """The side on which each input of a circle is entered: ``left``, ``top`` or ``bottom``.
+
+    Inputs of a tall sum get their rank as text instead, so that they can be sorted. What comes from
+    further up enters further up; feedback comes from below.
+    """
+    place = {key: float(k) for column in found.columns for k, key in enumerate(column)}
+    chosen: dict[End, str] = {}
+    entering: dict[str, list[Link]] = {}
+    for link in (link for links in found.gaps for link in links):
+        node = graph.nodes.get(link.right[0])
+        if node is not None and node.shape in ("round", "tall"):
+            entering.setdefault(node.key, []).append(link)
+    for key, links in entering.items():
+        node = graph.nodes[key]
+        links.sort(key=lambda a: (place.get(a.left[0], 1e9), _out_rank(graph, a.left), node.ins.index(a.right[1])))
+        if node.shape == "tall":
+            chosen |= {a.right: f"{k:03}" for k, a in enumerate(links)}
+        else:
+            chosen |= dict(zip((a.right for a in links), _around(links), strict=True))
+    for loop in graph.loops:  # a circle in a feedback path has no links; it is not drawn there
+        for key in loop.blocks:
+            chosen |= {(key, port): "left" for port in graph.nodes[key].ins}
+    return chosen
+
+
+def _out_rank(graph: Graph, end: End) -> int:
+    node = graph.nodes.get(end[0])
+    return node.outs.index(end[1]) if node is not None and end[1] in node.outs else 0
+
+
+def _around(links: list[Link]) -> tuple[str, ...]:
+    """Sides for the inputs of a circle, from top to bottom."""
+    fed_back = [link.left[0] == FLOOR for link in links]
+    if len(links) == 1:
+        return ("left",)
+    if len(links) == 2:
+        return ("top", "left") if not fed_back[1] and links[1].main and not links[0].main else ("left", "bottom")
+    return ("top", "left", "bottom") if not fed_back[1] else ("left", "bottom", "top")
+
+
+def heights(graph: Graph, found: Rows, chosen: Mapping[End, str]) -> dict[str, int]:
+    """The middle of every key, in pixels on the grid, with as few bends as the order allows."""
+    keys = [key for column in found.columns for key in column]
+    number = {key: k for k, key in enumerate(keys, 1)}
+    rules, start = _columns(graph, found, chosen, number)
+    for links in found.gaps:
+        for link in links:
+            if FLOOR in (link.left[0], link.right[0]):
+                continue
+            a = round(_port(graph, link.left, "out", chosen) / GRID)
+            b = round(_port(graph, link.right, "in", chosen) / GRID)
+            u, v = number[link.left[0]], number[link.right[0]]
+            up, down = _costs(graph, link, chosen)
+            middle = len(start)
+            start.append(min(start[u] + a, start[v] + b))
+            rules += [simplex.Rule(middle, u, -a, up), simplex.Rule(middle, v, -b, down)]
+    y = simplex.positions(len(start), rules, start, pivots=max(200, 4000000 // max(1, len(rules)))) if keys else []
+    top = min((y[number[k]] for k in keys), default=0)
+    return {key: (y[number[key]] - top) * GRID for key in keys}
+
+
+def _columns(
+    graph: Graph, found: Rows, chosen: Mapping[End, str], number: Mapping[str, int]
+) -> tuple[list[simplex.Rule], list[int]]:
+    """Distances within the columns, and the heights when every column is packed from the top."""
+    rules, start = [], [0] * (len(number) + 1)
+    for column in found.columns:
+        previous = ""
+        for key in column:
+            here = _room(graph, key, chosen)
+            if previous:
+                apart = _room(graph, previous, chosen)[1] + here[0] + _clear(previous, key)
+                start[number[key]] = start[number[previous]] + apart
+                rules.append(simplex.Rule(number[previous], number[key], apart, 0))
+            else:
+                rules.append(simplex.Rule(0, number[key], 0, 0))
+            previous = key
+    return rules, start
+
+
+def _clear(above: str, below: str) -> int:
+    """Grid steps between two neighbours in a column, beside the room each keeps for itself."""
+    if above.startswith("~"):
+        return 0
+    return 1 if below.startswith("~") else 2
+
+
+def _room(graph: Graph, key: str, chosen: Mapping[End, str]) -> tuple[int, int]:
+    if key.startswith("~"):
+        return 1, 1
+    whole = size(graph.nodes[key], chosen)
+    return -int(-whole.above // GRID), -int(-whole.below // GRID)
+
+
+def _port(graph: Graph, end: End, side: str, chosen: Mapping[End, str]) -> float:
+    node = graph.nodes.get(end[0])
+    return port_offset(node, end[1], side, chosen) if node is not None else 0.0
+
+
+def _costs(graph: Graph, link: Link, chosen: Mapping[End, str]) -> tuple[int, int]:
+    """Costs of a step upwards and of one downwards, from left to right.
+
+    A wire that enters a circle from above may start as high as it likes, so that costs little.
+    """
+    side = chosen.get(link.right, "")
+    if side == "top":
+        return OTHER, 1
+    if side == "bottom":
+        return 1, OTHER
+    if link.main:
+        return MAIN, MAIN
+    if link.left[0].startswith("~") and link.right[0].startswith("~"):
+        return PASSING, PASSING
+    node = graph.nodes.get(link.right[0])
+    series = node is not None and len(node.ins) == 1 and len(link.net.ahead) == 1
+    return (SERIES, SERIES) if series else (OTHER, OTHER)

@@ -1,0 +1,101 @@
+"""A picture as a PNG file, by matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.draw.layout import layout
+from tsmblocks.draw.picture import Box, Label, Picture, Wire
+from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FRAME, INK, PAPER, colour, marked, weight
+from tsmblocks.errors import TsmError
+
+DPI = 100
+POINT = 72 / DPI
+"""One pixel of the picture in points, matplotlib's unit of lines and letters."""
+
+
+def to_png(
+    diagram: Diagram,
+    path: str | Path,
+    scale: float = 2,
+    *,
+    highlight: Iterable[str] = (),
+    values: Mapping[str, Any] | None = None,
+) -> None:
+    """Write the drawing to a PNG file, ``scale`` pixels for each of the SVG's.
+
+    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError when matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise TsmError('PNG files need matplotlib; install it with: pip install "tsmblocks[plots]"') from error
+    accent = marked(diagram, highlight)
+    picture = layout(diagram, values=values)
+    figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=DPI * scale, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0, picture.width), ylim=(picture.height, 0))
+    axes.set_axis_off()
+    _paint(axes, picture, accent)
+    figure.savefig(Path(path), format="png", dpi=DPI * scale, metadata={"Software": None})
+
+
+def _paint(axes: Any, picture: Picture, accent: set[str]) -> None:
+    for wire in picture.wires:
+        _wire(axes, wire)
+    for box in picture.boxes:
+        _box(axes, box, box.name in accent and box.shape != "terminal")
+    for label in (*picture.labels, *(label for wire in picture.wires for label in wire.labels)):
+        _text(axes, label)
+
+
+def _text(axes: Any, label: Label, accent: bool = False) -> None:
+    align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
+    fill = ACCENT if accent and label.kind in ("name", "symbol") else colour(label.kind)
+    axes.text(label.x, label.y, label.text, size=label.size * POINT, ha=align, va="baseline", color=fill,
+              weight=weight(label.kind), family="DejaVu Sans", parse_math=False, usetex=False, zorder=5)  # fmt: skip
+
+
+def _line(axes: Any, points: Any, color: str, width: float, zorder: float) -> None:
+    from matplotlib.lines import Line2D
+
+    xs, ys = zip(*points, strict=True)
+    axes.add_line(Line2D(xs, ys, color=color, linewidth=width * POINT, solid_joinstyle="round",
+                         solid_capstyle="butt", zorder=zorder))  # fmt: skip
+
+
+def _wire(axes: Any, wire: Wire) -> None:
+    from matplotlib.patches import Circle, Polygon
+
+    for line in wire.lines:
+        _line(axes, line, INK, 1.4, 1)
+    for arrow in wire.arrows:
+        axes.add_patch(Polygon(arrow.corners, closed=True, facecolor=INK, edgecolor="none", zorder=2))
+    for spot, fill in [(p, INK) for p in wire.dots] + [(p, PAPER) for p in wire.taps]:
+        axes.add_patch(Circle(spot, 3, facecolor=fill, edgecolor=INK, linewidth=1.4 * POINT, zorder=2))
+
+
+def _box(axes: Any, box: Box, accent: bool) -> None:
+    from matplotlib.patches import Circle, FancyBboxPatch
+
+    ink, fill = (ACCENT, ACCENT_FILL) if accent else (INK, PAPER)
+    pen = dict(facecolor=fill, edgecolor=ink, linewidth=(2.4 if accent else 1.6) * POINT, zorder=3)
+    if box.shape in ("round", "terminal"):
+        axes.add_patch(Circle((box.x + box.width / 2, box.y + box.height / 2), box.width / 2, **pen))
+    else:
+        rim = box.width / 2 if box.shape == "tall" else 2
+        axes.add_patch(FancyBboxPatch((box.x, box.y), box.width, box.height,
+                                      boxstyle=f"round,pad=0,rounding_size={rim}", **pen))  # fmt: skip
+    if box.shape == "double":
+        pen |= dict(facecolor="none", linewidth=POINT, zorder=4)
+        axes.add_patch(FancyBboxPatch((box.x + FRAME, box.y + FRAME), box.width - 2 * FRAME, box.height - 2 * FRAME,
+                                      boxstyle="round,pad=0,rounding_size=1", **pen))  # fmt: skip
+    for stroke in box.strokes:
+        _line(axes, stroke, ink, 1.2, 4)
+    for label in box.labels:
+        _text(axes, label, accent)

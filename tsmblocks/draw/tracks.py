@@ -1,0 +1,121 @@
+"""Vertical wires between two columns: who stands left of whom, so that wires cross little and never share a line.
+
+It knows heights of pins only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+
+from tsmblocks.draw.picture import GRID
+
+
+@attrs.define(eq=False)
+class Trunk:
+    """The vertical part of a signal in one gap, with the heights at which wires leave to the left and right."""
+
+    owner: Any
+    left: list[float]
+    right: list[float]
+    track: int = 0
+    after: list[Trunk] = attrs.field(factory=list)
+
+    @property
+    def low(self) -> float:
+        """Upper end."""
+        return min(self.left + self.right)
+
+    @property
+    def high(self) -> float:
+        """Lower end."""
+        return max(self.left + self.right)
+
+    @property
+    def straight(self) -> bool:
+        """Whether the signal passes the gap without any vertical part."""
+        return self.low == self.high
+
+
+def arrange(trunks: list[Trunk]) -> list[Trunk]:
+    """The trunks with their tracks, counted from the left; some may have been split in two.
+
+    Where one signal comes in from the left at the height at which another leaves to the right, the
+    first must turn off before the other begins. If that is asked both ways round, one of them is
+    led over a free height in between.
+    """
+    levels = {y for t in trunks for y in t.left + t.right}
+    trunks = _unlocked([t for t in trunks if not t.straight], levels)
+    order = _sorted(trunks)
+    for k, trunk in enumerate(order):
+        trunk.track = max((o.track + 1 for o in order[:k] if _near(o, trunk) or _before(o, trunk)), default=0)
+    return order
+
+
+def _before(a: Trunk, b: Trunk) -> bool:
+    """Whether ``a`` must stand left of ``b``."""
+    return b in a.after or (a.owner is not b.owner and not set(a.left).isdisjoint(b.right))
+
+
+def _near(a: Trunk, b: Trunk) -> bool:
+    return a.low < b.high + GRID and b.low < a.high + GRID
+
+
+def _crossed(a: Trunk, b: Trunk) -> int:
+    """Crossings when ``a`` stands left of ``b``."""
+    return sum(b.low < y < b.high for y in a.right) + sum(a.low < y < a.high for y in b.left)
+
+
+def _unlocked(trunks: list[Trunk], levels: set[float]) -> list[Trunk]:
+    """Split trunks until none has to stand both left and right of others."""
+    while True:
+        ring = _ring(trunks)
+        if ring is None:
+            return trunks
+        free = _free(ring, levels)
+        levels.add(free)
+        first, second = Trunk(ring.owner, ring.left, [free]), Trunk(ring.owner, [free], ring.right, after=ring.after)
+        first.after.append(second)
+        for other in trunks:
+            if ring in other.after:
+                other.after = [first if o is ring else o for o in other.after]
+        trunks = [o for o in trunks if o is not ring] + [first, second]
+
+
+def _ring(trunks: list[Trunk]) -> Trunk | None:
+    """A trunk on a ring of demands, one with wires on both sides if there is any."""
+    left = list(trunks)
+    while left:
+        loose = [t for t in left if not any(_before(o, t) for o in left if o is not t)]
+        if not loose:
+            found = [t for t in left if any(_before(t, o) for o in left if o is not t) and t.left and t.right]
+            return found[0]
+        left = [t for t in left if t not in loose]
+    return None
+
+
+def _free(trunk: Trunk, levels: set[float]) -> float:
+    """A height between two pins of the trunk, as far from all other wires as there is room."""
+    low, high = int(trunk.low), int(trunk.high)
+    choices = range(low + GRID // 2, high, GRID)
+    return max(choices, key=lambda y: (min(abs(y - other) for other in levels), -abs(2 * y - low - high)))
+
+
+def _sorted(trunks: list[Trunk]) -> list[Trunk]:
+    """An order that keeps all demands, improved by exchanging neighbours while that saves crossings."""
+    order: list[Trunk] = []
+    left = sorted(trunks, key=lambda t: (t.low, t.high))
+    while left:
+        chosen = next(t for t in left if not any(_before(o, t) for o in left if o is not t))
+        left.remove(chosen)
+        order.append(chosen)
+    changed = True
+    while changed:
+        changed = False
+        for k in range(len(order) - 1):
+            a, b = order[k], order[k + 1]
+            if not _before(a, b) and _crossed(b, a) < _crossed(a, b):
+                order[k], order[k + 1] = b, a
+                changed = True
+    return order

@@ -1,0 +1,349 @@
+"""From TOML tables to a diagram, with every fault of a file collected and placed.
+
+A block that cannot be read is stood in for by one with any port, so that the wires to it are not
+reported as well. Nothing that a file says is ever run; ``file_blocks`` reads single blocks.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from datetime import date, time
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tsmblocks.block import Block, Input
+from tsmblocks.checks import examine
+from tsmblocks.diagram import Diagram, Inlet
+from tsmblocks.errors import DiagramError, FileError, TsmError, clip, in_words, near
+from tsmblocks.file_places import Places
+from tsmblocks.file_text import tables
+from tsmblocks.wires import Located
+
+FORMAT = 1
+KEYS = ("title", "source", "wires", "blocks", "inputs", "outputs", "values")
+INLET_KEYS = ("ports", "unit", "about")
+MOST_BLOCKS = 100_000
+"""Blocks of one diagram, those of the diagrams it uses included."""
+MOST_LINKS = 100_000
+"""Connections of one diagram."""
+MOST_FAULTS = 200
+"""Faults after which the rest of a file is not looked at."""
+
+REFUSED: Any = type("Refused", (), {"__repr__": lambda _: "REFUSED"})()
+"""Stands for a value that has been refused already, so that nothing more is said about it."""
+SURPRISES = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What a block's own check may raise on values that its author did not think of."""
+
+KeyPath = tuple[str, ...]
+
+
+class Part(NamedTuple):
+    """A block or diagram that was read (None if it is faulty), and how many blocks it is made of."""
+
+    block: Block | Diagram | None
+    size: int
+
+
+class Enough(Exception):
+    """So many faults that looking for more is of no use."""
+
+
+class Reading:
+    """One load: the faults found so far, the files being read, and the files read already."""
+
+    def __init__(self) -> None:
+        self.problems: list[str] = []
+        self.only_wiring = True  # no fault but those that Diagram itself finds
+        self.open: list[Path] = []
+        self.done: dict[Path, Part] = {}
+
+    def add(self, problem: str, *, wiring: bool = False) -> None:
+        """Collect a fault, each once; raises Enough when there are many."""
+        if problem not in self.problems:
+            self.problems.append(problem)
+        self.only_wiring = self.only_wiring and wiring
+        if len(self.problems) >= MOST_FAULTS:
+            raise Enough
+
+    def in_order(self) -> list[str]:
+        """Return the faults file by file and line by line; those without a line come last."""
+        files: dict[str, int] = {}
+
+        def place(problem: str) -> tuple[int, float]:
+            found = re.match(r"(.*?):(\d+): ", problem, re.DOTALL)
+            name = found[1] if found else ""
+            return files.setdefault(name, len(files)) if found else 10**9, int(found[2]) if found else 0
+
+        return sorted(self.problems, key=place)
+
+
+def diagram_from(text: str, where: str, folder: Path | None = None, own: Path | None = None) -> Diagram:
+    """Return the diagram that a text describes.
+
+    ``where`` is what messages call the text, ``folder`` where the diagrams it uses may lie, ``own``
+    the file it came from. Raises FileError, or DiagramError when all faults are of the wiring.
+    """
+    reading, part, title = Reading(), Part(None, 0), ""
+    reading.open += [own] if own else []
+    try:
+        table, places = tables(text, where)
+        title = table["title"] if isinstance(table.get("title"), str) else ""
+        part = Page(reading, where, places, folder).whole(table, 1)
+    except Enough:
+        pass
+    except RecursionError:
+        reading.add(f"{where}: tables stand inside each other too deep.")
+    if reading.problems and reading.only_wiring:
+        raise DiagramError(clip(title) or Path(where).stem, reading.in_order(), where)
+    if reading.problems or not isinstance(part.block, Diagram):
+        raise FileError(where, reading.in_order())
+    return part.block
+
+
+class Page:
+    """One text that is being read: what it is called, where its keys stand, where its neighbours are."""
+
+    def __init__(self, reading: Reading, where: str, places: Places, folder: Path | None) -> None:
+        self.reading, self.where, self.places, self.folder = reading, where, places, folder
+
+    # ---- places and faults
+
+    def place(self, *path: str | int) -> str:
+        """Return ``file:line`` of a key."""
+        line = self.places.line(*path)
+        return f"{self.where}:{line}" if line else self.where
+
+    def fault(self, path: tuple[str | int, ...], text: str) -> None:
+        """Collect a fault of what stands at ``path``."""
+        self.reading.add(f"{self.place(*path)}: {text}")
+
+    # ---- the whole file
+
+    def whole(self, table: dict[str, Any], level: int) -> Part:
+        """Read a file's outermost table."""
+        if not table:
+            self.fault((), 'the file is empty. A diagram begins with format = 1 and has [blocks].')
+            return Part(None, 0)
+        given = table.get("format")
+        if type(given) is not int or given != FORMAT:
+            found = f"the format is {in_words(_plain(given))}" if "format" in table else "there is no format"
+            self.fault(("format",), f"{found}; this version reads format = {FORMAT}, at the top of the file.")
+            return Part(None, 0)
+        rest = {k: v for k, v in table.items() if k != "format"}
+        if "blocks" not in rest:
+            self.fault((), f"there are no [blocks].{_instead('blocks', rest)}")
+        return self.diagram(self._clean(rest, ()), (), level)
+
+    def _clean(self, value: Any, path: tuple[str | int, ...]) -> Any:
+        """Return TOML values without those that no diagram can hold, which are reported here."""
+        if type(value) is float and not math.isnan(value):
+            return value
+        if isinstance(value, dict):
+            return {k: self._clean(v, (*path, k)) for k, v in value.items()}
+        if isinstance(value, list):
+            items = [self._clean(v, path) for v in value]
+            return REFUSED if any(v is REFUSED for v in items) else items
+        wrong = _unfit(value)
+        if not wrong:
+            return value
+        self.fault(path, f"{spoken(path)} is {wrong}.")
+        return REFUSED
+
+    # ---- one diagram
+
+    def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
+        """Read a table with wires, blocks, inputs, outputs and values."""
+        self.known_keys(table, KEYS, path, "a diagram")
+        blocks, size, certain = self._blocks(table, path, level)
+        wires, sure_wires = self._wires(table, path)
+        inputs, sure_inputs = self._inputs(table, path)
+        outputs = {self._name(k, path, "outputs"): self._signal(v, (*path, "outputs", k))
+                   for k, v in self.table(table, "outputs", path).items()}  # fmt: skip
+        values, unsure = self._values(table, path)
+        fields: dict[str, Any] = {k: self.text(table, k, path) for k in ("title", "source")}
+        parts = (blocks, wires, inputs, {k: v for k, v in outputs.items() if v is not None}, values)
+        unsure += [k for k, v in blocks.items() if isinstance(v, Unknown)]
+        sound = certain and sure_wires and sure_inputs and not unsure and len(parts[3]) == len(outputs)
+        if not certain:
+            return Part(None, size)
+        try:
+            if sound:
+                names = ("blocks", "wires", "inputs", "outputs", "values")
+                return Part(Diagram(**fields, **dict(zip(names, parts, strict=True)), where=self.where), size)
+            faults = examine(*parts, unsure=unsure, silent=not (sure_wires and sure_inputs)).faults
+        except DiagramError as error:
+            faults = list(error.problems)
+        except (TsmError, *SURPRISES) as error:
+            faults = [f"the blocks cannot be put together: {clip(str(error), 300)}"]
+        for fault in faults:
+            placed = fault.startswith(f"{self.where}:")
+            self.reading.add(fault if placed else f"{self.place(*path)}: {fault}", wiring=True)
+        return Part(None, size)
+
+    def _blocks(self, table: dict[str, Any], path: KeyPath, level: int) -> tuple[dict[str, Any], int, bool]:
+        """Read the blocks; the flag says whether the table itself could be understood."""
+        from tsmblocks.file_blocks import read_block
+
+        blocks: dict[str, Any] = {}
+        size = 0
+        for name, spec in self.table(table, "blocks", path).items():
+            part = read_block(self, name, spec, (*path, "blocks", name), level)
+            if size + part.size > MOST_BLOCKS:
+                self.fault((*path, "blocks", name), f"up to block '{clip(name)}' there are {size + part.size:,} blocks,"
+                           f" with those of the diagrams in use; at most {MOST_BLOCKS:,} are read.")  # fmt: skip
+                return blocks, size, False
+            size += part.size
+            blocks[self._name(name, path, "blocks")] = Unknown() if part.block is None else part.block
+        return blocks, size, isinstance(table.get("blocks", {}), dict)
+
+    def _wires(self, table: dict[str, Any], path: KeyPath) -> tuple[list[str], bool]:
+        given = table.get("wires", [])
+        if not isinstance(given, list):
+            self.wrong((*path, "wires"), 'wires must be a list such as ["error -> pid -> drive"]', given)
+            return [], False
+        texts = [Located.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)]
+        for value in given:
+            if not isinstance(value, str):
+                self.wrong((*path, "wires"), "a wire must be text such as 'error -> pid'", value)
+        links = sum(text.count("->") + text.count(",") for text in texts)
+        if links > MOST_LINKS:
+            self.fault((*path, "wires"), f"the wires hold {links:,} connections; at most {MOST_LINKS:,} are read.")
+            return [], False
+        return list(texts), len(texts) == len(given)
+
+    def _inputs(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, Inlet], bool]:
+        inputs, sure = {}, isinstance(table.get("inputs", {}), dict)
+        for name, spec in self.table(table, "inputs", path).items():
+            at = (*path, "inputs", name)
+            inner = spec if isinstance(spec, dict) else {"ports": spec}
+            self.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
+            if "ports" not in inner:
+                self.fault(at, f'input \'{clip(name)}\' needs ports, for example ports = "motor.u".')
+            ports = inner.get("ports", REFUSED)
+            ports = [ports] if isinstance(ports, str) else ports
+            if not isinstance(ports, list) or not all(isinstance(port, str) for port in ports):
+                self.wrong(at, f"input '{clip(name)}' must name a port, or list several", ports)
+                sure, ports = False, []
+            inner_at = (*at, "ports") if isinstance(spec, dict) else at
+            inputs[self._name(name, path, "inputs")] = Inlet(
+                ports=[Located.at(port, self.place(*inner_at, k)) for k, port in enumerate(ports)],
+                unit=self.text(inner, "unit", at), about=self.text(inner, "about", at))  # fmt: skip
+        return inputs, sure
+
+    def _signal(self, value: Any, at: KeyPath) -> str | None:
+        if isinstance(value, str):
+            return Located.at(value, self.place(*at))
+        self.wrong(at, f"output '{clip(at[-1])}' must name one signal, such as \"motor.y\"", value)
+        return None
+
+    def _values(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, float], list[str]]:
+        """Read the numbers used twice; the list names those that are not numbers."""
+        values, unsure = {}, []
+        for name, value in self.table(table, "values", path).items():
+            if isinstance(value, (int, float)) and not isinstance(value, bool):
+                values[self._name(name, path, "values")] = float(value)
+            else:
+                self.wrong((*path, "values", name), f"value '{clip(name)}' must be a number", value)
+                unsure.append(name)
+        return values, unsure
+
+    # ---- pieces
+
+    def _name(self, name: str, path: KeyPath, section: str) -> str:
+        return Located.at(name, self.place(*path, section, name))
+
+    def wrong(self, at: tuple[str | int, ...], expected: str, value: Any) -> None:
+        """Collect a fault about the kind of a value, unless the value has been refused already."""
+        if value is REFUSED:
+            self.reading.only_wiring = False
+        else:
+            self.fault(at, f"{expected}, got {in_words(_plain(value))}.")
+
+    def known_keys(self, table: Mapping[str, Any], known: tuple[str, ...], path: KeyPath, owner: str) -> None:
+        """Report keys that nothing is known of."""
+        for key in table:
+            if key not in known:
+                self.fault((*path, key), f"'{clip(key)}' is not a key of {owner}.{near(key, known)}")
+
+    def table(self, table: dict[str, Any], key: str, path: KeyPath) -> dict[str, Any]:
+        """Return the table under ``key``; an empty one where there is none or it is something else."""
+        value = table.get(key, {})
+        if isinstance(value, dict):
+            return value
+        self.wrong((*path, key), f"{key} must be a table, written [{'.'.join((*path, key))}]", value)
+        return {}
+
+    def text(self, table: Mapping[str, Any], key: str, path: KeyPath) -> str:
+        """Return the text under ``key``, ``""`` where there is none or it is something else."""
+        value = table.get(key, "")
+        if isinstance(value, str):
+            return value
+        self.wrong((*path, key), f"{key} must be text", value)
+        return ""
+
+
+# ---- stand-ins and words ----------------------------------------------------------------------
+
+
+class Unknown:
+    """Stands for a block that could not be read: it has whatever port is asked for."""
+
+    def __init__(self) -> None:
+        self.inports = self.outports = _AnyPort()
+
+
+class _AnyPort(Mapping[str, Any]):
+    """Any port there is; the one meant when none is named is a new one each time, so never driven twice."""
+
+    _fresh = count()
+
+    def __contains__(self, name: object) -> bool:
+        return True
+
+    def __getitem__(self, name: str) -> Input:
+        return Input("a port of a block that could not be read")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([f"?{next(self._fresh)}"])
+
+    def __len__(self) -> int:
+        return 1
+
+
+def spoken(path: tuple[str | int, ...]) -> str:
+    """Return a path as a name is said: ``blocks.motor.blocks.drive.high`` is ``motor.drive.high``."""
+    said: list[str] = []
+    while len(path) > 1 and path[0] == "blocks":
+        said.append(str(path[1]))
+        path = path[2:]
+    return clip(".".join([*said, *map(str, path)]))
+
+
+def _unfit(value: Any) -> str:
+    """Return what is wrong with a single TOML value, ``""`` if a diagram could hold it."""
+    if isinstance(value, float):
+        return "nan, which is not a number"
+    if isinstance(value, int) and abs(value) > 2**53:
+        return "a whole number too large to be held exactly; write it with a point or an exponent"
+    if isinstance(value, (date, time)):
+        return f"a date or time ({value}), and a number or text is needed"
+    return ""
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that a message may print: a whole number of a million digits may not."""
+    if isinstance(value, dict):
+        return {k: "…" for k in list(value)[:3]}
+    if isinstance(value, list):
+        return [_plain(v) for v in value[:10]]
+    return "a huge number" if isinstance(value, int) and abs(value) > 2**53 else value
+
+
+def _instead(wanted: str, given: Mapping[str, Any]) -> str:
+    from difflib import get_close_matches
+
+    close = get_close_matches(wanted, [k for k in given if len(k) < 50][:100], n=1)
+    return f" Is '{close[0]}' meant to be '{wanted}'?" if close else ""
