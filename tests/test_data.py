@@ -47,7 +47,7 @@ SAME = {
     "white space": "t [s]   x_in [deg]\n 0  1.5\n 1  2.5\n 2  3.5\n 3  4.5\n",
     "quotes": '"t [s]","x_in [deg]"\n"0","1.5"\n1,2.5\n2,3.5\n3,4.5\n',
     "round brackets": "t (s),x_in (deg)\n0,1.5\n1,2.5\n2,3.5\n3,4.5\n",
-    "comments and blank lines": "# by hand\nt [s],x_in [deg]\n\n0,1.5\n# here it stuck\n1,2.5\n2,3.5\n3,4.5\n,\n\n",
+    "comments and blank lines": "# by hand\nt [s],x_in [deg]\n\n0,1.5\n# stuck\n1,2.5\n2,3.5\n3,4.5\n,\n\n",
     "header in a comment": "# t [s],x_in [deg]\n0,1.5\n1,2.5\n2,3.5\n3,4.5\n",
     "windows": "\ufefft [s],x_in [deg]\r\n0,1.5\r\n1,2.5\r\n2,3.5\r\n3,4.5\r\n",
     "commas at the end": "t [s],x_in [deg],\n0,1.5,\n1,2.5,\n2,3.5,\n3,4.5,\n",
@@ -125,7 +125,10 @@ def test_two_columns_of_one_name_are_refused(file):
 
 def test_a_file_without_time_needs_a_step(file):
     path = file("u,y\n1,2\n2,3\n3,4\n4,5\n")
-    assert "no column is named t or time. Map t to the column that holds the time (there are u, y)" in refused(path)
+    assert (
+        "no column is named t or time. Map t to the column that holds the time (there are u, y)"
+        in refused(path)
+    )
     np.testing.assert_allclose(read(path, step=0.25).t, [0, 0.25, 0.5, 0.75])
     assert "the step from row to row must be a positive number of seconds" in refused(path, step=-1.0)
     np.testing.assert_allclose(read(path, map={"t": "u"}).t, [1, 2, 3, 4])
@@ -133,7 +136,12 @@ def test_a_file_without_time_needs_a_step(file):
 
 @pytest.mark.parametrize(
     ("text", "parts"),
-    [("x_in [deg]", ("x_in", "deg")), ("x_in", ("x_in", "")), (" x ( rad/s ) ", ("x", "rad/s")), ("", ("", ""))],
+    [
+        ("x_in [deg]", ("x_in", "deg")),
+        ("x_in", ("x_in", "")),
+        (" x ( rad/s ) ", ("x", "rad/s")),
+        ("", ("", "")),
+    ],
 )
 def test_headings_are_taken_apart(text, parts):
     assert split_heading(text) == parts
@@ -148,7 +156,8 @@ def test_repeated_times_are_merged_into_their_mean(file):
     np.testing.assert_array_equal(record.t, [0, 0.5, 1, 1.5, 2])
     np.testing.assert_allclose(record["x"], [1, 4, 7, 8.5, 9])
     assert record.notes == (
-        "3 rows repeated the time of the row before; each group was replaced by its mean, leaving 5 of 8 samples.",
+        "3 rows repeated the time of the row before; each group was replaced by its mean, "
+        "leaving 5 of 8 samples.",
     )
 
 
@@ -190,7 +199,10 @@ def test_short_gaps_are_interpolated_in_time(file):
     ("cells", "words"),
     [
         ("1,,,,,6", "column 2 (x [deg]) has no number in rows 3 to 6. At most 3 samples are interpolated"),
-        (",2,3,4,5,6", "column 2 (x [deg]) has no number in row 2. At the start there is nothing to interpolate from"),
+        (
+            ",2,3,4,5,6",
+            "column 2 (x [deg]) has no number in row 2. At the start there is nothing to interpolate from",
+        ),
         ("1,2,3,4,5,inf", "column 2 (x [deg]) has no number in row 7. At the end there is nothing"),
         (",,,,,", "column 2 (x [deg]) has no number in rows 2 to 7. It is empty throughout"),
         ("1,2,abc,4,5,6", "row 4, column 2 (x [deg]) holds 'abc', which is not a number."),
@@ -214,13 +226,22 @@ def test_cells_that_hold_no_number(file, cells, words):
         (b"t,x\n", "only 0 samples found"),
         (b"t,x\n5,1\n5,2\n5,3\n5,4\n", "column 1 (t) is 5 s in all 4 rows, so it cannot be the time."),
         (b"t,x\n0,1\n,2\n2,3\n3,4\n4,5\n", "column 1 (t) has no number in row 3 (1 such row)."),
-        (b"t,x\n0,1\n1,2\n2,3,4\n3,4\n4,5\n", "row 4 has 3 cells, but there are 2 columns. Every row needs the same"),
-        (b"t,x\n0,1\n1,2\n2,3\n3,4\n4,5\n6\n", "row 7 has 1 cells, but there are 2 columns. The file seems to have been cut"),
+        (
+            b"t,x\n0,1\n1,2\n2,3,4\n3,4\n4,5\n",
+            "row 4 has 3 cells, but there are 2 columns. Every row needs the same",
+        ),
+        (
+            b"t,x\n0,1\n1,2\n2,3\n3,4\n4,5\n6\n",
+            "row 7 has 1 cells, but there are 2 columns. The file seems to have been cut",
+        ),
         (b"t,x\n0,1\n1,\xb02\n2,3\n3,4\n", "row 3 is not UTF-8 text (byte 0xb0). Save the file as UTF-8."),
         ("t,x\n0,1\n".encode("utf-16"), "this is UTF-16 text. Save it as UTF-8."),
         (b"t,x\n0,1\n\x00\x00", "this is not text (zero byte in row 3)."),
         (b"PK\x03\x04rest", "this is a spreadsheet or an archive. Export the sheet as CSV."),
-        (b"t [furlong],x\n0,1\n1,2\n2,3\n3,4\n", "the time is in 'furlong'. 'furlong' is not a unit known here."),
+        (
+            b"t [furlong],x\n0,1\n1,2\n2,3\n3,4\n",
+            "the time is in 'furlong'. 'furlong' is not a unit known here.",
+        ),
     ],
 )
 def test_files_that_are_no_measurement(file, content, words):
@@ -242,7 +263,9 @@ def test_constant_signals_are_told(file):
 
 
 def test_npz_as_a_run_saves_it(tmp_path):
-    diagram = Diagram(blocks={"k": Gain(gain=2.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"u": "u", "y": "k"})
+    diagram = Diagram(
+        blocks={"k": Gain(gain=2.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"u": "u", "y": "k"}
+    )
     run = simulate(diagram, stop=1.0, step=0.1, inputs={"u": np.linspace(0, 1, 11)})
     record = read(run.save(tmp_path / "run.npz"))
     np.testing.assert_array_equal(record["y"], run["y"])
@@ -257,7 +280,9 @@ def test_mat_of_version_5(tmp_path):
 
     t = np.arange(6) / 10
     path = tmp_path / "emps.mat"
-    savemat(path, {"t": t[:, None], "qg": np.sin(t)[:, None], "kp": 160.18, "other": np.ones(9), "text": "hello"})
+    savemat(
+        path, {"t": t[:, None], "qg": np.sin(t)[:, None], "kp": 160.18, "other": np.ones(9), "text": "hello"}
+    )
     record = read(path)
     assert record.names == ("qg",)
     np.testing.assert_array_equal(record["qg"], np.sin(t))
@@ -314,7 +339,9 @@ def test_a_record_is_a_value_that_drives_a_run(file):
     assert isinstance(record, Record)
     with pytest.raises(ValueError, match="read-only"):
         record["x_in"][0] = 7.0
-    diagram = Diagram(blocks={"k": Gain(gain=1.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"y": "k"})
+    diagram = Diagram(
+        blocks={"k": Gain(gain=1.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"y": "k"}
+    )
     run = simulate(diagram, step=0.5, inputs={"u": record.samples("x_in", "rad")})
     assert run.t[-1] == 3.0
     np.testing.assert_allclose(run["y"], np.radians(1.5 + run.t), rtol=1e-12)

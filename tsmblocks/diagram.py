@@ -70,7 +70,7 @@ class Diagram:
     inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=_inlets)
     outputs: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
     values: Mapping[str, float] = attrs.field(
-        factory=dict, converter=lambda v: _frozen({k: float(x) if isinstance(x, int) else x for k, x in v.items()})
+        factory=dict, converter=lambda v: _frozen({k: float(x) if type(x) is int else x for k, x in v.items()})
     )
     where: str = attrs.field(factory=_caller, eq=False, repr=False)
     links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)

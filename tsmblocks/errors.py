@@ -100,8 +100,13 @@ def numbered(problems: Sequence[str]) -> str:
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
         shown.append(f"and {len(problems) - MOST_PROBLEMS} more.")
-    lines = [f"  {n}. " + clip(text, LONGEST).replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
+    lines = [f"  {n}. " + _printable(clip(text, LONGEST)).replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
     return "\n".join([f"{count}:", *lines])
+
+
+def _printable(text: str) -> str:
+    """Return a text that cannot steer the terminal it is shown on, whatever a file put into it."""
+    return "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
 
 
 MOST_PROBLEMS = 20

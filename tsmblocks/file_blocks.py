@@ -189,9 +189,10 @@ def _with_changes(page: Page, diagram: Diagram, changes: dict[str, Any], path: K
     """Return a diagram with the numbers that ``set`` gives it."""
     at, said = (*path, "set"), f"block '{spoken(path)}': set"
     known = set(diagram.parameter_names())
-    for name in changes.keys() - known:
+    strange = [name for name in changes if name not in known]
+    for name in strange:
         page.fault((*at, name), f"{said}: there is no parameter '{clip(name)}'.{near(name, known)}")
-    if changes.keys() - known or REFUSED in changes.values():
+    if strange or REFUSED in changes.values():
         return None
     try:
         return diagram.with_parameters(changes)

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.errors import FileError, clip
+from tsmblocks.errors import FileError, clip, near
 from tsmblocks.file_places import Places
 
 LARGEST = 20_000_000
@@ -23,7 +23,10 @@ def read(path: Path) -> str:
         if path.is_dir():
             raise FileError(str(path), [f"{path}: this is a folder, and a diagram file is needed."])
         if not path.is_file():
-            raise FileError(str(path), [f"{path}: there is no such file."])
+            beside = [p.name for p in path.parent.glob("*.toml")]
+            raise FileError(clip(str(path)), [
+                f"{clip(str(path))}: there is no such file.{near(path.name, beside) if beside else ''}"
+            ])  # fmt: skip
         with path.open("rb") as file:
             data = file.read(LARGEST + 1)
     except OSError as error:

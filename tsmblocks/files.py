@@ -7,6 +7,7 @@ Format 1 has ``title``, ``source``, ``wires``, ``[blocks]``, ``[inputs]``, ``[ou
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from tsmblocks.diagram import Diagram
@@ -57,24 +58,27 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
     Raises FileError when the diagram cannot be written down, or the file cannot be written.
     """
     text = dumps(diagram)
-    target = Path(os.path.realpath(path))  # a link stays a link
-    fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:
-        _write(fresh, text)
-        if target.exists():
-            fresh.chmod(target.stat().st_mode)
-        fresh.replace(target)
+        _replace(Path(os.path.realpath(path)), text)  # a link stays a link
     except (OSError, ValueError) as error:
-        fresh.unlink(missing_ok=True)
         reason = (getattr(error, "strerror", None) or str(error)).lower()
         raise FileError(clip(str(path)), [f"{clip(str(path))}: cannot be written: {reason}."]) from None
 
 
-def _write(path: Path, text: str) -> None:
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
+def _replace(target: Path, text: str) -> None:
+    """Write beside the file, then put the new one in its place in one step."""
+    fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
+    try:
+        with fresh.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        if target.exists():
+            fresh.chmod(target.stat().st_mode)
+        fresh.replace(target)
+    finally:
+        with suppress(OSError):
+            fresh.unlink(missing_ok=True)
 
 
 def _path_of(given: str | os.PathLike[str]) -> Path:

@@ -26,7 +26,7 @@ class TrackingError:
     after: float = 0.0
 
     def to(self, unit: str) -> TrackingError:
-        """The same error in another unit, such as ``"deg"``. Raises UnitError when it does not convert."""
+        """Return the same error in another unit, such as ``"deg"``. Raises UnitError when it does not fit."""
         k = units.factor(self.unit, unit)
         return TrackingError(k * self.peak_to_peak, k * self.rms, k * self.largest, unit, self.after)
 

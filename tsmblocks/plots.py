@@ -55,7 +55,7 @@ def plot_tracking(
     runs: Mapping[str, Run], ax: Sequence[Any] | None = None, *, title: str = "", after: float | None = None,
     reference: str = "x_ref", output: str = "x_out",
 ) -> Any:  # fmt: skip
-    """Reference and outputs of several runs over time, by label, and below them the errors.
+    """Draw reference and outputs of several runs over time, by label, and below them the errors.
 
     ``ax`` may be two axes, for the signals and the errors. With ``after`` [s], what comes before is left
     out. The legend gives the peak-to-peak error from there on, by default over the second half of each run.
@@ -114,7 +114,7 @@ _LEGEND: dict[str, Any] = {
 
 
 def _shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
-    """A signal as a figure shows it: angles and their rates in degrees, anything else as it is."""
+    """Return a signal as a figure shows it: angles and their rates in degrees, anything else as it is."""
     for own, shown in (("rad", "deg"), ("rad/s", "deg/s")):
         if unit == own:
             return values * units.factor(own, shown), shown
@@ -122,7 +122,7 @@ def _shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
 
 
 def _axes(ax: Any, count: int, *, height: float, width: float = 8.0) -> list[Any]:
-    """The axes to draw on: those given, or ``count`` panels of a new figure over one time axis."""
+    """Return the axes to draw on: those given, or ``count`` panels of a new figure over one time axis."""
     if ax is not None:
         given = list(np.ravel(ax))
         if count == 2 and len(given) != 2:

@@ -44,7 +44,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def family(cls: type) -> str:
-    """The family of a block: the module it stands in."""
+    """Return the family of a block: the module it stands in."""
     module = cls.__module__.rpartition(".")[2]
     return FAMILIES.get(module, module)
 
@@ -87,7 +87,7 @@ def card(cls: Any) -> dict[str, Any]:
 
 
 def list_in_words(listed: dict[str, dict[str, str]]) -> str:
-    """The list as the terminal shows it."""
+    """Return the list as the terminal shows it."""
     width = max(len(name) for blocks in listed.values() for name in blocks)
     lines: list[str] = []
     for name, blocks in listed.items():
@@ -96,7 +96,7 @@ def list_in_words(listed: dict[str, dict[str, str]]) -> str:
 
 
 def card_in_words(made: dict[str, Any]) -> str:
-    """The card as the terminal shows it."""
+    """Return the card as the terminal shows it."""
     lines = [f"{made['name']} ({made['family']})", *textwrap.wrap(made["words"], 100), ""]
     if made["equation"]:
         lines += [textwrap.indent(made["equation"], "    "), ""]

@@ -31,7 +31,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def summary(name: str) -> str:
-    """What a sound diagram is made of, in one line."""
+    """Say what a sound diagram is made of, in one line."""
     from tsmblocks.compile import compile_diagram
     from tsmblocks.files import load
 

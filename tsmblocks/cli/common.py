@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def number(text: str) -> float:
-    """A finite number."""
+    """Return a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -50,7 +50,7 @@ def number(text: str) -> float:
 
 
 def whole(text: str) -> int:
-    """A whole number of at least 1."""
+    """Return a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
     return int(text)
@@ -82,7 +82,7 @@ def setting(text: str) -> tuple[str, Any]:
 
 
 def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | None:
-    """A file to be written; what would fail at the end of a long run is refused before it."""
+    """Check a path to be written: what would fail at the end of a long run is refused before it."""
     if text is None:
         return None
     path = Path(text)
@@ -96,7 +96,7 @@ def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | No
 
 
 def data_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of every command that reads a measurement."""
+    """Declare the options of every command that reads a measurement."""
     add = parser.add_argument
     add("--data", metavar="FILE", help="measured signals: CSV and its relatives, NPZ, MAT")
     add("--columns", metavar="A,B,C", help="names of a headerless file's columns, in order: 't, x_in [deg]'")
@@ -107,7 +107,7 @@ def data_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def read_record(args: argparse.Namespace, only: Iterable[str]) -> Any:
-    """The record that the data options describe, its repairs told on standard error."""
+    """Return the record that the data options describe, its repairs told on standard error."""
     from tsmblocks.data import read
 
     record = read(args.data, columns=args.columns, map=dict(args.map), only=only, rows=args.rows)
@@ -160,12 +160,12 @@ def columns(rows: Iterable[Sequence[str]], indent: str = "", left: frozenset[int
 
 
 def show(value: float) -> str:
-    """A number as a table shows it."""
+    """Return a number as a table shows it."""
     return f"{value:.4g}"
 
 
 def progress(what: str) -> Callable[[float], None] | None:
-    """A line that says how far a long run has come; none when standard error is no terminal."""
+    """Give a line that says how far a long run has come; none when standard error is no terminal."""
     if not sys.stderr.isatty():
         return None
 
@@ -182,7 +182,7 @@ def clear_progress(tell: Callable[[float], None] | None) -> None:
 
 
 def choose(name: str, known: Iterable[str], what: str) -> str:
-    """A known name, whatever its case; raises UsageError with the near miss."""
+    """Return a known name, whatever its case; raises UsageError with the near miss."""
     names = list(known)
     found = next((k for k in names if k == name), None) or next(
         (k for k in names if k.lower() == name.lower()), None

@@ -104,7 +104,7 @@ def _paper_cases() -> list[Case]:
 
 
 def _measured_case(args: argparse.Namespace) -> list[Case]:
-    """The reference that --data and --column name, as a recorded signal that begins at t = 0."""
+    """Return the reference that --data and --column name, as a recorded signal that begins at t = 0."""
     if not args.data and not args.column:
         return []
     if not args.data or not args.column:
@@ -146,7 +146,7 @@ def _simulate(cases: list[Case], tell: Any) -> bool:
 
 
 def _write(cases: list[Case], folder: Path) -> None:
-    """Plots of each signal, drawings of each diagram, and the table."""
+    """Write plots of each signal, drawings of each diagram, and the table."""
     from tsmblocks.cli import draw
     from tsmblocks.files import load
     from tsmblocks.plots import plot_loop, plot_tracking
@@ -174,7 +174,7 @@ def _write(cases: list[Case], folder: Path) -> None:
 
 
 def _rows(cases: list[Case]) -> list[list[str]]:
-    """The table as a file holds it: one row for each signal and diagram."""
+    """Return the table as a file holds it: one row for each signal and diagram."""
     rows = [
         ["signal", "diagram", "peak to peak [deg]", "rms [deg]", "largest [deg]", "paper, peak to peak [deg]"]
     ]
@@ -190,7 +190,7 @@ def _rows(cases: list[Case]) -> list[list[str]]:
 
 
 def _table(cases: list[Case]) -> str:
-    """The table as the terminal shows it."""
+    """Return the table as the terminal shows it."""
     rows = [("", *DIAGRAMS.values(), "the paper measured")]
     for case in cases:
         errors = [case.error(name) for name in DIAGRAMS]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from tsmblocks.cli import common
 
@@ -29,7 +30,7 @@ def execute(args: argparse.Namespace) -> int:
     return 0
 
 
-def write(diagram: object, path: Path) -> None:
+def write(diagram: Any, path: Path) -> None:
     """Draw a diagram into a file of the kind its name asks for."""
     from tsmblocks import draw
 

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
+from tsmblocks import __version__
 from tsmblocks.cli import blocks, check, demo, draw, run
 from tsmblocks.cli.common import INTERRUPTED, Parser, UsageError, complain
 from tsmblocks.errors import TsmError, near
@@ -68,7 +69,7 @@ def _dispatch(argv: list[str]) -> int:
 def _parsers() -> tuple[Parser, dict[str, Parser]]:
     about = "Block diagrams for mechanisms with friction, backlash and hysteresis."
     parser = Parser(prog="tsmblocks", description=about, allow_abbrev=False)
-    parser.add_argument("--version", action="version", version=f"tsmblocks {_version()}")
+    parser.add_argument("--version", action="version", version=f"tsmblocks {__version__}")
     inside = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     made = {}
     for name, module in COMMANDS.items():
@@ -78,15 +79,6 @@ def _parsers() -> tuple[Parser, dict[str, Parser]]:
         )  # fmt: skip
         module.arguments(made[name])
     return parser, made
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("tsmblocks")
-    except PackageNotFoundError:
-        return "(run from its sources, not installed)"
 
 
 def _quiet_warnings() -> None:

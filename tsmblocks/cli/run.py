@@ -70,7 +70,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]]:
-    """The measured record, if any, and the diagram's inputs out of it."""
+    """Return the measured record, if any, and the diagram's inputs out of it."""
     wanted = diagram.inports
     if not args.data:
         if wanted:
@@ -101,7 +101,7 @@ def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]
 def _simulate(
     args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[str, Any], out: Path | None
 ) -> Any:
-    """The run. A run that breaks off leaves what there was of it in the file asked for."""
+    """Run the diagram; a run that breaks off leaves what there was of it in the file asked for."""
     from tsmblocks.simulate import simulate
 
     tell = None if args.json else common.progress("running")
@@ -160,7 +160,7 @@ def _error(error: Any) -> dict[str, Any]:
 
 
 def in_words(summary: dict[str, Any]) -> str:
-    """The summary as the terminal shows it."""
+    """Return the summary as the terminal shows it."""
     title = summary["title"] or summary["diagram"]
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
     first = f"{title}\n{span} ({summary['method']})"
@@ -185,7 +185,7 @@ def _tracking_table(summary: dict[str, Any]) -> str:
 
 
 def _units(unit: str) -> list[tuple[str, float]]:
-    """The units an error is shown in: its own, and degrees for an angle."""
+    """Return the units an error is shown in: its own, and degrees for an angle."""
     from tsmblocks import units
 
     angle = units.parse(unit).dimension == units.parse("rad").dimension

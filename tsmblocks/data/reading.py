@@ -68,7 +68,7 @@ def from_pandas(
     only: Iterable[str] | None = None,
     step: float | None = None,
 ) -> Record:
-    """A record from a pandas frame whose columns are named like those of a file; see read.
+    """Return a record from a pandas frame whose columns are named like those of a file; see read.
 
     The index is the time [s] when it is named ``t`` or ``time``.
     """
@@ -115,7 +115,7 @@ def _clocked(
     at: np.ndarray,
     step: float,
 ) -> Table:
-    """A table whose rows follow each other at a known step."""
+    """Return a table whose rows follow each other at a known step."""
     if not 0 < step < float("inf"):
         raise DataError(
             f"{origin}: the step from row to row must be a positive number of seconds, got {step:g}."
@@ -145,7 +145,7 @@ def _named(origin: str, names: list[str], renamed: Mapping[str, str]) -> dict[st
 
 
 def _time(origin: str, found: Mapping[str, int]) -> str:
-    """The name of the time column. Raises DataError when none is named like one."""
+    """Return the name of the time column. Raises DataError when none is named like one."""
     for wanted in TIMES:
         for name in found:
             if name.lower() == wanted:

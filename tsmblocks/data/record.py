@@ -63,7 +63,7 @@ class Record:
         return tuple(self.signals)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A signal by name, in its own unit. Raises DataError with the near miss."""
+        """Return a signal by name, in its own unit. Raises DataError with the near miss."""
         if name not in self.signals:
             raise DataError(f"{self.origin}: there is no signal '{name}'.{near(name, self.signals)}")
         return self.signals[name]
@@ -78,12 +78,12 @@ class Record:
         return len(self.t)
 
     def unit(self, name: str) -> str:
-        """Unit label of a signal, ``""`` when the file gives none."""
+        """Return unit label of a signal, ``""`` when the file gives none."""
         self[name]
         return self.units.get(name, "")
 
     def values(self, name: str, unit: str | None = None) -> np.ndarray:
-        """A signal converted to ``unit``; a signal without a unit is taken to be in it already.
+        """Return a signal converted to ``unit``; a signal without a unit is taken to be in it already.
 
         Raises DataError when the units measure different things.
         """
@@ -98,5 +98,5 @@ class Record:
             ) from None
 
     def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
-        """A signal, converted to ``unit``, as an input of a run."""
+        """Return a signal, converted to ``unit``, as an input of a run."""
         return Samples(self.t, self.values(name, unit), hold)

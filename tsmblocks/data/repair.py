@@ -81,7 +81,7 @@ def repeats_are_merged(table: Table) -> Table:
 
 
 def enough_samples(table: Table) -> Table:
-    """A few samples are no measurement."""
+    """Refuse a handful of samples: they are no measurement."""
     if len(table.values) < FEWEST:
         raise DataError(
             f"{table.origin}: only {_plural(len(table.values), 'sample')} found; {FEWEST} are the least."
@@ -129,7 +129,7 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
 
 
 def constants_are_named(table: Table) -> Table:
-    """A signal that never changes is kept, and said: it is often a sensor that was not connected."""
+    """Keep signals that never change, but say so: it is often a sensor that was not connected."""
     values = table.values[:, 1:]
     still = [k + 1 for k in np.flatnonzero(values.min(axis=0) == values.max(axis=0))] if values.size else []
     notes = [f"{table.names[k]} never changes (it is {table.values[0, k]:g} throughout)." for k in still]
@@ -143,7 +143,7 @@ REPAIRS: tuple[Callable[[Table], Table], ...] = (
 
 
 def repaired(table: Table) -> Table:
-    """The table after every repair. Raises DataError at the first fault that cannot be mended."""
+    """Return the table after every repair. Raises DataError at the first fault that cannot be mended."""
     for repair in REPAIRS:
         table = repair(table)
     return table

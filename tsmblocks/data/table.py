@@ -31,7 +31,7 @@ class Table:
     notes: tuple[str, ...] = ()
 
     def column(self, k: int) -> str:
-        """A column as a message names it."""
+        """Return a column as a message names it."""
         return f"column {self.places[k]} ({heading(self.names[k], self.units[k])})"
 
 

@@ -20,7 +20,7 @@ _WORD = re.compile(r"\"[^\"]*\"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
 
 
 def _decoded(path: Path, raw: bytes) -> str:
-    """The text of a file; says what is wrong when it is not UTF-8 text."""
+    """Return the text of a file; says what is wrong when it is not UTF-8 text."""
     if not raw.strip():
         raise DataError(f"{path}: the file is empty.")
     if raw[:4] == b"PK\x03\x04":
@@ -38,7 +38,7 @@ def _decoded(path: Path, raw: bytes) -> str:
 
 
 def _separator(lines: Sequence[str]) -> str | None:
-    """What stands between the cells; None is white space."""
+    """Find what stands between the cells; None is white space."""
     return next((c for c in ";\t," if 2 * sum(c in line for line in lines) > len(lines)), None)
 
 
@@ -49,7 +49,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 
 def _number(cell: str) -> float | None:
-    """The number in a cell, NaN for a blank one, None for text."""
+    """Return the number in a cell, NaN for a blank one, None for text."""
     text = cell.strip().strip('"').strip()
     if text.lower() in BLANK:
         return float("nan")
@@ -125,7 +125,7 @@ def _more(count: int, what: str) -> str:
 
 
 def _ending(count: int, k: int, at: np.ndarray) -> str:
-    """What to do about one short row at the very end: the file was cut while it was written."""
+    """Say what to do about one short row at the very end: the file was cut while it was written."""
     if count > 1 or k != len(at) - 1 or k == 0:
         return "Every row needs the same number of cells."
     return f"The file seems to have been cut while it was written: rows=(1, {at[k] - 1}) leaves that row out."

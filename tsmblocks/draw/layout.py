@@ -28,8 +28,8 @@ def layout(diagram: Diagram, *, values: Mapping[str, Any] | None = None) -> Pict
     """
     drawn = graph(diagram, notes(diagram, values))
     found = rows(drawn)
-    sides = place.sides(drawn, found)
-    plan = route.routed(Plan(drawn, found, sides, dict(place.heights(drawn, found, sides))))
+    sides, heights = place.placed(drawn, found)
+    plan = route.routed(Plan(drawn, found, sides, dict(heights)))
     for channel in plan.channels:
         plan.y |= {key: channel.y for key in channel.loop.blocks}
     turned = {key for channel in plan.channels for key in channel.loop.blocks}
@@ -47,7 +47,7 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     if text and not pieces:
         pieces.append((x, y, x + way * route.stub(net), y))
     lines, dots = traced(pieces)
-    labels = (Label(text, x + 10 * way, y - 5, SMALL, "signal", "end" if turned else "start"),) if text else ()
+    labels = (Label(text, x + 8 * way, y - 6, SMALL, "signal", "end" if turned else "start"),) if text else ()
     taps: tuple[Point, ...] = ((x + 10, y),) if net.tapped else ()
     targets = tuple(map(_said, (*net.ahead, *net.back)))
     unit = diagram.unit(_said(net.source))

@@ -10,15 +10,22 @@ from tsmblocks.draw.order import FLOOR, Link, Rows
 from tsmblocks.draw.picture import GRID
 from tsmblocks.draw.shapes import port_offset, size
 
-MAIN, PASSING, SERIES, OTHER = 64, 24, 12, 4
-"""How much a bend costs: in the main chain, in a wire past blocks, between two blocks in series, elsewhere."""
+MAIN, PASSING, ALONE, BRANCH = 64, 24, 12, 4
+"""How much a step costs: in the main chain, in a wire past blocks, in a wire without branches, in a branch."""
 
 
-def sides(graph: Graph, found: Rows) -> dict[End, str]:
+def placed(graph: Graph, found: Rows) -> tuple[dict[End, str], dict[str, int]]:
+    """Sides and heights. The heights found first tell from where the circles are best entered."""
+    chosen = sides(graph, found, {})
+    better = sides(graph, found, heights(graph, found, chosen))
+    return better, heights(graph, found, better)
+
+
+def sides(graph: Graph, found: Rows, y: Mapping[str, int]) -> dict[End, str]:
     """The side on which each input of a circle is entered: ``left``, ``top`` or ``bottom``.
 
     Inputs of a tall sum get their rank as text instead, so that they can be sorted. What comes from
-    further up enters further up; feedback comes from below.
+    further up enters further up; feedback comes from below. ``y`` are heights as far as known.
     """
     place = {key: float(k) for column in found.columns for k, key in enumerate(column)}
     chosen: dict[End, str] = {}
@@ -33,7 +40,7 @@ def sides(graph: Graph, found: Rows) -> dict[End, str]:
         if node.shape == "tall":
             chosen |= {a.right: f"{k:03}" for k, a in enumerate(links)}
         else:
-            chosen |= dict(zip((a.right for a in links), _around(links), strict=True))
+            chosen |= dict(zip((a.right for a in links), _around(links, y), strict=True))
     for loop in graph.loops:  # a circle in a feedback path has no links; it is not drawn there
         for key in loop.blocks:
             chosen |= {(key, port): "left" for port in graph.nodes[key].ins}
@@ -45,14 +52,18 @@ def _out_rank(graph: Graph, end: End) -> int:
     return node.outs.index(end[1]) if node is not None and end[1] in node.outs else 0
 
 
-def _around(links: list[Link]) -> tuple[str, ...]:
+def _around(links: list[Link], y: Mapping[str, int]) -> tuple[str, ...]:
     """Sides for the inputs of a circle, from top to bottom."""
     fed_back = [link.left[0] == FLOOR for link in links]
     if len(links) == 1:
         return ("left",)
-    if len(links) == 2:
-        return ("top", "left") if not fed_back[1] and links[1].main and not links[0].main else ("left", "bottom")
-    return ("top", "left", "bottom") if not fed_back[1] else ("left", "bottom", "top")
+    if len(links) == 3:
+        return ("left", "bottom", "top") if fed_back[1] else ("top", "left", "bottom")
+    if fed_back[1] or links[0].main or links[1].main:
+        return ("top", "left") if links[1].main and not fed_back[1] else ("left", "bottom")
+    here = y.get(links[0].right[0], 0)
+    steps = [abs(y.get(link.left[0], 0) - here) for link in links]
+    return ("top", "left") if steps[1] < steps[0] else ("left", "bottom")
 
 
 def heights(graph: Graph, found: Rows, chosen: Mapping[End, str]) -> dict[str, int]:
@@ -67,7 +78,7 @@ def heights(graph: Graph, found: Rows, chosen: Mapping[End, str]) -> dict[str, i
             a = round(_port(graph, link.left, "out", chosen) / GRID)
             b = round(_port(graph, link.right, "in", chosen) / GRID)
             u, v = number[link.left[0]], number[link.right[0]]
-            up, down = _costs(graph, link, chosen)
+            up, down = _costs(link, links, chosen)
             middle = len(start)
             start.append(min(start[u] + a, start[v] + b))
             rules += [simplex.Rule(middle, u, -a, up), simplex.Rule(middle, v, -b, down)]
@@ -114,20 +125,20 @@ def _port(graph: Graph, end: End, side: str, chosen: Mapping[End, str]) -> float
     return port_offset(node, end[1], side, chosen) if node is not None else 0.0
 
 
-def _costs(graph: Graph, link: Link, chosen: Mapping[End, str]) -> tuple[int, int]:
+def _costs(link: Link, links: list[Link], chosen: Mapping[End, str]) -> tuple[int, int]:
     """Costs of a step upwards and of one downwards, from left to right.
 
-    A wire that enters a circle from above may start as high as it likes, so that costs little.
+    A wire that enters a circle from above may start as high as it likes, so that costs little. Where
+    a long wire has to bend, it rather does so at its end than at its start.
     """
     side = chosen.get(link.right, "")
-    if side == "top":
-        return OTHER, 1
-    if side == "bottom":
-        return 1, OTHER
+    if side in ("top", "bottom"):
+        return (BRANCH, 1) if side == "top" else (1, BRANCH)
     if link.main:
         return MAIN, MAIN
-    if link.left[0].startswith("~") and link.right[0].startswith("~"):
+    onward, passed = link.right[0].startswith("~"), link.left[0].startswith("~")
+    if onward and passed:
         return PASSING, PASSING
-    node = graph.nodes.get(link.right[0])
-    series = node is not None and len(node.ins) == 1 and len(link.net.ahead) == 1
-    return (SERIES, SERIES) if series else (OTHER, OTHER)
+    alone = sum(other.net is link.net for other in links) == 1
+    cost = (ALONE if alone else BRANCH) + (not passed)
+    return cost, cost

@@ -42,13 +42,13 @@ def port_names(node: Node, side: str) -> tuple[str, ...]:
 def face(node: Node) -> list[str]:
     """The lines written in a box: the symbol, the two parts of a fraction, or words on several lines."""
     if isinstance(node.block, Diagram):
-        return _wrapped(node.block.title or "diagram", SMALL + 1, 110)
+        return _wrapped(node.block.title or "diagram", SMALL + 1, 140)
     symbol = symbol_of(node.block)
     if fraction(symbol):
         return list(fraction(symbol))
     if text_width(symbol, SYMBOL) <= 110:
         return [symbol]
-    return _wrapped(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", symbol), SMALL + 1, 110)
+    return _wrapped(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", symbol), SMALL + 1, 140)
 
 
 def fraction(symbol: str) -> tuple[str, ...]:
@@ -183,8 +183,8 @@ def _ports(node: Node, left: float, right: float, y: float, sides: Mapping[End, 
                    for p in node.ins]  # fmt: skip
     if node.round and symbol_of(node.block) in SUMS:
         x = (left + right) / 2
-        place = {"left": (x - RADIUS - 6, y - 6, "end"), "top": (x - 5, y - RADIUS - 5, "end"),
-                 "bottom": (x + 6, y + RADIUS + 13, "start")}  # fmt: skip
+        place = {"left": (x - RADIUS - 6, y - 6, "end"), "top": (x - 5, y - RADIUS - 4, "end"),
+                 "bottom": (x + 6, y + RADIUS + 11, "start")}  # fmt: skip
         labels += [Label(sign_of(node, p), *place[sides[node.key, p]][:2], NAME + 1, "sign", place[sides[node.key, p]][2])
                    for p in node.ins]  # fmt: skip
     return labels

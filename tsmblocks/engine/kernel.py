@@ -43,8 +43,8 @@ class Frame:
         self.x, self.d, self.p, self.q, self.s = (
             Layout.of(wide, plan.lanes) for wide in (plan.wide_x, plan.wide_d, plan.wide_p, plan.wide_q, plan.wide_s)
         )
-        self.rhs = Program(plan.rhs)
-        self.update = Program(plan.update) if plan.update is not None else None
+        self.rhs = Program(plan.rhs, plan.fused)
+        self.update = Program(plan.update, plan.fused) if plan.update is not None else None
         self.lag = Program(plan.lag) if plan.wide_s else None
         self.wide = self.widths(self.rhs)
         self.jumps = _time_jumps(self.rhs, self.grades(self.rhs))

@@ -20,10 +20,14 @@ _COMMUTE = {"ADD", "MUL", "EQ", "NE", "AND", "OR", "HYPOT"}
 class Program:
     """Operations in order (``nodes``) and which of them each output is (``outputs[slot, index]``).
 
-    Structurally zero outputs are absent from ``outputs``. Equal operations are merged.
+    Structurally zero outputs are absent from ``outputs``. Equal operations are merged. With
+    ``reciprocals`` a division by something that depends on parameters only becomes a multiplication
+    by its inverse, which is then formed once instead of at every stage.
     """
 
-    def __init__(self, function: ca.Function) -> None:
+    def __init__(self, function: ca.Function, reciprocals: bool = False) -> None:
+        self._fixed: list[bool] = []
+        self._reciprocals = reciprocals
         self.nodes: list[Op] = []
         self.outputs: dict[tuple[int, int], int] = {}
         self.inputs = [function.name_in(k) for k in range(function.n_in())]
@@ -34,10 +38,13 @@ class Program:
         work: dict[int, int] = {}
 
         def push(name: str, args: tuple[Any, ...]) -> int:
+            if self._reciprocals and name == "DIV" and self._inverts(*args):
+                return push("MUL", (args[0], push("INV", args[1:])))
             key = (name, tuple(sorted(args)) if name in _COMMUTE else args)
             if key not in known:
                 known[key] = len(self.nodes)
                 self.nodes.append((name, args))
+                self._fixed.append(self._is_fixed(name, args))
             return known[key]
 
         rows_in = [_dense(f.sparsity_in(k)) for k in range(f.n_in())]
@@ -55,6 +62,15 @@ class Program:
                 self.outputs[slot, rows_out[slot][index]] = work[ins(k)[0]]
             else:
                 work[outs(k)[0]] = push(name, tuple(work[j] for j in ins(k)))
+
+    def _is_fixed(self, name: str, args: tuple[Any, ...]) -> bool:
+        """Whether a node depends on parameters only."""
+        if name == "INPUT":
+            return self.inputs[args[0]] == "p"
+        return name == "CONST" or all(self._fixed[j] for j in args)
+
+    def _inverts(self, over: int, under: int) -> bool:
+        return self._fixed[under] and not self._fixed[over] and self.nodes[under][0] != "CONST"
 
     def needed(self, goals: Iterable[int]) -> set[int]:
         """Nodes that the goals depend on, themselves included."""

@@ -1,0 +1,40 @@
+"""One tool in a process of its own: import, build, first run, more runs; writes what it measured.
+
+    python peer_worker.py MODULE SETTINGS.json RESULT.npz
+"""
+
+from __future__ import annotations
+
+import time
+
+BEGAN = time.perf_counter(), time.process_time()
+
+import json  # noqa: E402 - the clock starts before any import
+import sys  # noqa: E402
+from importlib import import_module  # noqa: E402
+
+
+def main(name: str, settings_file: str, result_file: str) -> None:
+    """Measure one tool."""
+    with open(settings_file) as file:
+        settings = json.load(file)
+    module = import_module(name)
+    imported = time.perf_counter()
+    run = module.build(settings["numbers"], settings["stop"], settings["step"])
+    built = time.perf_counter()
+    runs, spent, error = [], 0.0, None
+    while not runs or (spent < settings["seconds"] and len(runs) < settings["most"]):
+        wall, cpu = time.perf_counter(), time.process_time()
+        error = run()
+        runs.append((time.perf_counter() - wall, time.process_time() - cpu))
+        spent = sum(wall for wall, _ in runs[1:]) if len(runs) > 1 else 0.0
+        if len(runs) == 1 and runs[0][0] > settings["seconds"]:
+            break
+    import numpy as np
+
+    np.savez(result_file, error=np.asarray(error, dtype=float).ravel(), runs=np.array(runs),
+             times=np.array([imported - BEGAN[0], built - imported, runs[0][0]]))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
