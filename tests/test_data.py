@@ -109,7 +109,7 @@ def test_a_missing_column_is_named_with_the_near_miss(file):
     path = file(SAME["comma"])
     text = refused(path, only=["x_on"])
     assert "there is no column 'x_on'. Did you mean 'x_in'? If it has another name there, map it" in text
-    with pytest.raises(DataError, match="there is no signal 'x_inn'. Did you mean 'x_in'?"):
+    with pytest.raises(DataError, match=r"there is no signal 'x_inn'. Did you mean 'x_in'?"):
         read(path)["x_inn"]
 
 

@@ -17,7 +17,7 @@ from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.session import check_delays, gather_signals, plan_for, spread, steps_per_period
 from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_plan
-from tsmblocks.equations import Equations
+from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, near
 from tsmblocks.simulate import equations, parameter_vector, resolve_stop, whole_steps
 

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.diagram import Diagram
-from tsmblocks.equations import Equations
+from tsmblocks.equation_set import Equations
 from tsmblocks.evaluate import Evaluator
 from tsmblocks.flatten import Flat, flatten
 

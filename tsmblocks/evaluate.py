@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.block import signals
-from tsmblocks.equations import Feed
+from tsmblocks.equation_set import Feed
 from tsmblocks.errors import AlgebraicLoop, DiagramError
 from tsmblocks.flatten import Flat, Node
 from tsmblocks.structure import call

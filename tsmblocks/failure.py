@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tsmblocks.engine.session import Session
-from tsmblocks.equations import Equations
+from tsmblocks.equation_set import Equations
 
 
 def explain(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:

@@ -26,8 +26,12 @@ FAULTY = Part(None, 1)
 def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> Part:
     """Return the block that ``spec`` describes; its faults are collected by the page."""
     if not isinstance(spec, dict):
-        hint = f" To give the diagram's {name}, move the line above the first [section]." if name in KEYS else ""
-        page.wrong(path, f'block \'{clip(name)}\' must be a table such as {{ type = "Gain" }}.{hint} It is', spec)
+        hint = (
+            f" To give the diagram's {name}, move the line above the first [section]." if name in KEYS else ""
+        )
+        page.wrong(
+            path, f"block '{clip(name)}' must be a table such as {{ type = \"Gain\" }}.{hint} It is", spec
+        )
         return FAULTY
     if "type" in spec:
         return Part(_typed(page, spec, path), 1)
@@ -57,7 +61,7 @@ def _meant(spec: Mapping[str, Any]) -> str:
 def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
     said, kind = f"block '{spoken(path)}'", spec["type"]
     if not isinstance(kind, str):
-        page.wrong((*path, "type"), f"{said}: the type must be text such as \"Gain\"", kind)
+        page.wrong((*path, "type"), f'{said}: the type must be text such as "Gain"', kind)
         return None
     cls = REGISTRY.get(kind)
     if cls is None:
@@ -99,7 +103,10 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
     except TsmError as error:
         page.fault(path, f"block '{spoken(path)}': {error}")
     except SURPRISES as error:
-        page.fault(path, f"block '{spoken(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}.")
+        page.fault(
+            path,
+            f"block '{spoken(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}.",
+        )
     else:
         return block
     return None
@@ -134,7 +141,10 @@ def _find(page: Page, name: str, path: KeyPath) -> Path | None:
         page.fault((*path, "use"), f"{said} is not the name of a diagram.")
         return None
     if windows.drive or windows.root or ".." in windows.parts:
-        page.fault((*path, "use"), f"{said} leads out of the folder of this file. Name a diagram next to it or below.")
+        page.fault(
+            (*path, "use"),
+            f"{said} leads out of the folder of this file. Name a diagram next to it or below.",
+        )
         return None
     file = name if name.endswith(".toml") else f"{name}.toml"
     folders = [page.folder] if "/" in name else [page.folder, shelf()]
@@ -154,7 +164,7 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
     """Return the diagram in another file, read once however often it is used."""
     reading, key = page.reading, file.resolve()
     if key in reading.open:
-        ring = [*reading.open[reading.open.index(key):], key]
+        ring = [*reading.open[reading.open.index(key) :], key]
         page.fault((*path, "use"), f"block '{spoken(path)}': the files use each other in a ring: "
                    f"{' -> '.join(p.name for p in ring)}.")  # fmt: skip
         return FAULTY

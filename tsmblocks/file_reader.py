@@ -125,7 +125,7 @@ class Page:
     def whole(self, table: dict[str, Any], level: int) -> Part:
         """Read a file's outermost table."""
         if not table:
-            self.fault((), 'the file is empty. A diagram begins with format = 1 and has [blocks].')
+            self.fault((), "the file is empty. A diagram begins with format = 1 and has [blocks].")
             return Part(None, 0)
         given = table.get("format")
         if type(given) is not int or given != FORMAT:
@@ -204,13 +204,17 @@ class Page:
         if not isinstance(given, list):
             self.wrong((*path, "wires"), 'wires must be a list such as ["error -> pid -> drive"]', given)
             return [], False
-        texts = [Located.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)]
+        texts = [
+            Located.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)
+        ]
         for value in given:
             if not isinstance(value, str):
                 self.wrong((*path, "wires"), "a wire must be text such as 'error -> pid'", value)
         links = sum(text.count("->") + text.count(",") for text in texts)
         if links > MOST_LINKS:
-            self.fault((*path, "wires"), f"the wires hold {links:,} connections; at most {MOST_LINKS:,} are read.")
+            self.fault(
+                (*path, "wires"), f"the wires hold {links:,} connections; at most {MOST_LINKS:,} are read."
+            )
             return [], False
         return list(texts), len(texts) == len(given)
 
@@ -221,7 +225,7 @@ class Page:
             inner = spec if isinstance(spec, dict) else {"ports": spec}
             self.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
             if "ports" not in inner:
-                self.fault(at, f'input \'{clip(name)}\' needs ports, for example ports = "motor.u".')
+                self.fault(at, f"input '{clip(name)}' needs ports, for example ports = \"motor.u\".")
             ports = inner.get("ports", REFUSED)
             ports = [ports] if isinstance(ports, str) else ports
             if not isinstance(ports, list) or not all(isinstance(port, str) for port in ports):
@@ -336,7 +340,7 @@ def _unfit(value: Any) -> str:
 def _plain(value: Any) -> Any:
     """Return a value that a message may print: a whole number of a million digits may not."""
     if isinstance(value, dict):
-        return {k: "…" for k in list(value)[:3]}
+        return dict.fromkeys(list(value)[:3], "…")
     if isinstance(value, list):
         return [_plain(v) for v in value[:10]]
     return "a huge number" if isinstance(value, int) and abs(value) > 2**53 else value

@@ -44,7 +44,9 @@ def decoded(data: bytes, where: str) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
         seems = "it seems to be UTF-16" if utf16 else f"byte 0x{data[error.start]:02x} has no place in it"
-        raise FileError(where, [f"{where}:{line}: the text is not UTF-8 ({seems}). Save it as UTF-8."]) from None
+        raise FileError(
+            where, [f"{where}:{line}: the text is not UTF-8 ({seems}). Save it as UTF-8."]
+        ) from None
 
 
 def _check_size(size: int, where: str) -> None:
@@ -84,5 +86,7 @@ def _in_line(message: str, text: str, places: Places) -> str:
             path, first = places.repeated[again[-1]]
             name = clip(".".join(map(str, path)))
             return f"{again[-1]}: '{name}' stands here a second time; the first is in line {first}."
-    here = f" (column {column}: {clip(text.splitlines()[line - 1].strip(), 60)})" if column else " (at the end)"
+    here = (
+        f" (column {column}: {clip(text.splitlines()[line - 1].strip(), 60)})" if column else " (at the end)"
+    )
     return f"{line}: this is not TOML: {what[:1].lower()}{clip(what[1:])}{here}."

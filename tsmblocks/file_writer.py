@@ -33,7 +33,9 @@ def text_of(diagram: Diagram) -> str:
         raise FileError(owner, writer.problems)
     text = "\n".join(lines) + "\n"
     if len(text) > LARGEST:
-        raise FileError(owner, [f"a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."])
+        raise FileError(
+            owner, [f"a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."]
+        )
     return text
 
 
@@ -56,13 +58,17 @@ class _Writer:
             yield ""
         wires = [line for wire in diagram.wires for line in split_wire(wire)]
         yield from ["wires = [", *(f"  {toml(line)}," for line in wires), "]"] if wires else ["wires = []"]
-        yield from _section(f"{prefix}values", [(k, [("", self.value(v, k, float))]) for k, v in diagram.values.items()])
+        yield from _section(
+            f"{prefix}values", [(k, [("", self.value(v, k, float))]) for k, v in diagram.values.items()]
+        )
         yield from self._blocks(diagram, prefix)
         yield from _section(f"{prefix}inputs", [(k, self._inlet(k, v)) for k, v in diagram.inputs.items()])
         yield from _section(f"{prefix}outputs", [(k, [("", toml(v))]) for k, v in diagram.outputs.items()])
 
     def _blocks(self, diagram: Diagram, prefix: str) -> Iterator[str]:
-        plain = [(k, self._block(f"{prefix}{k}", b)) for k, b in diagram.blocks.items() if isinstance(b, Block)]
+        plain = [
+            (k, self._block(f"{prefix}{k}", b)) for k, b in diagram.blocks.items() if isinstance(b, Block)
+        ]
         inner = {k: b for k, b in diagram.blocks.items() if isinstance(b, Diagram)}
         yield from _section(f"{prefix}blocks", plain, always=not inner)
         for name, block in inner.items():
@@ -72,9 +78,13 @@ class _Writer:
         kind, said = type(block), name.replace("blocks.", "")
         known = REGISTRY.get(kind.__name__)
         if known is None or (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
-            self.problems.append(f"block '{said}': {kind.__name__} is not registered, so no file can name it.")
+            self.problems.append(
+                f"block '{said}': {kind.__name__} is not registered, so no file can name it."
+            )
         if "type" in kind.fields():
-            self.problems.append(f"block '{said}': its parameter 'type' cannot be told from the block's type.")
+            self.problems.append(
+                f"block '{said}': its parameter 'type' cannot be told from the block's type."
+            )
         pairs = [("type", toml(kind.__name__))]
         for key, field in kind.fields().items():
             given = getattr(block, key)

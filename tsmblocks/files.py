@@ -97,7 +97,9 @@ def _path_of(given: str | os.PathLike[str]) -> Path:
     if _is_file(ready):
         return ready
     if _is_file(path.with_name(f"{path.name}.toml")):
-        raise FileError(clip(text), [f"'{text}' is not among the ready-made diagrams. For the file, say '{text}.toml'."])
+        raise FileError(
+            clip(text), [f"'{text}' is not among the ready-made diagrams. For the file, say '{text}.toml'."]
+        )
     raise FileError(clip(text), [
         f"there is no file '{clip(text)}', and no ready-made diagram of that name.{near(text, names())}"
     ])  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session
-from tsmblocks.equations import Equations
+from tsmblocks.equation_set import Equations
 
 DENSE = 120
 """Up to so many states all eigenvalues are found; above, the diagonal of the Jacobian is looked at."""

@@ -8,7 +8,11 @@ from typing import Any
 from tsmblocks.block import REGISTRY, Block, Field
 
 _NAME = "^[A-Za-z_][A-Za-z0-9_]*$"
-_REFERENCE = {"type": "string", "pattern": "^\\$[A-Za-z_][A-Za-z0-9_]*$", "description": "a number of [values]"}
+_REFERENCE = {
+    "type": "string",
+    "pattern": "^\\$[A-Za-z_][A-Za-z0-9_]*$",
+    "description": "a number of [values]",
+}
 _TEXT = {"type": "string"}
 
 
@@ -19,7 +23,10 @@ def schema() -> dict[str, Any]:
     kinds = {name: _kind(cls) for name, cls in sorted(REGISTRY.items())}
     inner = _diagram()
     whole = _diagram()
-    whole["properties"] = {"format": {"const": 1, "description": "version of the file format"}, **whole["properties"]}
+    whole["properties"] = {
+        "format": {"const": 1, "description": "version of the file format"},
+        **whole["properties"],
+    }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "tsmblocks diagram, format 1",
@@ -35,7 +42,10 @@ def schema() -> dict[str, Any]:
 
 
 def _diagram() -> dict[str, Any]:
-    ports = {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}], "description": "the port or ports it drives"}
+    ports = {
+        "anyOf": [_TEXT, {"type": "array", "items": _TEXT}],
+        "description": "the port or ports it drives",
+    }
     inlet = _table({"ports": ports, "unit": _TEXT, "about": _TEXT}, ["ports"])
     wire = {"type": "string", "pattern": "->", "description": "a chain such as error -> pid -> drive"}
     return _table({
@@ -50,7 +60,10 @@ def _diagram() -> dict[str, Any]:
 
 
 def _use() -> dict[str, Any]:
-    numbers = {"type": "object", "description": "numbers of that diagram to change, such as \"drive.high\" = 12.0"}
+    numbers = {
+        "type": "object",
+        "description": 'numbers of that diagram to change, such as "drive.high" = 12.0',
+    }
     name = {**_TEXT, "description": "a diagram file next to this one or below, or a ready-made diagram"}
     return _table({"use": name, "set": numbers}, ["use"])
 
@@ -58,7 +71,10 @@ def _use() -> dict[str, Any]:
 def _kind(cls: type[Block]) -> dict[str, Any]:
     """Return the schema of one type of block."""
     about = (cls.__doc__ or "").strip().partition("\n")[0]
-    fields = {key: {"description": _words(field), **_value(field, field.default)} for key, field in cls.fields().items()}
+    fields = {
+        key: {"description": _words(field), **_value(field, field.default)}
+        for key, field in cls.fields().items()
+    }
     return {"description": about, **_table({"type": {"const": cls.__name__}, **fields}, ["type"])}
 
 
@@ -90,4 +106,9 @@ def _table(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
 
 
 def _named(entry: dict[str, Any], about: str) -> dict[str, Any]:
-    return {"type": "object", "propertyNames": {"pattern": _NAME}, "additionalProperties": entry, "description": about}
+    return {
+        "type": "object",
+        "propertyNames": {"pattern": _NAME},
+        "additionalProperties": entry,
+        "description": about,
+    }

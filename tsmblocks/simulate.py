@@ -16,7 +16,7 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.engine.kernels import Memory
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.session import Session, Stopped, gather_signals, single_kernel, start_memory, steps_per_period
-from tsmblocks.equations import Equations
+from tsmblocks.equation_set import Equations
 from tsmblocks.errors import NotFinite, RunError, in_words, near
 from tsmblocks.failure import explain
 from tsmblocks.run import Run

@@ -15,7 +15,7 @@ from tsmblocks.engine import feeds
 from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Layout, Plan
-from tsmblocks.equations import Equations
+from tsmblocks.equation_set import Equations
 from tsmblocks.errors import DataError, RunError, near
 
 PIECE_SECONDS = 0.2

@@ -17,7 +17,7 @@ from tsmblocks.engine.kernels import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.session import check_delays, spread
-from tsmblocks.equations import Equations
+from tsmblocks.equation_set import Equations
 
 
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
