@@ -157,7 +157,12 @@ def test_run_says_what_an_input_without_a_unit_is_taken_for(tsm, here):
     _, _, err = tsm("run", "lag.toml", "--data", "m.txt", "--columns", "t,x_in")
     assert "'x_in' has no unit and is taken to be in rad" in err
     out = tsm("run", "lag.toml", "--data", "m.txt", "--columns", "t, x_in [deg]", "--rows", "2:", "--json")[1]
-    assert json.loads(out)["start"] == 1.0
+    in_header = json.loads(out)
+    assert in_header["start"] == 1.0
+    words = ["run", "lag.toml", "--data", "m.txt", "--columns", "t,x", "--rows", "2:", "--json"]
+    _, out, err = tsm(*words, "--map", "x_in [deg]=x")
+    assert err == ""
+    assert json.loads(out)["outputs"] == in_header["outputs"]
 
 
 def test_run_without_its_data(tsm, here):

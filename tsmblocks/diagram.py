@@ -15,10 +15,10 @@ from typing import Any
 
 import attrs
 
-from tsmblocks import checks, units
+from tsmblocks import checks, unit_checks, units
 from tsmblocks.block import Block, Input, Output, is_reference, leaves
 from tsmblocks.errors import DiagramError, ParameterError, near
-from tsmblocks.wires import Link, chains, short
+from tsmblocks.wires import Link, chains, not_a_block, short
 
 _HERE = str(Path(__file__).parent)
 DEEPEST = 64
@@ -29,7 +29,7 @@ DEEPEST = 64
 class Inlet:
     """An input of a diagram: the ports it drives, its unit and meaning."""
 
-    ports: tuple[str, ...] = attrs.field(converter=lambda p: (p,) if isinstance(p, str) else tuple(p))
+    ports: tuple[str, ...] = attrs.field(converter=lambda p: tuple(p) if isinstance(p, (list, tuple)) else (p,))
     unit: str = ""
     about: str = ""
 
@@ -40,6 +40,10 @@ def _inlets(given: Mapping[str, Any]) -> Mapping[str, Inlet]:
 
 def _frozen(given: Any) -> Mapping[Any, Any]:
     return MappingProxyType(dict(given))
+
+
+def _listed(wires: Any) -> Any:
+    return wires if isinstance(wires, str) else tuple(wires)  # one text is refused with the other faults
 
 
 def _caller() -> str:
@@ -66,7 +70,7 @@ class Diagram:
     title: str = ""
     source: str = ""
     blocks: Mapping[str, Block | Diagram] = attrs.field(converter=_frozen)
-    wires: tuple[str, ...] = attrs.field(default=(), converter=tuple, eq=False, repr=False)
+    wires: tuple[str, ...] = attrs.field(default=(), converter=_listed, eq=False, repr=False)
     inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=_inlets)
     outputs: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
     values: Mapping[str, float] = attrs.field(
@@ -93,8 +97,7 @@ class Diagram:
     def _checked(self) -> checks.Checked:
         """What the wires, inputs and outputs mean; raises DiagramError with every fault found."""
         blocks = self.blocks
-        wrong = [f"{k} must be a block or a diagram, got {v!r}." for k, v in blocks.items()
-                 if not isinstance(v, (Block, Diagram))]  # fmt: skip
+        wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
         if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
             wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
@@ -124,7 +127,7 @@ class Diagram:
         return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
 
     def _unit_of(self, *ends: tuple[str, str]) -> str:
-        return next((checks.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
+        return next((unit_checks.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
 
     def unit(self, signal: str) -> str:
         """The unit of an output, or of a signal ``"block.port"``; ``""`` where none is known."""

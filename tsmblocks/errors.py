@@ -118,11 +118,12 @@ LONGEST = 1500
 def near(name: object, known: Iterable[str], most: int = 8) -> str:
     """`` Did you mean 'x'?`` when a known name is close, otherwise the choices."""
     choices = sorted({str(k) for k in known})
-    close = get_close_matches(str(name), _likely(str(name), choices), n=1, cutoff=0.6)
+    close = [k for k in choices if k.casefold() == str(name).casefold()]
+    close = close or get_close_matches(str(name), _likely(str(name), choices), n=1, cutoff=0.6)
     if close:
         return f" Did you mean '{clip(close[0])}'?"
     if not choices:
-        return " There is none."
+        return " There are none."
     more = f", … ({len(choices)} in all)" if len(choices) > most else ""
     return f" Known here: {', '.join(map(clip, choices[:most]))}{more}."
 
@@ -143,4 +144,18 @@ def clip(text: str, limit: int = 100) -> str:
 
 def in_words(value: object, limit: int = 60) -> str:
     """A value as a message may show it: short, on one line."""
-    return clip(f"{value:g}" if isinstance(value, float) else repr(value), limit)
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    shape = getattr(value, "shape", ()) if hasattr(value, "dtype") else ()
+    if len(shape) > 1 or max(shape, default=0) > 8:
+        return f"an array of shape {tuple(shape)}"
+    return clip(" ".join(repr(value).split()), limit)
+
+
+def several(names: Sequence[str], what: str) -> str:
+    """``no input``, ``1 input (u)`` or ``2 inputs (u1, u2)``."""
+    if not names:
+        return f"no {what}"
+    return f"{len(names)} {what}{'s' if len(names) > 1 else ''} ({clip(', '.join(names))})"

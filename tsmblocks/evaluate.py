@@ -206,15 +206,23 @@ class Evaluator:
             return self._feed((*name, order + 1))
         if kind == "q":
             return self.q[owner[1]][1]
-        name = self.flat.signal_name(source)
         if kind == "slope":
-            self._refuse(f"the second derivative of {name} runs through the delay {owner[1]}; only the first is known.")
+            self._refuse(f"{self._wanted(source)}, which is formed from the derivative of a delayed signal ({owner[1]}); "
+                         "a second derivative is not known there. Differentiate before the delay.")  # fmt: skip
         if kind == "d" and len(owner[1]) == 3:
-            self._refuse(
-                f"the derivative of {name} is asked for, but it depends on {'.'.join(owner[1][:2])}, a sampled output "
-                "held constant between samples. Use a FilteredDerivative, or differentiate before sampling."
-            )
+            self._refuse(f"{self._wanted(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
+                         "constant between samples. Use a FilteredDerivative, or differentiate before sampling.")  # fmt: skip
         return None
+
+    def _wanted(self, source: Node) -> str:
+        """Which port asks for the derivative of a signal; all of them where there are several."""
+        flat = self.flat
+        ports = [f"{path}.{name}" for path, block in flat.twins.items() for name in block.inports
+                 if self._source(path, name, strict=False) == ("rate", *source)]  # fmt: skip
+        name = flat.signal_name(source)
+        if not ports:  # the derivative of a derivative
+            return f"the derivative is needed of {name}"
+        return f"{', '.join(ports)} {'is' if len(ports) == 1 else 'are'} the derivative of {name}"
 
     # ---- small readers
 
@@ -262,10 +270,18 @@ class Evaluator:
             signal = f"d/dt {signal}" if node[0] == "rate" else signal
             if node[0] != "dx" and (not path or path[-1] != signal):
                 path.append(signal)
-        if len(path) > 1 and path[0] != path[-1]:
+        if len(path) == 1 or path[0] != path[-1]:
             path.append(path[0])
-        text = (
-            f"{' -> '.join(path)} has no state in it, so its value at one instant depends on itself. "
-            "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a sampled block."
-        )
-        raise AlgebraicLoop(self.flat.title, [text], self.flat.where, path)
+        raise AlgebraicLoop(self.flat.title, [self._loop_text(path, nodes)], self.flat.where, path)
+
+    def _loop_text(self, path: list[str], nodes: list[Node]) -> str:
+        ring = " -> ".join(path)
+        if any(node[0] == "rate" for node in nodes):
+            return (f"{ring} needs its own value at the same instant: a derivative takes away the state it is wired to. "
+                    "Put a FilteredDerivative in the place of the exact one.")  # fmt: skip
+        if any(node[0] == "y" and node[1] in self.flat.group for node in nodes):
+            return (f"{ring} has no state in it, so its value at a sample depends on itself. "
+                    "Break it with a UnitDelay, or with a block that has a state (a lag, an integrator).")  # fmt: skip
+        return (f"{ring} has no state in it, so its value at one instant depends on itself. "
+                "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a sampled block."
+                )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tsmblocks.block import REGISTRY, Block, _plain, _validate
 from tsmblocks.diagram import DEEPEST, Diagram
 from tsmblocks.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
-from tsmblocks.file_reader import KEYS, REFUSED, SURPRISES, KeyPath, Page, Part, spoken
+from tsmblocks.file_reader import KEYS, REFUSED, SURPRISES, KeyPath, Page, Part, meant, spoken
 from tsmblocks.file_text import read, tables
 from tsmblocks.shelf import names, shelf
 
@@ -26,33 +26,22 @@ FAULTY = Part(None, 1)
 def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> Part:
     """Return the block that ``spec`` describes; its faults are collected by the page."""
     if not isinstance(spec, dict):
-        hint = (
-            f" To give the diagram's {name}, move the line above the first [section]." if name in KEYS else ""
-        )
-        page.wrong(
-            path, f"block '{clip(name)}' must be a table such as {{ type = \"Gain\" }}.{hint} It is", spec
-        )
+        above = f" To give the diagram's {name}, move the line above the first [section]."
+        expected = f"block '{clip(name)}' must be a table such as {{ type = \"Gain\" }}"
+        page.wrong(path, expected, spec, above if name in KEYS else "")
         return FAULTY
     if "type" in spec:
         return Part(_typed(page, spec, path), 1)
     if "use" in spec:
         return _used(page, spec, path, level)
     if not spec.keys() & set(KEYS):
-        page.fault(path, f"block '{spoken(path)}' has no type. Write {{ type = \"Gain\" }}, or use = another diagram."
-                   f"{_meant(spec)}")  # fmt: skip
+        expected = 'Write { type = "Gain" }, or use = another diagram.'
+        page.fault(path, f"block '{spoken(path)}' has no type. {expected}{meant(spec, ('type', 'use'))}")
         return FAULTY
     if level >= DEEPEST:
         page.fault(path, f"diagrams stand inside diagrams more than {DEEPEST} deep.")
         return FAULTY
     return page.diagram(spec, path, level + 1)
-
-
-def _meant(spec: Mapping[str, Any]) -> str:
-    from difflib import get_close_matches
-
-    keys = [k for k in spec if len(k) < 50][:100]
-    pairs = ((close[0], word) for word in ("type", "use") if (close := get_close_matches(word, keys, n=1)))
-    return next((f" Is '{key}' meant to be '{word}'?" for key, word in pairs), "")
 
 
 # ---- a block of a type ------------------------------------------------------------------------
@@ -125,8 +114,8 @@ def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
     part = FAULTY if file is None else _read_other(page, file, path, level)
     changes = spec.get("set", {})
     if not isinstance(changes, dict):
-        page.wrong((*path, "set"), f"block '{spoken(path)}': set must be a table such as {{ \"drive.high\" = 12.0 }}",
-                   changes)  # fmt: skip
+        expected = 'set must be a table such as { "drive.high" = 12.0 }'
+        page.wrong((*path, "set"), f"block '{spoken(path)}': {expected}", changes)
         return FAULTY
     if not isinstance(part.block, Diagram) or not changes:
         return part

@@ -146,7 +146,7 @@ class Places:
 
     def _header(self, mark: str) -> None:
         if mark == "[":
-            self._in_header, self._parts = True, []
+            self._in_header, self._table, self._parts = True, (), []
         elif self._parts:
             self._table, self._parts = tuple(self._parts), []
             self._note((), self._table)

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import date, time
+from difflib import get_close_matches
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from tsmblocks.block import Block, Input
+from tsmblocks.block import Block, Input, is_reference, leaves
 from tsmblocks.checks import examine
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.errors import DiagramError, FileError, TsmError, clip, in_words, near
@@ -38,6 +39,7 @@ SURPRISES = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError
 """What a block's own check may raise on values that its author did not think of."""
 
 KeyPath = tuple[str, ...]
+T = TypeVar("T")
 
 
 class Part(NamedTuple):
@@ -133,8 +135,8 @@ class Page:
             self.fault(("format",), f"{found}; this version reads format = {FORMAT}, at the top of the file.")
             return Part(None, 0)
         rest = {k: v for k, v in table.items() if k != "format"}
-        if "blocks" not in rest:
-            self.fault((), f"there are no [blocks].{_instead('blocks', rest)}")
+        if "blocks" not in rest and "blocks" not in _meant(rest, KEYS).values():
+            self.fault((), "there are no [blocks].")
         return self.diagram(self._clean(rest, ()), (), level)
 
     def _clean(self, value: Any, path: tuple[str | int, ...]) -> Any:
@@ -156,32 +158,41 @@ class Page:
 
     def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
         """Read a table with wires, blocks, inputs, outputs and values."""
-        self.known_keys(table, KEYS, path, "a diagram")
+        lost = self.known_keys(table, KEYS, path, "a diagram")
         blocks, size, certain = self._blocks(table, path, level)
         wires, sure_wires = self._wires(table, path)
         inputs, sure_inputs = self._inputs(table, path)
-        outputs = {self._name(k, path, "outputs"): self._signal(v, (*path, "outputs", k))
-                   for k, v in self.table(table, "outputs", path).items()}  # fmt: skip
+        outputs, sure_outputs = self._outputs(table, path)
         values, unsure = self._values(table, path)
-        fields: dict[str, Any] = {k: self.text(table, k, path) for k in ("title", "source")}
-        parts = (blocks, wires, inputs, {k: v for k, v in outputs.items() if v is not None}, values)
-        unsure += [k for k, v in blocks.items() if isinstance(v, Unknown)]
-        sound = certain and sure_wires and sure_inputs and not unsure and len(parts[3]) == len(outputs)
-        if not certain:
+        words: dict[str, Any] = {key: self.text(table, key, path) for key in ("title", "source")}
+        if not certain or "blocks" in lost:
             return Part(None, size)
+        unsure += [k for k, v in blocks.items() if isinstance(v, Unknown)]
+        unsure += _references(blocks) if "values" in lost else []
+        silent = not (sure_wires and sure_inputs) or bool({"wires", "inputs"} & lost)
+        parts: dict[str, Any] = dict(
+            blocks=blocks, wires=wires, inputs=inputs, outputs=outputs, values=values
+        )
+        if silent or unsure or lost or not sure_outputs:
+            found = self._together(path, lambda: examine(**parts, unsure=unsure, silent=silent))
+            self._wiring(path, [] if found is None else found.faults)
+            return Part(None, size)
+        return Part(self._together(path, lambda: Diagram(**words, **parts, where=self.where)), size)
+
+    def _together(self, path: KeyPath, make: Callable[[], T]) -> T | None:
+        """Return what ``make`` makes of sound parts, or None with its faults collected."""
         try:
-            if sound:
-                names = ("blocks", "wires", "inputs", "outputs", "values")
-                return Part(Diagram(**fields, **dict(zip(names, parts, strict=True)), where=self.where), size)
-            faults = examine(*parts, unsure=unsure, silent=not (sure_wires and sure_inputs)).faults
+            return make()
         except DiagramError as error:
-            faults = list(error.problems)
+            self._wiring(path, error.problems)
         except (TsmError, *SURPRISES) as error:
-            faults = [f"the blocks cannot be put together: {clip(str(error), 300)}"]
+            self.fault(path, f"the blocks cannot be put together: {clip(str(error), 300)}")
+        return None
+
+    def _wiring(self, path: KeyPath, faults: Iterable[str]) -> None:
         for fault in faults:
             placed = fault.startswith(f"{self.where}:")
             self.reading.add(fault if placed else f"{self.place(*path)}: {fault}", wiring=True)
-        return Part(None, size)
 
     def _blocks(self, table: dict[str, Any], path: KeyPath, level: int) -> tuple[dict[str, Any], int, bool]:
         """Read the blocks; the flag says whether the table itself could be understood."""
@@ -192,8 +203,9 @@ class Page:
         for name, spec in self.table(table, "blocks", path).items():
             part = read_block(self, name, spec, (*path, "blocks", name), level)
             if size + part.size > MOST_BLOCKS:
-                self.fault((*path, "blocks", name), f"up to block '{clip(name)}' there are {size + part.size:,} blocks,"
-                           f" with those of the diagrams in use; at most {MOST_BLOCKS:,} are read.")  # fmt: skip
+                many = f"up to block '{clip(name)}' there are {size + part.size:,} blocks"
+                most = f"with those of the diagrams in use; at most {MOST_BLOCKS:,} are read."
+                self.fault((*path, "blocks", name), f"{many}, {most}")
                 return blocks, size, False
             size += part.size
             blocks[self._name(name, path, "blocks")] = Unknown() if part.block is None else part.block
@@ -223,8 +235,8 @@ class Page:
         for name, spec in self.table(table, "inputs", path).items():
             at = (*path, "inputs", name)
             inner = spec if isinstance(spec, dict) else {"ports": spec}
-            self.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
-            if "ports" not in inner:
+            lost = self.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
+            if "ports" not in inner and "ports" not in lost:
                 self.fault(at, f"input '{clip(name)}' needs ports, for example ports = \"motor.u\".")
             ports = inner.get("ports", REFUSED)
             ports = [ports] if isinstance(ports, str) else ports
@@ -237,11 +249,17 @@ class Page:
                 unit=self.text(inner, "unit", at), about=self.text(inner, "about", at))  # fmt: skip
         return inputs, sure
 
-    def _signal(self, value: Any, at: KeyPath) -> str | None:
-        if isinstance(value, str):
-            return Located.at(value, self.place(*at))
-        self.wrong(at, f"output '{clip(at[-1])}' must name one signal, such as \"motor.y\"", value)
-        return None
+    def _outputs(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, str], bool]:
+        outputs: dict[str, str] = {}
+        sure = isinstance(table.get("outputs", {}), dict)
+        for name, value in self.table(table, "outputs", path).items():
+            at = (*path, "outputs", name)
+            if isinstance(value, str):
+                outputs[self._name(name, path, "outputs")] = Located.at(value, self.place(*at))
+            else:
+                self.wrong(at, f"output '{clip(name)}' must name one signal, such as \"motor.y\"", value)
+                sure = False
+        return outputs, sure
 
     def _values(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, float], list[str]]:
         """Read the numbers used twice; the list names those that are not numbers."""
@@ -259,18 +277,21 @@ class Page:
     def _name(self, name: str, path: KeyPath, section: str) -> str:
         return Located.at(name, self.place(*path, section, name))
 
-    def wrong(self, at: tuple[str | int, ...], expected: str, value: Any) -> None:
+    def wrong(self, at: tuple[str | int, ...], expected: str, value: Any, hint: str = "") -> None:
         """Collect a fault about the kind of a value, unless the value has been refused already."""
         if value is REFUSED:
             self.reading.only_wiring = False
         else:
-            self.fault(at, f"{expected}, got {in_words(_plain(value))}.")
+            self.fault(at, f"{expected}, got {in_words(_plain(value))}.{hint}")
 
-    def known_keys(self, table: Mapping[str, Any], known: tuple[str, ...], path: KeyPath, owner: str) -> None:
-        """Report keys that nothing is known of."""
+    def known_keys(
+        self, table: Mapping[str, Any], known: tuple[str, ...], path: KeyPath, owner: str
+    ) -> set[str]:
+        """Report keys that nothing is known of; returns the absent keys that they seem to be meant for."""
         for key in table:
             if key not in known:
                 self.fault((*path, key), f"'{clip(key)}' is not a key of {owner}.{near(key, known)}")
+        return set(_meant(table, known).values()) - set(table)
 
     def table(self, table: dict[str, Any], key: str, path: KeyPath) -> dict[str, Any]:
         """Return the table under ``key``; an empty one where there is none or it is something else."""
@@ -346,8 +367,19 @@ def _plain(value: Any) -> Any:
     return "a huge number" if isinstance(value, int) and abs(value) > 2**53 else value
 
 
-def _instead(wanted: str, given: Mapping[str, Any]) -> str:
-    from difflib import get_close_matches
+def _meant(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """Return the keys that look like a misspelt known one, with that one."""
+    strange = [key for key in given if key not in known and len(key) < 50][:100]
+    close = {key: get_close_matches(key, known, n=1) for key in strange}
+    return {key: match[0] for key, match in close.items() if match}
 
-    close = get_close_matches(wanted, [k for k in given if len(k) < 50][:100], n=1)
-    return f" Is '{close[0]}' meant to be '{wanted}'?" if close else ""
+
+def meant(spec: Iterable[str], wanted: tuple[str, ...]) -> str:
+    """Return a sentence that asks whether a key was meant to be one of ``wanted``, if that may be."""
+    return next((f" Is '{key}' meant to be '{word}'?" for key, word in _meant(spec, wanted).items()), "")
+
+
+def _references(blocks: Mapping[str, Any]) -> list[str]:
+    """Return the names of ``values`` to which blocks refer."""
+    parameters = [v for b in blocks.values() if isinstance(b, Block) for v in b.parameters.values()]
+    return [leaf[1:] for value in parameters for _, leaf in leaves(value) if is_reference(leaf)]

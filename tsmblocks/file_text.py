@@ -1,4 +1,4 @@
-"""From a file to TOML tables: reading bytes, understanding characters, and saying what is wrong in which line.
+"""From a file to TOML tables: reading bytes, understanding characters, saying which line is wrong.
 
 It knows TOML and nothing of diagrams.
 """
@@ -70,8 +70,10 @@ def tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
         raise FileError(where, [f"{where}:{_in_line(str(error), text, places)}"]) from None
     except RecursionError:
         raise FileError(where, [f"{where}: brackets stand inside each other too deep."]) from None
-    except ValueError as error:  # a whole number of thousands of digits
-        raise FileError(where, [f"{where}: this is not TOML that can be read: {clip(str(error))}."]) from None
+    except ValueError:  # Python reads no whole number of more digits than these
+        digits = re.search(r"[0-9_]{4300}", text)
+        line = text.count("\n", 0, digits.start()) + 1 if digits else 1
+        raise FileError(where, [f"{where}:{line}: a whole number has thousands of digits."]) from None
 
 
 def _in_line(message: str, text: str, places: Places) -> str:
@@ -86,7 +88,8 @@ def _in_line(message: str, text: str, places: Places) -> str:
             path, first = places.repeated[again[-1]]
             name = clip(".".join(map(str, path)))
             return f"{again[-1]}: '{name}' stands here a second time; the first is in line {first}."
-    here = (
-        f" (column {column}: {clip(text.splitlines()[line - 1].strip(), 60)})" if column else " (at the end)"
-    )
+    if what.startswith("Illegal character '\\n'"):
+        what = "a text is not closed; it needs a quotation mark at its end"
+    shown = clip(text.split("\n")[line - 1].strip(), 60)
+    here = f" (column {column}: {shown})" if column else " (at the end)"
     return f"{line}: this is not TOML: {what[:1].lower()}{clip(what[1:])}{here}."

@@ -114,7 +114,7 @@ class _Writer:
 
 
 def _section(header: str, entries: list[Entry], always: bool = False) -> Iterator[str]:
-    """Yield a section: tables that fit on one line stand in it, each of the others has a section of its own."""
+    """Yield a section: tables that fit on one line stand in it, the others in sections of their own."""
     inside: list[str] = []
     apart: list[Entry] = []
     for name, pairs in entries:

@@ -12,7 +12,7 @@ import casadi as ca
 
 from tsmblocks.block import Block, is_reference
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import AlgebraicLoop, DiagramError
+from tsmblocks.errors import AlgebraicLoop, DiagramError, EquationError
 from tsmblocks.structure import Structure, structure_of
 
 Key = tuple[str, str]
@@ -37,7 +37,8 @@ class Flat:
         self._raw: dict[Key, Node] = {}  # an input port (also of an inner diagram) -> what drives it
         self._inner: dict[str, Diagram] = {"": diagram}
         self._collect(diagram, "")
-        self.driver = {k: self._follow(v) for k, v in self._raw.items() if k[0] in self.blocks}
+        followed = {k: self._follow(v) for k, v in self._raw.items()}
+        self.driver = {k: v for k, v in followed.items() if k[0] in self.blocks}
         self.shown = {k: self._follow(self._exit(diagram, "", end)) for k, end in diagram.shown.items()}
         self._make_symbols()
 
@@ -75,7 +76,8 @@ class Flat:
         seen: list[Node] = []
         while node[0] in ("in", "out"):
             if node in seen:
-                names = [f"{path}.{port}" for _, path, port in [*seen[seen.index(node):], node]]
+                back = [*seen[seen.index(node):], node]  # against the flow
+                names = [f"{path}.{port}" for _, path, port in reversed(back)]
                 raise AlgebraicLoop(self.title, [f"{' -> '.join(names)} joins diagrams in a ring that holds no "
                                                  "block, so the signal has no value."], self.where, names)  # fmt: skip
             seen.append(node)
@@ -102,7 +104,10 @@ class Flat:
 
         self.blocks[path] = block
         self.twins[path] = block.twin(symbol)
-        self.structures[path] = structure_of(block)
+        try:
+            self.structures[path] = structure_of(block)
+        except EquationError as error:
+            raise EquationError(f"{path}: {error}") from error.__cause__
 
     def _make_symbols(self) -> None:
         self.x: list[Key] = []

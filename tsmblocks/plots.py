@@ -34,18 +34,17 @@ def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None) -> Any:
     for name in chosen:
         values, unit = _shown(run[name], run.unit(name))
         groups.setdefault(unit, []).append((name, values))
-    panels = _axes(ax, len(groups), height=2.4)
-    panels = panels * len(groups) if ax is not None else panels
+    panels = _axes(None, len(groups), height=2.4) if ax is None else [ax] * len(groups)
     count = 0
-    for panel, (unit, lines) in zip(panels, groups.items(), strict=False):
+    for panel, (unit, lines) in zip(panels, groups.items(), strict=True):
         for name, values in lines:
             panel.plot(run.t, values, color=COLOURS[count % len(COLOURS)], lw=1.4, label=name)
             count += 1
         alone = lines[0][0] if len(lines) == 1 else ""
-        panel.set_ylabel(heading(alone, unit) if alone else f"[{unit}]" if unit else "")
+        panel.set_ylabel(heading(alone or _QUANTITY.get(unit, ""), unit).strip())
         _dress(panel, legend=len(lines) > 1)
     if ax is not None and len(groups) > 1:
-        panels[0].set_ylabel(", ".join(f"[{u}]" for u in groups if u))
+        panels[0].set_ylabel(", ".join(heading(_QUANTITY.get(u, ""), u).strip() for u in groups if u))
         _dress(panels[0], legend=True)
     _timed(panels, run.title if ax is None else "")
     return panels[0].figure
@@ -78,7 +77,7 @@ def plot_tracking(
         below.plot(
             t, wanted[0] - reached[0], color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip()
         )
-    above.set_ylabel(heading("angle" if unit == "deg" else output, unit))
+    above.set_ylabel(heading(_QUANTITY.get(unit, output), unit))
     below.set_ylabel(heading("error", unit))
     below.axhline(0.0, color=INK, lw=0.6)
     for panel in (above, below):
@@ -105,6 +104,8 @@ def plot_loop(
     return panel.figure
 
 
+_QUANTITY = {"deg": "angle", "deg/s": "speed", "V": "voltage", "s": "time", "N": "force", "A": "current"}
+"""What an axis shared by several signals of a unit is called."""
 _LEGEND: dict[str, Any] = {
     "loc": "center left",
     "bbox_to_anchor": (1.0, 0.5),
@@ -125,9 +126,9 @@ def _axes(ax: Any, count: int, *, height: float, width: float = 8.0) -> list[Any
     """Return the axes to draw on: those given, or ``count`` panels of a new figure over one time axis."""
     if ax is not None:
         given = list(np.ravel(ax))
-        if count == 2 and len(given) != 2:
-            raise TsmError(f"ax must be two axes here, for the signals and the errors; got {len(given)}.")
-        return given[:count] if len(given) >= count else given
+        if len(given) != count:
+            raise TsmError(f"ax must be {count} axes here, got {len(given)}.")
+        return given
     try:
         from matplotlib.figure import Figure
     except ImportError:

@@ -1,4 +1,4 @@
-"""The JSON schema of diagram files, made from the registered blocks, for editors that complete and underline."""
+"""The JSON schema of diagram files, made from the registered blocks, for editors that complete and check."""
 
 from __future__ import annotations
 

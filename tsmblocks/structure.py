@@ -6,13 +6,14 @@ Nothing here is declared by a block; it is computed once for each class and shap
 from __future__ import annotations
 
 import math
+import traceback
 from typing import Any
 
 import attrs
 import casadi as ca
 
 from tsmblocks.block import Block, is_reference, signals
-from tsmblocks.errors import BlockError, EquationError
+from tsmblocks.errors import BlockError, EquationError, clip, in_words, near
 
 
 @attrs.frozen
@@ -60,25 +61,47 @@ def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> d
     except BlockError:
         raise
     except Exception as error:
-        hint = ""
-        if "truth value" in str(error) or "__bool__" in str(error) or "Only scalars" in str(error):
-            hint = " An equation cannot branch on a signal with Python's if; use ca.if_else."
-        raise EquationError(f"{owner}.{equation} fails: {type(error).__name__}: {error}.{hint}") from error
+        why, known = _why(block, error, x, u)
+        raise EquationError(f"{owner}.{equation} {why} See {_line(error)}.") from (None if known else error)
     if not isinstance(result, dict):
-        raise EquationError(f"{owner}.{equation} must return a dict by name, got {type(result).__name__}.")
+        kinds = {type(None): "nothing (is there a return?)", ca.SX: "one expression"}
+        got = kinds.get(type(result), in_words(result))
+        raise EquationError(f"{owner}.{equation} must return values by name, such as dict(y=…), got {got}.")
     made = {}
     for key, value in result.items():
         try:
             scalar = value if isinstance(value, ca.SX) else ca.SX(value)
         except Exception:
-            raise EquationError(f"{owner}.{equation} gives {key} = {value!r}, which is not a number.") from None
+            raise EquationError(f"{owner}.{equation} gives {key} = {in_words(value)}, which is not a number.") from None
         if scalar.shape != (1, 1):
             raise EquationError(f"{owner}.{equation} gives {key} with shape {scalar.shape}; every signal is a scalar.")
         made[key] = scalar
     return made
 
 
+def _why(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
+    """What an equation did wrong, and whether that is a mistake of which nothing else need be known."""
+    text = " ".join(str(error).split()).rstrip(".")
+    if any(sign in text for sign in ("truth value", "__bool__", "Only scalars")):
+        return ("branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and "
+                "where Python has if, min, max or and.", True)  # fmt: skip
+    if isinstance(error, AttributeError) and error.obj in (x, u):
+        which = "state" if error.obj is x else "input"
+        return f"reads '{error.name}', which is no {which}.{near(error.name, error.obj._fields)}", True
+    if isinstance(error, AttributeError) and error.obj is block:
+        return f"reads self.{error.name}, which is not declared.{near(error.name, block.fields())}", True
+    return f"fails: {type(error).__name__}: {clip(text, 300)}.", False
+
+
+def _line(error: Exception) -> str:
+    """``file:line`` where an equation raised: the last line before it went into other packages."""
+    frames = traceback.extract_tb(error.__traceback__)[1:]
+    own = [f for f in frames if "site-packages" not in f.filename] or frames
+    return f"{own[-1].filename}:{own[-1].lineno}"
+
+
 def _read(block: Block) -> Structure:
+    _check_ports(block)
     twin, t, x, u = symbolic(block)
     owner = type(block).__name__
     y = call(twin, "outputs", t, x, u)
@@ -90,16 +113,14 @@ def _read(block: Block) -> Structure:
     _known_names(owner, "updates", dm, states)
     idle = [k for k in states if k not in dx and k not in dm]
     if idle:
-        raise EquationError(f"{owner} leaves state {', '.join(idle)} without a rate or an update.")
+        raise EquationError(f"{owner} leaves state {', '.join(idle)} without a rate or an update. "
+                            "Give it one in derivatives or in updates.")  # fmt: skip
     if block.sampled and dx:
         raise EquationError(f"{owner} is sampled, so it has no rates; {', '.join(dx)} should be in updates.")
     if block.sampled and not isinstance(getattr(block, "period", None), float):
         raise EquationError(f"{owner} is sampled and needs an option 'period' in s.")
     for equation, part in (("outputs", y), ("derivatives", dx), ("updates", dm)):
         _no_nan(owner, equation, part)
-    rate_of = {k for k, p in block.inports.items() if p.rate_of and p.rate_of not in block.inports}
-    if rate_of:
-        raise EquationError(f"{owner}: {', '.join(sorted(rate_of))} is the rate of a port that is not there.")
     return Structure(
         outputs={k: _needs(v, u) for k, v in y.items()},
         rates={k: _needs(v, u) for k, v in dx.items()},
@@ -107,6 +128,29 @@ def _read(block: Block) -> Structure:
         memory=tuple(k for k in states if k not in dx),
         resets=tuple(k for k in states if k in dx and k in dm),
     )
+
+
+def _check_ports(block: Block) -> None:
+    """Raise EquationError when ports and states of a block name what is not there, or one name means two things."""
+    owner, inports = type(block).__name__, block.inports
+    for name, port in inports.items():
+        if port.rate_of and port.rate_of not in inports:
+            raise EquationError(f"{owner}.{name} is the rate of '{port.rate_of}', which is no input."
+                                f"{near(port.rate_of, set(inports) - {name})}")  # fmt: skip
+    for name, past in block.past_ports.items():
+        if past.of not in inports:
+            raise EquationError(f"{owner}.{name} is the past of '{past.of}', which is no input.{near(past.of, inports)}")
+        for number in (past.by, past.initial):
+            if number not in block.parameters:
+                raise EquationError(f"{owner}.{name} needs the parameter '{number}', which is not declared."
+                                    f"{near(number, block.parameters)}")  # fmt: skip
+    names = [*block.read_names, *block.outports, *block.states]
+    twice = next((k for k in names if names.count(k) > 1), None)
+    if twice is not None:
+        raise EquationError(f"{owner}.{twice} is two things at once (a port, a state); give one of them another name.")
+    for name, state in block.states.items():
+        if not isinstance(state.start, float) and not is_reference(state.start):
+            raise EquationError(f"{owner}.{name} must start at a number, got {in_words(state.start)}.")
 
 
 def _needs(expression: Any, u: Any) -> frozenset[str]:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import attrs
 
-from tsmblocks.errors import clip, near
+from tsmblocks.errors import clip, in_words, near
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -52,6 +52,16 @@ class Link:
         return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
 
 
+def located(text: str, place: str) -> str:
+    """The sentence with its ``file:line`` in front, where one is known."""
+    return f"{place}: {text}" if place else text
+
+
+def place_of(text: Any) -> str:
+    """``file:line`` of a name or wire text, or ``""`` where it is not known."""
+    return getattr(text, "place", "")
+
+
 class Fault(Exception):
     """One sentence about one piece of wire text; collected by the caller."""
 
@@ -59,6 +69,12 @@ class Fault(Exception):
 def kind(block: Ported) -> str:
     """What a message calls a block: its class."""
     return type(block).__name__
+
+
+def not_a_block(name: str, given: object) -> str:
+    """A sentence about something that stands where a block should."""
+    hint = f" Write {given.__name__}()." if isinstance(given, type) else ""
+    return f"{name} must be a block or a diagram, got {in_words(given)}.{hint}"
 
 
 def _choose(name: str, block: Ported, port: str, side: str) -> str:
@@ -83,8 +99,16 @@ def _choose(name: str, block: Ported, port: str, side: str) -> str:
 
 def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, str]:
     """``"tsm"`` or ``"tsm.y"`` as (block, port), the port being an ``input`` or ``output``; raises Fault."""
+    if not isinstance(text, str):
+        raise Fault(f"a port must be text such as 'motor.y', got {in_words(text)}.")
     name, _, port = text.strip().partition(".")
     name, port = name.strip(), port.strip()
+    numbered = re.fullmatch(r"(\w+)\[\d+\]", name) or (port.isdigit() and re.fullmatch(r"(\w+)", name))
+    if numbered and numbered[1] in blocks:
+        block = blocks[numbered[1]]
+        ports = block.inports if side == "input" else block.outports
+        raise Fault(f"the ports of {numbered[1]} ({kind(block)}) go by name, not by number."
+                    f" Its {side}s: {', '.join(ports) or 'none'}.")  # fmt: skip
     if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
         raise Fault(f"'{clip(text.strip())}' is not a name. Write block or block.port.")
     if name not in blocks:
@@ -118,9 +142,12 @@ def parse(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str
                     links.append(Link(start, end, place))
             except Fault as fault:
                 faults.append(str(fault))
-    unique = list(dict.fromkeys(faults))
-    return links, [f"wire '{text}': {fault}" if "names block" not in fault else f"wire '{text}' {fault}"
-                   for fault in unique]  # fmt: skip
+    return links, [sentence(f"wire '{text}'", fault) for fault in dict.fromkeys(faults)]
+
+
+def sentence(place: str, fault: object) -> str:
+    """A fault with the piece of text it was found in: ``wire 'a -> b' names block 'a', …``."""
+    return f"{place} {fault}" if str(fault).startswith("names ") else f"{place}: {fault}"
 
 
 def short(end: tuple[str, str], blocks: Mapping[str, Ported], side: str) -> str:

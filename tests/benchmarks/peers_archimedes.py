@@ -10,6 +10,7 @@ from peers_common import Formulas
 
 TOLERANCE = 1e-8
 METHOD = "RK4, fixed step"
+COMPILES = True
 
 
 def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], np.ndarray]:
@@ -23,7 +24,7 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     def zeta_rate(v, zeta):  # noqa: ANN001, ANN202
         return n["A"] * v - n["theta"] * abs(v) * zeta + n["delta"] * abs(v)
 
-    def rates(t, x):  # noqa: ANN001, ANN202
+    def rates(t, x, u, p):  # noqa: ANN001, ANN202
         integral, smooth, angle, speed, estimate, zeta = x
         v_ref = n["amplitude"] * f.w * np.cos(f.w * t)
         e = (n["amplitude"] * np.sin(f.w * t) - estimate) / slope(v_ref) - angle
@@ -36,7 +37,7 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     @arc.compile
     def simulate(x):  # noqa: ANN001, ANN202
         def one(x, k):  # noqa: ANN001, ANN202
-            return advance(k * step, x), n["amplitude"] * np.sin(f.w * k * step) - (slope(x[3]) * x[2] + x[5])
+            return advance(k * step, x, 0.0, 0.0), n["amplitude"] * np.sin(f.w * k * step) - (slope(x[3]) * x[2] + x[5])
 
         return arc.scan(one, x, xs=np.arange(steps + 1.0))[1]
 

@@ -112,7 +112,10 @@ def card_in_words(made: dict[str, Any]) -> str:
     ]
     lines += ["", "parameters", common.columns(fields, "  ", _LEFT - {2}) if fields else "  none"]
     if any("?" in p["unit"] for kind in ("inputs", "outputs", "parameters") for p in made[kind]):
-        lines += ["", "[?u] stands for any unit, the same wherever the letter occurs."]
+        lines += [
+            "",
+            "A unit with a question mark, as [?u], is any unit, the same wherever the letter occurs.",
+        ]
     return "\n".join(lines)
 
 

@@ -101,16 +101,21 @@ def data_arguments(parser: argparse.ArgumentParser) -> None:
     add("--data", metavar="FILE", help="measured signals: CSV and its relatives, NPZ, MAT")
     add("--columns", metavar="A,B,C", help="names of a headerless file's columns, in order: 't, x_in [deg]'")
     add("--map", metavar="NAME=COLUMN", type=pair, action="append", default=[],
-        help="the column that holds a signal (or the time t), when it has another name")  # fmt: skip
+        help="the column that holds a signal (or the time t), when it has another name; NAME may have a "
+        "unit: 'x_in [deg]=motor'")  # fmt: skip
     add("--rows", metavar="FIRST:LAST", type=span, default=(None, None),
         help="rows of the file to read, counted from 1")  # fmt: skip
 
 
 def read_record(args: argparse.Namespace, only: Iterable[str]) -> Any:
     """Return the record that the data options describe, its repairs told on standard error."""
-    from tsmblocks.data import read
+    from tsmblocks.data import read, split_heading
 
-    record = read(args.data, columns=args.columns, map=dict(args.map), only=only, rows=args.rows)
+    mapped = [(*split_heading(heading), column) for heading, column in args.map]
+    record = read(
+        args.data, columns=args.columns, map={name: column for name, _, column in mapped},
+        units={name: unit for name, unit, _ in mapped if unit}, only=only, rows=args.rows,
+    )  # fmt: skip
     if not getattr(args, "json", False):
         for text in record.notes:
             note(f"{record.origin}: {text}")

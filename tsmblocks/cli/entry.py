@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
     except KeyboardInterrupt:
-        complain("stopped before there was a result.")
+        complain("stopped before everything was done.")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of a pipe went away; what it wanted it has
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -55,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     written = [str(run.save(out))] if out else []
     if plot:
         written.append(str(_plot(run, plot)))
-    summary = summarise(run, args.diagram, record)
+    summary = {**summarise(run, args.diagram, record), "every": args.every}
     if args.json:
         common.give({**summary, "written": written})
     else:
@@ -71,6 +71,8 @@ def execute(args: argparse.Namespace) -> int:
 
 def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]]:
     """Return the measured record, if any, and the diagram's inputs out of it."""
+    from tsmblocks.data import split_heading
+
     wanted = diagram.inports
     if not args.data:
         if wanted:
@@ -85,7 +87,7 @@ def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]
         raise common.UsageError(
             f"'{args.diagram}' has no inputs, so there is nothing that --data could drive."
         )
-    for name, _ in args.map:
+    for name in (split_heading(text)[0] for text, _ in args.map):
         if name not in wanted and name != "t":
             raise common.UsageError(
                 f"--map {name}=…: '{args.diagram}' has no input '{name}'.{near(name, wanted)}"
@@ -93,8 +95,8 @@ def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]
     record = common.read_record(args, only=wanted)
     for name, port in wanted.items():
         if port.unit and not record.unit(name):
-            common.note(f"{record.origin}: '{name}' has no unit and is taken to be in {port.unit}; if it is "
-                        "not, give its column a unit, as in 'x [deg]'.")  # fmt: skip
+            common.note(f"{record.origin}: '{name}' has no unit and is taken to be in {port.unit}. "
+                        f"If it is not, say so: --map '{name} [UNIT]=COLUMN'.")  # fmt: skip
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
 
@@ -163,7 +165,8 @@ def in_words(summary: dict[str, Any]) -> str:
     """Return the summary as the terminal shows it."""
     title = summary["title"] or summary["diagram"]
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
-    first = f"{title}\n{span} ({summary['method']})"
+    kept = f", every {summary['every']}th kept" if summary["every"] > 1 else ""
+    first = f"{title}\n{span} ({summary['method']}){kept}"
     if "tracking_error" in summary:
         return f"{first}\n\n{_tracking_table(summary)}"
     rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]

@@ -47,9 +47,11 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     if text and not pieces:
         pieces.append((x, y, x + way * route.stub(net), y))
     lines, dots = traced(pieces)
-    labels = (Label(text, x + 8 * way, y - 6, SMALL, "signal", "end" if turned else "start"),) if text else ()
-    taps: tuple[Point, ...] = ((x + 10, y),) if net.tapped else ()
-    targets = tuple(map(_said, (*net.ahead, *net.back)))
+    labels = (Label(text, x + (14 if net.tapped else 6) * way, y - 5, SMALL, "signal", "end" if turned else "start"),) if text else ()
+    taps: tuple[Point, ...] = ((x + 7, y),) if net.tapped else ()
+    returned = [(key, plan.graph.nodes[key].ins[0]) for loop in plan.graph.loops
+                for one, key in zip(loop.nets, loop.blocks, strict=False) if one is net]  # fmt: skip
+    targets = tuple(map(_said, (*net.ahead, *returned, *net.back)))
     unit = diagram.unit(_said(net.source))
     about = f"{_said(net.source)}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
     return Wire(_said(net.source), targets, lines, tuple(plan.arrows[net]), dots, taps, labels, about)

@@ -177,7 +177,7 @@ def _trunks(plan: Plan, gap: int) -> list[Trunk]:
 def _label_room(plan: Plan, net: Net) -> float:
     """Width of what is written on a wire behind its source."""
     text = note(net)
-    return text_width(text, SMALL) + 16 if text else 0.0
+    return text_width(text, SMALL) + (20 if net.tapped else 12) if text else 0.0
 
 
 def note(net: Net) -> str:

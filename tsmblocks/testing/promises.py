@@ -21,9 +21,9 @@ import numpy as np
 
 from tsmblocks import units
 from tsmblocks.block import Block, is_reference, leaves, map_leaves, signals
-from tsmblocks.checks import SHARED
 from tsmblocks.errors import ParameterError, TsmError
 from tsmblocks.structure import call, structure_of, symbolic
+from tsmblocks.unit_checks import SHARED
 
 SCALES = (0.0, 1.0, 1e3, 1e6)
 """How large states and inputs are made: at rest, ordinary, and far outside normal use."""

@@ -1,0 +1,57 @@
+"""Figures: what is on which axes, in which unit. The pictures themselves are looked at, not compared."""
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.errors import TsmError
+from tsmblocks.plots import plot_loop, plot_run, plot_tracking
+
+figure = pytest.importorskip("matplotlib.figure", reason="the extra [plots] brings it")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return tsm.simulate(tsm.load("fig09a_without_feedforward"), stop=10.0, step=2e-3)
+
+
+def test_a_run_has_a_panel_for_each_unit_and_angles_in_degrees(run):
+    angles, volts = run.plot().axes
+    assert [line.get_label() for line in angles.lines] == ["x_ref", "x_out", "x_in"]
+    assert (angles.get_ylabel(), volts.get_ylabel(), volts.get_xlabel()) == ("angle [deg]", "u [V]", "t [s]")
+    np.testing.assert_allclose(angles.lines[0].get_ydata(), np.degrees(run["x_ref"]))
+
+
+def test_given_axes_are_drawn_on(run):
+    panel = figure.Figure().subplots()
+    assert plot_run(run, ["x_out", "u"], panel) is panel.figure
+    assert [line.get_label() for line in panel.lines] == ["x_out", "u"]
+
+
+def test_tracking_shows_the_reference_the_outputs_and_their_errors(run):
+    above, below = plot_tracking({"a": run, "b": run}, after=5.0).axes
+    assert [line.get_label() for line in above.lines] == ["reference", "a", "b"]
+    assert above.lines[0].get_xdata()[0] == 5.0
+    error = np.degrees(run["x_ref"] - run["x_out"])[run.t >= 5.0]
+    np.testing.assert_allclose(below.lines[0].get_ydata(), error)
+    assert below.lines[0].get_label() == f"{np.ptp(error):.3g} deg"
+    with pytest.raises(TsmError, match="ax must be 2 axes here, got 1"):
+        plot_tracking({"a": run}, figure.Figure().subplots())
+    with pytest.raises(TsmError, match="at least one run"):
+        plot_tracking({})
+
+
+def test_loops_share_axes(run):
+    first = plot_loop(run["x_in"], run["x_out"], label="one")
+    panel = first.axes[0]
+    assert plot_loop(run["x_in"], run["x_out"], panel, label="two") is first
+    assert (panel.get_xlabel(), len(panel.lines)) == ("x_in [deg]", 2)
+    assert panel.lines[0].get_color() != panel.lines[1].get_color()
+
+
+def test_a_figure_is_found_by_pyplot_when_that_is_in_use(run):
+    pyplot = pytest.importorskip("matplotlib.pyplot", reason="the extra [plots] brings it")
+    pyplot.switch_backend("Agg")
+    made = plot_run(run, ["x_out"])
+    assert made.number in pyplot.get_fignums()
+    pyplot.close(made)
