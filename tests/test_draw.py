@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import itertools
-import subprocess
 import sys
 import xml.etree.ElementTree as ET
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsmblocks.block import Block, Input, Output, block, option
 from tsmblocks.diagram import Diagram
-from tsmblocks.draw import layout, to_mermaid, to_png, to_svg
+from tsmblocks.draw import layout, simplex, to_mermaid, to_png, to_svg
+from tsmblocks.draw.picture import text_width
+from tsmblocks.draw.shapes import fraction
+from tsmblocks.draw.tracks import Trunk, arrange
 from tsmblocks.errors import TsmError
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -90,12 +93,27 @@ def cascade() -> Diagram:
     return Diagram(
         title="Cascade",
         source="Fig. 16",
-        blocks={"ref": Source(), "ff": Plant(), "tip": Add(), "pid": Plant(), "total": Add(signs="++"), "error": Add(),
-                "pi": Plant(), "motor": Plant(), "tsm": Plant()},
-        wires=["ref -> ff, tip.u0", "tip -> pid -> total.u0", "ff -> total.u1", "total -> error.u0",
-               "error -> pi -> motor -> tsm, error.u1", "tsm -> tip.u1"],
+        blocks={
+            "ref": Source(),
+            "ff": Plant(),
+            "tip": Add(),
+            "pid": Plant(),
+            "total": Add(signs="++"),
+            "error": Add(),
+            "pi": Plant(),
+            "motor": Plant(),
+            "tsm": Plant(),
+        },
+        wires=[
+            "ref -> ff, tip.u0",
+            "tip -> pid -> total.u0",
+            "ff -> total.u1",
+            "total -> error.u0",
+            "error -> pi -> motor -> tsm, error.u1",
+            "tsm -> tip.u1",
+        ],
         outputs={"x_ref": "ref", "x_in": "motor", "x_out": "tsm"},
-    )  # fmt: skip
+    )
 
 
 # ---- what holds of every picture
@@ -131,8 +149,7 @@ def assert_lawful(diagram, **options):
     assert_texts_readable(picture, lines)
     assert_connected(diagram, picture)
     frame = (0, 0, picture.width, picture.height)
-    for extent in [b.extent for b in picture.boxes] + [t.extent for t in picture.texts] + [p for _, p in lines]:
-        assert overlap(extent, frame, -1)
+    for extent in [o.extent for o in (*picture.boxes, *picture.texts)] + [p for _, p in lines]:
         assert extent[0] >= 0
         assert extent[1] >= 0
         assert extent[2] <= frame[2]
@@ -156,15 +173,15 @@ def assert_texts_readable(picture, lines):
     for text in picture.texts:
         assert text.size >= 9
         for signal, piece in lines:
-            assert not overlap((piece[0] - 0.6, piece[1] - 0.6, piece[2] + 0.6, piece[3] + 0.6), text.extent, 0.1), (
-                f"{signal} runs through {text.text!r}")  # fmt: skip
+            wide = (piece[0] - 0.6, piece[1] - 0.6, piece[2] + 0.6, piece[3] + 0.6)
+            assert not overlap(wide, text.extent, 0.1), f"{signal} runs through {text.text!r}"
         for box in picture.boxes:
             if text not in box.labels:
                 assert not overlap(text.extent, box.extent), f"{text.text!r} lies over {box.name}"
 
 
 def assert_connected(diagram, picture):
-    """Every link is drawn: the wire of its signal is one piece, leaves its source and has an arrow at each target."""
+    """Every link is drawn: the wire of its signal is one piece, from its source to arrows at its targets."""
     boxes = {(b.name, b.shape == "terminal"): b for b in picture.boxes}
     assert set(diagram.blocks) == {name for name, terminal in boxes if not terminal}
     drawn = {wire.signal: wire for wire in picture.wires}
@@ -178,7 +195,7 @@ def assert_connected(diagram, picture):
         for target in wire.targets:
             name, _, port = target.partition(".")
             box = boxes[name, not port]
-            assert any(touches((a.x, a.y), box.extent) for a in wire.arrows), f"{signal} does not reach {target}"
+            assert any(touches((a.x, a.y), box.extent) for a in wire.arrows), f"{signal} misses {target}"
 
 
 def wanted(diagram):
@@ -210,8 +227,19 @@ def joined(wire):
     return len(seen) == len(parts)
 
 
-KINDS = st.sampled_from([Plant(), LongNamedElement(), Many(), Many(count=2), Many(count=5), Add(), Add(signs="++"), Add(signs="+-+"),
-                         Add(signs="+-+-"), Add(signs="++++-"), Times(), Source(), Scope(), INNER])  # fmt: skip
+KINDS = st.sampled_from(
+    [
+        Plant(),
+        LongNamedElement(),
+        *(Many(count=n) for n in (2, 3, 5)),
+        *(Add(signs=signs) for signs in ("-", "+-", "++", "+-+", "+-+-", "++++-")),
+        Times(),
+        Source(),
+        Scope(),
+        INNER,
+    ]
+)
+TITLES = st.sampled_from(["", "T", "A title that is a good deal longer than the picture"])
 
 
 @st.composite
@@ -234,8 +262,8 @@ def diagrams(draw, most=14):
             else:
                 wires.append(f"{driver} -> {name}.{port}")
     shown = draw(st.lists(st.sampled_from(sources + list(inputs)), max_size=4))
-    return Diagram(title=draw(st.sampled_from(["", "T", "A title that is a good deal longer than the picture"])),
-                   blocks=blocks, wires=wires, inputs=inputs, outputs={f"out{k}": s for k, s in enumerate(shown)})  # fmt: skip
+    outputs = {f"out{k}": s for k, s in enumerate(shown)}
+    return Diagram(title=draw(TITLES), blocks=blocks, wires=wires, inputs=inputs, outputs=outputs)
 
 
 @settings(deadline=None, max_examples=150)
@@ -249,10 +277,9 @@ def test_every_picture_keeps_the_laws(diagram):
 def test_values_on_wires_keep_the_laws(diagram, data):
     names = [f"{n}.{p}" for n, b in diagram.blocks.items() for p in b.outports] + list(diagram.inputs)
     picked = data.draw(st.lists(st.sampled_from(names), max_size=5))
-    picture = assert_lawful(diagram, values={name: 1.5 for name in picked})
-    shown = {w.signal for w in picture.wires for t in w.labels if "1.5" in t.text}
-    assert shown == {n for n in picked if n not in diagram.inputs or diagram.inlets[n] or n in diagram.outputs.values()} | (
-        shown & set(picked))  # fmt: skip
+    picture = assert_lawful(diagram, values=dict.fromkeys(picked, 1.5))
+    noted = {w.signal for w in picture.wires for t in w.labels if "1.5" in t.text}
+    assert noted == set(picked)
 
 
 @settings(deadline=None, max_examples=30)
@@ -265,3 +292,276 @@ def test_svg_is_xml_that_holds_every_block_and_signal(diagram):
     assert set(wanted(diagram)) <= signals
     terminals = {g.get("data-terminal") for g in root.iter(f"{SVG}g")} - {None}
     assert set(diagram.inputs) <= terminals
+    assert set(diagram.outputs) <= terminals | {t.text for t in root.iter(f"{SVG}text")} | tapped(root)
+
+
+def tapped(root):
+    """Names of outputs that are written on a wire."""
+    texts = [t.text for g in root.iter(f"{SVG}g") if g.get("class") == "wire" for t in g.iter(f"{SVG}text")]
+    return {name for text in texts for name in text.split(" = ")[0].split(", ")}
+
+
+@given(diagrams())
+@settings(deadline=None, max_examples=30)
+def test_mermaid_lists_every_link(diagram):
+    lines = to_mermaid(diagram).splitlines()
+    arrows = [line.split() for line in lines if "-->" in line]
+    pairs = sorted((line[0], line[-1]) for line in arrows)
+    wanted_pairs = [(f"b_{a.source[0]}", f"b_{a.target[0]}") for a in diagram.links]
+    wanted_pairs += [(f"in_{name}", f"b_{end[0]}") for name, ends in diagram.inlets.items() for end in ends]
+    for name, (owner, port) in diagram.shown.items():
+        wanted_pairs.append((f"b_{owner}" if owner else f"in_{port}", f"out_{name}"))
+    assert pairs == sorted(wanted_pairs)
+
+
+# ---- what a textbook figure looks like
+
+
+def middle(picture, name, terminal=False):
+    box = next(b for b in picture.boxes if b.name == name and (b.shape == "terminal") == terminal)
+    return box.x + box.width / 2, box.y + box.height / 2
+
+
+def lowest(wire):
+    return max(p[1] for line in wire.lines for p in line)
+
+
+def test_the_main_chain_is_straight_and_runs_to_the_right():
+    picture = assert_lawful(cascade())
+    chain = ["ref", "tip", "pid", "total", "error", "pi", "motor", "tsm"]
+    spots = [middle(picture, name) for name in chain] + [middle(picture, "x_out", terminal=True)]
+    assert len({y for _, y in spots}) == 1
+    assert [x for x, _ in spots] == sorted(x for x, _ in spots)
+    assert middle(picture, "ff")[1] < spots[0][1]
+
+
+def test_feedback_runs_below_the_blocks_and_the_inner_loop_above_the_outer():
+    picture = layout(cascade())
+    wires = {w.signal: w for w in picture.wires}
+    floor = max(b.y + b.height for b in picture.boxes)
+    assert floor < lowest(wires["motor.y"]) < lowest(wires["tsm.y"])
+    up = [a for w in ("motor.y", "tsm.y") for a in wires[w].arrows if (a.dx, a.dy) == (0, -1)]
+    assert len(up) == 2  # both enter their sums from below
+    assert all(len(wires[w].dots) == 1 for w in ("ref.y", "motor.y", "tsm.y"))
+
+
+def test_signals_that_go_on_are_read_off_the_wire_and_the_last_one_ends_in_a_terminal():
+    picture = layout(cascade())
+    assert [b.name for b in picture.boxes if b.shape == "terminal"] == ["x_out"]
+    texts = {t.text for w in picture.wires for t in w.labels}
+    assert texts == {"x_ref", "x_in"}
+    assert sum(len(w.taps) for w in picture.wires) == 2
+
+
+def test_state_feedback_leaves_from_the_output_not_from_the_middle():
+    observer = Diagram(
+        title="Fig. 7",
+        blocks={"forward": Plant(), "abs": Plant(), "times": Times(), "theta": Plant(), "delta": Plant(),
+                "sum": Add(signs="+-+"), "zeta": Plant()},
+        wires=["forward -> sum.u0", "abs -> times.u1, delta", "times -> theta -> sum.u1", "delta -> sum.u2",
+               "sum -> zeta -> times.u2"],
+        inputs={"v": ["abs.u", "forward.u"]},
+        outputs={"zeta_hat": "zeta"},
+    )  # fmt: skip
+    picture = assert_lawful(observer)
+    order = ["abs", "times", "theta", "sum", "zeta"]
+    assert [middle(picture, n)[0] for n in order] == sorted(middle(picture, n)[0] for n in order)
+    assert "zeta_hat" in [b.name for b in picture.boxes if b.shape == "terminal"]
+
+
+def test_a_sensor_stands_in_the_feedback_path_and_points_left():
+    loop = Diagram(
+        title="Sensor",
+        blocks={"error": Add(), "plant": Plant(), "motor": Plant(), "sensor": Plant(), "filter": Plant()},
+        wires=["error -> plant -> motor -> sensor -> filter -> error.u1"],
+        inputs={"r": "error.u0"},
+        outputs={"y": "motor"},
+    )
+    picture = assert_lawful(loop)
+    x, y = middle(picture, "sensor")
+    assert y > max(middle(picture, name)[1] for name in ("error", "plant", "motor"))
+    assert y == middle(picture, "filter")[1]
+    assert middle(picture, "filter")[0] < x
+    sensor = box_of(picture, "sensor")
+    (arrow,) = [a for w in picture.wires for a in w.arrows if touches((a.x, a.y), sensor.extent)]
+    assert (arrow.dx, arrow.dy) == (-1, 0)
+
+
+def box_of(picture, name):
+    return next(b for b in picture.boxes if b.name == name)
+
+
+def test_signs_stand_beside_the_inputs_of_a_sum():
+    tall = Diagram(blocks={"sum": Add(signs="+-+-")}, inputs={f"r{k}": f"sum.u{k}" for k in range(4)},
+                   outputs={"y": "sum"})  # fmt: skip
+    for diagram, signs in ((tall, "++−−"), (INNER, "+−")):
+        picture = assert_lawful(diagram)
+        assert sorted(t.text for t in box_of(picture, "sum").labels if t.kind == "sign") == sorted(signs)
+    assert box_of(layout(tall), "sum").shape == "tall"
+
+
+def test_port_names_are_written_only_where_there_are_several():
+    diagram = Diagram(
+        blocks={"many": Many(count=2), "one": LongNamedElement(), "plant": Plant()},
+        wires=["many.y -> one.a", "one.z -> plant"],
+        inputs={"r": ["many.in0", "many.in1"]},
+    )
+    picture = assert_lawful(diagram)
+    written = {b.name: [t.text for t in b.labels if t.kind == "port"] for b in picture.boxes}
+    assert written == {"r": [], "many": ["in0", "in1", "y"], "one": ["z"], "plant": []}  # rate is not wired
+
+
+def test_a_diagram_inside_is_framed_twice_and_says_what_it_is():
+    outer = Diagram(title="Outer", blocks={"inner": INNER}, inputs={"r": "inner.r"}, outputs={"y": "inner.y"})
+    box = box_of(assert_lawful(outer), "inner")
+    assert box.shape == "double"
+    assert "<loop>" in " ".join(t.text for t in box.labels)
+    group = next(g for g in ET.fromstring(to_svg(outer)).iter(f"{SVG}g") if g.get("data-block") == "inner")
+    assert len(list(group.iter(f"{SVG}rect"))) == 2
+
+
+def test_a_diagram_without_blocks_is_a_title():
+    picture = layout(Diagram(title="Nothing yet", blocks={}))
+    assert [t.text for t in picture.labels] == ["Nothing yet"]
+    ET.fromstring(to_svg(Diagram(blocks={})))
+
+
+def test_a_symbol_with_a_fraction_is_stacked():
+    assert fraction("1/(Ts+1)") == ("1", "Ts+1")
+    assert fraction("(a+b)(c+d)/e") == ("(a+b)(c+d)", "e")
+    assert fraction("F₊ / F₋") == ()
+    assert fraction("a/b/c") == ()
+    assert fraction("PID") == ()
+
+
+# ---- SVG, PNG, names
+
+
+def test_the_same_diagram_gives_the_same_bytes():
+    one = cascade()
+    assert to_svg(one) == to_svg(cascade())
+    assert to_svg(one) == to_svg(one._with(wires=list(reversed(one.links))))
+
+
+def test_texts_are_escaped():
+    diagram = Diagram(title='a < b & "c"', source="d > e & f", blocks={"ref": Source()})
+    root = ET.fromstring(to_svg(diagram))
+    texts = [t.text for t in root.iter(f"{SVG}text")]
+    assert {'a < b & "c"', "d > e & f"} <= set(texts)
+    assert root.get("aria-label") == 'a < b & "c"'
+
+
+def test_svg_needs_nothing_from_outside():
+    text = to_svg(cascade(), highlight=["tsm"], values={"x_out": 1.0})
+    for word in ("<script", "<style", "<image", "url(", "@import", "href"):
+        assert word not in text
+    assert text.count("http") == 1  # the name of the SVG language
+
+
+def test_highlight_colours_the_named_blocks_only():
+    def inks(svg):
+        groups = [g for g in ET.fromstring(svg).iter(f"{SVG}g") if g.get("data-block")]
+        return {g.get("data-block"): next(iter(g.iter(f"{SVG}text"))).get("fill") for g in groups}
+
+    plain, marked = inks(to_svg(cascade())), inks(to_svg(cascade(), highlight=["tsm"]))
+    assert {name for name in plain if plain[name] != marked[name]} == {"tsm"}
+    outer = Diagram(blocks={"inner": INNER, "ref": Source()}, wires=["ref -> inner.r"])
+    assert to_svg(outer, highlight="inner.plant") == to_svg(outer, highlight=["inner"])
+    with pytest.raises(TsmError, match=r"no block 'tms' to highlight. Did you mean 'tsm'\?"):
+        to_svg(cascade(), highlight=["tms"])
+
+
+def test_values_are_written_with_their_unit():
+    picture = layout(cascade(), values={"tsm": -0.5, "x_in": 1.25, "ref.y": "start"})
+    texts = {t.text for w in picture.wires for t in w.labels}
+    assert texts == {"−0.5 rad", "x_in = 1.25 rad", "x_ref = start"}
+    outer = Diagram(blocks={"inner": INNER, "ref": Source()}, wires=["ref -> inner.r"])
+    assert layout(outer, values={"inner.plant.y": 3.0}) == layout(outer)  # out of sight
+    with pytest.raises(TsmError, match=r"no signal 'pidd'.*Did you mean 'pid'\?"):
+        layout(cascade(), values={"pidd": 1.0})
+    with pytest.raises(TsmError, match="must be a number or text"):
+        layout(cascade(), values={"pid": [1.0, 2.0]})
+
+
+def test_png_has_the_size_of_the_picture(tmp_path):
+    pytest.importorskip("matplotlib")
+    from matplotlib.image import imread
+
+    for scale in (1, 2):
+        to_png(cascade(), tmp_path / "a.png", scale=scale, highlight=["tsm"], values={"pid": 1.0})
+        picture = layout(cascade(), values={"pid": 1.0})
+        pixels = imread(tmp_path / "a.png")
+        assert np.allclose(pixels.shape[:2], (picture.height * scale, picture.width * scale), atol=1)
+        assert pixels[..., :3].min() < 0.2
+    to_png(Diagram(blocks={"inner": INNER}, inputs={"r": "inner.r"}), str(tmp_path / "b.png"))
+    first = (tmp_path / "b.png").read_bytes()
+    to_png(Diagram(blocks={"inner": INNER}, inputs={"r": "inner.r"}), str(tmp_path / "b.png"))
+    assert first == (tmp_path / "b.png").read_bytes()
+
+
+def test_png_without_matplotlib_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(TsmError, match=r'pip install "tsmblocks\[plots\]"'):
+        to_png(cascade(), tmp_path / "a.png")
+
+
+def test_mermaid_codes_what_would_be_its_own_notation():
+    diagram = Diagram(title='the "best" one', blocks={"end": INNER, "sum": Add()}, wires=["end.y -> sum.u0"],
+                      inputs={"r": ["end.r", "sum.u1"]}, outputs={"y": "sum"})  # fmt: skip
+    text = to_mermaid(diagram)
+    assert text.startswith('---\ntitle: "the \\"best\\" one"\n---\nflowchart LR\n')
+    assert '  b_end[["end<br/>Inner #60;loop#62; #38; more words than fit on a line"]]\n' in text
+    assert '  b_end -->|"y → u0"| b_sum\n' in text
+
+
+# ---- the parts
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.data())
+def test_simplex_finds_the_cheapest_positions(data):
+    from scipy.optimize import linprog
+
+    count = data.draw(st.integers(2, 8))
+    pairs = [(k, k + 1) for k in range(count - 1)]
+    two = st.tuples(st.integers(0, count - 1), st.integers(0, count - 1)).filter(lambda p: p[0] < p[1])
+    pairs += data.draw(st.lists(two, max_size=12))
+    least, weight = st.integers(-4, 6), st.integers(0, 9)
+    rules = [simplex.Rule(u, v, data.draw(least), data.draw(weight)) for u, v in pairs]
+    start = [0] * count
+    for v in range(count):
+        start[v] = max([start[r.tail] + r.least for r in rules if r.head == v], default=0)
+    found = simplex.positions(count, rules, start)
+    assert all(found[r.head] - found[r.tail] >= r.least for r in rules)
+    rows = np.zeros((len(rules), count))
+    for k, r in enumerate(rules):
+        rows[k, r.tail], rows[k, r.head] = 1, -1
+    cost = -rows.T @ [r.weight for r in rules]
+    best = linprog(cost, rows, [-r.least for r in rules], bounds=[(None, None)] * count)
+    assert np.dot(cost, found) == pytest.approx(best.fun, abs=1e-6)
+
+
+def test_two_signals_that_change_places_are_kept_apart():
+    trunks = arrange([Trunk("a", [0.0], [40.0]), Trunk("b", [40.0], [0.0])])
+    assert len(trunks) == 3  # one goes over a height in between
+    spans = {(t.owner, t.track, t.low, t.high) for t in trunks}
+    assert len({track for _, track, _, _ in spans}) == 3
+
+
+def test_text_widths_are_not_underestimated():
+    pytest.importorskip("matplotlib")
+    from matplotlib.font_manager import FontProperties, findfont
+    from matplotlib.ft2font import FT2Font
+
+    font = FT2Font(findfont(FontProperties(family="DejaVu Sans")))
+    font.set_size(100, 72)
+    for text in (
+        "Feedforward plus PID feedback",
+        "tip_error",
+        "αₓ(v)x + ζ",
+        "ζ̂ = 0.31 rad/s",
+        "W" * 9,
+        "il" * 9,
+    ):
+        font.set_text(text)
+        assert text_width(text, 100) >= font.get_width_height()[0] / 64 * 0.99

@@ -11,6 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.arguments import given_inputs, prepared, run_times
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine import feeds
 from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
@@ -19,7 +20,7 @@ from tsmblocks.engine.session import check_delays, gather_signals, plan_for, spr
 from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_plan
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, near
-from tsmblocks.simulate import equations, parameter_vector, resolve_stop, whole_steps
+from tsmblocks.simulate import equations, parameter_vector
 
 Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
 
@@ -76,14 +77,13 @@ def simulate_batch(
     returns results of shape (lanes,), so that long batches need not be kept whole. Other arguments as
     for ``simulate``. Raises ParameterError for an unknown name or arrays of different lengths.
     """
-    diagram = diagram.untied(parameters)
+    given = given_inputs(inputs)
+    diagram = prepared(diagram).untied(parameters)
+    start, step, n, every = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     sets, count = _sets(eq, diagram, parameters)
     names = list(outputs) if outputs is not None else list(eq.aliases)
     chosen = _columns(eq, names)
-    given = dict(inputs or {})
-    stop = resolve_stop(given, start, step) if stop is None else float(stop)
-    n = whole_steps(start, stop, step)
     grid = start + step * np.arange(n + 1)
     lanes = _lanes(count, len(eq.x))
     vary = frozenset(eq.p.index(k) for k in sets)
@@ -130,15 +130,14 @@ def sensitivities(
     At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
     for an unknown name.
     """
-    diagram = diagram.untied(names)
+    given = given_inputs(inputs)
+    diagram = prepared(diagram).untied(names)
+    start, step, n, every = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     base = parameter_vector(eq, diagram)
     known = [_index(eq, name) for name in names]
     shown = list(outputs) if outputs is not None else list(eq.aliases)
     chosen = _columns(eq, shown)
-    given = dict(inputs or {})
-    stop = resolve_stop(given, start, step) if stop is None else float(stop)
-    n = whole_steps(start, stop, step)
     grid = start + step * np.arange(n + 1)
     lanes = min(32, _power_of_two(len(known)))
     kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)

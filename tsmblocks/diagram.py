@@ -17,8 +17,8 @@ import attrs
 
 from tsmblocks import checks, unit_checks, units
 from tsmblocks.block import Block, Input, Output, is_reference, leaves
-from tsmblocks.errors import DiagramError, ParameterError, near
-from tsmblocks.wires import Link, chains, not_a_block, short
+from tsmblocks.errors import DiagramError, ParameterError, in_words, near
+from tsmblocks.wires import Link, chains, kind, not_a_block, short
 
 _HERE = str(Path(__file__).parent)
 DEEPEST = 64
@@ -182,7 +182,12 @@ class Diagram:
         A name of the ``values`` table changes every block that refers to it; naming one block's
         parameter changes that block alone. Raises ParameterError for a name it does not know.
         """
-        known = None
+        if not isinstance(changes, Mapping):
+            raise ParameterError(f"parameters must map names to numbers, got {in_words(changes)}.")
+        return self._override(changes, self, "")
+
+    def _override(self, changes: Mapping[str, Any], whole: Diagram, prefix: str) -> Diagram:
+        """With other numbers; ``whole`` is the diagram that was asked and ``prefix`` the way here, for messages."""
         grouped: dict[str, dict[str, Any]] = {}
         values = dict(self.values)
         for name, value in changes.items():
@@ -192,18 +197,19 @@ class Diagram:
             elif head in self.blocks and rest:
                 grouped.setdefault(head, {})[rest] = value
             else:
-                known = known or list(self.parameter_names())
-                raise ParameterError(f"diagram '{self.title}' has no parameter '{name}'.{_near_path(name, known)}")
+                hint = _near_path(prefix + name, whole.parameter_names())
+                raise ParameterError(f"diagram '{whole.title}' has no parameter '{prefix}{name}'.{hint}")
         blocks = dict(self.blocks)
         for name, part in grouped.items():
-            blocks[name] = self._changed(name, self.blocks[name], part)
+            block = blocks[name]
+            if isinstance(block, Diagram):
+                blocks[name] = block._override(part, whole, f"{prefix}{name}.")
+                continue
+            try:
+                blocks[name] = _with_fields(block, part)
+            except ParameterError as error:
+                raise ParameterError(f"{prefix}{name}: {error}") from None
         return self._with(blocks=blocks, values=values)
-
-    def _changed(self, name: str, block: Block | Diagram, part: dict[str, Any]) -> Block | Diagram:
-        try:
-            return block.with_parameters(part) if isinstance(block, Diagram) else _with_fields(block, part)
-        except ParameterError as error:
-            raise ParameterError(f"{name}: {error}") from None
 
     def untied(self, names: Iterable[str]) -> Diagram:
         """The diagram in which each named parameter has a number of its own, equal to what it refers to now."""
@@ -230,16 +236,25 @@ class Diagram:
         return Diagram(**{**fields, **changes})
 
     def _inside(self, name: str, edit: str, *args: Any, **options: Any) -> Diagram | None:
-        """Apply an edit whose name has a dot to the diagram it points into."""
+        """Apply an edit whose name has a dot to the diagram it points into; None for a name without one."""
         head, _, rest = name.partition(".")
-        inner = self.blocks.get(head)
-        if not rest or not isinstance(inner, Diagram):
+        if not rest:
             return None
-        return self._with(blocks={**self.blocks, head: getattr(inner, edit)(rest, *args, **options)})
+        inner = self._need(head)
+        if not isinstance(inner, Diagram):
+            raise self._fault(f"{edit} '{name}': {head} is a {kind(inner)}, not a diagram, so nothing stands inside it.")
+        try:
+            changed = getattr(inner, edit)(rest, *args, **options)
+        except DiagramError as error:
+            raise DiagramError(self.title, [f"{head}: {p}" for p in error.problems], self.where) from None
+        return self._with(blocks={**self.blocks, head: changed})
+
+    def _fault(self, text: str) -> DiagramError:
+        return DiagramError(self.title, [text], self.where)
 
     def _need(self, name: str) -> Block | Diagram:
         if name not in self.blocks:
-            raise DiagramError(self.title, [f"there is no block '{name}'.{near(name, self.blocks)}"], self.where)
+            raise self._fault(f"there is no block '{name}'.{near(name, self.blocks)}")
         return self.blocks[name]
 
     def insert(
@@ -257,9 +272,10 @@ class Diagram:
         if inner is not None:
             return inner
         if name in self.blocks:
-            raise DiagramError(self.title, [f"there is a block '{name}' already; choose another name."], self.where)
+            raise self._fault(f"there is a block '{name}' already; choose another name.")
         if bool(after) == bool(before):
-            raise DiagramError(self.title, [f"insert '{name}' takes either after= or before=."], self.where)
+            got = "both" if after else "neither"
+            raise self._fault(f"insert '{name}' takes either after= or before=, got {got}.")
         from tsmblocks.edits import inserted  # the how stands apart; this class stays readable
 
         return inserted(self, name, block, after, before, tuple(wires))
@@ -292,14 +308,24 @@ class Diagram:
 
         return removed(self, name)
 
-    def rewire(self, *, cut: Iterable[str] = (), add: Iterable[str] = (), **changes: Any) -> Diagram:
-        """The diagram with wires cut (``"a.y -> b.u"``) and added, and other fields changed.
-
-        ``changes`` may give ``blocks``, ``inputs``, ``outputs``, ``values``, ``title`` or ``source``.
-        """
+    def rewire(
+        self,
+        *,
+        cut: Iterable[str] = (),
+        add: Iterable[str] = (),
+        blocks: Mapping[str, Block | Diagram] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        outputs: Mapping[str, str] | None = None,
+        values: Mapping[str, float] | None = None,
+        title: str | None = None,
+        source: str | None = None,
+    ) -> Diagram:
+        """The diagram with wires cut (``"a.y -> b.u"``) and added, and with other fields where they are given."""
         from tsmblocks.edits import rewired
 
-        return rewired(self, tuple(cut), tuple(add), changes)
+        fields = {"blocks": blocks, "inputs": inputs, "outputs": outputs, "values": values, "title": title,
+                  "source": source}  # fmt: skip
+        return rewired(self, tuple(cut), tuple(add), {k: v for k, v in fields.items() if v is not None})
 
     def __str__(self) -> str:
         lines = [self.title or "diagram", *(f"  {wire}" for wire in self.wires)]
@@ -335,6 +361,8 @@ def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:
         whole = changes.get(name, getattr(block, name))
         if key not in {leaf for leaf, _ in leaves(whole, name)}:
             known = [leaf for leaf, _ in leaves(whole, name)]
+            if known == [name]:
+                raise ParameterError(f"{type(block).__name__}.{name} is one number, so there is no '{key}'.")
             raise ParameterError(f"{type(block).__name__} has no element '{key}'.{near(key, known)}")
         changes[name] = _set_leaf(whole, name, key, value)
     return block.replace(**changes)

@@ -8,9 +8,10 @@ from typing import Any
 import attrs
 
 from tsmblocks.block import Block
+from tsmblocks.checks import name_faults
 from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import DiagramError, near
-from tsmblocks.wires import Fault, Link, kind, parse, resolve
+from tsmblocks.errors import DiagramError, near, several
+from tsmblocks.wires import Fault, Link, kind, not_a_block, parse, resolve, sentence
 
 
 def _fail(diagram: Diagram, text: str) -> DiagramError:
@@ -18,16 +19,28 @@ def _fail(diagram: Diagram, text: str) -> DiagramError:
 
 
 def _usual(diagram: Diagram, name: str, block: Any, side: str) -> str:
-    try:
-        return resolve(name, {name: block}, side)[1]
-    except Fault as fault:
-        raise _fail(diagram, f"insert '{name}': {fault}") from None
+    """The one port of a block that stands on a wire."""
+    ports = block.inports if side == "input" else block.outports
+    usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
+    if len(usual) != 1:
+        raise _fail(diagram, f"insert '{name}': a block on a wire has one input and one output, and {kind(block)} has "
+                    f"{several(usual, side)}. Use rewire, which takes blocks and wires.")  # fmt: skip
+    return usual[0]
+
+
+def _need_block(diagram: Diagram, name: str, block: Any) -> None:
+    if not isinstance(block, (Block, Diagram)):
+        raise _fail(diagram, not_a_block(name, block))
 
 
 def inserted(
     diagram: Diagram, name: str, block: Block | Diagram, after: str, before: str, wires: tuple[str, ...]
 ) -> Diagram:
     """See Diagram.insert."""
+    _need_block(diagram, name, block)
+    wrong = [*name_faults({name: block}, "block")]
+    if wrong:
+        raise _fail(diagram, wrong[0])
     enter, leave = ((name, _usual(diagram, name, block, side)) for side in ("input", "output"))
     blocks = {**diagram.blocks, name: block}
     if after:
@@ -50,7 +63,7 @@ def _after(diagram: Diagram, signal: str, enter: tuple[str, str], leave: tuple[s
     try:
         source = resolve(signal, diagram.blocks, "output")
     except Fault as fault:
-        raise _fail(diagram, f"after='{signal}': {fault}") from None
+        raise _fail(diagram, _instead(f"after='{signal}'", fault, signal, [*diagram.inputs, *diagram.blocks])) from None
     links = [attrs.evolve(link, source=leave) if link.source == source else link for link in diagram.links]
     outputs = {k: out if end == source else diagram.outputs[k] for k, end in diagram.shown.items()}
     return [*links, Link(source, enter)], dict(diagram.inputs), outputs
@@ -67,8 +80,8 @@ def _before(diagram: Diagram, receiver: str, enter: tuple[str, str], leave: tupl
     try:
         target = resolve(receiver, diagram.blocks, "input")
     except Fault as fault:
-        hint = near(receiver, [*diagram.outputs, *diagram.blocks])
-        raise _fail(diagram, f"before='{receiver}': {fault} Outputs may be named too.{hint}") from None
+        known = [*diagram.outputs, *diagram.blocks]
+        raise _fail(diagram, _instead(f"before='{receiver}'", fault, receiver, known)) from None
     links = [attrs.evolve(link, target=enter) if link.target == target else link for link in diagram.links]
     for key, ends in diagram.inlets.items():
         if target in ends:
@@ -77,34 +90,47 @@ def _before(diagram: Diagram, receiver: str, enter: tuple[str, str], leave: tupl
     return [*links, Link(leave, target)], inputs, outputs
 
 
+def _instead(place: str, fault: Fault, name: str, known: list[str]) -> str:
+    """The fault; the near miss of a plain name is looked for among inputs or outputs of the diagram too."""
+    if "." in name or name in known or not str(fault).startswith("names block"):
+        return sentence(place, fault)
+    return f"{place} names nothing in this diagram.{near(name, known)}"
+
+
 def replaced(diagram: Diagram, name: str, block: Block | Diagram, ports: Mapping[str, str]) -> Diagram:
     """See Diagram.replace."""
+    _need_block(diagram, name, block)
     old = diagram.blocks[name]
     for port in ports:
         if port not in {**old.inports, **old.outports}:
             raise _fail(diagram, f"replace '{name}': {kind(old)} has no port '{port}'."
                         f"{near(port, {**old.inports, **old.outports})}")  # fmt: skip
     faults: list[str] = []
+    entering, leaving = block.inports, block.outports
 
     def moved(end: tuple[str, str], side: Mapping[str, Any], text: str) -> tuple[str, str]:
         if end[0] != name:
             return end
+        what = "output" if side is leaving else "input"
         port = ports.get(end[1], end[1])
         if port not in side:
-            faults.append(f"{text}: {name} is a {kind(block)}, which has no port '{port}'.{near(port, side)}")
+            wrong = f"{text}: the new {name} is a {kind(block)}, which has no {what} '{port}'.{near(port, side)}"
+            one = next(iter(side)) if len(side) == 1 else "…"
+            map_it = f" Say ports={{'{end[1]}': '{one}'}}." if side and port == end[1] else ""
+            faults.append(wrong + map_it)
         return name, port
 
     links = [
-        Link(moved(x.source, block.outports, str(x)), moved(x.target, block.inports, str(x)), x.place)
+        Link(moved(x.source, leaving, str(x)), moved(x.target, entering, str(x)), x.place)
         for x in diagram.links
     ]
     inputs = {
-        k: attrs.evolve(v, ports=[".".join(moved(e, block.inports, f"input {k} -> {'.'.join(e)}"))
+        k: attrs.evolve(v, ports=[".".join(moved(e, entering, f"input {k} -> {'.'.join(e)}"))
                                   for e in diagram.inlets[k]])
         for k, v in diagram.inputs.items()
     }  # fmt: skip
     outputs = {
-        k: ".".join(moved(end, block.outports, f"output {k}")) if end[0] == name else diagram.outputs[k]
+        k: ".".join(moved(end, leaving, f"output {k}")) if end[0] == name else diagram.outputs[k]
         for k, end in diagram.shown.items()
     }
     if faults:
@@ -120,7 +146,8 @@ def removed(diagram: Diagram, name: str) -> Diagram:
     shown = [k for k, end in diagram.shown.items() if end[0] == name]
     leaving = {x.source[1] for x in outof} | {diagram.shown[k][1] for k in shown}
     if leaving and (len(into) + len(feeding) != 1 or len(leaving) > 1):
-        raise _fail(diagram, f"remove '{name}': it has {len(into) + len(feeding)} inputs and {len(leaving)} outputs "
+        ins = [*(x.target[1] for x in into), *(e[1] for _, e in feeding)]
+        raise _fail(diagram, f"remove '{name}': it has {several(ins, 'input')} and {several(sorted(leaving), 'output')} "
                     "in use, so what should take its place is not known. Use rewire or replace.")  # fmt: skip
     links = [x for x in diagram.links if name not in (x.source[0], x.target[0])]
     inputs = {

@@ -54,6 +54,8 @@ class Equations:
     tapes: dict[str, Callable[[float, float], dict[str, Any]]]
     reads: dict[str, tuple[str, dict[str, str]]]
     """For messages: block name -> (class name, {input port: signal it reads})."""
+    sampled: dict[str, float]
+    """For messages: sampled block name -> its period [s]."""
 
     @property
     def outputs(self) -> tuple[str, ...]:

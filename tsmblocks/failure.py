@@ -11,6 +11,10 @@ from tsmblocks.engine.session import Session
 from tsmblocks.equation_set import Equations
 
 
+ORDINARY = 1e100
+"""States below this did not run away."""
+
+
 def explain(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:
     """Run again from the last safe instant with everything logged; (message, block, time [s])."""
     first = session.k
@@ -62,4 +66,6 @@ def _state_message(
     text = f"{_list(now)} at t = {time:g} s: a state of {block} ({kind}) left the finite numbers."
     if before:
         text += f" One step before: {_list((k, before[k]) for k in states[:4])}."
+    if before and all(abs(before[k]) < ORDINARY for k in states):
+        return text + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
     return text + " The loop may be unstable, or the step too long for it; try a smaller step."

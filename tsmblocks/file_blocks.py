@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 
-from tsmblocks.block import REGISTRY, Block, _plain, _validate
+from tsmblocks.block import REGISTRY, Block, plain, validate
 from tsmblocks.diagram import DEEPEST, Diagram
 from tsmblocks.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
 from tsmblocks.file_reader import KEYS, REFUSED, SURPRISES, KeyPath, Page, Part, meant, spoken
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 FAULTY = Part(None, 1)
+LONGEST_TEXT = 10_000
+"""Characters of one option; a sum with as many signs has as many inputs."""
 
 
 def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> Part:
@@ -71,10 +73,14 @@ def _fault_of(cls: type[Block], key: str, value: Any) -> str:
     field = cls.fields().get(key)
     if field is None:
         return f"{cls.__name__} has no parameter '{clip(key)}'.{near(key, cls.fields())}"
+    if isinstance(value, str) and len(value) > LONGEST_TEXT:
+        return (
+            f"{cls.__name__}.{key} is a text of {len(value):,} characters; at most {LONGEST_TEXT:,} are read."
+        )
     if _holds_table(value):
         return f"{cls.__name__}.{key} cannot be a table, got {in_words(value)}. It is: {field.about}."
     try:
-        _validate(cls.__name__, key, field, _plain(value))
+        validate(cls.__name__, key, field, plain(value))
     except ParameterError as error:
         return str(error)
     return ""

@@ -166,7 +166,7 @@ class Page:
         values, unsure = self._values(table, path)
         words: dict[str, Any] = {key: self.text(table, key, path) for key in ("title", "source")}
         if not certain or "blocks" in lost:
-            return Part(None, size)
+            return Part(None, 0)
         unsure += [k for k, v in blocks.items() if isinstance(v, Unknown)]
         unsure += _references(blocks) if "values" in lost else []
         silent = not (sure_wires and sure_inputs) or bool({"wires", "inputs"} & lost)

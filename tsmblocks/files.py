@@ -37,6 +37,10 @@ def loads(text: str, where: str = "<text>", folder: str | os.PathLike[str] | Non
     """
     from tsmblocks.file_reader import diagram_from
 
+    if not isinstance(text, str):
+        raise FileError(
+            where, [f"the text of a diagram is needed, got {in_words(text)}. For a file, use load."]
+        )
     _fill_registry()
     return diagram_from(text, where, None if folder is None else Path(folder))
 
@@ -49,6 +53,8 @@ def dumps(diagram: Diagram) -> str:
     """
     from tsmblocks.file_writer import text_of
 
+    if not isinstance(diagram, Diagram):
+        raise FileError("dumps", [f"a Diagram is needed to be written, got {in_words(diagram)}."])
     return text_of(diagram)
 
 

@@ -19,7 +19,9 @@ class Run:
     ``run.t`` is time in s, shape (N,); ``run["tsm.y"]`` a signal of the same shape, by the name of an
     output of the diagram, of a block's port (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input.
     ``aliases`` maps the diagram's outputs to the signals they show; ``units`` signals to labels.
-    ``state`` holds all that is needed to go on from the last instant.
+    ``state`` holds all that is needed to go on from the last instant. ``events`` are the switching
+    instants of a run with ``locate=True``, in order: each has ``t`` [s], ``block``, ``switch`` (abs, sign,
+    min, max, <, <=) and ``rising``.
     """
 
     title: str
@@ -33,6 +35,7 @@ class Run:
     method: str
     state: Any = attrs.field(repr=False, default=None)
     complete: bool = True
+    events: tuple[Any, ...] = attrs.field(repr=False, default=())
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A signal by name; raises RunError with the near miss."""

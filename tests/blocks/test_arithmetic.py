@@ -124,5 +124,5 @@ def test_refuses_bad_values():
     refuses("Convert: 'rad' does not convert to 'V'.", Convert, target_unit="V")
     refuses("Convert: 'radd' is not a unit known here. Did you mean 'rad'?", Convert, source_unit="radd")
     refuses(
-        "Gain.gain must lie in (-inf, inf), got nan. It is: factor from input to output.", Gain, gain=np.nan
+        "Gain.gain must be a number, got nan. It is: factor from input to output.", Gain, gain=np.nan
     )

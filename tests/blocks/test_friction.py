@@ -143,7 +143,7 @@ def test_units_are_the_users_own():
             dict(coulomb=0),
         ),
         (
-            "DahlFriction.sigma0 must lie in (0, inf), got nan. "
+            "DahlFriction.sigma0 must be a number, got nan. "
             "It is: stiffness of the contact before it slides.",
             DahlFriction,
             dict(sigma0=float("nan")),

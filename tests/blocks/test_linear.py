@@ -306,7 +306,7 @@ def test_from_control_refuses():
 def test_refuses_bad_numbers():
     refuses("Integrator needs low < high, got low=2, high=1.", Integrator, low=2, high=1)
     refuses(
-        "Integrator.gain must lie in (-inf, inf), got inf. It is: factor on the input.",
+        "Integrator.gain must be finite, got inf. It is: factor on the input.",
         Integrator,
         gain=float("inf"),
     )

@@ -394,15 +394,20 @@ def a_block_with_a_default_of_text():
 
 
 @mistake(BlockError, "?")
-def a_block_without_annotations():
+def a_number_that_is_not_declared_as_a_parameter():
     @block(register=False)
     class Wrong(Block):
-        k = parameter(default=1.0, about="gain")
+        k: float = 1.0
         u = Input("in")
         y = Output("out")
 
-        def outputs(self, t, x, u):
-            return dict(y=self.k * u.u)
+
+@mistake(BlockError, "?")
+def a_port_with_an_annotation():
+    @block(register=False)
+    class Wrong(Block):
+        u: Input = Input("in")
+        y = Output("out")
 
 
 @mistake(BlockError, "?")

@@ -20,7 +20,7 @@ PEAK = math.radians(55.0)
 """Amplitude of the paper's sine [rad]."""
 TONE = math.radians(28.0)
 """Amplitude of each sine of the paper's two-tone signals [rad]."""
-ROUNDING = 1e-12
+ROUNDING = 2e-15
 """A jump due at 0.3 s must not come one step late because 3 * 0.1 s falls a hair short of it."""
 
 
@@ -101,7 +101,7 @@ class Step(Block):
         check_unit(self)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=ca.if_else(t >= self.time - ROUNDING, self.after, self.before))
+        return dict(y=ca.if_else(t + ROUNDING * ca.fabs(t) >= self.time, self.after, self.before))
 
 
 @block
@@ -323,7 +323,7 @@ class Staircase(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         half = self.up + self.down
-        k = ca.floor(t / self.dwell + ROUNDING) - self.up
+        k = ca.floor((t + ROUNDING * ca.fabs(t)) / self.dwell) - self.up
         within = k - 2 * half * ca.floor(k / (2 * half))
         return dict(y=self.height * (ca.fabs(within - half) - self.down))
 

@@ -1,6 +1,6 @@
-"""Block diagrams as pictures: one layout, put on paper as SVG or PNG; and Mermaid text. No outside program."""
+"""Block diagrams as pictures: one layout, on paper as SVG or PNG; Mermaid text. No outside program."""
 
-from tsmblocks.draw.layout import layout
+from tsmblocks.draw.compose import layout
 from tsmblocks.draw.mermaid import to_mermaid
 from tsmblocks.draw.picture import Arrow, Box, Label, Picture, Wire
 from tsmblocks.draw.png import to_png

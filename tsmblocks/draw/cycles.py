@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping
 
 Edge = tuple[str, str]
+Ranks = Mapping[str, tuple[int, bool, int]]
+"""Steps from the nearest source, whether it is no sum, place in the list: the smallest is entered first."""
 MOST_TRIED = 12
 """Places tried at which a group of loops may be entered; the picture changes little beyond."""
 
 
-def feedback(nodes: list[str], edges: list[Edge], joins: Collection[str], shown: Collection[str]) -> set[Edge]:
+def feedback(
+    nodes: list[str], edges: list[Edge], joins: Collection[str], shown: Collection[str]
+) -> set[Edge]:
     """The edges to be drawn backwards, so that the rest has a direction.
 
     A group of loops is entered where it is fed from outside, and what leads back to that entry is
@@ -22,7 +26,7 @@ def feedback(nodes: list[str], edges: list[Edge], joins: Collection[str], shown:
     for group in groups(nodes, rest):
         if len(group) == 1:
             continue
-        choices = []
+        choices: list[tuple[int, int, set[Edge]]] = []
         for entry in _entries(group, rest, rank)[:MOST_TRIED]:
             back = _opened(group, rest, rank, entry)
             choices.append((_length(group, rest, back, shown), len(choices), back))
@@ -30,8 +34,7 @@ def feedback(nodes: list[str], edges: list[Edge], joins: Collection[str], shown:
     return found
 
 
-def _ranks(nodes: list[str], edges: list[Edge], joins: Collection[str]) -> dict[str, tuple[int, bool, int]]:
-    """Steps from the nearest source, whether it is no sum, and the place in the list: smallest is entered first."""
+def _ranks(nodes: list[str], edges: list[Edge], joins: Collection[str]) -> Ranks:
     after = successors(nodes, edges)
     fed = {v for _, v in edges}
     steps = {n: 0 for n in nodes if n not in fed}
@@ -53,7 +56,10 @@ def successors(nodes: Iterable[str], edges: Iterable[Edge]) -> dict[str, list[st
 
 
 def groups(nodes: list[str], edges: Iterable[Edge]) -> list[list[str]]:
-    """Strongly connected groups (nodes on common loops), each in the order of ``nodes``; Kosaraju's algorithm."""
+    """Strongly connected groups (nodes on common loops), each in the order of ``nodes``.
+
+    Kosaraju's algorithm, with a stack of its own so that long chains do not end the recursion.
+    """
     inside = set(nodes)
     edges = [(u, v) for u, v in edges if u in inside and v in inside]
     after, before = successors(nodes, edges), successors(nodes, [(v, u) for u, v in edges])
@@ -85,13 +91,13 @@ def groups(nodes: list[str], edges: Iterable[Edge]) -> list[list[str]]:
     return found
 
 
-def _entries(group: list[str], edges: list[Edge], rank: Mapping[str, tuple[int, bool, int]]) -> list[str]:
+def _entries(group: list[str], edges: list[Edge], rank: Ranks) -> list[str]:
     inside = set(group)
     fed = {v for u, v in edges if v in inside and u not in inside}
     return sorted(fed or inside, key=rank.__getitem__)
 
 
-def _opened(group: list[str], edges: list[Edge], rank: Mapping[str, tuple[int, bool, int]], entry: str) -> set[Edge]:
+def _opened(group: list[str], edges: list[Edge], rank: Ranks, entry: str) -> set[Edge]:
     """Edges that must go for the group to have no loop, when it is entered at ``entry``."""
     back = set[Edge]()
     inside = set(group)
@@ -117,7 +123,10 @@ def _length(group: list[str], edges: list[Edge], back: set[Edge], shown: Collect
 
 
 def columns(
-    nodes: list[str], edges: Iterable[Edge], first: Callable[[str], int] = lambda _: 0, fixed: Collection[str] = ()
+    nodes: list[str],
+    edges: Iterable[Edge],
+    first: Callable[[str], int] = lambda _: 0,
+    fixed: Collection[str] = (),
 ) -> dict[str, int]:
     """The column of each node: one more than the last that feeds it, at least ``first(node)``.
 

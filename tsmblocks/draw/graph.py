@@ -112,8 +112,10 @@ def _read(diagram: Diagram, notes: Notes) -> tuple[dict[str, Node], list[Net]]:
         nodes[name] = Node(name, name, _shape(block, ins, outs), block, ins, outs)
     sources = [(key, "") for key in nodes if key.startswith(">")]
     sources += [(key, port) for key, node in nodes.items() for port in node.outs]
-    nets = [Net(source, sorted(set(targets.get(source, ())), key=place.__getitem__),
-                outputs=tuple(shown.get(source, ())), note=notes.at(source)) for source in sources]  # fmt: skip
+    nets = []
+    for source in sources:
+        ahead = sorted(set(targets.get(source, ())), key=place.__getitem__)
+        nets.append(Net(source, ahead, outputs=tuple(shown.get(source, ())), note=notes.at(source)))
     return nodes, nets
 
 
@@ -168,8 +170,9 @@ def _loops(nodes: Mapping[str, Node], nets: list[Net]) -> list[Loop]:
             path.append(driver[path[-1].source[0], nodes[path[-1].source[0]].ins[0]])
         start = path[-1]
         entry = path[-2].source[0] if len(path) > 1 else ""
-        room = _steps(after, net.back[0][0], start.source[0]) + 1  # columns that the feedback runs below, at least
-        if entry not in [key for key, _ in start.ahead] or receivers[start.source] < 2 or len(path) - 1 > room:
+        room = _steps(after, net.back[0][0], start.source[0]) + 1  # columns the feedback runs below
+        branches = receivers[start.source] > 1 and entry in [key for key, _ in start.ahead]
+        if not branches or len(path) - 1 > room:
             loops.append(Loop((net,)))
             continue
         for ahead, one in itertools.pairwise(reversed(path)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 from tsmblocks.draw.picture import Point
@@ -14,12 +15,12 @@ def traced(pieces: Iterable[Piece]) -> tuple[tuple[tuple[Point, ...], ...], tupl
     around = _neighbours(list(pieces))
     knots = [p for p in around if len(around[p]) != 2]
     done = set[frozenset[Point]]()
-    lines = []
+    lines: list[tuple[Point, ...]] = []
     for start in knots + [p for p in around if p not in knots]:  # rings without a knot come last
         for following in around[start]:
-            if frozenset((start, following)) not in done:
-                lines.append(_line(start, following, around, done))
-    return tuple(_corners(line) for line in lines), tuple(p for p in knots if len(around[p]) > 2)
+            line = _line(start, following, around, done) if frozenset((start, following)) not in done else []
+            lines += [_corners(line)] if line else []
+    return tuple(lines), tuple(p for p in knots if len(around[p]) > 2)
 
 
 def _neighbours(pieces: list[Piece]) -> dict[Point, list[Point]]:
@@ -29,14 +30,17 @@ def _neighbours(pieces: list[Piece]) -> dict[Point, list[Point]]:
     for x1, y1, x2, y2 in pieces:
         low, high = (min(x1, x2), min(y1, y2)), (max(x1, x2), max(y1, y2))
         on = [p for p in ends if low[0] <= p[0] <= high[0] and low[1] <= p[1] <= high[1]]
-        for a, b in zip(on, on[1:], strict=False):
+        for a, b in itertools.pairwise(on):
             if b not in around[a]:
                 around[a].append(b)
                 around[b].append(a)
     return {p: sorted(others) for p, others in around.items() if others}
 
 
-def _line(start: Point, following: Point, around: dict[Point, list[Point]], done: set[frozenset[Point]]) -> list[Point]:
+def _line(
+    start: Point, following: Point, around: dict[Point, list[Point]], done: set[frozenset[Point]]
+) -> list[Point]:
+    """Points from ``start`` on, up to the next branch or end; what was passed is added to ``done``."""
     line = [start, following]
     done.add(frozenset((start, following)))
     while len(around[line[-1]]) == 2:

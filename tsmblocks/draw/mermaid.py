@@ -43,4 +43,5 @@ def _ports(diagram: Diagram, source: tuple[str, str], target: tuple[str, str]) -
 def _quoted(*lines: str) -> str:
     """Text in quotes, with what Mermaid would read as its own notation written as codes."""
     codes = {c: f"#{ord(c)};" for c in '"#<>&`|\\'}
-    return '"' + "<br/>".join("".join(codes.get(c, c) for c in " ".join(line.split())) for line in lines if line) + '"'
+    plain = [" ".join(line.split()) for line in lines if line]
+    return '"' + "<br/>".join("".join(codes.get(c, c) for c in line) for line in plain) + '"'

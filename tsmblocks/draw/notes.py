@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import TsmError, near
+from tsmblocks.errors import TsmError, in_words, near
 
 
 @attrs.frozen
@@ -28,16 +28,23 @@ def notes(diagram: Diagram, values: Mapping[str, Any] | None) -> Notes:
     A name may be an output or input of the diagram, ``"block.port"``, or ``"block"`` where it has one
     output. Signals inside a block that is a diagram are passed over. Raises TsmError for any other.
     """
-    ends = {f"{name}.{port}": (name, port) for name, block in diagram.blocks.items() for port in block.outports}
-    ends |= {name: (name, *block.outports) for name, block in diagram.blocks.items() if len(block.outports) == 1}
+    ends: dict[str, tuple[str, str]] = {}
+    for name, block in diagram.blocks.items():
+        ends |= {f"{name}.{port}": (name, port) for port in block.outports}
+        if len(block.outports) == 1:
+            ends[name] = (name, *block.outports)  # type: ignore[assignment]
     ends |= {name: (">" + name, "") for name in diagram.inputs}
     ends |= {name: (end if end[0] else (">" + end[1], "")) for name, end in diagram.shown.items()}
     texts = {}
     for name, value in (values or {}).items():
         if name in ends:
-            texts[ends[name]] = _text(value, diagram.unit(_full(ends[name])))
+            try:
+                texts[ends[name]] = _text(value, diagram.unit(_full(ends[name])))
+            except (TypeError, ValueError):
+                wanted = "must be a number or text"
+                raise TsmError(f"the value to write on '{name}' {wanted}, got {in_words(value)}.") from None
         elif not isinstance(diagram.blocks.get(name.partition(".")[0]), Diagram):
-            raise TsmError(f"diagram '{diagram.title}' has no signal '{name}' to write a value on.{near(name, ends)}")
+            raise TsmError(f"diagram '{diagram.title}' has no signal '{name}' to label.{near(name, ends)}")
     return Notes(texts)
 
 

@@ -10,7 +10,10 @@ from tsmblocks.draw.graph import End, Graph, Net
 
 FLOOR = "_"
 """Stands for the feedback channels below all blocks, as the end of a link."""
+LOW = 1e9
+"""A place below all others."""
 SWEEPS = 8
+"""Passes to the right and to the left in which the columns are sorted."""
 LARGE = 400
 """Links beyond which fewer sweeps are made, so that a huge diagram is still drawn in seconds."""
 
@@ -50,7 +53,9 @@ def rows(graph: Graph) -> Rows:
             while _swap(graph, found) and not few:
                 pass
             place = {key: k for column in found.columns for k, key in enumerate(column)}
-            best = min(best, (_crossings(graph, found, place), [list(c) for c in found.columns]), key=lambda b: b[0])
+            crossings = _crossings(graph, found, place)
+            if crossings < best[0]:
+                best = (crossings, [list(c) for c in found.columns])
     found.columns = best[1]
     return found
 
@@ -107,7 +112,8 @@ def _rows(graph: Graph) -> Rows:
 def _rank(graph: Graph, end: End, side: str) -> float:
     """Where a port stands on its box, between 0 and 1; the ports of a circle are free."""
     node = graph.nodes.get(end[0])
-    ports = () if node is None or node.shape in ("round", "tall") else node.ins if side == "in" else node.outs
+    free = node is None or node.shape in ("round", "tall")
+    ports = () if free or node is None else node.ins if side == "in" else node.outs
     return (ports.index(end[1]) + 1) / (len(ports) + 1) if end[1] in ports else 0.5
 
 
@@ -119,8 +125,10 @@ def _crossings(graph: Graph, found: Rows, place: dict[str, int]) -> int:
     """Pairs of links that cross."""
     total = 0
     for links in found.gaps:
-        ends = sorted((_position(graph, place, a.left, "out", 1e9), _position(graph, place, a.right, "in", 1e9))
-                      for a in links)  # fmt: skip
+        ends = sorted(
+            (_position(graph, place, a.left, "out", LOW), _position(graph, place, a.right, "in", LOW))
+            for a in links
+        )
         seen: list[float] = []
         for _, right in ends:
             total += len(seen) - bisect_right(seen, right)
@@ -129,7 +137,7 @@ def _crossings(graph: Graph, found: Rows, place: dict[str, int]) -> int:
 
 
 def _sweep(graph: Graph, found: Rows, rightwards: bool) -> None:
-    """Sort every column by the mean place of what each key is linked to, one side after the other."""
+    """Sort every column by the mean place of what each key is linked to on one side."""
     count = len(found.columns)
     place = {key: k for column in found.columns for k, key in enumerate(column)}
     for c in range(count) if rightwards else reversed(range(count)):
@@ -152,10 +160,10 @@ def _swap(graph: Graph, found: Rows) -> bool:
         sides: dict[str, tuple[list[float], list[float]]] = {key: ([], []) for key in column}
         for link in found.gaps[c]:
             if link.right[0] in sides:
-                sides[link.right[0]][0].append(_position(graph, place, link.left, "out", 1e9))
+                sides[link.right[0]][0].append(_position(graph, place, link.left, "out", LOW))
         for link in found.gaps[c + 1]:
             if link.left[0] in sides:
-                sides[link.left[0]][1].append(_position(graph, place, link.right, "in", 1e9))
+                sides[link.left[0]][1].append(_position(graph, place, link.right, "in", LOW))
         for k in range(len(column) - 1):
             a, b = sides[column[k]], sides[column[k + 1]]
             now = sum(p > q for s in (0, 1) for p in a[s] for q in b[s])

@@ -21,8 +21,16 @@ RADIUS = 15
 NAME, SYMBOL, SMALL, TITLE = 12, 15, 10, 16
 """Sizes of the texts: names, symbols, ports and signals, the title."""
 
-_WIDTHS = {"": 0.66, "'ijlI": 0.3, "J,. /:;\\|f-`": 0.38, "()[]trst!sz_*": 0.53, "DGHNOQ&": 0.8, "w#+<=>^~×÷ω−→M": 0.87,
-           "m@%W…—": 1.02, "₀₁₂₃₄₅₆₇₈₉ₓ²³": 0.45}  # fmt: skip
+_WIDTHS = {
+    "'ijlI": 0.3,
+    "J,. /:;\\|f-`": 0.38,
+    "₀₁₂₃₄₅₆₇₈₉ₓ²³": 0.45,
+    "()[]trs!z_*": 0.53,
+    "": 0.7,  # all others
+    "DGHNOQUX&": 0.8,
+    "w#+<=>^~×÷ω−→M": 0.87,
+    "m@%W…—": 1.02,
+}
 _WIDTH = {c: width for chars, width in _WIDTHS.items() for c in chars}
 """Widths of DejaVu Sans, the widest of the usual sans-serif fonts, in units of the size, rounded up."""
 
@@ -70,6 +78,14 @@ class Label:
         left = self.x - {"start": 0.0, "middle": 0.5, "end": 1.0}[self.anchor] * width
         return left, self.y - 0.8 * self.size, left + width, self.y + 0.22 * self.size
 
+    def moved(self, dx: float, dy: float) -> Label:
+        """The same text elsewhere."""
+        return attrs.evolve(self, x=self.x + dx, y=self.y + dy)
+
+
+def _shifted(point: Point, dx: float, dy: float) -> Point:
+    return point[0] + dx, point[1] + dy
+
 
 @attrs.frozen
 class Box:
@@ -94,6 +110,12 @@ class Box:
         """Left, top, right and bottom of the outline."""
         return self.x, self.y, self.x + self.width, self.y + self.height
 
+    def moved(self, dx: float, dy: float) -> Box:
+        """The same box elsewhere."""
+        strokes = tuple((_shifted(a, dx, dy), _shifted(b, dx, dy)) for a, b in self.strokes)
+        labels = tuple(label.moved(dx, dy) for label in self.labels)
+        return attrs.evolve(self, x=self.x + dx, y=self.y + dy, labels=labels, strokes=strokes)
+
 
 @attrs.frozen
 class Arrow:
@@ -109,7 +131,8 @@ class Arrow:
         """Tip and the two corners behind it."""
         back, half = 8.5, 3.5
         x, y = self.x - back * self.dx, self.y - back * self.dy
-        return (self.x, self.y), (x - half * self.dy, y - half * self.dx), (x + half * self.dy, y + half * self.dx)
+        across = (half * self.dy, half * self.dx)
+        return (self.x, self.y), (x - across[0], y - across[1]), (x + across[0], y + across[1])
 
 
 @attrs.frozen
@@ -128,6 +151,17 @@ class Wire:
     labels: tuple[Label, ...] = ()
     about: str = ""
 
+    def moved(self, dx: float, dy: float) -> Wire:
+        """The same wire elsewhere."""
+        return attrs.evolve(
+            self,
+            lines=tuple(tuple(_shifted(p, dx, dy) for p in line) for line in self.lines),
+            arrows=tuple(attrs.evolve(a, x=a.x + dx, y=a.y + dy) for a in self.arrows),
+            dots=tuple(_shifted(p, dx, dy) for p in self.dots),
+            taps=tuple(_shifted(p, dx, dy) for p in self.taps),
+            labels=tuple(label.moved(dx, dy) for label in self.labels),
+        )
+
 
 @attrs.frozen
 class Picture:
@@ -143,25 +177,5 @@ class Picture:
     @property
     def texts(self) -> tuple[Label, ...]:
         """Every text of the drawing."""
-        owners = (*self.boxes, *self.wires)
-        return (*self.labels, *(label for owner in owners for label in owner.labels))
-
-
-def moved(part: Box | Wire, dx: float, dy: float) -> Box | Wire:
-    """The same box or wire elsewhere."""
-
-    def point(p: Point) -> Point:
-        return p[0] + dx, p[1] + dy
-
-    labels = tuple(attrs.evolve(a, x=a.x + dx, y=a.y + dy) for a in part.labels)
-    if isinstance(part, Box):
-        strokes = tuple((point(a), point(b)) for a, b in part.strokes)
-        return attrs.evolve(part, x=part.x + dx, y=part.y + dy, labels=labels, strokes=strokes)
-    return attrs.evolve(
-        part,
-        labels=labels,
-        lines=tuple(tuple(map(point, line)) for line in part.lines),
-        arrows=tuple(attrs.evolve(a, x=a.x + dx, y=a.y + dy) for a in part.arrows),
-        dots=tuple(map(point, part.dots)),
-        taps=tuple(map(point, part.taps)),
-    )
+        inside = [label for box in self.boxes for label in box.labels]
+        return (*self.labels, *inside, *(label for wire in self.wires for label in wire.labels))

@@ -11,7 +11,9 @@ from tsmblocks.draw.picture import GRID
 from tsmblocks.draw.shapes import port_offset, size
 
 MAIN, PASSING, ALONE, BRANCH = 64, 24, 12, 4
-"""How much a step costs: in the main chain, in a wire past blocks, in a wire without branches, in a branch."""
+"""Cost of a step: in the main chain, in a wire past blocks, in a wire without branches, in a branch."""
+MOST = 2_000_000
+"""Work spent on heights, in rules times exchanges: one or two seconds; only huge diagrams need more."""
 
 
 def placed(graph: Graph, found: Rows) -> tuple[dict[End, str], dict[str, int]]:
@@ -36,7 +38,7 @@ def sides(graph: Graph, found: Rows, y: Mapping[str, int]) -> dict[End, str]:
             entering.setdefault(node.key, []).append(link)
     for key, links in entering.items():
         node = graph.nodes[key]
-        links.sort(key=lambda a: (place.get(a.left[0], 1e9), _out_rank(graph, a.left), node.ins.index(a.right[1])))
+        links.sort(key=lambda a: (place.get(a.left[0], 1e9), _out_rank(graph, a.left), a.right[1]))
         if node.shape == "tall":
             chosen |= {a.right: f"{k:03}" for k, a in enumerate(links)}
         else:
@@ -82,7 +84,7 @@ def heights(graph: Graph, found: Rows, chosen: Mapping[End, str]) -> dict[str, i
             middle = len(start)
             start.append(min(start[u] + a, start[v] + b))
             rules += [simplex.Rule(middle, u, -a, up), simplex.Rule(middle, v, -b, down)]
-    y = simplex.positions(len(start), rules, start, pivots=max(200, 4000000 // max(1, len(rules)))) if keys else []
+    y = simplex.positions(len(start), rules, start, pivots=max(200, MOST // (1 + len(rules))))
     top = min((y[number[k]] for k in keys), default=0)
     return {key: (y[number[key]] - top) * GRID for key in keys}
 
@@ -140,5 +142,5 @@ def _costs(link: Link, links: list[Link], chosen: Mapping[End, str]) -> tuple[in
     if onward and passed:
         return PASSING, PASSING
     alone = sum(other.net is link.net for other in links) == 1
-    cost = (ALONE if alone else BRANCH) + (not passed)
+    cost = (ALONE if alone else BRANCH) + (not passed) + onward
     return cost, cost

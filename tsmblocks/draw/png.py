@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tsmblocks.diagram import Diagram
-from tsmblocks.draw.layout import layout
+from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Box, Label, Picture, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FRAME, INK, PAPER, colour, marked, weight
 from tsmblocks.errors import TsmError
@@ -33,7 +33,8 @@ def to_png(
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise TsmError('PNG files need matplotlib; install it with: pip install "tsmblocks[plots]"') from error
+        how = 'pip install "tsmblocks[plots]"'
+        raise TsmError(f"a PNG file needs matplotlib; install it with: {how}") from error
     accent = marked(diagram, highlight)
     picture = layout(diagram, values=values)
     figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=DPI * scale, facecolor=PAPER)
@@ -55,10 +56,11 @@ def _paint(axes: Any, picture: Picture, accent: set[str]) -> None:
 
 
 def _text(axes: Any, label: Label, accent: bool = False) -> None:
-    align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
     fill = ACCENT if accent and label.kind in ("name", "symbol") else colour(label.kind)
-    axes.text(label.x, label.y, label.text, size=label.size * POINT, ha=align, va="baseline", color=fill,
-              weight=weight(label.kind), family="DejaVu Sans", parse_math=False, usetex=False, zorder=5)  # fmt: skip
+    font = dict(size=label.size * POINT, weight=weight(label.kind), family="DejaVu Sans")
+    align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
+    axes.text(label.x, label.y, label.text, ha=align, va="baseline", color=fill, zorder=5,
+              parse_math=False, usetex=False, **font)  # fmt: skip
 
 
 def _line(axes: Any, points: Any, color: str, width: float, zorder: float) -> None:
@@ -84,7 +86,8 @@ def _box(axes: Any, box: Box, accent: bool) -> None:
     from matplotlib.patches import Circle, FancyBboxPatch
 
     ink, fill = (ACCENT, ACCENT_FILL) if accent else (INK, PAPER)
-    pen = dict(facecolor=fill, edgecolor=ink, linewidth=(2.4 if accent else 1.6) * POINT, zorder=3)
+    width = (2.4 if accent else 1.6) * POINT
+    pen: dict[str, Any] = dict(facecolor=fill, edgecolor=ink, linewidth=width, zorder=3)
     if box.shape in ("round", "terminal"):
         axes.add_patch(Circle((box.x + box.width / 2, box.y + box.height / 2), box.width / 2, **pen))
     else:
@@ -93,7 +96,8 @@ def _box(axes: Any, box: Box, accent: bool) -> None:
                                       boxstyle=f"round,pad=0,rounding_size={rim}", **pen))  # fmt: skip
     if box.shape == "double":
         pen |= dict(facecolor="none", linewidth=POINT, zorder=4)
-        axes.add_patch(FancyBboxPatch((box.x + FRAME, box.y + FRAME), box.width - 2 * FRAME, box.height - 2 * FRAME,
+        width, height = box.width - 2 * FRAME, box.height - 2 * FRAME
+        axes.add_patch(FancyBboxPatch((box.x + FRAME, box.y + FRAME), width, height,
                                       boxstyle="round,pad=0,rounding_size=1", **pen))  # fmt: skip
     for stroke in box.strokes:
         _line(axes, stroke, ink, 1.2, 4)

@@ -1,4 +1,4 @@
-"""Wires: pins, feedback channels below the blocks, vertical tracks between the columns, and all x coordinates."""
+"""Wires: pins, feedback channels below the blocks, tracks between the columns, and all x coordinates."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import attrs
 from tsmblocks.draw.graph import End, Graph, Loop, Net
 from tsmblocks.draw.lines import Piece
 from tsmblocks.draw.order import FLOOR, Link, Rows
-from tsmblocks.draw.picture import GRID, PITCH, RADIUS, SMALL, Arrow, text_width
+from tsmblocks.draw.picture import GRID, RADIUS, SMALL, Arrow, text_width
 from tsmblocks.draw.shapes import port_offset, size
 from tsmblocks.draw.tracks import Trunk, arrange
 
 BEFORE, AFTER, TRACK, PLAIN = 14, 22, 12, 40
-"""Room left of the vertical wires of a gap, right of them, between two of them; width of a gap without any."""
+"""Room left of the vertical wires of a gap, right of them, between two; width of a gap without any."""
 
 
 @attrs.define(eq=False)
@@ -40,10 +40,9 @@ class Plan:
     channels: list[Channel] = attrs.field(factory=list)
     pin: dict[End, float] = attrs.field(factory=dict)
     rising: set[End] = attrs.field(factory=set)
+    taken: dict[int, list[tuple[float, float]]] = attrs.field(factory=dict)
     trunks: list[list[Trunk]] = attrs.field(factory=list)
     x: dict[str, float] = attrs.field(factory=dict)
-    left: list[float] = attrs.field(factory=list)
-    right: list[float] = attrs.field(factory=list)
     track_x: list[list[float]] = attrs.field(factory=list)
     pieces: dict[Net, list[Piece]] = attrs.field(factory=dict)
     arrows: dict[Net, list[Arrow]] = attrs.field(factory=dict)
@@ -51,8 +50,9 @@ class Plan:
 
 def routed(plan: Plan) -> Plan:
     """The plan with all coordinates and wires filled in."""
+    _pins(plan, fed_back=False)
     _channels(plan)
-    _pins(plan)
+    _pins(plan, fed_back=True)
     plan.trunks = [arrange(_trunks(plan, gap)) for gap in range(len(plan.rows.gaps))]
     _columns(plan)
     for net in plan.graph.nets:
@@ -68,29 +68,35 @@ def routed(plan: Plan) -> Plan:
 
 
 def _channels(plan: Plan) -> None:
-    """Give each feedback a row below the blocks: short ones above long ones, sharing a row where apart."""
+    """Lead each feedback close below the columns it spans, short ones above long ones."""
     graph = plan.graph
     for loop in graph.loops:
         column = graph.column[loop.nets[0].source[0]]
         left = min(graph.column[key] for key, _ in loop.nets[-1].back)
         plan.channels.append(Channel(loop, column + 1, left))
-    rows: list[list[Channel]] = []
-    for channel in sorted(plan.channels, key=lambda c: (c.right - c.left, c.left)):
-        free = (r for r in rows if all(channel.left > c.right or channel.right < c.left for c in r))
-        row = next(free, None)
-        if row is None:
-            rows.append(row := [])
-        row.append(channel)
+    plan.channels.sort(key=lambda c: (c.right - c.left, c.left))
+    lowest = [_bottom(plan, column) for column in range(len(plan.rows.columns))]
+    floors: list[tuple[Channel, float]] = []
+    for channel in plan.channels:
         _seat(channel)
-    y = max((plan.y[k] + (GRID if k.startswith("~") else size(graph.nodes[k], plan.sides).below) for k in plan.y),
-            default=0.0)  # fmt: skip
-    y = -(-y // GRID) * GRID
-    for row in rows:
-        sizes = [size(graph.nodes[k], plan.sides) for c in row for k in c.loop.blocks]
-        y += max([GRID + GRID, *(-(-s.above // GRID) * GRID for s in sizes)])
-        for channel in row:
-            channel.y = y
-        y += max([0, *(-(-s.below // GRID) * GRID for s in sizes)])
+        sizes = [size(graph.nodes[k], plan.sides) for k in channel.loop.blocks]
+        y = max([*lowest[channel.left : channel.right],
+                 *(f for c, f in floors if c.left <= channel.right and channel.left <= c.right)])  # fmt: skip
+        channel.y = _up(y) + max([2 * GRID, *(_up(s.above) for s in sizes)])
+        floors.append((channel, channel.y + max([0, *(s.below for s in sizes)])))
+
+
+def _up(value: float) -> float:
+    """The next line of the grid."""
+    return -(-value // GRID) * GRID
+
+
+def _bottom(plan: Plan, column: int) -> float:
+    """How far down a column reaches, with the wires that pass it or enter it."""
+    lows = [plan.y[k] + (GRID if k.startswith("~") else size(plan.graph.nodes[k], plan.sides).below)
+            for k in plan.rows.columns[column]]  # fmt: skip
+    lows += [plan.pin[a.right] for a in plan.rows.gaps[column] if a.right in plan.pin]
+    return max(lows, default=0.0)
 
 
 def _seat(channel: Channel) -> None:
@@ -105,28 +111,29 @@ def _out_y(plan: Plan, end: End) -> float:
     return plan.y[end[0]] + (port_offset(node, end[1], "out", plan.sides) if node else 0.0)
 
 
-def _pins(plan: Plan) -> None:
-    """Heights at which wires enter the columns; a circle is entered from as high or low as its wire comes."""
-    taken: list[list[tuple[float, float]]] = [[] for _ in plan.rows.columns]
+def _pins(plan: Plan, fed_back: bool) -> None:
+    """Heights at which wires enter the columns; a circle is entered from as high or low as its wire comes.
+
+    Wires ahead come first, since the channels of the feedback are led below them.
+    """
     for column, links in enumerate(plan.rows.gaps[:-1]):
         for link in links:
-            node = plan.graph.nodes.get(link.right[0])
-            if link.right[0] == FLOOR:
+            node, end = plan.graph.nodes.get(link.right[0]), link.right
+            if end[0] == FLOOR or (link.left[0] == FLOOR) != fed_back:
                 continue
-            middle = plan.y[link.right[0]]
-            plan.pin[link.right] = middle + (port_offset(node, link.right[1], "in", plan.sides) if node else 0.0)
-            side = plan.sides.get(link.right, "left")
+            middle = plan.y[end[0]]
+            plan.pin[end] = middle + (port_offset(node, end[1], "in", plan.sides) if node else 0.0)
+            side = plan.sides.get(end, "left")
             if node is None or not node.round or side == "left":
                 continue
-            fed_back = link.left[0] == FLOOR
             start = _floor(plan, link) if fed_back else _out_y(plan, link.left)
-            beyond = start <= plan.pin[link.right] if side == "top" else start >= plan.pin[link.right]
+            beyond = start <= plan.pin[end] if side == "top" else start >= plan.pin[end]
             reach = (min(start, middle), max(start, middle))
-            if beyond and _is_clear(plan, column, node.key, reach, taken[column]):
-                taken[column].append(reach)
-                plan.pin[link.right] = start
+            if beyond and _is_clear(plan, column, node.key, reach):
+                plan.taken.setdefault(column, []).append(reach)
+                plan.pin[end] = start
                 if fed_back:
-                    plan.rising.add(link.right)
+                    plan.rising.add(end)
 
 
 def _floor(plan: Plan, link: Link) -> float:
@@ -134,9 +141,7 @@ def _floor(plan: Plan, link: Link) -> float:
     return next(c.y for c in plan.channels if c.loop.nets[-1] is link.net and link.right in link.net.back)
 
 
-def _is_clear(
-    plan: Plan, column: int, key: str, reach: tuple[float, float], taken: list[tuple[float, float]]
-) -> bool:
+def _is_clear(plan: Plan, column: int, key: str, reach: tuple[float, float]) -> bool:
     """Whether a wire may run up or down the middle of a column to the circle ``key``."""
     low, high = reach
     for other in plan.rows.columns[column]:
@@ -148,7 +153,7 @@ def _is_clear(
             if low < y + whole.below and y - whole.above < high:
                 return False
     seated = any(column in c.columns and c.y <= high for c in plan.channels)
-    return not seated and all(high <= a or b <= low for a, b in taken)
+    return not seated and all(high <= a or b <= low for a, b in plan.taken.get(column, ()))
 
 
 def _trunks(plan: Plan, gap: int) -> list[Trunk]:
@@ -174,7 +179,7 @@ def _trunks(plan: Plan, gap: int) -> list[Trunk]:
 # ---- widths
 
 
-def _label_room(plan: Plan, net: Net) -> float:
+def _label_room(net: Net) -> float:
     """Width of what is written on a wire behind its source."""
     text = note(net)
     return text_width(text, SMALL) + (20 if net.tapped else 12) if text else 0.0
@@ -187,7 +192,7 @@ def note(net: Net) -> str:
 
 
 def _columns(plan: Plan) -> None:
-    """x of columns, nodes and tracks, from left to right."""
+    """Find x of columns, nodes and tracks, from left to right."""
     graph, x = plan.graph, 0.0
     for gap, trunks in enumerate(plan.trunks):
         count = max((t.track + 1 for t in trunks), default=0)
@@ -196,13 +201,14 @@ def _columns(plan: Plan) -> None:
             for net in graph.nets:
                 if graph.column.get(net.source[0], -1) == gap - 1:
                     edge = plan.x[net.source[0]] + size(graph.nodes[net.source[0]], plan.sides).width / 2
-                    label = max(label, edge + _label_room(plan, net) - x)
+                    label = max(label, edge + _label_room(net) - x)
         last = gap == len(plan.rows.columns)
         start = x + max(label, BEFORE if gap else 0.0)
         plan.track_x.append([start + TRACK * k for k in range(count)])
-        x = start + (TRACK * (count - 1) + (0 if last else AFTER) if count else 0.0 if last or not gap else PLAIN - BEFORE)
+        x = start + TRACK * max(count - 1, 0)
+        if not last:
+            x += AFTER if count else PLAIN - BEFORE if gap else 0
         if last:
-            plan.right.append(x)
             break
         x = _column(plan, gap, x)
 
@@ -212,16 +218,15 @@ def _column(plan: Plan, column: int, x: float) -> float:
     graph = plan.graph
     keys = [k for k in plan.rows.columns[column] if not k.startswith("~")]
     sizes = {k: size(graph.nodes[k], plan.sides) for k in keys}
-    seated = [k for c in plan.channels for k, place in zip(c.loop.blocks, c.columns, strict=True) if place == column]
-    half = [size(graph.nodes[k], plan.sides).left + _label_room(plan, _leaving(plan, k)) for k in seated]
+    pairs = [pair for c in plan.channels for pair in zip(c.loop.blocks, c.columns, strict=True)]
+    seated = [key for key, place in pairs if place == column]
+    half = [size(graph.nodes[k], plan.sides).left + _label_room(_leaving(plan, k)) for k in seated]
     left = max([s.left for s in sizes.values()] + half, default=0.0)
     right = max([s.right for s in sizes.values()] + half, default=0.0)
-    plan.left.append(x)
     for key in [*plan.rows.columns[column], *seated]:
         plan.x[key] = x + left
         if key in sizes and graph.nodes[key].shape == "terminal":
             plan.x[key] = x + left + right - 4 if key.startswith(">") else x + 4
-    plan.right.append(x + left + right)
     return x + left + right
 
 
@@ -301,4 +306,4 @@ def _lead_back(plan: Plan, channel: Channel) -> None:
 
 def stub(net: Net) -> float:
     """Length of the wire of a signal that nothing receives but that has something written on it."""
-    return text_width(note(net), SMALL) + 2 * PITCH
+    return text_width(note(net), SMALL) + 8

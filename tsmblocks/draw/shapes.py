@@ -10,7 +10,19 @@ import attrs
 
 from tsmblocks.diagram import Diagram
 from tsmblocks.draw.graph import SUMS, End, Node, sign_of, symbol_of
-from tsmblocks.draw.picture import GRID, NAME, PITCH, RADIUS, SMALL, SYMBOL, Box, Label, Point, fitted, text_width
+from tsmblocks.draw.picture import (
+    GRID,
+    NAME,
+    PITCH,
+    RADIUS,
+    SMALL,
+    SYMBOL,
+    Box,
+    Label,
+    Point,
+    fitted,
+    text_width,
+)
 
 LONGEST = 170
 """Width at which a name is cut; the whole name is in the tooltip."""
@@ -138,15 +150,16 @@ def box(node: Node, middle: Point, sides: Mapping[End, str], turned: bool = Fals
     strokes: list[tuple[Point, Point]] = []
     if node.shape == "terminal":
         into = node.key.startswith(">")
-        labels.append(Label(fitted(node.name, NAME, LONGEST), x + (-8 if into else 8), y + 4, NAME, "terminal",
-                            "end" if into else "start"))  # fmt: skip
+        side, anchor = (-8, "end") if into else (8, "start")
+        labels.append(Label(fitted(node.name, NAME, LONGEST), x + side, y + 4, NAME, "terminal", anchor))
     else:
         labels.append(_name(node, middle, whole, sides))
         labels += _ports(node, left, left + whole.width, y, sides, turned)
         shift = _widest(port_names(node, "in")) - _widest(port_names(node, "out"))
         drawn, strokes = _face(node, x + (-shift if turned else shift) / 2, y)
         labels += drawn
-    return Box(node.name, node.shape, left, top, whole.width, whole.height, tuple(labels), tuple(strokes), about(node))
+    return Box(node.name, node.shape, left, top, whole.width, whole.height,
+               tuple(labels), tuple(strokes), about(node))  # fmt: skip
 
 
 def _name(node: Node, middle: Point, whole: Size, sides: Mapping[End, str]) -> Label:
@@ -170,14 +183,16 @@ def _face(node: Node, x: float, y: float) -> tuple[list[Label], list[tuple[Point
     return [Label(line, x, first + LINE * k, text, "symbol") for k, line in enumerate(lines)], []
 
 
-def _ports(node: Node, left: float, right: float, y: float, sides: Mapping[End, str], turned: bool) -> list[Label]:
+def _ports(
+    node: Node, left: float, right: float, y: float, sides: Mapping[End, str], turned: bool
+) -> list[Label]:
     """Names of ports inside a box, signs outside a circle."""
     labels = []
+    inset = 5 if node.shape == "box" else 8
     for side in ("in", "out"):
-        at_left = (side == "in") != turned
-        for port in port_names(node, side):
-            labels.append(Label(port, left + 5 if at_left else right - 5, y + port_offset(node, port, side, sides) + 3.5,
-                                SMALL, "port", "start" if at_left else "end"))  # fmt: skip
+        x, anchor = (left + inset, "start") if (side == "in") != turned else (right - inset, "end")
+        labels += [Label(port, x, y + port_offset(node, port, side, sides) + 3.5, SMALL, "port", anchor)
+                   for port in port_names(node, side)]  # fmt: skip
     if node.shape == "tall":
         labels += [Label(sign_of(node, p), left + 8, y + port_offset(node, p, "in", sides) + 4, NAME, "sign")
                    for p in node.ins]  # fmt: skip
@@ -185,8 +200,9 @@ def _ports(node: Node, left: float, right: float, y: float, sides: Mapping[End, 
         x = (left + right) / 2
         place = {"left": (x - RADIUS - 6, y - 6, "end"), "top": (x - 5, y - RADIUS - 4, "end"),
                  "bottom": (x + 6, y + RADIUS + 11, "start")}  # fmt: skip
-        labels += [Label(sign_of(node, p), *place[sides[node.key, p]][:2], NAME + 1, "sign", place[sides[node.key, p]][2])
-                   for p in node.ins]  # fmt: skip
+        for port in node.ins:
+            at, height, anchor = place[sides[node.key, port]]
+            labels.append(Label(sign_of(node, port), at, height, NAME + 1, "sign", anchor))
     return labels
 
 

@@ -26,13 +26,16 @@ def positions(count: int, rules: list[Rule], start: list[int], pivots: int = 400
     far are returned; they keep the rules, and are only less good.
     """
     y = list(start)
-    tree = _tight_tree(count, rules, y)
+    hung: list[set[int]] = [set() for _ in range(count)]
+    for k in _tight_tree(count, rules, y):
+        hung[rules[k].tail].add(k)
+        hung[rules[k].head].add(k)
     pull = [0] * count  # cost of moving one node down by 1
     for rule in rules:
         pull[rule.head] += rule.weight
         pull[rule.tail] -= rule.weight
     for _ in range(pivots):
-        order, via = _walk(count, rules, tree)
+        order, via = _walk(rules, hung)
         total = list(pull)
         for node in reversed(order[1:]):
             total[_other(rules[via[node]], node)] += total[node]
@@ -40,7 +43,7 @@ def positions(count: int, rules: list[Rule], start: list[int], pivots: int = 400
         gain, node = max(gains, default=(0, 0))
         if gain <= 0:
             return y
-        _exchange(rules, y, tree, via, order, -node)
+        _exchange(rules, y, hung, via[-node], -node)
     return y
 
 
@@ -83,37 +86,37 @@ def _tight_tree(count: int, rules: list[Rule], y: list[int]) -> set[int]:
         fresh = [n for n in (rules[nearest].tail, rules[nearest].head) if n in inside]
 
 
-def _walk(count: int, rules: list[Rule], tree: set[int]) -> tuple[list[int], list[int]]:
+def _walk(rules: list[Rule], hung: list[set[int]]) -> tuple[list[int], list[int]]:
     """Nodes of the tree from node 0 on, parents first, and the rule by which each was reached."""
-    touching: list[list[int]] = [[] for _ in range(count)]
-    for k in sorted(tree):
-        touching[rules[k].tail].append(k)
-        touching[rules[k].head].append(k)
-    order, via, seen = [0], [-1] * count, {0}
+    order, via = [0], [-1] * len(hung)
     for node in order:
-        for k in touching[node]:
-            other = _other(rules[k], node)
-            if other not in seen:
-                seen.add(other)
+        for k in sorted(hung[node]):
+            if k != via[node]:
+                rule = rules[k]
+                other = rule.head if rule.tail == node else rule.tail
                 via[other] = k
                 order.append(other)
     return order, via
 
 
-def _exchange(rules: list[Rule], y: list[int], tree: set[int], via: list[int], order: list[int], node: int) -> None:
+def _exchange(rules: list[Rule], y: list[int], hung: list[set[int]], leaving: int, node: int) -> None:
     """Move the branch that hangs on ``node`` until another rule becomes tight, and hang it there."""
-    branch = {node}
-    for other in order:
-        if via[other] >= 0 and _other(rules[via[other]], other) in branch and other != node:
-            branch.add(other)
-    down = rules[via[node]].head == node
-    best, entering = None, -1
+    for end in (rules[leaving].tail, rules[leaving].head):
+        hung[end].remove(leaving)
+    branch, line = {node}, [node]
+    for other in line:
+        fresh = [n for k in hung[other] if (n := _other(rules[k], other)) not in branch]
+        branch.update(fresh)
+        line += fresh
+    down = rules[leaving].head == node
+    entering, least = -1, 0
     for k, rule in enumerate(rules):
-        leaves = (rule.tail in branch and rule.head not in branch) if down else (
-            rule.head in branch and rule.tail not in branch)  # fmt: skip
-        if leaves and (best is None or _slack(rule, y) < best):
-            best, entering = _slack(rule, y), k
+        moves, stays = (rule.tail, rule.head) if down else (rule.head, rule.tail)
+        if moves in branch and stays not in branch:
+            slack = _slack(rule, y)
+            if entering < 0 or slack < least:
+                entering, least = k, slack
     for other in branch:
-        y[other] += (best or 0) if down else -(best or 0)
-    tree.remove(via[node])
-    tree.add(entering)
+        y[other] += least if down else -least
+    for end in (rules[entering].tail, rules[entering].head):
+        hung[end].add(entering)

@@ -25,12 +25,16 @@ def weight(kind: str) -> str:
 
 
 def marked(diagram: Diagram, names: Iterable[str]) -> set[str]:
-    """Blocks to highlight; a name inside a block that is a diagram marks that block. Raises TsmError for others."""
+    """Blocks to highlight; a name inside a block that is a diagram marks that block.
+
+    Raises TsmError for any other name.
+    """
     names = (names,) if isinstance(names, str) else tuple(names)
     found = set()
     for name in names:
         head, dot, _ = name.partition(".")
         if head not in diagram.blocks or (dot and not isinstance(diagram.blocks[head], Diagram)):
-            raise TsmError(f"diagram '{diagram.title}' has no block '{name}' to highlight.{near(name, diagram.blocks)}")
+            hint = near(name, diagram.blocks)
+            raise TsmError(f"diagram '{diagram.title}' has no block '{name}' to highlight.{hint}")
         found.add(head)
     return found

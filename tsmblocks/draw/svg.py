@@ -7,12 +7,14 @@ from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 from tsmblocks.diagram import Diagram
-from tsmblocks.draw.layout import layout
+from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Arrow, Box, Label, Point, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FONT, FRAME, INK, PAPER, colour, marked, weight
 
 
-def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:
+def to_svg(
+    diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None
+) -> str:
     """The diagram drawn as one SVG text, without outside fonts or scripts.
 
     ``highlight`` names blocks to be drawn in the accent colour (``"motor.slack"`` marks ``motor``);
@@ -22,11 +24,11 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
     """
     accent = marked(diagram, highlight)
     picture = layout(diagram, values=values)
-    size = f'width="{_n(picture.width)}" height="{_n(picture.height)}"'
+    width, height = _n(picture.width), _n(picture.height)
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {_n(picture.width)} {_n(picture.height)}" '
-        f'role="img" aria-label={quoteattr(diagram.title or "block diagram")} font-family={quoteattr(FONT)}>',
-        f"<title>{escape(diagram.title or 'block diagram')}</title>",
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
+        f'viewBox="0 0 {width} {height}" style="max-width:100%;height:auto" role="img" '
+        f"aria-label={quoteattr(picture.title or 'block diagram')} font-family={quoteattr(FONT)}>",
         f'<rect class="paper" width="100%" height="100%" rx="8" fill="{PAPER}"/>',
         *(_text(label) for label in picture.labels),
         *(_wire(wire) for wire in picture.wires),
@@ -77,7 +79,8 @@ def _box(box: Box, accent: bool) -> str:
     parts += [f'<path d="M{_n(a[0])} {_n(a[1])} L{_n(b[0])} {_n(b[1])}" stroke="{ACCENT if accent else INK}" '
               f'stroke-width="1.2"/>' for a, b in box.strokes]  # fmt: skip
     parts += [_text(label, accent) for label in box.labels]
-    return _group(box.shape, "data-block" if box.shape != "terminal" else "data-terminal", box.name, box.about, parts)
+    attribute = "data-terminal" if box.shape == "terminal" else "data-block"
+    return _group(box.shape, attribute, box.name, box.about, parts)
 
 
 def _outline(box: Box, accent: bool) -> list[str]:
@@ -90,11 +93,10 @@ def _outline(box: Box, accent: bool) -> list[str]:
     found = [_rect(box.x, box.y, box.width, box.height, f'rx="{_n(rim)}" {pen}')]
     if box.shape == "double":
         inner = f'rx="1" fill="none" stroke="{ink}" stroke-width="1"'
-        found.append(_rect(box.x + FRAME, box.y + FRAME, box.width - 2 * FRAME, box.height - 2 * FRAME, inner))
+        width, height = box.width - 2 * FRAME, box.height - 2 * FRAME
+        found.append(_rect(box.x + FRAME, box.y + FRAME, width, height, inner))
     return found
 
 
 def _rect(x: float, y: float, width: float, height: float, rest: str) -> str:
     return f'<rect x="{_n(x)}" y="{_n(y)}" width="{_n(width)}" height="{_n(height)}" {rest}/>'
-
-

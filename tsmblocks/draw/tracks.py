@@ -1,4 +1,4 @@
-"""Vertical wires between two columns: who stands left of whom, so that wires cross little and never share a line.
+"""Vertical wires between two columns: who stands left of whom, so that no two share a line and few cross.
 
 It knows heights of pins only.
 """
@@ -14,7 +14,7 @@ from tsmblocks.draw.picture import GRID
 
 @attrs.define(eq=False)
 class Trunk:
-    """The vertical part of a signal in one gap, with the heights at which wires leave to the left and right."""
+    """The vertical part of a signal in one gap, and the heights at which it goes on to the left and right."""
 
     owner: Any
     left: list[float]
@@ -75,8 +75,8 @@ def _unlocked(trunks: list[Trunk], levels: set[float]) -> list[Trunk]:
             return trunks
         free = _free(ring, levels)
         levels.add(free)
-        first, second = Trunk(ring.owner, ring.left, [free]), Trunk(ring.owner, [free], ring.right, after=ring.after)
-        first.after.append(second)
+        second = Trunk(ring.owner, [free], ring.right, after=ring.after)
+        first = Trunk(ring.owner, ring.left, [free], after=[second])
         for other in trunks:
             if ring in other.after:
                 other.after = [first if o is ring else o for o in other.after]

@@ -36,12 +36,12 @@ class Signal:
         if self.call is not None:
             self.hold, self.t = "exact", grid
             return
-        if np.ndim(getattr(given, "y", given)) == 0 and not hasattr(given, "t"):
+        if not hasattr(given, "t") and not isinstance(given, (list, tuple)) and np.ndim(given) == 0:
             given = _Plain(grid[[0, -1]], np.full(2, _number(name, given)), "zero")
         elif not hasattr(given, "t"):
             given = _Plain(*_pair(name, given, grid), hold)
         self.hold = given.hold
-        self.t, self.y = np.asarray(given.t, dtype=float), np.asarray(given.y, dtype=float)
+        self.t, self.y = _numbers(name, given.t), _numbers(name, given.y)
         self._check()
         self._splines: dict[int, Any] = {}
 
@@ -50,7 +50,7 @@ class Signal:
             raise DataError(f"input '{self.name}': there is no hold '{self.hold}'.{near(self.hold, HOLDS)}")
         if self.t.ndim != 1 or self.t.shape != self.y.shape or not len(self.t):
             raise DataError(f"input '{self.name}': times and values must be two lists of one length, "
-                            f"got {self.t.shape} and {self.y.shape}.")  # fmt: skip
+                            f"got shapes {self.t.shape} and {self.y.shape}.")  # fmt: skip
         bad = np.flatnonzero(~np.isfinite(self.y) | ~np.isfinite(self.t))
         if len(bad):
             raise DataError(f"input '{self.name}': sample {bad[0]} is not finite "
@@ -97,10 +97,19 @@ class Signal:
         if order:
             raise DataError(f"input '{self.name}' is a Python function, but its derivative is needed. "
                             "Give samples with hold='cubic', or make it a source block.")  # fmt: skip
-        values = np.asarray(self.call(t), dtype=float)
+        try:
+            values = np.asarray(self.call(t), dtype=float)
+        except Exception as error:
+            raise DataError(f"input '{self.name}': the function fails on an array of times, which it must take (use "
+                            f"np.where in the place of if). {type(error).__name__}: {error}") from error  # fmt: skip
         if values.shape not in ((), t.shape):
-            raise DataError(f"input '{self.name}': the function gave shape {values.shape} for {t.shape} times.")
-        return np.broadcast_to(values, t.shape)
+            raise DataError(f"input '{self.name}': the function must give one value for each time, got shape "
+                            f"{values.shape} for times of shape {t.shape}.")  # fmt: skip
+        values = np.broadcast_to(values, t.shape)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise DataError(f"input '{self.name}': the function gives {values[bad[0]]:g} at t = {t[bad[0]]:g} s.")
+        return values
 
     def _spline(self) -> Any:
         if 0 not in self._splines:
@@ -119,18 +128,29 @@ class _Plain:
 
 def _number(name: str, value: Any) -> float:
     try:
-        return float(value)
+        number = float(value)
     except (TypeError, ValueError):
         raise DataError(f"input '{name}' must be a number, samples or a function of time, "
                         f"got {in_words(value)}.") from None  # fmt: skip
+    if not np.isfinite(number):
+        raise DataError(f"input '{name}' must be a finite number, got {number:g}.")
+    return number
+
+
+def _numbers(name: str, given: Any) -> np.ndarray:
+    try:
+        return np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(f"input '{name}' must be a number, samples or a function of time, "
+                        f"got {in_words(given)}.") from None  # fmt: skip
 
 
 def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
     """(times, values) of a pair, or of values alone on the step grid."""
-    if isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1:
-        return given
-    values = np.asarray(given)
-    if values.ndim != 1 or values.dtype.kind not in "fiub":
+    if isinstance(given, tuple) and len(given) == 2 and all(hasattr(v, "__len__") for v in given):
+        return tuple(_numbers(name, v) for v in given)
+    values = _numbers(name, given)
+    if values.ndim != 1:
         raise DataError(f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}.")
     if len(values) not in (len(grid), len(grid) - 1):
         raise DataError(f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "

@@ -19,9 +19,9 @@ class InterpretedKernel(Kernel):
     def __init__(self, plan: Plan) -> None:
         frame = Frame(plan, "")
         super().__init__(frame)
-        self.end = 1.0 - HAIR if frame.jumps else 1.0
+        self.jumps = frame.jumps
         self.lanes = plan.lanes
-        self.step = _Call(_one_step(plan, self.end), plan.lanes) if not plan.wide_s else None
+        self.step = _Call(_one_step(plan, frame.jumps), plan.lanes) if not plan.wide_s else None
         self.rhs = _Call(plan.rhs, plan.lanes)
         self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
         self.lock = threading.Lock()  # the buffers of a call are shared
@@ -73,8 +73,7 @@ class InterpretedKernel(Kernel):
         for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
             ahead = x + h * sum(a * s for a, s in zip(row, slopes, strict=True) if a)
             inputs = u[method.instants.index(offset)][:, None]
-            at = self.end if offset == 1 else offset
-            slopes.append(self.rhs(t + at * h, ahead, d, inputs, past.at(k, offset), p)[0])
+            slopes.append(self.rhs(_at(t, h, offset, self.jumps), ahead, d, inputs, past.at(k, offset), p)[0])
         return np.asarray(x + h * sum(b * s for b, s in zip(method.weights, slopes, strict=True)))
 
 
@@ -144,7 +143,7 @@ def _dense(f: Any) -> Any:
     return ca.Function("dense", ins, [ca.densify(v) for v in f.call(ins)])
 
 
-def _one_step(plan: Plan, end: float) -> Any:
+def _one_step(plan: Plan, jumps: bool) -> Any:
     """One step of the method as one function of t, h, x, d, u (at all instants), p."""
     f, method, count = plan.rhs, plan.method, plan.inputs
     t, h = ca.SX.sym("t"), ca.SX.sym("h")
@@ -157,10 +156,15 @@ def _one_step(plan: Plan, end: float) -> Any:
         for a, s in zip(row, slopes, strict=True):
             ahead = ahead + h * a * s if a else ahead
         i = method.instants.index(offset)
-        at = end if offset == 1 else offset
-        slopes.append(f(t + at * h, ahead, d, u[i * count : (i + 1) * count], q, p)[0])
+        slopes.append(f(_at(t, h, offset, jumps), ahead, d, u[i * count : (i + 1) * count], q, p)[0])
     new = x + sum(h * b * s for b, s in zip(method.weights, slopes, strict=True))
     return ca.Function("step", [t, h, x, d, u, p], ca.cse([new]))
+
+
+def _at(t: Any, h: Any, offset: float, jumps: bool) -> Any:
+    """The time of a stage; the end of a step stands a hair before it where signals jump with time."""
+    time = t + offset * h
+    return time - (HAIR[0] * h + HAIR[1] * ca.fabs(time)) if jumps and offset == 1 else time
 
 
 def _open(flat: np.ndarray, layout: Layout) -> np.ndarray:

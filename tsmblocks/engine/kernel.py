@@ -23,8 +23,8 @@ from tsmblocks.engine.program import Program
 
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
 CONSTANT, TIME, HELD, MOVING = range(4)
-HAIR = 1e-6
-"""Fraction of a step by which the end of a step stands before a jump that falls on it."""
+HAIR = (1e-9, 8e-15)
+"""How far the end of a step stands before a jump that falls on it: of the step, and of the time itself."""
 
 
 def _time_jumps(program: Program, grades: list[int]) -> bool:
@@ -141,9 +141,15 @@ class Frame:
             return "%tn"
         if offset == 1:
             end = w.emit(self._time(w.emit("add i64 %kg, 1")))
-            return w.emit(f"fsub double {end}, {w.emit(f'fmul double %h, {number(HAIR)}')}") if self.jumps else end
+            return self._before(end) if self.jumps else end
         part = w.emit(f"fmul double %h, {number(offset)}")
         return w.emit(f"fadd double %tn, {part}")
+
+    def _before(self, t: str) -> str:
+        w = self.w
+        of_step = w.emit(f"fmul double %h, {number(HAIR[0])}")
+        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {number(HAIR[1])}")
+        return w.emit(f"fsub double {t}, {w.emit(f'fadd double {of_step}, {of_time}')}")
 
     def hits(self) -> list[str]:
         """1 or 0 for each rate group at this instant; branches over the update section when idle."""

@@ -16,7 +16,7 @@ from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.equation_set import Equations
-from tsmblocks.errors import DataError, RunError, near
+from tsmblocks.errors import DataError, RunError, in_words, near
 
 PIECE_SECONDS = 0.2
 """How long a kernel runs before Ctrl-C and progress get their turn."""
@@ -44,13 +44,21 @@ def steps_per_period(eq: Equations, h: float) -> tuple[int, ...]:
     for period in eq.periods:
         n = round(period / h)
         if n < 1 or not math.isclose(n * h, period, rel_tol=1e-9):
-            whole = max(1, n)
-            raise RunError(
-                f"the sample period {period:g} s is not a multiple of the step {h:g} s. "
-                f"A step of {period / whole:.6g} s would do."
-            )
+            owner = next(k for k, v in eq.sampled.items() if v == period)
+            raise RunError(f"the sample period {period:g} s of {owner} is not a multiple of the step {h:g} s."
+                           f"{_shorter_step(eq.periods, period, h)}")  # fmt: skip
         made.append(n)
     return tuple(made)
+
+
+def _shorter_step(periods: tuple[float, ...], period: float, h: float) -> str:
+    """A step that can be typed, no longer than the one asked for, of which every period is a multiple."""
+    least = math.ceil(period / h)
+    for n in range(least, 100 * least):
+        step = float(f"{period / n:.4g}")
+        if all(math.isclose(round(p / step) * step, p, rel_tol=1e-9) for p in periods):
+            return f" A step of {step:g} s would do."
+    return ""
 
 
 def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
@@ -58,7 +66,7 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     tau = np.asarray(eq.lag(p)).ravel() / h
     for name, steps in zip(eq.q, tau, strict=True):
         if not steps >= 1 - 1e-9:
-            raise RunError(f"the delay {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
+            raise RunError(f"the delay of {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
                            "Take a smaller step, or leave the delay out.")  # fmt: skip
     return tau
 
@@ -75,12 +83,14 @@ def start_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: 
     """Memory before the first step, for one run."""
     x, d, s = (np.asarray(v).ravel() for v in eq.start(p))
     for name, value in (start or {}).items():
+        if not isinstance(value, (int, float, np.number)) or not math.isfinite(value):
+            raise RunError(f"the start value of '{name}' must be a finite number, got {in_words(value)}.")
         if name in eq.x:
             x[eq.x.index(name)] = value
         elif name in eq.d:
             d[eq.d.index(name)] = value
         else:
-            raise RunError(f"there is no state '{name}' to start from.{near(name, [*eq.x, *eq.d])}")
+            raise RunError(f"diagram '{eq.title}' has no state '{name}'.{near(name, [*eq.x, *eq.d])}")
     tau = check_delays(eq, p, h)
     capacity = 1 << int(max(tau, default=0) + 8).bit_length()
     ring = np.repeat(s, capacity) if len(s) else np.empty(0)
@@ -98,7 +108,8 @@ def gather_signals(
     missing = [name for name in wanted if name not in inputs]
     if missing:
         units = ", ".join(f"{f.name}{f' [{f.unit}]' if f.unit else ''}" for f in eq.u if f.name in missing)
-        raise DataError(f"diagram '{eq.title}' needs its input {units}: give inputs={{'{missing[0]}': samples}}.")
+        words = "inputs" if len(missing) > 1 else "input"
+        raise DataError(f"diagram '{eq.title}' needs its {words} {units}: give inputs={{'{missing[0]}': samples}}.")
     span = (float(grid[0]), float(grid[-1]))
     taped = {block: source(*span) for block, source in eq.tapes.items()}
     known: dict[tuple[str, str], feeds.Signal] = {}
@@ -116,7 +127,10 @@ def gather_signals(
 
 @attrs.define(eq=False)
 class Session:
-    """A run in progress. ``advance`` takes steps and returns the logged rows; ``memory`` is the state."""
+    """A run in progress. ``advance`` takes steps and returns the logged rows; ``memory`` is the state.
+
+    ``events`` stays empty here: it is for sessions that locate switching instants.
+    """
 
     eq: Equations
     kernel: Kernel
@@ -127,6 +141,7 @@ class Session:
     every: int = 1
     k: int = 0
     hits: tuple[int, ...] = ()
+    events: list[Any] = attrs.field(factory=list)
 
     def rows_in(self, n: int, final: bool) -> int:
         """How many logged instants fall into the next n steps."""
@@ -145,30 +160,29 @@ class Session:
 
     def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:
         """Run to the end, or to where it stopped being finite or was interrupted."""
-        parts: list[np.ndarray] = []
-        piece, stopped = min(steps, 4096), None
-        while True:
-            n = min(piece, steps - self.k)
-            before, k, began = self.memory.copy(), self.k, clock.perf_counter()
-            final = self.k + n == steps
-            try:
+        parts: list[np.ndarray] = [np.empty((0, self.kernel.layout_y.size))]
+        piece, safe = min(steps, 4096), (1, self.k, self.memory.copy())
+        try:
+            while True:
+                began = clock.perf_counter()
+                n = min(piece, steps - self.k)
+                final = self.k + n == steps
                 y = self.advance(n, final)
                 if not math.isfinite(y.sum() + self.memory.x.sum()):
-                    stopped = self._failed(y, before, k, n)
+                    stopped = self._failed(y, safe[2], safe[1], n)
                     if stopped is not None:
-                        parts.append(y[: stopped.rows])
-                        break
+                        return np.concatenate([*parts, y[: stopped.rows]]), stopped
                 parts.append(y)
                 if final:
-                    break
+                    return np.concatenate(parts), None
+                safe = (len(parts), self.k, self.memory.copy())
                 if progress is not None:
                     progress(self.k / steps)
-            except KeyboardInterrupt:
-                stopped = Stopped(self.k, 0, before, interrupted=True)
-                break
-            took = max(clock.perf_counter() - began, 1e-6)
-            piece = int(np.clip(piece * PIECE_SECONDS / took, 1024, 1 << 20))
-        return np.concatenate(parts), stopped
+                took = max(clock.perf_counter() - began, 1e-6)
+                piece = int(np.clip(piece * PIECE_SECONDS / took, 1024, 1 << 20))
+        except KeyboardInterrupt:
+            count, self.k, self.memory = safe  # wherever it struck, all up to here is whole
+            return np.concatenate(parts[:count]), Stopped(self.k, 0, self.memory, interrupted=True)
 
     def _failed(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
         bad = np.flatnonzero(~np.isfinite(y).all(axis=1))

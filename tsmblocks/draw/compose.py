@@ -11,7 +11,7 @@ from tsmblocks.draw.graph import End, Net, graph
 from tsmblocks.draw.lines import traced
 from tsmblocks.draw.notes import notes
 from tsmblocks.draw.order import rows
-from tsmblocks.draw.picture import SMALL, TITLE, Label, Picture, Point, Wire, fitted, moved, text_width
+from tsmblocks.draw.picture import SMALL, TITLE, Label, Picture, Point, Wire, fitted, text_width
 from tsmblocks.draw.route import Plan
 from tsmblocks.draw.shapes import box, port_offset, size
 
@@ -31,8 +31,8 @@ def layout(diagram: Diagram, *, values: Mapping[str, Any] | None = None) -> Pict
     sides, heights = place.placed(drawn, found)
     plan = route.routed(Plan(drawn, found, sides, dict(heights)))
     for channel in plan.channels:
-        plan.y |= {key: channel.y for key in channel.loop.blocks}
-    turned = {key for channel in plan.channels for key in channel.loop.blocks}
+        plan.y |= dict.fromkeys(channel.loop.blocks, channel.y)
+    turned = {key for loop in drawn.loops for key in loop.blocks}
     boxes = [box(node, (plan.x[key], plan.y[key]), sides, key in turned) for key, node in drawn.nodes.items()]
     wires = [_wire(diagram, plan, net, net.source[0] in turned) for net in drawn.nets]
     return _framed(diagram, boxes, [wire for wire in wires if wire.lines])
@@ -47,14 +47,16 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     if text and not pieces:
         pieces.append((x, y, x + way * route.stub(net), y))
     lines, dots = traced(pieces)
-    labels = (Label(text, x + (14 if net.tapped else 6) * way, y - 5, SMALL, "signal", "end" if turned else "start"),) if text else ()
+    start = x + way * (14 if net.tapped else 6)
+    label = Label(text, start, y - 5, SMALL, "signal", "end" if turned else "start")
     taps: tuple[Point, ...] = ((x + 7, y),) if net.tapped else ()
     returned = [(key, plan.graph.nodes[key].ins[0]) for loop in plan.graph.loops
                 for one, key in zip(loop.nets, loop.blocks, strict=False) if one is net]  # fmt: skip
     targets = tuple(map(_said, (*net.ahead, *returned, *net.back)))
     unit = diagram.unit(_said(net.source))
     about = f"{_said(net.source)}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
-    return Wire(_said(net.source), targets, lines, tuple(plan.arrows[net]), dots, taps, labels, about)
+    return Wire(_said(net.source), targets, lines, tuple(plan.arrows[net]), dots, taps,
+                (label,) if text else (), about)  # fmt: skip
 
 
 def _said(end: End) -> str:
@@ -80,5 +82,5 @@ def _framed(diagram: Diagram, boxes: list[Any], wires: list[Wire]) -> Picture:
     width = max([right - left, *(text_width(h.text, h.size) for h in heads)]) + 2 * MARGIN
     dx, dy = round(MARGIN - left), round(y - top)
     return Picture(diagram.title, float(round(width + 1)), float(round(dy + bottom + MARGIN)),
-                   tuple(moved(b, dx, dy) for b in boxes), tuple(moved(w, dx, dy) for w in wires),
+                   tuple(b.moved(dx, dy) for b in boxes), tuple(w.moved(dx, dy) for w in wires),
                    tuple(heads))  # fmt: skip

@@ -1,0 +1,104 @@
+"""Chains of lags and limits, from ten blocks to five thousand: time to compile and time per step."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from measure import Best, Report, ms, race, three, timed
+
+import tsmblocks as tsm
+from tsmblocks.compile import compile_diagram
+from tsmblocks.engine import jit
+from tsmblocks.engine.kernels import kernel_for
+from tsmblocks.engine.methods import method_named
+from tsmblocks.engine.session import plan_for
+
+TOLERANCE = 1e-9
+LIMIT, T = 0.4, 0.02
+
+
+def chains(report: Report) -> None:
+    """Chains of growing length; the cost per block should not grow with them."""
+    rows, cost = [], {}
+    for blocks in (10, 100, 1000) if report.quick else (10, 100, 1000, 5000):
+        best = one(report, blocks)
+        if best is None:
+            continue
+        compile_ = best["diagram"].cpu + best["flatten"].cpu + best["machine code"].cpu
+        step = best["run"].cpu / 2000
+        cost[blocks] = compile_ / blocks, step / blocks
+        rows.append([f"{blocks} blocks", *(ms(best[k].cpu) for k in ("diagram", "flatten", "machine code")), three(1e3 * compile_ / blocks),
+                     three(1e6 * step), three(1e9 * step / blocks)])  # fmt: skip
+        report.note(f"chain of {blocks}", {k: b.cpu for k, b in best.items()})
+    head = ["chain", "diagram [ms]", "flatten [ms]", "machine code [ms]", "all, per block [ms]", "us per step", "ns per step and block"]
+    report.table(f"Chains of FirstOrderLag and Saturation, 2 s at 1 ms (differences allowed: {TOLERANCE:g})", head, rows)
+    for k, what in enumerate(("compile time", "time per step")):
+        grown = cost[5000][k] / cost[1000][k] if 5000 in cost and 1000 in cost else None
+        report.bar(f"chains, {what} per block: 5000 blocks over 1000", grown, 1.5)
+
+
+def chain(blocks: int) -> Any:
+    """A sine through lags and limits in turn."""
+    made: dict[str, Any] = {"ref": tsm.blocks.Sine(amplitude=1.0, frequency=0.5)}
+    for k in range(blocks // 2):
+        made[f"lag{k}"] = tsm.blocks.FirstOrderLag(time_constant=T)
+        made[f"limit{k}"] = tsm.blocks.Saturation(low=-LIMIT, high=LIMIT)
+    names = list(made)
+    wires = [f"{a} -> {b}" for a, b in zip(names, names[1:], strict=False)]
+    return tsm.Diagram(title=f"Chain of {blocks}", blocks=made, wires=wires, outputs={"y": names[-1]})
+
+
+def by_hand(lags: int, steps: int, h: float) -> np.ndarray:
+    """States of the lags at the end, by RK4 on NumPy vectors."""
+    x, source = np.zeros(lags), np.empty(lags)
+
+    def rates(t: float, x: np.ndarray) -> np.ndarray:
+        source[0] = np.sin(2 * np.pi * 0.5 * t)
+        source[1:] = np.clip(x[:-1], -LIMIT, LIMIT)
+        return (source - x) / T
+
+    for k in range(steps):
+        t = k * h
+        k1 = rates(t, x)
+        k2 = rates(t + h / 2, x + h / 2 * k1)
+        k3 = rates(t + h / 2, x + h / 2 * k2)
+        k4 = rates((k + 1) * h, x + h * k3)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return x
+
+
+def one(report: Report, blocks: int) -> dict[str, Best] | None:
+    """Times of one length: build, flatten, compile afresh, run."""
+    best = {k: Best() for k in ("diagram", "flatten", "machine code")}
+    for _ in range(2 if blocks > 1000 or report.quick else 4):
+        timed(lambda: chain(blocks), best["diagram"])
+        diagram = chain(blocks)
+        timed(lambda: compile_diagram(diagram), best["flatten"])  # noqa: B023 - called at once
+        eq = compile_diagram(diagram)
+        plan = plan_for(eq, method_named("rk4"), (eq.y.index(eq.aliases["y"]),))
+        with compiled_afresh():
+            timed(lambda: kernel_for(plan), best["machine code"])  # noqa: B023
+    run = tsm.simulate(diagram, stop=2.0, log="outputs")
+    order = [eq.x.index(f"lag{k}.value") for k in range(blocks // 2)]
+    off = float(np.abs(run.state.memory.x[order] - by_hand(blocks // 2, 2000, 1e-3)).max())
+    if not report.check(f"chain of {blocks}", off, TOLERANCE):
+        return None
+    return best | race({"run": lambda: tsm.simulate(diagram, stop=2.0, log="outputs")}, 3, 0.3)
+
+
+class compiled_afresh:  # noqa: N801 - reads as a sentence after "with"
+    """Neither the store on disk nor what this process has compiled so far is used inside."""
+
+    def __enter__(self) -> None:
+        self.store, self.loaded = os.environ.get("TSMBLOCKS_CACHE"), dict(jit._LOADED)
+        os.environ["TSMBLOCKS_CACHE"] = "off"
+        jit._LOADED.clear()
+
+    def __exit__(self, *_: object) -> None:
+        jit._LOADED.update(self.loaded)  # kernels elsewhere still run this code
+        if self.store is None:
+            del os.environ["TSMBLOCKS_CACHE"]
+        else:
+            os.environ["TSMBLOCKS_CACHE"] = self.store

@@ -1,0 +1,81 @@
+"""What a run is asked for: a diagram, times, inputs. Each is checked here, once, for every way to run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import DataError, RunError, TsmError, in_words
+
+
+def prepared(diagram: Diagram, parameters: Mapping[str, Any] | None = None) -> Diagram:
+    """The diagram to run, with its parameters changed. Raises RunError when it is none."""
+    if not isinstance(diagram, Diagram):
+        hint = f" Load it first: tsmblocks.load({diagram!r})." if isinstance(diagram, str) else ""
+        raise RunError(f"only a diagram can be run, got {in_words(diagram)}.{hint}")
+    return diagram if parameters is None else diagram.with_parameters(parameters)
+
+
+def given_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Inputs by name. Raises DataError when they are anything else."""
+    if inputs is not None and not isinstance(inputs, Mapping):
+        raise DataError(f"inputs must map names to signals, such as {{'u': 1.0}}, got {in_words(inputs)}.")
+    return dict(inputs or {})
+
+
+def number(what: str, value: Any, error: type[TsmError] = RunError) -> float:
+    """A number, NaN and infinity excluded. Raises ``error``, ``what`` being its name."""
+    plain = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
+    if not plain or not math.isfinite(value):
+        raise error(f"{what} must be a finite number, got {in_words(value)}.")
+    return float(value)
+
+
+def positive(what: str, value: Any) -> float:
+    """A time longer than zero, in s. Raises RunError."""
+    if number(what, value) <= 0:
+        raise RunError(f"{what} must be longer than 0 s, got {in_words(value)}.")
+    return float(value)
+
+
+def every_nth(value: Any) -> int:
+    """How many instants lie between two that are kept, plus one. Raises RunError."""
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
+        raise RunError(f"every must be a whole number of at least 1, got {in_words(value)}.")
+    return int(value)
+
+
+def whole_steps(start: float, stop: float, h: float) -> int:
+    """Steps from ``start`` until no whole step is left before ``stop`` [s]. Raises RunError when there is none."""
+    if not start < stop:
+        raise RunError(f"the run must end after it starts, got start={start:g} s and stop={stop:g} s.")
+    steps = (stop - start) / h
+    whole = round(steps) if math.isclose(steps, round(steps), rel_tol=1e-9) else math.floor(steps)
+    if whole < 1:
+        raise RunError(f"the step of {h:g} s is longer than the run of {stop - start:g} s.")
+    return whole
+
+
+def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
+    """The end of the shortest recorded input, on a step; 20 s when there is none."""
+    ends = []
+    for value in inputs.values():
+        times = getattr(value, "t", value[0] if isinstance(value, tuple) and len(value) == 2 else None)
+        if times is not None and np.ndim(times) == 1 and len(times):
+            ends.append(float(np.asarray(times)[-1]))
+        elif times is None and isinstance(value, (list, tuple, np.ndarray)) and len(value):
+            ends.append(start + (len(value) - 1) * h)
+    return start + math.floor((min(ends) - start) / h + 1e-6) * h if ends else 20.0
+
+
+def run_times(
+    inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any
+) -> tuple[float, float, int, int]:
+    """Start [s], step [s], number of steps and spacing of what is kept. Raises RunError."""
+    begin, h, spacing = number("start", start), positive("step", step), every_nth(every)
+    end = resolve_stop(inputs, begin, h) if stop is None else number("stop", stop)
+    return begin, h, whole_steps(begin, end, h), spacing

@@ -1,0 +1,164 @@
+"""Through one step in parts: up to where a switch turns over, and on with its other branch."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tsmblocks.engine import feeds
+from tsmblocks.engine.kernels import Memory
+from tsmblocks.engine.switches import Frozen, margin, turned
+
+EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
+MOST = 8
+"""Times a switch may turn over within a step, and twice less at one instant, before it is given up."""
+SAME = 1e-9
+"""Fraction of a step within which two instants are one."""
+
+
+@attrs.frozen
+class Event:
+    """An instant ``t`` [s] at which a switch turned over.
+
+    ``block`` is the block whose equation holds the switch (``""`` when it cannot be told), ``switch`` one
+    of abs, sign, min, max, <, <=. ``rising`` tells the direction: the argument of abs and sign, a - b of
+    min(a, b) and max(a, b), b - a of a < b and a <= b became positive.
+    """
+
+    t: float
+    block: str
+    switch: str
+    rising: bool
+
+
+@attrs.frozen(eq=False)
+class Point:
+    """A state within a step, with its modes and switching functions."""
+
+    t: float
+    x: np.ndarray
+    d: np.ndarray
+    m: np.ndarray
+    g: np.ndarray
+
+
+@attrs.frozen(eq=False)
+class Passed:
+    """A step that was passed: its end, and the events on the way."""
+
+    end: Point
+    events: list[Event]
+
+
+class Crossing:
+    """Takes single steps of length ``h`` with frozen switches; ``like`` lends the parameters."""
+
+    def __init__(
+        self, frozen: Frozen, signals: list[tuple[feeds.Signal, int]], like: Memory, start: float, h: float
+    ) -> None:
+        self.frozen, self.signals, self.like, self.start, self.h = frozen, signals, like, start, h
+        self.instants = frozen.part.plan.method.instants
+        self.no_inputs = np.empty((2, len(self.instants), 0))
+
+    def step(self, here: Point, t: float) -> Passed | Event | None:
+        """From a point on the grid to the next one at ``t``.
+
+        An Event when a switch keeps turning over (a sliding mode), None when numbers leave the finite ones.
+        """
+        frozen, events = self.frozen, list[Event]()
+        count, near, before = (np.zeros(len(here.m)) for _ in range(3))
+        while t - here.t > self._finest(t):
+            end = self._part(here, t)
+            if end is None:
+                return None
+            wrong = frozen.wrong(end.g, here.m)
+            if not wrong.any():
+                return Passed(end, events)
+            past = self._cross(here, end, wrong)
+            made = None if past is None else self._turn(past, wrong)
+            if made is None:
+                return None
+            here, which = made
+            again = which & (count > 0) & (here.t - before <= SAME * self.h)
+            count, near, before = count + which, near * again + which, np.where(which, here.t, before)
+            chattering = (near > 2) | (count > MOST)
+            if chattering.any():
+                return self.events(here.t, chattering, here.m)[0]
+            if here.t > self.start + SAME * self.h:
+                events += self.events(here.t, which & ~again, here.m)
+        return Passed(here, events)
+
+    def events(self, t: float, which: np.ndarray, m: np.ndarray) -> list[Event]:
+        """The turning over of some switches, in words."""
+        return [Event(t, *self.frozen.names[i], bool(m[i] > 0)) for i in np.flatnonzero(which)]
+
+    def _finest(self, t: float) -> float:
+        """To what an instant is located."""
+        return 1e-13 * self.h + 4 * EPS * abs(t)
+
+    def _inputs(self, t: float, length: float) -> np.ndarray:
+        """Inputs of a part of a step; at its end those just before it."""
+        if not self.signals:
+            return self.no_inputs
+        made = feeds.rows(self.signals, t, length, 0, 1, (*self.instants, 1.0))
+        u = np.ascontiguousarray(made[:, : len(self.instants)])
+        u[1, 0] = made[0, -1]
+        return u
+
+    def _part(self, here: Point, t: float) -> Point | None:
+        """One step of the method from a point to t, or no step but g anew; None if not finite."""
+        n, length = (1, t - here.t) if t > here.t else (0, self.h)
+        memory, g = self.frozen.memory(here.x, here.d, here.m, self.like), np.empty((1, len(here.m)))
+        self.frozen.part.advance(memory, self._inputs(here.t, length), t0=here.t, h=length, k0=0, n=n,
+                                 final=True, every=1, skip=n, hits=(), y=g)  # fmt: skip
+        finite = np.isfinite(memory.x).all() and not np.isnan(g).any()
+        return Point(t, memory.x, here.d, here.m, g[0]) if finite else None
+
+    def _cross(self, here: Point, end: Point, wrong: np.ndarray) -> Point | None:
+        """The point just past the first crossing on the way (the Illinois method, some bisection among it)."""
+        starts, ends = margin(here.g, here.m), margin(end.g, here.m)
+        watch = (wrong | (starts > 0)) & np.isfinite(starts) & np.isfinite(ends)
+        if not watch.any():
+            return end
+        scale = np.maximum(np.maximum(np.abs(starts), np.abs(ends))[watch], TINY)
+
+        def worst(point: Point) -> float:
+            return float(np.min(margin(point.g, here.m)[watch] / scale))
+
+        low, above, high, below = here.t, max(worst(here), 0.0), end.t, worst(end)
+        past: Point | None = end
+        finest, side, tries = self._finest(end.t), 0, 0
+        while high - low > finest and below < 0:
+            tries += 1
+            if above == 0:  # on the edge from the start: is it left at once?
+                t = low + (high - low) * (1e-6 if side >= 0 else 0.5)
+            elif tries % 4 == 0:
+                t = (low + high) / 2
+            else:
+                t = high - below * (high - low) / (below - above)
+                t = min(max(t, low + finest / 2), high - finest / 2)
+            point = self._part(here, t)
+            value = worst(point) if point is not None else -1.0
+            if value < 0 or (value == 0 and above > 0):
+                high, below, past = t, value, point
+                above, side = (above / 2 if side > 0 else above), 1
+            else:
+                low, above = t, value
+                below, side = (below / 2 if side < 0 else below), -1
+        return past
+
+    def _turn(self, past: Point, wrong: np.ndarray) -> tuple[Point, np.ndarray] | None:
+        """The point with all switches turned over that cross there or jump with those; and which they are."""
+        frozen = self.frozen
+        which = frozen.wrong(past.g, past.m) | (wrong & (margin(past.g, past.m) <= 0))
+        here: Point | None = attrs.evolve(past, m=turned(past.g, past.m, which))
+        if frozen.remember is not None:
+            u, memory = self._inputs(past.t, self.h)[0, 0], frozen.memory(past.x, past.d, here.m, self.like)
+            d, x = frozen.remember(past.t, memory.x, memory.d, u, [], memory.p)
+            here = attrs.evolve(here, d=np.asarray(d).ravel(), x=np.asarray(x).ravel())
+        while (here := self._part(here, here.t)) is not None:
+            more = frozen.wrong(here.g, here.m) & ~which
+            if not more.any():
+                return here, which
+            here, which = attrs.evolve(here, m=turned(here.g, here.m, more)), which | more
+        return None
