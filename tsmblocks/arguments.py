@@ -27,18 +27,22 @@ def given_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
     return dict(inputs or {})
 
 
+def _is_number(value: Any) -> bool:
+    plain = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
+    return plain and math.isfinite(value)
+
+
 def number(what: str, value: Any, error: type[TsmError] = RunError) -> float:
     """A number, NaN and infinity excluded. Raises ``error``, ``what`` being its name."""
-    plain = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
-    if not plain or not math.isfinite(value):
+    if not _is_number(value):
         raise error(f"{what} must be a finite number, got {in_words(value)}.")
     return float(value)
 
 
 def positive(what: str, value: Any) -> float:
     """A time longer than zero, in s. Raises RunError."""
-    if number(what, value) <= 0:
-        raise RunError(f"{what} must be longer than 0 s, got {in_words(value)}.")
+    if not _is_number(value) or value <= 0:
+        raise RunError(f"{what} must be a positive number of seconds, got {in_words(value)}.")
     return float(value)
 
 

@@ -225,7 +225,8 @@ def value_faults(
                     k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v) for k, v in used.items()
                 })  # fmt: skip
             except ParameterError as error:
-                yield located(f"{name}: {error}", place)
+                said = ", ".join(f"{k} = {values[k]:g}" for k in sorted(wanted))
+                yield located(f"{name}: {error} From values: {said}.", place)
 
 
 def _is_number(value: Any) -> bool:

@@ -17,13 +17,12 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin on problems of this size
 
-import numpy as np  # noqa: E402 - after the threads are set
-
-import batches  # noqa: E402, I001
+import batches  # noqa: E402
 import chains  # noqa: E402
 import cold_start  # noqa: E402
 import gradients  # noqa: E402
 import hand_c  # noqa: E402
+import numpy as np  # noqa: E402 - after the threads are set
 import peers  # noqa: E402
 import single_run  # noqa: E402
 from measure import Report  # noqa: E402
@@ -41,11 +40,23 @@ SECTIONS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the chosen sections and hold the figures against the bars."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="shorter runs and fewer repetitions: under a minute")
-    parser.add_argument("--peers", action="store_true", help="also the other tools that are installed: some minutes")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="shorter runs and fewer repetitions: under a minute"
+    )
+    parser.add_argument(
+        "--peers", action="store_true", help="also the other tools that are installed: some minutes"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every number to FILE")
-    parser.add_argument("--only", action="append", choices=SECTIONS, metavar="NAME", help=f"one of {', '.join(SECTIONS)}; repeatable")
+    parser.add_argument(
+        "--only",
+        action="append",
+        choices=SECTIONS,
+        metavar="NAME",
+        help=f"one of {', '.join(SECTIONS)}; repeatable",
+    )
     args = parser.parse_args(arguments)
     report = Report(args.quick)
     describe(report)

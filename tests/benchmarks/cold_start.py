@@ -34,8 +34,18 @@ def cold_start(report: Report) -> None:
         parts = np.min(found, axis=0)
         total = min(t[1] + t[2] for t in found)
         rows.append([name, ms(parts[0]), ms(parts[1]), ms(parts[2]), ms(total), ms(parts[3])])
-        report.note(f"cold start, {name}", {"import_s": parts[0], "read_s": parts[1], "first_run_s": parts[2], "total_s": total})
+        report.note(
+            f"cold start, {name}",
+            {"import_s": parts[0], "read_s": parts[1], "first_run_s": parts[2], "total_s": total},
+        )
         if name == "store off":
             report.bar("cold start beyond imports, Fig 9(b), 20 s", total, 0.3, " s")
-    head = ["machine code", "import [ms]", "read the file [ms]", "first run [ms]", "beyond import [ms]", "second run [ms]"]
+    head = [
+        "machine code",
+        "import [ms]",
+        "read the file [ms]",
+        "first run [ms]",
+        "beyond import [ms]",
+        "second run [ms]",
+    ]
     report.table("Cold start, Fig 9(b), 20 s at 1 ms: fresh processes", head, rows)

@@ -24,14 +24,24 @@ _COMMON = [
     *("drive.low", "drive.high", "motor.K", "motor.tau"),
 ]
 NUMBERS = {"fig09b": _COMMON, "fig16": [*_COMMON, *(f"pid.{k}" for k in ("kp", "ki", "kd", "tau"))]}
-_LOG = ("ref.y", "compensator.y", "error.y", "controller.y", "drive.y", "motor.y", "motor.v", "tsm.y",
-        "controller.integral", "controller.smooth", "motor.angle", "motor.speed", "compensator.zeta", "tsm.zeta")  # fmt: skip
+_LOG = (
+    *("ref.y", "compensator.y", "error.y", "controller.y", "drive.y", "motor.y", "motor.v", "tsm.y"),
+    *("controller.integral", "controller.smooth", "motor.angle", "motor.speed"),
+    *("compensator.zeta", "tsm.zeta"),
+)
 LOG = {"fig09b": _LOG, "fig16": (*_LOG, "tip_error.y", "pid.y", "total.y", "pid.integral", "pid.smooth")}
 
 
 def compiler() -> str | None:
     """The C compiler found, ``CC`` first."""
-    return next((path for name in (os.environ.get("CC", ""), "gcc", "cc", "clang") if name and (path := shutil.which(name))), None)
+    return next(
+        (
+            path
+            for name in (os.environ.get("CC", ""), "gcc", "cc", "clang")
+            if name and (path := shutil.which(name))
+        ),
+        None,
+    )
 
 
 def version(path: str) -> str:
@@ -46,18 +56,24 @@ def build(folder: Path) -> dict[str, ctypes.CDLL]:
     for name, flags in FLAGS.items() if path else ():
         library = folder / f"hand-{len(made)}.so"
         source = Path(__file__).with_name("hand.c")
-        said = subprocess.run([path, *flags, "-shared", "-fPIC", "-o", library, source, "-lm"], capture_output=True, check=False)
+        said = subprocess.run(
+            [path, *flags, "-shared", "-fPIC", "-o", library, source, "-lm"], capture_output=True, check=False
+        )
         if said.returncode == 0:
             made[name] = ctypes.CDLL(str(library))
     return made
 
 
-def caller(library: ctypes.CDLL, figure: str, values: Mapping[str, float], steps: int, h: float) -> Callable[[np.ndarray], None]:
+def caller(
+    library: ctypes.CDLL, figure: str, values: Mapping[str, float], steps: int, h: float
+) -> Callable[[np.ndarray], None]:
     """A function that runs ``fig09b`` or ``fig16`` into an array of shape (steps + 1, signals)."""
     function = library[figure]
     function.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_long, ctypes.c_void_p]
     function.restype = None
-    given = np.array([values.get(name, values.get(name.partition(".")[2], np.nan)) for name in NUMBERS[figure]])
+    given = np.array(
+        [values.get(name, values.get(name.partition(".")[2], np.nan)) for name in NUMBERS[figure]]
+    )
 
     def run(log: np.ndarray) -> None:
         function(given.ctypes.data, h, steps, log.ctypes.data)

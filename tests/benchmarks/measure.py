@@ -96,20 +96,27 @@ class Report:
         widths = [max(len(str(r[k])) for r in [head, *rows]) for k in range(len(head))]
 
         def line(cells: Sequence[str]) -> str:
-            padded = [str(c).ljust(w) if k == 0 else str(c).rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=True))]
+            padded = [
+                str(c).ljust(w) if k == 0 else str(c).rjust(w)
+                for k, (c, w) in enumerate(zip(cells, widths, strict=True))
+            ]
             return f"| {' | '.join(padded)} |"
 
         rule = "|".join(["", "-" * (widths[0] + 2), *(f"{'-' * (w + 1)}:" for w in widths[1:]), ""])
         self.say(f"\n{title}\n\n{line(head)}\n{rule}")
         for row in rows:
             self.say(line(row))
-        self.found.setdefault("tables", []).append({"title": title, "head": list(head), "rows": [list(r) for r in rows]})
+        self.found.setdefault("tables", []).append(
+            {"title": title, "head": list(head), "rows": [list(r) for r in rows]}
+        )
 
     def note(self, key: str, value: Any) -> None:
         """Keep a number for the JSON file."""
         self.found.setdefault("numbers", {})[key] = value
 
-    def bar(self, what: str, figure: float | None, limit: float, unit: str = "", at_least: bool = False) -> None:
+    def bar(
+        self, what: str, figure: float | None, limit: float, unit: str = "", at_least: bool = False
+    ) -> None:
         """Hold a figure against a bar of the design; None when it could not be measured."""
         sign = "at least" if at_least else "at most"
         if figure is None or not np.isfinite(figure):
@@ -125,7 +132,9 @@ class Report:
         for text in self.failed:
             self.say(f"CHECK FAILED  {text}")
         if path is not None:
-            self.found["bars"] = [dict(zip(("bar", "figure", "limit", "passed"), row, strict=True)) for row in self.bars]
+            self.found["bars"] = [
+                dict(zip(("bar", "figure", "limit", "passed"), row, strict=True)) for row in self.bars
+            ]
             self.found["failed"] = self.failed
             path.write_text(json.dumps(self.found, indent=1, default=float) + "\n")
         return 1 if self.failed else 0

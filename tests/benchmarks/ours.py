@@ -19,7 +19,11 @@ from tsmblocks.simulate import equations, parameter_vector
 TOLERANCE = 0.0
 METHOD = "RK4, fixed step"
 COMPILES = True
-FIGURES = {"fig09b": "fig09b_feedforward", "fig16": "fig16_feedforward_feedback", "plant": "tendon_sheath_asymmetric"}
+FIGURES = {
+    "fig09b": "fig09b_feedforward",
+    "fig16": "fig16_feedforward_feedback",
+    "plant": "tendon_sheath_asymmetric",
+}
 
 
 def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], np.ndarray]:
@@ -36,31 +40,48 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
 def peer_numbers(diagram: Any) -> dict[str, float]:
     """The numbers of Fig 9(b) under the names that the other tools' modules use."""
     values = {**diagram.values, **diagram.parameters}
-    named = {k: f"ref.{k}" for k in ("amplitude", "frequency")} | {k: f"controller.{k}" for k in ("kp", "ki", "kd", "tau")}
+    named = {k: f"ref.{k}" for k in ("amplitude", "frequency")} | {
+        k: f"controller.{k}" for k in ("kp", "ki", "kd", "tau")
+    }
     named |= {"low": "drive.low", "high": "drive.high", "K": "motor.K", "motor_tau": "motor.tau"}
-    named |= {k: f"tsm.{k}" if f"tsm.{k}" in values else k for k in ("alpha1", "alpha2", "A", "theta", "delta")}
+    named |= {
+        k: f"tsm.{k}" if f"tsm.{k}" in values else k for k in ("alpha1", "alpha2", "A", "theta", "delta")
+    }
     return {k: float(values[name]) for k, name in named.items()}
 
 
 class KernelRun:
     """The compiled loop alone, into memory that is there already: no checks, no units, no new arrays."""
 
-    def __init__(self, diagram: Any, stop: float, step: float = 1e-3, inputs: Mapping[str, Any] | None = None, outputs: bool = False) -> None:
+    def __init__(
+        self,
+        diagram: Any,
+        stop: float,
+        step: float = 1e-3,
+        inputs: Mapping[str, Any] | None = None,
+        outputs: bool = False,
+    ) -> None:
         eq = equations(diagram)
-        shown = tuple(dict.fromkeys(eq.y.index(v) for v in eq.aliases.values())) if outputs else tuple(range(len(eq.y)))
+        shown = (
+            tuple(dict.fromkeys(eq.y.index(v) for v in eq.aliases.values()))
+            if outputs
+            else tuple(range(len(eq.y)))
+        )
         self.kernel: Kernel = single_kernel(eq, method_named("rk4"), shown, "")
         self.names = tuple(eq.y[k] for k in shown)
         self.step, self.steps = step, round(stop / step)
         p, grid = parameter_vector(eq, diagram), step * np.arange(self.steps + 1)
         self.memory = start_memory(eq, self.kernel, p, step)
         instants = self.kernel.plan.method.instants
-        self.u = feeds.rows(gather_signals(eq, dict(inputs or {}), grid, "linear"), 0.0, step, 0, self.steps, instants)
+        self.u = feeds.rows(
+            gather_signals(eq, dict(inputs or {}), grid, "linear"), 0.0, step, 0, self.steps, instants
+        )
         self.hits = steps_per_period(eq, step)
         self.y = np.zeros((self.steps + 1, self.kernel.layout_y.size))
 
     def __call__(self) -> None:
-        self.kernel.advance(self.memory.copy(), self.u, t0=0.0, h=self.step, k0=0, n=self.steps, final=True, every=1, skip=0,
-                            hits=self.hits, y=self.y)  # fmt: skip
+        numbers = dict(t0=0.0, h=self.step, k0=0, n=self.steps, every=1, skip=0)
+        self.kernel.advance(self.memory.copy(), self.u, final=True, hits=self.hits, y=self.y, **numbers)
 
     def signals(self) -> dict[str, np.ndarray]:
         """What the last call logged."""

@@ -1,6 +1,6 @@
 """One tool in a process of its own: import, build, first run, more runs; writes what it measured.
 
-    python peer_worker.py MODULE SETTINGS.json RESULT.npz
+python peer_worker.py MODULE SETTINGS.json RESULT.npz
 """
 
 import time

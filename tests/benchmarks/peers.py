@@ -44,7 +44,12 @@ class Measured:
     off: float = 0.0
 
 
-def run_worker(module: str, settings: dict[str, Any], environment: dict[str, str] | None = None, limit: float = TIME_LIMIT) -> dict[str, Any]:
+def run_worker(
+    module: str,
+    settings: dict[str, Any],
+    environment: dict[str, str] | None = None,
+    limit: float = TIME_LIMIT,
+) -> dict[str, Any]:
     """Run one tool in a fresh process; what it measured. Raises RuntimeError with its last words."""
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder, "settings.json"), Path(folder, "result.npz")
@@ -53,7 +58,9 @@ def run_worker(module: str, settings: dict[str, Any], environment: dict[str, str
         env = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, **(environment or {})}
         command = [sys.executable, str(HERE / "peer_worker.py"), module, str(given), str(made)]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, env=env, cwd=folder, timeout=limit, check=False)
+            done = subprocess.run(
+                command, capture_output=True, text=True, env=env, cwd=folder, timeout=limit, check=False
+            )
         except subprocess.TimeoutExpired:
             raise RuntimeError(f"not done after {limit:g} s") from None
         if done.returncode or not made.exists():
@@ -85,12 +92,18 @@ def race_peers(report: Report) -> None:
     show(report, found, round(stop / 1e-3), stop)
 
 
-def take(report: Report, measured: Measured, name: str, result: dict[str, Any], reference: np.ndarray) -> None:
+def take(
+    report: Report, measured: Measured, name: str, result: dict[str, Any], reference: np.ndarray
+) -> None:
     """Check one process's result and take its times into account."""
     tolerance = float(result["tolerance"])
     tail = abs(spread_of_tail(result["error"]) - spread_of_tail(reference))
     off = max(difference({"e": reference}, {"e": result["error"]}), tail)
-    measured.off, measured.tolerance, measured.method = max(measured.off, off), tolerance, str(result["method"])
+    measured.off, measured.tolerance, measured.method = (
+        max(measured.off, off),
+        tolerance,
+        str(result["method"]),
+    )
     if not report.check(f"peers: {name}", off, tolerance):
         raise RuntimeError(f"its result differs by {off:.3g}")
     for wall, cpu in result["runs"]:
@@ -105,13 +118,12 @@ def show(report: Report, found: dict[str, Measured], steps: int, stop: float) ->
     for name, m in sorted(found.items(), key=lambda item: item[1].run.cpu):
         dist = TOOLS[name][2]
         version = metadata.version(dist) if dist else tsm.__version__
-        rows.append([
-            f"{name} {version}", m.method, three(m.run.wall), three(m.run.cpu), three(1e6 * m.run.cpu / steps),
-            three(m.run.cpu / base), three(m.times[0]), three(m.times[1] + m.times[2]), three(m.first_result),
-            f"{m.off:.0e} ({m.tolerance:g})",
-        ])  # fmt: skip
-        report.note(f"peer, {name}", {"wall_s": m.run.wall, "cpu_s": m.run.cpu, "runs": m.run.count, "import_s": m.times[0],
-                                      "first_after_import_s": m.times[1] + m.times[2], "first_result_s": m.first_result})  # fmt: skip
-    head = ["tool", "method", "wall [s]", "CPU [s]", "us per step", "ratio", "import [s]", "first result after it [s]", "together [s]",
-            "largest difference (allowed)"]  # fmt: skip
+        first = m.times[1] + m.times[2]
+        figures = (m.run.wall, m.run.cpu, 1e6 * m.run.cpu / steps, m.run.cpu / base, m.times[0], first)
+        off = f"{m.off:.0e} ({m.tolerance:g})"
+        rows.append([f"{name} {version}", m.method, *(three(x) for x in figures), three(m.first_result), off])
+        kept = {"wall_s": m.run.wall, "cpu_s": m.run.cpu, "runs": m.run.count, "import_s": m.times[0]}
+        report.note(f"peer, {name}", {**kept, "after_import_s": first, "first_result_s": m.first_result})
+    head = ["tool", "method", "wall [s]", "CPU [s]", "us per step", "ratio"]
+    head += ["import [s]", "then first result [s]", "together [s]", "difference (allowed)"]
     report.table(f"Fig 9(b) in each tool: {stop:g} s at 1 ms", head, rows)

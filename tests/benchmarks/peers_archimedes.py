@@ -18,26 +18,37 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     f, n = Formulas(numbers), numbers
     steps = round(stop / step)
 
-    def slope(v):  # noqa: ANN001, ANN202
+    def slope(v):
         return f.mean + f.half * np.tanh(v)
 
-    def zeta_rate(v, zeta):  # noqa: ANN001, ANN202
+    def zeta_rate(v, zeta):
         return n["A"] * v - n["theta"] * abs(v) * zeta + n["delta"] * abs(v)
 
-    def rates(t, x, u, p):  # noqa: ANN001, ANN202
+    def rates(t, x, u, p):
         integral, smooth, angle, speed, estimate, zeta = x
         v_ref = n["amplitude"] * f.w * np.cos(f.w * t)
         e = (n["amplitude"] * np.sin(f.w * t) - estimate) / slope(v_ref) - angle
         d = (e - smooth) / n["tau"]
         u = np.clip(n["kp"] * e + n["ki"] * integral + n["kd"] * d, n["low"], n["high"])
-        return np.hstack([e, d, speed, (n["K"] * u - speed) / n["motor_tau"], zeta_rate(v_ref, estimate), zeta_rate(speed, zeta)])
+        return np.hstack(
+            [
+                e,
+                d,
+                speed,
+                (n["K"] * u - speed) / n["motor_tau"],
+                zeta_rate(v_ref, estimate),
+                zeta_rate(speed, zeta),
+            ]
+        )
 
     advance = arc.discretize(rates, dt=step, method="rk4")
 
     @arc.compile
-    def simulate(x):  # noqa: ANN001, ANN202
-        def one(x, k):  # noqa: ANN001, ANN202
-            return advance(k * step, x, 0.0, 0.0), n["amplitude"] * np.sin(f.w * k * step) - (slope(x[3]) * x[2] + x[5])
+    def simulate(x):
+        def one(x, k):
+            return advance(k * step, x, 0.0, 0.0), n["amplitude"] * np.sin(f.w * k * step) - (
+                slope(x[3]) * x[2] + x[5]
+            )
 
         return arc.scan(one, x, xs=np.arange(steps + 1.0))[1]
 

@@ -22,11 +22,16 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     error = ct.summing_junction(["x_ff", "-x_in"], "e", name="error")
     tracking = ct.summing_junction(["x_ref", "-x_out"], "miss", name="tracking")
     controller = ct.ss(ct.tf(*f.pid_polynomials()), inputs="e", outputs="wanted", name="controller")
-    drive = ct.nlsys(None, lambda t, x, u, p: np.clip(u, n["low"], n["high"]), inputs="wanted", outputs="u", name="drive")
+    drive = ct.nlsys(
+        None, lambda t, x, u, p: np.clip(u, n["low"], n["high"]), inputs="wanted", outputs="u", name="drive"
+    )
     motor = ct.ss(ct.tf([n["K"]], [n["motor_tau"], 1]), inputs="u", outputs="v", name="motor")
     angle = ct.ss(ct.tf([1], [1, 0]), inputs="v", outputs="x_in", name="angle")
-    plant = ct.nlsys(lambda t, z, u, p: [f.zeta_rate(u[1], z[0])], lambda t, z, u, p: [f.slope(u[1]) * u[0] + z[0]],
-                     states=1, inputs=["x_in", "v"], outputs="x_out", name="plant")  # fmt: skip
+    plant = ct.nlsys(
+        lambda t, z, u, p: [f.zeta_rate(u[1], z[0])],
+        lambda t, z, u, p: [f.slope(u[1]) * u[0] + z[0]],
+        states=1, inputs=["x_in", "v"], outputs="x_out", name="plant",
+    )  # fmt: skip
     parts = [observer, compensator, error, controller, drive, motor, angle, plant, tracking]
     system = ct.interconnect(parts, inputs=["x_ref", "v_ref"], outputs=["miss"])
     t = step * np.arange(round(stop / step) + 1)

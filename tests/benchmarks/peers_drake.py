@@ -1,4 +1,4 @@
-"""Fig 9(b) in Drake: its C++ blocks, its symbolic blocks for the hysteresis, RK3 at a fixed step (it has no RK4)."""
+"""Fig 9(b) in Drake: C++ blocks, symbolic blocks for the hysteresis, RK3 (it has no RK4 at a fixed step)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ from pydrake.symbolic import Variable, tanh
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
-    Adder, Demultiplexer, Gain, LinearSystem, LogVectorOutput, Multiplexer, Saturation, Sine, SymbolicVectorSystem,
+    Adder,
+    Demultiplexer,
+    Gain,
+    LinearSystem,
+    LogVectorOutput,
+    Multiplexer,
+    Saturation,
+    Sine,
+    SymbolicVectorSystem,
 )  # fmt: skip
 
 TOLERANCE = 1e-6
@@ -28,32 +36,40 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     add = b.AddNamedSystem
     ref = add("ref", Sine(n["amplitude"], f.w, 0.0, 1))  # ports: value, first and second derivative
     both = add("both", Multiplexer(2))
-    compensator = add("compensator", SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[(x - z) / slope]))
+    compensator = add(
+        "compensator",
+        SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[(x - z) / slope]),
+    )
     error, tracking = add("error", Adder(2, 1)), add("tracking", Adder(2, 1))
     minus_angle, minus_out = add("minus_angle", Gain(-1.0, 1)), add("minus_out", Gain(-1.0, 1))
-    controller = add("controller", LinearSystem([[0, 0], [0, -corner]], [[1], [corner]], [[n["ki"], -n["kd"] * corner]],
-                                                [[n["kp"] + n["kd"] * corner]]))  # fmt: skip
+    kp, ki, kd = n["kp"], n["ki"], n["kd"]
+    pid = LinearSystem([[0, 0], [0, -corner]], [[1], [corner]], [[ki, -kd * corner]], [[kp + kd * corner]])
+    controller = add("controller", pid)
     drive = add("drive", Saturation([n["low"]], [n["high"]]))
     lag = 1 / n["motor_tau"]
-    motor = add("motor", LinearSystem([[0, 1], [0, -lag]], [[0], [n["K"] * lag]], np.eye(2), np.zeros((2, 1))))
+    motor = add(
+        "motor", LinearSystem([[0, 1], [0, -lag]], [[0], [n["K"] * lag]], np.eye(2), np.zeros((2, 1)))
+    )
     split = add("split", Demultiplexer(2))
-    plant = add("plant", SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[slope * x + z]))
-    out = "get_output_port"
-    for source, sink, port in [
-        (ref.get_output_port(0), both, 0), (ref.get_output_port(1), both, 1), (getattr(both, out)(), compensator, 0),
-        (compensator.get_output_port(), error, 0), (minus_angle.get_output_port(), error, 1),
-        (error.get_output_port(), controller, 0), (controller.get_output_port(), drive, 0),
-        (drive.get_output_port(), motor, 0), (motor.get_output_port(), split, 0), (motor.get_output_port(), plant, 0),
-        (split.get_output_port(0), minus_angle, 0), (plant.get_output_port(), minus_out, 0),
-        (ref.get_output_port(0), tracking, 0), (minus_out.get_output_port(), tracking, 1),
+    plant = add(
+        "plant", SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[slope * x + z])
+    )
+    for source, port, sink, number in [
+        (ref, 0, both, 0), (ref, 1, both, 1), (both, 0, compensator, 0), (compensator, 0, error, 0),
+        (minus_angle, 0, error, 1), (error, 0, controller, 0), (controller, 0, drive, 0),
+        (drive, 0, motor, 0), (motor, 0, split, 0), (motor, 0, plant, 0),
+        (split, 0, minus_angle, 0), (plant, 0, minus_out, 0), (ref, 0, tracking, 0),
+        (minus_out, 0, tracking, 1),
     ]:  # fmt: skip
-        b.Connect(source, sink.get_input_port(port))
+        b.Connect(source.get_output_port(port), sink.get_input_port(number))
     log = LogVectorOutput(tracking.get_output_port(), b, step)
     diagram = b.Build()
 
     def run() -> np.ndarray:
         simulator = Simulator(diagram)
-        config = SimulatorConfig(integration_scheme="runge_kutta3", max_step_size=step, use_error_control=False)
+        config = SimulatorConfig(
+            integration_scheme="runge_kutta3", max_step_size=step, use_error_control=False
+        )
         ApplySimulatorConfig(config, simulator)
         simulator.AdvanceTo(stop)
         return np.asarray(log.FindLog(simulator.get_context()).data()[0])

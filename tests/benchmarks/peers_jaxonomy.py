@@ -23,10 +23,10 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     jax.config.update("jax_enable_x64", True)
     f, n = Formulas(numbers), numbers
 
-    def slope(v):  # noqa: ANN001, ANN202
+    def slope(v):
         return f.mean + f.half * jnp.tanh(v)
 
-    def zeta_rate(v, zeta):  # noqa: ANN001, ANN202
+    def zeta_rate(v, zeta):
         return n["A"] * v - n["theta"] * jnp.abs(v) * zeta + n["delta"] * jnp.abs(v)
 
     class Hysteresis(jaxonomy.LeafSystem):
@@ -36,9 +36,14 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
             super().__init__(name=name)
             self.declare_input_port()
             self.declare_input_port()
-            self.declare_continuous_state(default_value=jnp.array(0.0), ode=lambda t, s, *u, **p: zeta_rate(u[1], s.continuous_state))
-            self.declare_output_port(lambda t, s, *u, **p: make(u[0], u[1], s.continuous_state),
-                                     prerequisites_of_calc=[p.ticket for p in self.input_ports], requires_inputs=True)  # fmt: skip
+            self.declare_continuous_state(
+                default_value=jnp.array(0.0), ode=lambda t, s, *u, **p: zeta_rate(u[1], s.continuous_state)
+            )
+            self.declare_output_port(
+                lambda t, s, *u, **p: make(u[0], u[1], s.continuous_state),
+                prerequisites_of_calc=[p.ticket for p in self.input_ports],
+                requires_inputs=True,
+            )
 
     b = jaxonomy.DiagramBuilder()
     x_ref = b.add(Sine(amplitude=n["amplitude"], frequency=f.w, name="x_ref"))
@@ -53,18 +58,22 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     tracking = b.add(Adder(2, operators="+-", name="tracking"))
     for source, sink, port in [
         (x_ref, compensator, 0), (v_ref, compensator, 1), (compensator, error, 0), (angle, error, 1),
-        (error, controller, 0), (controller, drive, 0), (drive, motor, 0), (motor, angle, 0), (angle, plant, 0),
-        (motor, plant, 1), (x_ref, tracking, 0), (plant, tracking, 1),
+        (error, controller, 0), (controller, drive, 0), (drive, motor, 0), (motor, angle, 0),
+        (angle, plant, 0), (motor, plant, 1), (x_ref, tracking, 0), (plant, tracking, 1),
     ]:  # fmt: skip
         b.connect(source.output_ports[0], sink.input_ports[port])
     diagram = b.build()
     context = diagram.create_context()
     steps = round(stop / step)
-    options = jaxonomy.SimulatorOptions(math_backend="jax", ode_solver_method="rk4", max_minor_step_size=step,
-                                        max_major_step_length=stop, buffer_length=2 * steps + 10, return_context=False)  # fmt: skip
+    options = jaxonomy.SimulatorOptions(
+        math_backend="jax", ode_solver_method="rk4", max_minor_step_size=step, max_major_step_length=stop,
+        buffer_length=2 * steps + 10, return_context=False,
+    )  # fmt: skip
 
     def run() -> np.ndarray:
-        result = jaxonomy.simulate(diagram, context, (0.0, stop), options=options, recorded_signals={"e": tracking.output_ports[0]})
+        result = jaxonomy.simulate(
+            diagram, context, (0.0, stop), options=options, recorded_signals={"e": tracking.output_ports[0]}
+        )
         new = np.append(True, np.diff(np.asarray(result.time)) > step / 2)  # start and end are recorded twice
         return np.asarray(result.outputs["e"])[new]
 

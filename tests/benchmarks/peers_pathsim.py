@@ -26,7 +26,21 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     error, tracking = Adder("+-"), Adder("+-")
     controller = PID(n["kp"], n["ki"], n["kd"], f_max=1 / n["tau"])
     drive, motor, angle, scope = Clip(n["low"], n["high"]), PT1(n["K"], n["motor_tau"]), Integrator(), Scope()
-    blocks = [x_ref, v_ref, observer, compensator, error, controller, drive, motor, angle, plant, output, tracking, scope]
+    blocks = [
+        x_ref,
+        v_ref,
+        observer,
+        compensator,
+        error,
+        controller,
+        drive,
+        motor,
+        angle,
+        plant,
+        output,
+        tracking,
+        scope,
+    ]
     wires = [
         Connection(v_ref, observer, compensator[2]),
         Connection(x_ref, compensator[0], tracking[0]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,89 +21,108 @@ TOLERANCE = 1e-9
 HEAD = ["what", "wall [ms]", "CPU [ms]", "us per step", "ratio", "largest difference"]
 
 
+@dataclass
+class Contestant:
+    """``run`` is timed; ``signals`` gives what it computed, by the diagram's names, for the check."""
+
+    run: Callable[[], Any]
+    signals: Callable[[], Mapping[str, np.ndarray]]
+
+
+def of_engine(diagram: Any, stop: float, **options: Any) -> Contestant:
+    """``simulate()`` as its user calls it."""
+
+    def run() -> Any:
+        return tsm.simulate(diagram, stop=stop, **options)
+
+    return Contestant(run, lambda: ours.signals(run()))
+
+
+def by_hand(function: Callable[..., Any], diagram: Any, steps: int) -> Contestant:
+    """A function of ``hand_python``."""
+    model = hand_python.Model({**diagram.values, **diagram.parameters})
+
+    def run() -> Any:
+        return function(model, steps, 1e-3)
+
+    return Contestant(run, lambda: dict(zip(hand_c.LOG["fig09b"], np.array(run()).T, strict=True)))
+
+
+def in_c(library: Any, figure: str, diagram: Any, steps: int, fresh: bool) -> Contestant:
+    """A C program, into memory that is there already or (``fresh``) into a new array each time."""
+    call = hand_c.caller(library, figure, {**diagram.values, **diagram.parameters}, steps, 1e-3)
+    log = hand_c.log_for(figure, steps)
+    kept = [log]
+
+    def run() -> None:
+        kept[0] = np.empty_like(log) if fresh else log
+        call(kept[0])
+
+    return Contestant(run, lambda: hand_c.signals(figure, kept[0]))
+
+
 def fig09b(report: Report) -> None:
     """Fig 9(b), 20 s at 1 ms, the contestants that live in this process."""
     diagram, stop = tsm.load(ours.FIGURES["fig09b"]), 4.0 if report.quick else 20.0
-    run, kernel = tsm.simulate(diagram, stop=stop), ours.KernelRun(diagram, stop)
-    reference, steps = ours.signals(run), kernel.steps
-    model = hand_python.Model({**diagram.values, **diagram.parameters})
-    columns = hand_c.LOG["fig09b"]
-
-    def by_name(rows: Any) -> dict[str, np.ndarray]:
-        return dict(zip(columns, np.array(rows).T, strict=True))
-
-    entries: dict[str, tuple[Callable[[], Any], Callable[[], Mapping[str, np.ndarray]]]] = {
-        "tsmblocks, simulate()": (lambda: tsm.simulate(diagram, stop=stop), lambda: reference),
-        "tsmblocks, kernel alone": (kernel, kernel.signals),
-        "tsmblocks without llvmlite": (
-            lambda: tsm.simulate(diagram, stop=stop, backend="casadi"),
-            lambda: ours.signals(tsm.simulate(diagram, stop=stop, backend="casadi")),
-        ),
-        "Python floats by hand": (
-            lambda: hand_python.plain(model, steps, 1e-3),
-            lambda: by_name(hand_python.plain(model, steps, 1e-3)),
-        ),
-        "NumPy vectors by hand": (
-            lambda: hand_python.vectors(model, steps, 1e-3),
-            lambda: by_name(hand_python.vectors(model, steps, 1e-3)),
-        ),
+    kernel, own = ours.KernelRun(diagram, stop), "tsmblocks, simulate()"
+    entries = {
+        own: of_engine(diagram, stop),
+        "tsmblocks, kernel alone": Contestant(kernel, kernel.signals),
+        "tsmblocks without llvmlite": of_engine(diagram, stop, backend="casadi"),
+        "Python floats by hand": by_hand(hand_python.plain, diagram, kernel.steps),
+        "NumPy vectors by hand": by_hand(hand_python.vectors, diagram, kernel.steps),
+        **c_entries(report, "fig09b", diagram, kernel.steps),
     }
-    with tempfile.TemporaryDirectory() as folder:
-        entries |= c_entries(report, "fig09b", diagram, steps, Path(folder))
-        best = checked_race(report, "Fig 9(b)", entries, reference, 3 if report.quick else 7)
-    report.note("fig09b.peak_to_peak_rad", spread_of_tail(ours.tracking(run)))
-    report.note("fig09b.simulate_cpu_s", best["tsmblocks, simulate()"].cpu)
-    show(report, f"Fig 9(b): {stop:g} s at 1 ms, all 14 signals logged, ratio to simulate()", best, steps, "tsmblocks, simulate()")
+    best = checked_race(report, "Fig 9(b)", entries, own, 3 if report.quick else 7)
+    title = f"Fig 9(b): {stop:g} s at 1 ms, all {len(kernel.names)} signals logged, ratio to simulate()"
+    show(report, title, best, kernel.steps, own)
 
 
 def fig16(report: Report) -> None:
     """Fig 16, 100 s at 1 ms, against C."""
     diagram, stop = tsm.load(ours.FIGURES["fig16"]), 10.0 if report.quick else 100.0
-    kernel, run = ours.KernelRun(diagram, stop), tsm.simulate(diagram, stop=stop)
-    reference = ours.signals(run)
-    entries: dict[str, tuple[Callable[[], Any], Callable[[], Mapping[str, np.ndarray]]]] = {
-        "tsmblocks, kernel alone": (kernel, kernel.signals),
-        "tsmblocks, simulate()": (lambda: tsm.simulate(diagram, stop=stop), lambda: reference),
-        "tsmblocks, simulate(), outputs only": (
-            lambda: tsm.simulate(diagram, stop=stop, log="outputs"),
-            lambda: ours.signals(tsm.simulate(diagram, stop=stop, log="outputs")),
-        ),
+    kernel, own = ours.KernelRun(diagram, stop), "tsmblocks, simulate()"
+    entries = {
+        "tsmblocks, kernel alone": Contestant(kernel, kernel.signals),
+        own: of_engine(diagram, stop),
+        "tsmblocks, simulate(), outputs only": of_engine(diagram, stop, log="outputs"),
+        **c_entries(report, "fig16", diagram, kernel.steps),
     }
-    with tempfile.TemporaryDirectory() as folder:
-        entries |= c_entries(report, "fig16", diagram, kernel.steps, Path(folder))
-        best = checked_race(report, "Fig 16", entries, reference, 5 if report.quick else 15)
-    fastest = min((n for n in best if n.startswith("C, ") and "new" not in n), key=lambda n: best[n].cpu, default=None)
-    against = fastest or "tsmblocks, kernel alone"
-    show(report, f"Fig 16: {stop:g} s at 1 ms, all 19 signals logged, ratio to the best C", best, kernel.steps, against)
-    c = best[fastest].cpu if fastest else float("nan")
-    report.bar("Fig 16, kernel over best C", best["tsmblocks, kernel alone"].cpu / c, 1.3)
-    report.bar("Fig 16, simulate() over best C", best["tsmblocks, simulate()"].cpu / c, 1.3)
+    best = checked_race(report, "Fig 16", entries, own, 5 if report.quick else 15)
+    programs = [name for name in best if name.startswith("C, ") and name != NEW]
+    fastest = min(programs, key=lambda name: best[name].cpu, default="tsmblocks, kernel alone")
+    title = f"Fig 16: {stop:g} s at 1 ms, all {len(kernel.names)} signals logged, ratio to the best C"
+    show(report, title, best, kernel.steps, fastest)
+    c = best[fastest].cpu if programs else None
+    report.bar("Fig 16, kernel over best C", c and best["tsmblocks, kernel alone"].cpu / c, 1.3)
+    report.bar("Fig 16, simulate() over best C", c and best[own].cpu / c, 1.3)
 
 
-def c_entries(report: Report, figure: str, diagram: Any, steps: int, folder: Path) -> dict[str, Any]:
-    """The C programs as contestants: into memory that is there, and (the native one) into a new array."""
-    libraries = hand_c.build(folder)
+NEW = "C, new array"
+
+
+def c_entries(report: Report, figure: str, diagram: Any, steps: int) -> dict[str, Contestant]:
+    """The C programs as contestants."""
+    with tempfile.TemporaryDirectory() as folder:  # a library stays loaded when its file is gone
+        libraries = hand_c.build(Path(folder))
     if not libraries:
         report.say("No C compiler was found (CC, gcc, cc, clang): the rows of hand-written C are left out.")
-    values, made = {**diagram.values, **diagram.parameters}, {}
-    for name, library in libraries.items():
-        run, log = hand_c.caller(library, figure, values, steps, 1e-3), hand_c.log_for(figure, steps)
-        made[f"C, {name}"] = (lambda run=run, log=log: run(log), lambda log=log: hand_c.signals(figure, log))
-        if "C, new array" not in made:
-            first = run
-            made["C, new array"] = (lambda: first(np.empty_like(log)), lambda log=log: hand_c.signals(figure, log))
-    return made
+        return {}
+    made = {f"C, {name}": in_c(library, figure, diagram, steps, False) for name, library in libraries.items()}
+    return {**made, NEW: in_c(next(iter(libraries.values())), figure, diagram, steps, True)}
 
 
-def checked_race(report: Report, title: str, entries: Mapping[str, Any], reference: Mapping[str, np.ndarray], rounds: int) -> dict[str, Best]:
-    """Check each contestant's signals, then race those that agree; differences are kept for the table."""
-    good = {}
-    for name, (run, result) in entries.items():
-        run()
-        signals = result()
+def checked_race(
+    report: Report, title: str, entries: Mapping[str, Contestant], own: str, rounds: int
+) -> dict[str, Best]:
+    """Check each contestant's signals against ``own``, then race those that agree."""
+    reference, good = entries[own].signals(), {}
+    for name, entry in entries.items():
+        entry.run()
+        signals = entry.signals()
         off = max(difference(reference, signals), _tail_difference(reference, signals))
         if report.check(f"{title}: {name}", off, TOLERANCE):
-            good[name] = run
+            good[name] = entry.run
     return race(good, rounds)
 
 
@@ -113,10 +133,11 @@ def _tail_difference(a: Mapping[str, np.ndarray], b: Mapping[str, np.ndarray]) -
 
 
 def show(report: Report, title: str, best: Mapping[str, Best], steps: int, unit: str) -> None:
-    """Print the table of one race."""
-    base, rows = best[unit].cpu if unit in best else float("nan"), []
+    """Print the table of one race; ratios are to ``unit``."""
+    base, rows, figure = best[unit].cpu, [], title.partition(":")[0]
     for name, b in best.items():
-        off = report.found["checks"][f"{title.partition(':')[0]}: {name}"]["difference"]
-        rows.append([name, ms(b.wall), ms(b.cpu), three(1e6 * b.cpu / steps), three(b.cpu / base), f"{off:.0e}"])
-        report.note(f"{title.partition(':')[0]}, {name}", {"wall_s": b.wall, "cpu_s": b.cpu, "runs": b.count})
+        off = report.found["checks"][f"{figure}: {name}"]["difference"]
+        us = three(1e6 * b.cpu / steps)
+        rows.append([name, ms(b.wall), ms(b.cpu), us, three(b.cpu / base), f"{off:.0e}"])
+        report.note(f"{figure}, {name}", {"wall_s": b.wall, "cpu_s": b.cpu, "runs": b.count})
     report.table(f"{title} (differences allowed: {TOLERANCE:g})", HEAD, rows)

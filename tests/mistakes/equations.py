@@ -1,4 +1,5 @@
 """Mistakes in the equations of users' own blocks."""
+# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import math
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from tests.mistakes.table import mistake
 from tsmblocks.block import Block, Input, Output, Past, State, block, option, parameter, state
-from tsmblocks.blocks import function_block, Sine
+from tsmblocks.blocks import Sine, function_block
 from tsmblocks.compile import compile_diagram
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import BlockError, DiagramError, EquationError
@@ -16,10 +17,16 @@ from tsmblocks.errors import BlockError, DiagramError, EquationError
 def compiled(cls, **parameters):
     """A diagram with one sine into the block, compiled."""
     made = cls(**parameters)
-    compile_diagram(Diagram(title="own", blocks=dict(ref=Sine(unit="1"), mine=made), wires=[f"ref -> mine.{k}" for k in made.inports]))
+    compile_diagram(
+        Diagram(
+            title="own",
+            blocks=dict(ref=Sine(unit="1"), mine=made),
+            wires=[f"ref -> mine.{k}" for k in made.inports],
+        )
+    )
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.outputs leaves out z. Declared: y, z.")
 def an_output_is_left_out():
     @block(register=False)
     class Mine(Block):
@@ -33,7 +40,7 @@ def an_output_is_left_out():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.outputs leaves out y and returns Y, which is not declared. Declared: y.")
 def an_output_by_another_name():
     @block(register=False)
     class Mine(Block):
@@ -46,7 +53,7 @@ def an_output_by_another_name():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine has no method outputs(self, t, x, u), which should give y.")
 def no_outputs_method():
     @block(register=False)
     class Mine(Block):
@@ -56,7 +63,10 @@ def no_outputs_method():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.outputs must return values by name, such as dict(y=…), got one expression.",
+)
 def a_number_instead_of_a_dict():
     @block(register=False)
     class Mine(Block):
@@ -69,7 +79,10 @@ def a_number_instead_of_a_dict():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.outputs must return values by name, such as dict(y=…), got nothing (is there a return?).",
+)
 def nothing_is_returned():
     @block(register=False)
     class Mine(Block):
@@ -82,7 +95,7 @@ def nothing_is_returned():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.outputs reads 'sped', which is no input. Did you mean 'speed'? See HERE.")
 def a_misspelt_input_in_an_equation():
     @block(register=False)
     class Mine(Block):
@@ -95,7 +108,10 @@ def a_misspelt_input_in_an_equation():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.outputs reads self.gian, which is not declared. Did you mean 'gain'? See HERE.",
+)
 def a_misspelt_parameter_in_an_equation():
     @block(register=False)
     class Mine(Block):
@@ -109,7 +125,10 @@ def a_misspelt_parameter_in_an_equation():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and where Python has if, min, max or and. See HERE.",
+)
 def a_python_if_on_a_signal():
     @block(register=False)
     class Mine(Block):
@@ -124,7 +143,10 @@ def a_python_if_on_a_signal():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and where Python has if, min, max or and. See HERE.",
+)
 def a_python_max_of_a_signal():
     @block(register=False)
     class Mine(Block):
@@ -137,7 +159,10 @@ def a_python_max_of_a_signal():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.outputs makes y not a number. Inside equations use casadi's functions (ca.tanh, ca.fabs), not math's or float().",
+)
 def tanh_of_math():
     @block(register=False)
     class Mine(Block):
@@ -150,7 +175,10 @@ def tanh_of_math():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.outputs makes y not a number. Inside equations use casadi's functions (ca.tanh, ca.fabs), not math's or float().",
+)
 def float_of_a_signal():
     @block(register=False)
     class Mine(Block):
@@ -163,7 +191,7 @@ def float_of_a_signal():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.outputs gives y with shape (2, 1); every signal is a scalar.")
 def a_vector_where_a_number_belongs():
     @block(register=False)
     class Mine(Block):
@@ -176,7 +204,7 @@ def a_vector_where_a_number_belongs():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.outputs gives y = 'u', which is not a number.")
 def text_where_a_signal_belongs():
     @block(register=False)
     class Mine(Block):
@@ -189,7 +217,10 @@ def text_where_a_signal_belongs():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine leaves state z without a rate or an update. Give it one in derivatives or in updates.",
+)
 def a_state_without_a_rate():
     @block(register=False)
     class Mine(Block):
@@ -203,7 +234,7 @@ def a_state_without_a_rate():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.derivatives returns zeta, which is not a state. Declared: z.")
 def a_rate_of_no_state():
     @block(register=False)
     class Mine(Block):
@@ -220,7 +251,7 @@ def a_rate_of_no_state():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine is sampled, so it has no rates; z should be in updates.")
 def a_sampled_block_with_rates():
     @block(register=False)
     class Mine(Block):
@@ -239,7 +270,7 @@ def a_sampled_block_with_rates():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine is sampled and needs an option 'period' in s.")
 def a_sampled_block_without_a_period():
     @block(register=False)
     class Mine(Block):
@@ -253,7 +284,7 @@ def a_sampled_block_without_a_period():
     compiled(Mine)
 
 
-@mistake(EquationError, "?", cause=True)
+@mistake(EquationError, "mine: Mine.outputs fails: KeyError: 'gain'. See HERE.", cause=True)
 def a_block_that_fails_inside():
     @block(register=False)
     class Mine(Block):
@@ -266,7 +297,11 @@ def a_block_that_fails_inside():
     compiled(Mine)
 
 
-@mistake(EquationError, "?", cause=True)
+@mistake(
+    EquationError,
+    "mine: Mine.outputs fails: ZeroDivisionError: division by zero. See HERE.",
+    cause=True,
+)
 def a_rate_that_fails_inside():
     @block(register=False)
     class Mine(Block):
@@ -283,7 +318,7 @@ def a_rate_that_fails_inside():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.v is the rate of 'x', which is no input. Known here: u.")
 def the_rate_of_a_port_that_is_not_there():
     @block(register=False)
     class Mine(Block):
@@ -297,7 +332,7 @@ def the_rate_of_a_port_that_is_not_there():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.past is the past of 'x', which is no input. Known here: u.")
 def the_past_of_a_port_that_is_not_there():
     @block(register=False)
     class Mine(Block):
@@ -313,7 +348,7 @@ def the_past_of_a_port_that_is_not_there():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.past needs the parameter 'tau', which is not declared. There are none.")
 def the_past_by_a_parameter_that_is_not_there():
     @block(register=False)
     class Mine(Block):
@@ -327,7 +362,7 @@ def the_past_by_a_parameter_that_is_not_there():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.outputs gives y with shape (2, 1); every signal is a scalar.")
 def a_numpy_array_where_a_number_belongs():
     @block(register=False)
     class Mine(Block):
@@ -340,7 +375,7 @@ def a_numpy_array_where_a_number_belongs():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: Mine.z must start at a number, got 'zero'.")
 def a_state_that_starts_with_text():
     @block(register=False)
     class Mine(Block):
@@ -360,7 +395,10 @@ def a_state_that_starts_with_text():
     compiled(Mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: Mine.y is two things at once (a port, a state); give one of them another name.",
+)
 def a_state_named_like_an_input():
     @block(register=False)
     class Mine(Block):
@@ -380,7 +418,13 @@ def a_state_named_like_an_input():
     compiled(Mine)
 
 
-@mistake(DiagramError, "?")
+@mistake(
+    DiagramError,
+    """
+diagram 'own' (HERE) has 1 problem:
+  1. mine.u: 'radd' is not a unit known here. Did you mean 'rad'?
+""",
+)
 def a_unit_that_is_none():
     @block(register=False)
     class Mine(Block):
@@ -393,24 +437,13 @@ def a_unit_that_is_none():
     compiled(Mine)
 
 
-@mistake(DiagramError, "?")
-def two_ports_whose_units_cannot_agree():
-    @block(register=False)
-    class Mine(Block):
-        u = Input("in", unit="?u")
-        y = Output("out", unit="?u")
-        z = Output("out", unit="?u/s*s*s")
-
-        def outputs(self, t, x, u):
-            return dict(y=u.u, z=u.u)
-
-    compiled(Mine)
-
-
 # ---- plain functions
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and where Python has if, min, max or and. See HERE.",
+)
 def a_function_that_branches():
     @function_block(register=False)
     def mine(u, k=0.3):
@@ -419,7 +452,7 @@ def a_function_that_branches():
     compiled(mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: mine must return y, got nothing.")
 def a_function_that_returns_nothing():
     @function_block(register=False)
     def mine(u, k=0.3):
@@ -428,7 +461,7 @@ def a_function_that_returns_nothing():
     compiled(mine)
 
 
-@mistake(EquationError, "?")
+@mistake(EquationError, "mine: mine must return y, got 2 values.")
 def a_function_that_returns_two():
     @function_block(register=False)
     def mine(u, k=0.3):
@@ -437,7 +470,10 @@ def a_function_that_returns_two():
     compiled(mine)
 
 
-@mistake(EquationError, "?")
+@mistake(
+    EquationError,
+    "mine: mine.outputs makes y not a number. Inside equations use casadi's functions (ca.tanh, ca.fabs), not math's or float().",
+)
 def a_function_of_math():
     @function_block(register=False)
     def mine(u, k=0.3):
@@ -446,33 +482,39 @@ def a_function_of_math():
     compiled(mine)
 
 
-@mistake(BlockError, "?")
+@mistake(BlockError, "mine(*u) cannot be a block: name each input and each parameter.")
 def a_function_of_any_number_of_things():
     @function_block(register=False)
     def mine(*u):
         return u[0]
 
 
-@mistake(BlockError, "?")
+@mistake(
+    BlockError,
+    "mine: the default of 'mode' must be a number or a tuple of numbers, got 'fast'. Without a default it would be an input.",
+)
 def a_function_with_a_default_of_text():
     @function_block(register=False)
     def mine(u, mode="fast"):
         return u
 
 
-@mistake(BlockError, "?")
+@mistake(
+    BlockError,
+    "function_block needs a function made by def, with a name, got <function a_function_without_a_name.<locals>.<lambda> at 0x….",
+)
 def a_function_without_a_name():
     function_block(lambda u: u)
 
 
-@mistake(BlockError, "?")
+@mistake(BlockError, "mine: units names 'U', which it does not have. Did you mean 'u'?")
 def a_function_with_a_misspelt_unit():
     @function_block(register=False, units={"U": "rad"})
     def mine(u):
         return u
 
 
-@mistake(BlockError, "?")
+@mistake(BlockError, "mine: unit of 'u': 'radd' is not a unit known here. Did you mean 'rad'?")
 def a_function_in_an_unknown_unit():
     @function_block(register=False, units={"u": "radd"})
     def mine(u):

@@ -11,7 +11,9 @@ from tsmblocks.engine.switches import Frozen, margin, turned
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 MOST = 8
-"""Times a switch may turn over within a step, and twice less at one instant, before it is given up."""
+"""Times a switch may turn over within a step."""
+MOST_AT_ONCE = 2
+"""Times it may do so at one instant: over, and back once a memory (a relay's) has taken its place."""
 SAME = 1e-9
 """Fraction of a step within which two instants are one."""
 
@@ -80,8 +82,9 @@ class Crossing:
                 return None
             here, which = made
             again = which & (count > 0) & (here.t - before <= SAME * self.h)
-            count, near, before = count + which, near * again + which, np.where(which, here.t, before)
-            chattering = (near > 2) | (count > MOST)
+            count, before = count + which, np.where(which, here.t, before)
+            near = np.where(which, near * again + 1, near)
+            chattering = (near > MOST_AT_ONCE) | (count > MOST)
             if chattering.any():
                 return self.events(here.t, chattering, here.m)[0]
             if here.t > self.start + SAME * self.h:
@@ -89,15 +92,15 @@ class Crossing:
         return Passed(here, events)
 
     def events(self, t: float, which: np.ndarray, m: np.ndarray) -> list[Event]:
-        """The turning over of some switches, in words."""
+        """Put the turning over of some switches in words."""
         return [Event(t, *self.frozen.names[i], bool(m[i] > 0)) for i in np.flatnonzero(which)]
 
     def _finest(self, t: float) -> float:
-        """To what an instant is located."""
+        """To what an instant [s] is located."""
         return 1e-13 * self.h + 4 * EPS * abs(t)
 
     def _inputs(self, t: float, length: float) -> np.ndarray:
-        """Inputs of a part of a step; at its end those just before it."""
+        """Sample the inputs for a part of a step; at its end those just before it."""
         if not self.signals:
             return self.no_inputs
         made = feeds.rows(self.signals, t, length, 0, 1, (*self.instants, 1.0))
@@ -115,7 +118,7 @@ class Crossing:
         return Point(t, memory.x, here.d, here.m, g[0]) if finite else None
 
     def _cross(self, here: Point, end: Point, wrong: np.ndarray) -> Point | None:
-        """The point just past the first crossing on the way (the Illinois method, some bisection among it)."""
+        """Find the point just past the first crossing on the way (Illinois method, with some bisection)."""
         starts, ends = margin(here.g, here.m), margin(end.g, here.m)
         watch = (wrong | (starts > 0)) & np.isfinite(starts) & np.isfinite(ends)
         if not watch.any():
@@ -148,17 +151,19 @@ class Crossing:
         return past
 
     def _turn(self, past: Point, wrong: np.ndarray) -> tuple[Point, np.ndarray] | None:
-        """The point with all switches turned over that cross there or jump with those; and which they are."""
+        """Turn over all switches that cross at a point or jump with those; and say which they are."""
         frozen = self.frozen
         which = frozen.wrong(past.g, past.m) | (wrong & (margin(past.g, past.m) <= 0))
-        here: Point | None = attrs.evolve(past, m=turned(past.g, past.m, which))
+        here = attrs.evolve(past, m=turned(past.g, past.m, which))
         if frozen.remember is not None:
             u, memory = self._inputs(past.t, self.h)[0, 0], frozen.memory(past.x, past.d, here.m, self.like)
             d, x = frozen.remember(past.t, memory.x, memory.d, u, [], memory.p)
             here = attrs.evolve(here, d=np.asarray(d).ravel(), x=np.asarray(x).ravel())
-        while (here := self._part(here, here.t)) is not None:
-            more = frozen.wrong(here.g, here.m) & ~which
+        while True:
+            seen = self._part(here, here.t)
+            if seen is None:
+                return None
+            more = frozen.wrong(seen.g, seen.m) & ~which
             if not more.any():
-                return here, which
-            here, which = attrs.evolve(here, m=turned(here.g, here.m, more)), which | more
-        return None
+                return seen, which
+            here, which = attrs.evolve(seen, m=turned(seen.g, seen.m, more)), which | more

@@ -6,7 +6,8 @@ passes that step in parts (see ``crossing``).
 
 A signal that crosses an edge and comes back within one step is not seen. Rounding (floor, ceil) is
 left as it is: the jumps of a quantiser are not located. Memory is updated at events as at instants of
-the grid; samples are taken on the grid only.
+the grid, so play and rate limits still know on the grid only where their input turned; samples are
+taken on the grid only.
 """
 
 from __future__ import annotations
@@ -69,8 +70,10 @@ class Located(Session):
 def locating(s: Session, method: Method, y: tuple[int, ...], backend: str) -> Located:
     """Make a session of one that locates switching instants. Raises RunError for transport delays."""
     if s.eq.q:
-        raise RunError(f"locate=True does not go with a transport delay ({s.eq.q[0]}): a jump would come back "
-                       "through it at instants off the step. Leave out locate, or the delay.")  # fmt: skip
+        raise RunError(
+            f"diagram '{s.eq.title}': locate=True does not go with a transport delay ({s.eq.q[0]}), which would "
+            "bring kinks back at instants off the step. Leave out locate, or the delay."
+        )
     frozen = freeze(s.eq, method, y, backend)
     return Located(s.eq, s.kernel, s.memory, s.signals, s.start, s.h, s.every, s.k, s.hits, frozen=frozen)
 
@@ -78,10 +81,11 @@ def locating(s: Session, method: Method, y: tuple[int, ...], backend: str) -> Lo
 def _warn(title: str, slid: Event) -> None:
     place = f"the {slid.switch} in {slid.block}" if slid.block else f"a {slid.switch}"
     warnings.warn(
-        f"diagram '{title}': from t = {round(slid.t, 9):g} s on, {place} turns over again and again at one instant "
-        "(a sliding mode). Such steps are taken as without locate, with errors of the order of the step.",
-        SlidingWarning, stacklevel=5,
-    )  # fmt: skip
+        f"diagram '{title}': from t = {round(slid.t, 9):g} s on, {place} turns over again and again at one "
+        "instant (a sliding mode). Such steps are taken as without locate, with errors of the step's order.",
+        SlidingWarning,
+        stacklevel=5,
+    )
 
 
 class _Walk:
@@ -101,7 +105,7 @@ class _Walk:
         self.crossing = Crossing(frozen, session.signals, session.memory, session.start, session.h)
         a, b, c = np.cumsum([self.y.shape[1], len(self.x), len(self.d)])
         self.logged, self.states, self.memories = slice(a), slice(a, b), slice(b, c)
-        self.now, self.earlier = slice(c, c + len(frozen.names)), slice(c + len(frozen.names), None)
+        self.now = slice(c, c + len(frozen.names))
 
     def memory(self) -> Memory:
         """Give the state now, in arrays of its own."""
@@ -122,7 +126,7 @@ class _Walk:
             self.x, self.d = memory.x, memory.d[: len(self.d)]
 
     def _stretch(self, m: np.ndarray) -> None:
-        """Steps up to the first event and past it; some plain ones where it cannot be passed."""
+        """Go up to the first event and past it; plainly for some steps where it cannot be passed."""
         n = min(self.length, self.stop - self.k)
         rows, _ = self._frozen(m, n)
         lost, turns = self._looked_at(rows, m)
@@ -146,8 +150,10 @@ class _Walk:
     def _looked_at(self, rows: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which rows hold numbers that are not finite, and which contradict the modes."""
         g = rows[:, self.now.start :].reshape(len(rows), -1, len(m))
-        lost = ~np.isfinite(rows[:, : self.states.stop]).all(axis=1) | np.isnan(g).any(axis=(1, 2))
-        return lost, self.f.wrong(g, m).any(axis=(1, 2))
+        lost = np.asarray(
+            ~np.isfinite(rows[:, : self.states.stop]).all(axis=1) | np.isnan(g).any(axis=(1, 2))
+        )
+        return lost, np.asarray(self.f.wrong(g, m).any(axis=(1, 2)))
 
     def _passed(self, rows: np.ndarray, m: np.ndarray, count: int) -> tuple[int, Passed | None]:
         """Pass the last of ``count`` steps, or of fewer when it cannot be; how many, and its end."""
@@ -194,15 +200,15 @@ class _Walk:
         self._keep(rows[: bad[0]] if len(bad) else rows)
         self.failed = len(bad) > 0 or not np.isfinite(memory.x).all()
         if self.failed:
-            self.y[-1:] = np.nan
+            self.y[-1:], memory.x[:] = np.nan, np.nan
         self.k, self.x, self.d, self.m = self.k + n, memory.x, memory.d, None
         self.plain, self.length, self.since = min(2 * self.plain, MOST_PLAIN), SHORTEST, 0
 
     def _advance(self, kernel: Kernel, memory: Memory, n: int, final: bool, rows: np.ndarray) -> None:
         s = self.s
         u = feeds.rows(s.signals, s.start, s.h, self.k, n, kernel.plan.method.instants)
-        kernel.advance(memory, u, t0=s.start, h=s.h, k0=self.k, n=n, final=final, every=1, skip=0, hits=s.hits,
-                       y=rows)  # fmt: skip
+        kernel.advance(memory, u, t0=s.start, h=s.h, k0=self.k, n=n, final=final, every=1, skip=0,
+                       hits=s.hits, y=rows)  # fmt: skip
 
     def _keep(self, rows: np.ndarray) -> None:
         """Put rows from the present instant on where they belong, if they are to be logged."""

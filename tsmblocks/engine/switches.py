@@ -30,17 +30,19 @@ FRESH = {"SIGN": 0.0, "LT": -1.0}
 BAND = 4e-15
 """A difference this small against its terms is rounding, and counts as zero."""
 ALWAYS = True
-LABELS = ["t", "x", "d", "u", "q", "p"]
+RHS = (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])
+UPDATE = ([*RHS[0], "hit"], ["d_next", "x_next"])
 
 
 @attrs.frozen(eq=False)
 class Frozen:
-    """Kernels of the frozen equations: ``whole`` for steps on the grid, ``part`` for parts of one, without updates.
+    """Kernels of the frozen equations: ``whole`` for steps on the grid, ``part`` for parts of one.
 
     A row of ``whole`` holds the logged signals, then x, d and g, and where there are updates g before
-    the update at its instant; one of ``part`` holds g. ``remember(t, x, d, u, q, p) -> (d, x)`` updates
-    memory at an event (None where nothing is updated between samples). ``names`` gives the block and the
-    word of each switch.
+    the update at its instant; a row of ``part``, which updates nothing, holds g. ``remember(t, x, d, u, q,
+    p) -> (d, x)`` updates memory at an event (None where nothing is updated between samples). ``names``
+    gives the block and the word of each switch, ``edge`` the mode of comparisons at g = 0 (else NaN),
+    ``fresh`` the modes to begin with, ``spare`` fills the memory up.
     """
 
     whole: Kernel
@@ -77,54 +79,66 @@ def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> F
 
     Updates on the grid stay plain, and run at every step, since g is wanted before them.
     """
-    program, switches, timed = _switches(eq)
+    program, switches, moving = _switches(eq)
     if not switches:
         return None
+    count, first = len(switches), len(eq.y) + len(eq.x) + len(eq.d)
+    rhs, update, remember = _functions(eq, program, switches, moving)
+    logged = [*y, *range(len(eq.y), first + count * (1 if update is None else 2))]
+    kinds = [program.nodes[n][0] for n in switches]
+    return Frozen(
+        whole=kernel_for(_plan(eq, method, rhs, update, logged), backend),
+        part=kernel_for(_plan(eq, method, rhs, None, range(first, first + count)), backend),
+        remember=remember,
+        names=tuple(zip(_owners(eq, program, switches), (WORDS[k] for k in kinds), strict=True)),
+        edge=np.array([EDGE.get(k, np.nan) for k in kinds]),
+        fresh=np.array([FRESH.get(k, 1.0) for k in kinds]),
+        spare=np.zeros(0 if update is None else count),
+    )
+
+
+def _functions(
+    eq: Equations, program: Program, switches: list[int], moving: list[int]
+) -> tuple[Any, Any, Any]:
+    """Make the frozen right-hand side, the update (plain) and the one for events, all with longer memory."""
     count, held = len(switches), len(eq.d)
     t, x, u, q, p = (ca.SX.sym(k, eq.rhs.size1_in(eq.rhs.index_in(k))) for k in "txuqp")
     d = ca.SX.sym("d", held + count * (1 if eq.update is None else 2))
     parts = ca.vertsplit(d)
     old, modes, before = _column(parts[:held]), parts[held : held + count], parts[held + count :]
-    values, g = _rewritten(program, [t, x, old, u, q, p], dict(zip(switches, modes, strict=True)), timed)
-    dx, shown, fresh, moved = (
-        _column(
-            [0 if n is None else values[n] for n in (program.outputs.get((slot, k)) for k in range(size))]
-        )
-        for slot, size in enumerate((len(eq.x), len(eq.y), held, len(eq.x)))
-    )
-    inputs, seen = [t, x, d, u, q, p], ca.vertcat(shown, x, old, g, _column(before))
-    rhs = ca.Function("rhs", inputs, [dx, seen, ca.SX(0, 1)], LABELS, ["dx", "y", "s"])
-    update = None
-    if eq.update is not None:
-        hit = ca.SX.sym("hit", len(eq.periods))
-        plain = eq.update.call([t, x, old, u, q, p, hit])
-        update = ca.Function("update", [*inputs, hit], [ca.vertcat(plain[0], *modes, g), plain[1]],
-                             [*LABELS, "hit"], ["d_next", "x_next"])  # fmt: skip
-    first = len(eq.y) + len(eq.x) + held
-    kinds = [program.nodes[n][0] for n in switches]
-    return Frozen(
-        whole=kernel_for(_plan(eq, method, rhs, update, [*y, *range(len(eq.y), seen.shape[0])]), backend),
-        part=kernel_for(_plan(eq, method, rhs, None, range(first, first + count)), backend),
-        remember=ca.Function("remember", inputs, [fresh, moved]) if eq.every_step else None,
-        names=tuple(zip(_owners(eq, program, switches), (WORDS[k] for k in kinds), strict=True)),
-        edge=np.array([EDGE.get(k, np.nan) for k in kinds]),
-        fresh=np.array([FRESH.get(k, 1.0) for k in kinds]),
-        spare=np.zeros(len(before)),
-    )
+    values, g = _rewritten(program, [t, x, old, u, q, p], dict(zip(switches, modes, strict=True)), moving)
+
+    def output(slot: int, size: int) -> Any:
+        nodes = [program.outputs.get((slot, k)) for k in range(size)]
+        return _column([0 if n is None else values[n] for n in nodes])
+
+    inputs, seen = [t, x, d, u, q, p], [output(1, len(eq.y)), x, old, g, *before]
+    rhs = ca.Function("rhs", inputs, [output(0, len(eq.x)), ca.vertcat(*seen), ca.SX(0, 1)], *RHS)
+    if eq.update is None:
+        return rhs, None, None
+    hit = ca.SX.sym("hit", len(eq.periods))
+    fresh, moved = eq.update.call([t, x, old, u, q, p, hit])
+    update = ca.Function("update", [*inputs, hit], [ca.vertcat(fresh, *modes, g), moved], *UPDATE)
+    if not eq.every_step:
+        return rhs, update, None
+    return rhs, update, ca.Function("remember", inputs, [output(2, held), output(3, len(eq.x))])
 
 
-def _switches(eq: Equations) -> tuple[Program, list[int], set[int]]:
-    """Rates, signals and updates between samples as one program; its switches, and those on time alone."""
+def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
+    """Rates, signals and updates between samples as one program; its switches; and how each node moves.
+
+    Nodes stand still within a step (0), move with time alone (1) or with states and inputs (2).
+    """
     symbols = eq.rhs.sx_in()
-    values, names = eq.rhs.call(symbols)[:2], ["dx", "y"]
+    values, names = eq.rhs.call(symbols)[:2], RHS[1][:2]
     if eq.every_step:
         values = [*values, *eq.update.call([*symbols, ca.SX.zeros(len(eq.periods))])]
-        names = [*names, "d_next", "x_next"]
-    program = Program(ca.Function("all", symbols, values, LABELS, names))
+        names = [*names, *UPDATE[1]]
+    program = Program(ca.Function("all", symbols, values, RHS[0], names))
     moving = program.grade({0: 1, 1: 2, 2: 0, 3: 2, 4: 2, 5: 0})
     needed = program.needed(n for (slot, _), n in program.outputs.items() if slot < 2)
     switches = [n for n in sorted(needed) if program.nodes[n][0] in WORDS and moving[n]]
-    return program, switches, {n for n in switches if moving[n] == 1}
+    return program, switches, moving
 
 
 def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]) -> Plan:
@@ -139,43 +153,56 @@ def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]
 
 
 def _rewritten(
-    program: Program, symbols: list[Any], modes: dict[int, Any], timed: set[int]
+    program: Program, symbols: list[Any], modes: dict[int, Any], moving: list[int]
 ) -> tuple[list[Any], Any]:
-    """The value of every node with its switches decided by modes, and the switching functions.
+    """Form the value of every node with its switches decided by modes, and the switching functions.
 
     Where a switch has no effect for now, its switching function is its mode, which agrees with it.
     """
     values: list[Any] = []
+    plain: dict[int, Any] = {}  # of what moves with time alone
     gaps: dict[int, Any] = {}
     for node, (name, args) in enumerate(program.nodes):
-        if name == "CONST":
-            values.append(ca.SX(args[0]))
-        elif name == "INPUT":
-            values.append(symbols[args[0]][args[1]])
+        leaf = name in ("CONST", "INPUT")
+        if leaf:
+            values.append(ca.SX(args[0]) if name == "CONST" else symbols[args[0]][args[1]])
         elif node in modes:
             given = [values[j] for j in args]
             values.append(_decided(name, modes[node], *given))
             gap = given[0] if len(args) == 1 else given[1] - given[0] if name in EDGE else given[0] - given[1]
             size = sum(_size(program, values, j) for j in args)
-            gaps[node] = gap if node in timed else ca.if_else(ca.fabs(gap) < BAND * size, 0, gap)
+            gaps[node] = gap if moving[node] == 1 else ca.if_else(ca.fabs(gap) < BAND * size, 0, gap)
         else:
-            make = ca.SX.unary if len(args) == 1 else ca.SX.binary
-            values.append(make(getattr(ca, f"OP_{name}"), *(values[j] for j in args)))
-    when = _when_used(program, values)
-    g = [gap if when[n] is ALWAYS else ca.if_else(when[n], gap, modes[n]) for n, gap in gaps.items()]
+            values.append(_operation(name, [values[j] for j in args]))
+        if moving[node] < 2:
+            plain[node] = values[node] if leaf else _operation(name, [plain[j] for j in args])
+            if _rounds(name, moving[node]):
+                values[node] = plain[node]
+    when = _when_used(program, values, moving)
+    g = [gap if when[n] is ALWAYS else modes[n] if when[n] is None else ca.if_else(when[n], gap, modes[n])
+         for n, gap in gaps.items()]  # fmt: skip
     return values, ca.vertcat(*g)
 
 
-def _when_used(program: Program, values: list[Any]) -> list[Any]:
+def _operation(name: str, given: list[Any]) -> Any:
+    return (ca.SX.unary if len(given) == 1 else ca.SX.binary)(getattr(ca, f"OP_{name}"), *given)
+
+
+def _rounds(name: str, moving: int) -> bool:
+    """Whether a node is a jump in time that stays, which kernels must see to depend on time alone."""
+    return moving == 1 and name in ("FLOOR", "CEIL", "EQ", "NE")
+
+
+def _when_used(program: Program, values: list[Any], moving: list[int]) -> list[Any]:
     """When each node has an effect: ALWAYS, or a condition where only branches read it; None for never."""
     when: list[Any] = [None] * len(values)
     for node in program.outputs.values():
         when[node] = ALWAYS
     for node in reversed(range(len(values))):
-        if when[node] is None:
+        name, given = program.nodes[node][0], program.arguments(node)
+        if when[node] is None or _rounds(name, moving[node]):
             continue
-        given = program.arguments(node)
-        if program.nodes[node][0] == "IF_ELSE_ZERO":
+        if name == "IF_ELSE_ZERO":
             taken = values[given[0]]
             condition = taken if when[node] is ALWAYS else ca.logic_and(when[node], taken)
             when[given[1]] = _either(when[given[1]], condition)
@@ -192,7 +219,7 @@ def _either(a: Any, b: Any) -> Any:
 
 
 def _decided(name: str, mode: Any, a: Any, b: Any = None) -> Any:
-    """A switch's value in a mode."""
+    """Form a switch's value in a mode."""
     if name == "FABS":
         return mode * a
     if name == "SIGN":
@@ -213,7 +240,7 @@ def _column(elements: list[Any]) -> Any:
 
 
 def _owners(eq: Equations, program: Program, switches: list[int]) -> list[str]:
-    """The block of each switch: its rates or outputs depend on the switch, while nothing it reads does."""
+    """Find the block of each switch: its rates or outputs depend on it, while nothing it reads does."""
     bit = {n: 1 << k for k, n in enumerate(switches)}
     reach: list[int] = []  # which switches each node depends on, a bit for each
     for node in range(len(program.nodes)):
