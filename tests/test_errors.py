@@ -12,7 +12,7 @@ from tests.mistakes import editing, equations, filing, parameters, running, wiri
 from tests.mistakes.table import TABLE, position_loop, said
 from tsmblocks import errors
 from tsmblocks.batch import simulate_batch
-from tsmblocks.blocks import Abs, FirstOrderLag, Gain, Sine, Sum
+from tsmblocks.blocks import Abs, Divide, FirstOrderLag, Gain, Sine, Sum
 from tsmblocks.compile import compile_diagram
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import AlgebraicLoop, DiagramError, NotFinite, TsmError, in_words, near, several
@@ -42,6 +42,9 @@ ROWS = {
 """The mistakes that other tools answer badly or not at all, and who makes them here."""
 
 
+CLASSES = {c for c in vars(errors).values() if inspect.isclass(c) and issubclass(c, TsmError)} - {TsmError}
+
+
 def caught(row):
     """The exception a mistake raises; warnings on the way count as noise."""
     with warnings.catch_warnings():
@@ -69,16 +72,23 @@ def test_the_user_sees_one_error_and_no_other(row):
 
 
 @pytest.mark.parametrize("row", [r for r in TABLE if issubclass(r.error, DiagramError)], ids=str)
-def test_a_diagram_error_says_where_the_diagram_was_written(row):
+def test_a_diagram_error_has_a_line_for_each_fault(row):
     error = caught(row)
-    file, _, line = error.where.rpartition(":")
-    if line.isdigit():
-        lines, first = inspect.getsourcelines(inspect.getmodule(row.make))
-        assert file.endswith(row.make.__module__.rpartition(".")[2] + ".py")
-        assert first <= int(line) <= first + len(lines)
-    else:
-        assert error.where == "loops/position.toml"
+    assert error.where.partition(":")[0] in str(error)
     assert str(error).count("\n") == len(error.problems)
+
+
+def test_a_diagram_error_says_where_the_diagram_was_written():
+    with pytest.raises(DiagramError) as caught:
+        Diagram(title="here", blocks=dict(k=Gain()))
+    here = inspect.currentframe().f_lineno - 1
+    assert caught.value.where == f"{__file__}:{here}"
+    assert caught.value.diagram == "here"
+    sound = Diagram(title="there", blocks=dict(ref=Sine(), k=Gain()), wires=["ref -> k"])
+    there = inspect.currentframe().f_lineno - 1
+    with pytest.raises(DiagramError) as caught:
+        sound.remove("k").remove("ref").insert("k", Gain(), after="ref")
+    assert caught.value.where == f"{__file__}:{there}"
 
 
 @pytest.mark.parametrize("row", [r for r in TABLE if issubclass(r.error, TsmError)], ids=str)
@@ -91,19 +101,11 @@ def test_errors_cross_to_other_processes(row):
 
 
 def test_every_error_has_a_mistake_that_raises_it():
-    classes = {c for c in vars(errors).values() if inspect.isclass(c) and issubclass(c, TsmError)} - {
-        TsmError
-    }
-    assert classes <= {row.error for row in TABLE}
+    assert {row.error for row in TABLE} >= CLASSES
 
 
 def test_the_tree_in_the_module_names_every_error():
-    tree = set(re.findall(r"[├└]── (\w+)", errors.__doc__))
-    assert tree == {c.__name__ for c in vars(errors).values() if inspect.isclass(c)} - {
-        "TsmError",
-        "Any",
-        "Iterable",
-    } - {c.__name__ for c in vars(errors).values() if inspect.isclass(c) and not issubclass(c, TsmError)}
+    assert set(re.findall(r"[├└]── (\w+)", errors.__doc__)) == {c.__name__ for c in CLASSES}
 
 
 @pytest.mark.parametrize("mistake", ROWS)
@@ -130,8 +132,6 @@ def test_a_loop_carries_its_path_in_the_direction_of_flow():
         compile_diagram(loop)
     path = caught.value.path
     assert path == ("error.y", "deep.half.a.y", "deep.half.b.y", "error.y")
-    flow = {("error.y", "deep.half.a.y"), ("deep.half.a.y", "deep.half.b.y"), ("deep.half.b.y", "error.y")}
-    assert set(zip(path, path[1:], strict=False)) == flow
 
 
 def test_a_failed_run_carries_block_time_and_what_there_is():
@@ -150,37 +150,36 @@ def test_a_failed_run_carries_block_time_and_what_there_is():
 
 
 def test_a_stepper_stands_where_it_was_after_a_failed_step():
-    quotient = Diagram(
-        blocks=dict(q=position_loop().blocks["motor"]), inputs={"u": "q.u"}, outputs={"y": "q"}
+    blocks = dict(lag=FirstOrderLag(), q=Divide())
+    wires = ["lag -> q.num"]
+    stepper = Stepper(
+        Diagram(blocks=blocks, wires=wires, inputs={"a": "lag.u", "b": "q.den"}, outputs={"y": "q"})
     )
-    stepper = Stepper(quotient)
-    stepper.step({"u": 1.0})
-    before = stepper.save()
+    first = stepper.step({"a": 1.0, "b": 1.0})
     with pytest.raises(NotFinite) as caught:
-        stepper.step({"u": 1e308})
-        stepper.step({"u": 1e308})
-        for _ in range(100):
-            stepper.step({"u": 1.7e308})
+        stepper.step({"a": 1.0, "b": 0.0})
     assert caught.value.block == "q"
-    assert stepper.t == pytest.approx(caught.value.time, abs=0.0011)
-    stepper.restore(before)
-    assert stepper.t == pytest.approx(0.001)
+    assert stepper.t == caught.value.time == pytest.approx(0.001)
+    again = stepper.step({"a": 1.0, "b": 1.0})
+    assert again["y"] == pytest.approx(2 * first["y"], rel=0.05)
 
 
 def test_a_step_too_long_is_a_warning_where_the_run_was_asked_for():
     with pytest.warns(StepWarning) as warned:
         simulate(position_loop(), stop=0.09, step=0.03)
     assert [str(w.message) for w in warned] == [
-        "diagram 'position loop': the step of 0.03 s is too long for the fastest pole (100 rad/s, at pid.smooth); "
-        "rk4 needs a step below about 0.028 s there."
+        "diagram 'position loop': the step of 0.03 s is too long for the fastest pole (100 rad/s, at "
+        "pid.smooth); rk4 needs a step below about 0.028 s there."
     ]
     assert warned[0].filename == __file__
 
 
 def test_a_batch_may_move_both_limits_at_once():
-    batch = simulate_batch(
-        position_loop(), {"drive.low": [30.0, 40.0], "drive.high": [50.0, 60.0]}, stop=0.01
-    )
+    limits = {
+        "drive.low": [30.0, 40.0],
+        "drive.high": [50.0, 60.0],
+    }  # each alone would cross the other's default
+    batch = simulate_batch(position_loop(), limits, stop=0.01)
     assert batch["angle"].shape == (2, 11)
 
 

@@ -152,9 +152,10 @@ def option(
     choices: tuple[Any, ...] = (),
     above: float = -math.inf,
     at_least: float = -math.inf,
+    at_most: float = math.inf,
 ) -> Any:
     """A choice that shapes the equations (a sign string, an order, a period); never a symbol."""
-    return _field(default, Field("option", about, unit, above=above, at_least=at_least, choices=choices))
+    return _field(default, Field("option", about, unit, above=above, at_least=at_least, at_most=at_most, choices=choices))
 
 
 def state(*, default: float, about: str, unit: str = "") -> Any:

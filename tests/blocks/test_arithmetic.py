@@ -120,7 +120,7 @@ def test_refuses_bad_values():
             signs=signs,
         )
     refuses("Sum.signs must be text, got 2. It is: sign of each input, in order.", Sum, signs=2)
-    refuses("Product.n must be a whole number in [1, inf), got 0. It is: number of inputs.", Product, n=0)
+    refuses("Product.n must be a whole number in [1, 1000], got 0. It is: number of inputs.", Product, n=0)
     refuses("Convert: 'rad' does not convert to 'V'.", Convert, target_unit="V")
     refuses("Convert: 'radd' is not a unit known here. Did you mean 'rad'?", Convert, source_unit="radd")
     refuses(

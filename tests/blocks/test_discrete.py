@@ -223,13 +223,13 @@ def test_pid_gives_way_at_its_limit():
             dict(method="forwards"),
         ),
         (
-            "MovingAverage.length must be a whole number in [1, inf), got 0. "
+            "MovingAverage.length must be a whole number in [1, 10000], got 0. "
             "It is: number of samples in the mean.",
             MovingAverage,
             dict(length=0),
         ),
         (
-            "MovingAverage.length must be a whole number in [1, inf), got 2.5. "
+            "MovingAverage.length must be a whole number in [1, 10000], got 2.5. "
             "It is: number of samples in the mean.",
             MovingAverage,
             dict(length=2.5),

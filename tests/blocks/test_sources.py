@@ -169,7 +169,7 @@ def test_refuses_what_does_not_go_together():
     refuses("Random.std must lie in [0, inf), got -1. It is: standard deviation.", Random, std=-1)
     refuses(
         "Random.seed must be a whole number in [0, inf), got 0.5. "
-        "It is: seed; blocks with the same seed give the same noise.",
+        "It is: seed; with the block's name it fixes the noise.",
         Random,
         seed=0.5,
     )

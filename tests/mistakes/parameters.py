@@ -220,12 +220,12 @@ def a_tuple_where_a_number_belongs_in_an_array():
     Gain(gain=np.ones((2, 2)))
 
 
-@mistake(ParameterError, "Product.n must be a whole number in [1, inf), got 2.5. It is: number of inputs.")
+@mistake(ParameterError, "Product.n must be a whole number in [1, 1000], got 2.5. It is: number of inputs.")
 def half_an_input():
     Product(n=2.5)
 
 
-@mistake(ParameterError, "Product.n must be a whole number in [1, inf), got 0. It is: number of inputs.")
+@mistake(ParameterError, "Product.n must be a whole number in [1, 1000], got 0. It is: number of inputs.")
 def no_inputs():
     Product(n=0)
 

@@ -84,7 +84,7 @@ class Product(Block):
     source = "definition"
     symbol = "×"
 
-    n: int = option(default=2, about="number of inputs", at_least=1)
+    n: int = option(default=2, about="number of inputs", at_least=1, at_most=1000)
 
     y = Output("the product")
 
@@ -230,7 +230,7 @@ class Minimum(Block):
     source = "definition"
     symbol = "min"
 
-    n: int = option(default=2, about="number of inputs", at_least=1)
+    n: int = option(default=2, about="number of inputs", at_least=1, at_most=1000)
 
     y = Output("the smallest input", unit="?u")
 
@@ -252,7 +252,7 @@ class Maximum(Block):
     source = "definition"
     symbol = "max"
 
-    n: int = option(default=2, about="number of inputs", at_least=1)
+    n: int = option(default=2, about="number of inputs", at_least=1, at_most=1000)
 
     y = Output("the largest input", unit="?u")
 

@@ -330,7 +330,7 @@ class MovingAverage(Block):
     sampled = True
 
     period: float = _period()
-    length: int = option(default=5, about="number of samples in the mean", at_least=1)
+    length: int = option(default=5, about="number of samples in the mean", at_least=1, at_most=10_000)
     initial: float = parameter(default=0.0, about="samples before the first", unit="?u")
 
     u = Input("any signal", unit="?u")

@@ -20,7 +20,7 @@ PEAK = math.radians(55.0)
 """Amplitude of the paper's sine [rad]."""
 TONE = math.radians(28.0)
 """Amplitude of each sine of the paper's two-tone signals [rad]."""
-ROUNDING = 2e-15
+ROUNDING = 1e-12
 """A jump due at 0.3 s must not come one step late because 3 * 0.1 s falls a hair short of it."""
 
 

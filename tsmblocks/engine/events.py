@@ -6,8 +6,8 @@ passes that step in parts (see ``crossing``).
 
 A signal that crosses an edge and comes back within one step is not seen. Rounding (floor, ceil) is
 left as it is: the jumps of a quantiser are not located. Memory is updated at events as at instants of
-the grid, so play and rate limits still know on the grid only where their input turned; samples are
-taken on the grid only.
+the grid, so play and rate limits still know on the grid only where their input turned; samples and
+resets are on the grid only.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def locating(s: Session, method: Method, y: tuple[int, ...], backend: str) -> Lo
     """Make a session of one that locates switching instants. Raises RunError for transport delays."""
     if s.eq.q:
         raise RunError(
-            f"diagram '{s.eq.title}': locate=True does not go with a transport delay ({s.eq.q[0]}), which would "
-            "bring kinks back at instants off the step. Leave out locate, or the delay."
+            f"diagram '{s.eq.title}': locate=True does not go with a transport delay ({s.eq.q[0]}), which "
+            "would bring kinks back at instants off the step. Leave out locate, or the delay."
         )
     frozen = freeze(s.eq, method, y, backend)
     return Located(s.eq, s.kernel, s.memory, s.signals, s.start, s.h, s.every, s.k, s.hits, frozen=frozen)

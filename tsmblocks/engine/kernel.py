@@ -23,7 +23,7 @@ from tsmblocks.engine.program import Program
 
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
 CONSTANT, TIME, HELD, MOVING = range(4)
-HAIR = (1e-9, 8e-15)
+HAIR = (1e-9, 8e-12)
 """How far the end of a step stands before a jump that falls on it: of the step, and of the time itself."""
 
 
