@@ -72,7 +72,9 @@ def read_wires(
 ) -> tuple[list[Link], list[str]]:
     """Links from chains (or links already read), with the faults found."""
     if isinstance(wires, str):
-        return [], [f"wires must be a list of chains such as ['error -> pid'], got one text, {in_words(wires)}."]
+        return [], [
+            f"wires must be a list of chains such as ['error -> pid'], got one text, {in_words(wires)}."
+        ]
     links: list[Link] = []
     faults: list[str] = []
     for text in wires:
@@ -93,7 +95,12 @@ def read_wires(
 def _stands(link: Link, blocks: Mapping[str, Any]) -> bool:
     """Whether a link read before still joins two ports (its blocks may have been changed since)."""
     (source, out), (target, into) = link.source, link.target
-    return source in blocks and target in blocks and out in blocks[source].outports and into in blocks[target].inports
+    return (
+        source in blocks
+        and target in blocks
+        and out in blocks[source].outports
+        and into in blocks[target].inports
+    )
 
 
 def _instead(fault: str, inputs: Collection[str], outputs: Collection[str]) -> str:
@@ -101,7 +108,9 @@ def _instead(fault: str, inputs: Collection[str], outputs: Collection[str]) -> s
     wire, names, rest = fault.partition(" names block '")
     name = rest.partition("'")[0]
     if names and name in inputs:
-        return f"{wire} names '{name}', which is an input of the diagram: list the ports it drives under inputs."
+        return (
+            f"{wire} names '{name}', which is an input of the diagram: list the ports it drives under inputs."
+        )
     if names and name in outputs:
         return f"{wire} names '{name}', which is an output of the diagram: say under outputs what it shows."
     return fault
@@ -183,7 +192,9 @@ def driver_faults(
             texts = "; ".join(text for text, _ in writers)
             same = len({text for text, _ in writers}) == 1
             advice = "Leave out all but one." if same else "Join them with a Sum block."
-            yield located(f"{'.'.join(end)} is driven {len(writers)} times: {texts}. {advice}", writers[-1][1])
+            yield located(
+                f"{'.'.join(end)} is driven {len(writers)} times: {texts}. {advice}", writers[-1][1]
+            )
     if silent:
         return
     for name, block in blocks.items():
@@ -231,4 +242,3 @@ def value_faults(
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, float) and not math.isnan(value)
-

@@ -6,7 +6,6 @@ another as a block, to any depth; a dot reaches into it (``"motor.drive.high"``)
 
 from __future__ import annotations
 
-import difflib
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -29,7 +28,9 @@ DEEPEST = 64
 class Inlet:
     """An input of a diagram: the ports it drives, its unit and meaning."""
 
-    ports: tuple[str, ...] = attrs.field(converter=lambda p: tuple(p) if isinstance(p, (list, tuple)) else (p,))
+    ports: tuple[str, ...] = attrs.field(
+        converter=lambda p: tuple(p) if isinstance(p, (list, tuple)) else (p,)
+    )
     unit: str = ""
     about: str = ""
 
@@ -74,7 +75,8 @@ class Diagram:
     inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=_inlets)
     outputs: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
     values: Mapping[str, float] = attrs.field(
-        factory=dict, converter=lambda v: _frozen({k: float(x) if type(x) is int else x for k, x in v.items()})
+        factory=dict,
+        converter=lambda v: _frozen({k: float(x) if type(x) is int else x for k, x in v.items()}),
     )
     where: str = attrs.field(factory=_caller, eq=False, repr=False)
     links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)
@@ -90,15 +92,22 @@ class Diagram:
         object.__setattr__(self, "port_units", _frozen(found.port_units))
         object.__setattr__(self, "wires", tuple(chains(self.links, self.blocks)))
         # one spelling of each end, so that "tsm" and "tsm.y" make equal diagrams
-        full = {k: attrs.evolve(v, ports=[".".join(e) for e in found.inlets[k]]) for k, v in self.inputs.items()}
+        full = {
+            k: attrs.evolve(v, ports=[".".join(e) for e in found.inlets[k]]) for k, v in self.inputs.items()
+        }
         object.__setattr__(self, "inputs", _frozen(full))
-        object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()}))
+        object.__setattr__(
+            self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()})
+        )
 
     def _checked(self) -> checks.Checked:
         """What the wires, inputs and outputs mean; raises DiagramError with every fault found."""
         blocks = self.blocks
         wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
-        if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
+        if (
+            not wrong
+            and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST
+        ):
             wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
             raise DiagramError(self.title, wrong, self.where)
@@ -117,14 +126,15 @@ class Diagram:
     @property
     def inports(self) -> dict[str, Input]:
         """Its inputs, as ports; an undeclared unit is the one found inside."""
-        return {
-            k: Input(v.about, v.unit or self._unit_of(*self.inlets[k])) for k, v in self.inputs.items()
-        }
+        return {k: Input(v.about, v.unit or self._unit_of(*self.inlets[k])) for k, v in self.inputs.items()}
 
     @property
     def outports(self) -> dict[str, Output]:
         """Its outputs, as ports."""
-        return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
+        return {
+            k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end))
+            for k, end in self.shown.items()
+        }
 
     def _unit_of(self, *ends: tuple[str, str]) -> str:
         return next((unit_checks.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
@@ -184,32 +194,9 @@ class Diagram:
         """
         if not isinstance(changes, Mapping):
             raise ParameterError(f"parameters must map names to numbers, got {in_words(changes)}.")
-        return self._override(changes, self, "")
+        from tsmblocks.overrides import overridden
 
-    def _override(self, changes: Mapping[str, Any], whole: Diagram, prefix: str) -> Diagram:
-        """With other numbers; ``whole`` is the diagram that was asked and ``prefix`` the way here, for messages."""
-        grouped: dict[str, dict[str, Any]] = {}
-        values = dict(self.values)
-        for name, value in changes.items():
-            head, _, rest = name.partition(".")
-            if head in values and not rest:
-                values[head] = value
-            elif head in self.blocks and rest:
-                grouped.setdefault(head, {})[rest] = value
-            else:
-                hint = _near_path(prefix + name, whole.parameter_names())
-                raise ParameterError(f"diagram '{whole.title}' has no parameter '{prefix}{name}'.{hint}")
-        blocks = dict(self.blocks)
-        for name, part in grouped.items():
-            block = blocks[name]
-            if isinstance(block, Diagram):
-                blocks[name] = block._override(part, whole, f"{prefix}{name}.")
-                continue
-            try:
-                blocks[name] = _with_fields(block, part)
-            except ParameterError as error:
-                raise ParameterError(f"{prefix}{name}: {error}") from None
-        return self._with(blocks=blocks, values=values)
+        return overridden(self, changes, self, "")
 
     def untied(self, names: Iterable[str]) -> Diagram:
         """The diagram in which each named parameter has a number of its own, equal to what it refers to now."""
@@ -224,7 +211,9 @@ class Diagram:
             return block._referred(rest)
         if block is None:
             return None
-        found = {leaf: v for key, value in block.parameters.items() for leaf, v in leaves(value, key)}.get(rest)
+        found = {leaf: v for key, value in block.parameters.items() for leaf, v in leaves(value, key)}.get(
+            rest
+        )
         return self.values[found[1:]] if is_reference(found) else None
 
     # ---- edits
@@ -242,7 +231,9 @@ class Diagram:
             return None
         inner = self._need(head)
         if not isinstance(inner, Diagram):
-            raise self._fault(f"{edit} '{name}': {head} is a {kind(inner)}, not a diagram, so nothing stands inside it.")
+            raise self._fault(
+                f"{edit} '{name}': {head} is a {kind(inner)}, not a diagram, so nothing stands inside it."
+            )
         try:
             changed = getattr(inner, edit)(rest, *args, **options)
         except DiagramError as error:
@@ -258,7 +249,13 @@ class Diagram:
         return self.blocks[name]
 
     def insert(
-        self, name: str, block: Block | Diagram, *, after: str = "", before: str = "", wires: Iterable[str] = ()
+        self,
+        name: str,
+        block: Block | Diagram,
+        *,
+        after: str = "",
+        before: str = "",
+        wires: Iterable[str] = (),
     ) -> Diagram:
         """The diagram with a block put on a wire.
 
@@ -280,7 +277,9 @@ class Diagram:
 
         return inserted(self, name, block, after, before, tuple(wires))
 
-    def replace(self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None) -> Diagram:
+    def replace(
+        self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None
+    ) -> Diagram:
         """The diagram with another block in the place of ``name``, wired the same way.
 
         ``ports`` maps old port names to new ones where they differ. Raises DiagramError when a port
@@ -337,6 +336,12 @@ class Diagram:
         """``block`` or ``block.port`` for an output port, as short as it can be said."""
         return short(end, self.blocks, "output")
 
+    def _repr_svg_(self) -> str:
+        """What notebooks show."""
+        from tsmblocks.draw import to_svg
+
+        return to_svg(self)
+
     def __reduce__(self) -> Any:  # mapping proxies do not pickle
         plain = {"title": self.title, "source": self.source, "blocks": dict(self.blocks), "wires": self.links,
                  "inputs": dict(self.inputs), "outputs": dict(self.outputs), "values": dict(self.values),
@@ -346,39 +351,3 @@ class Diagram:
 
 def _rebuild(fields: dict[str, Any]) -> Diagram:
     return Diagram(**fields)
-
-
-def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:
-    """A block with fields, or single elements of them (``den[1]``), changed."""
-    changes: dict[str, Any] = {}
-    for key, value in part.items():
-        name, bracket, _ = key.partition("[")
-        if name not in block.fields():
-            raise ParameterError(f"{type(block).__name__} has no parameter '{key}'.{near(key, block.fields())}")
-        if not bracket:
-            changes[name] = value
-            continue
-        whole = changes.get(name, getattr(block, name))
-        if key not in {leaf for leaf, _ in leaves(whole, name)}:
-            known = [leaf for leaf, _ in leaves(whole, name)]
-            if known == [name]:
-                raise ParameterError(f"{type(block).__name__}.{name} is one number, so there is no '{key}'.")
-            raise ParameterError(f"{type(block).__name__} has no element '{key}'.{near(key, known)}")
-        changes[name] = _set_leaf(whole, name, key, value)
-    return block.replace(**changes)
-
-
-def _set_leaf(whole: Any, name: str, key: str, value: Any) -> Any:
-    if not isinstance(whole, tuple):
-        return value if name == key else whole
-    return tuple(_set_leaf(v, f"{name}[{k}]", key, value) for k, v in enumerate(whole))
-
-
-def _near_path(name: str, known: Iterable[str]) -> str:
-    """Near misses of a dotted name; those that end the same way come first."""
-    known = list(known)
-    tail = [k for k in known if k.rpartition(".")[2] == name.rpartition(".")[2]]
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    if tail and not close:
-        return f" Did you mean {' or '.join(repr(k) for k in tail[:3])}?"
-    return near(name, known)

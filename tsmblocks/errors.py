@@ -100,7 +100,10 @@ def numbered(problems: Sequence[str]) -> str:
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
         shown.append(f"and {len(problems) - MOST_PROBLEMS} more.")
-    lines = [f"  {n}. " + _printable(clip(text, LONGEST)).replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
+    lines = [
+        f"  {n}. " + _printable(clip(text, LONGEST)).replace("\n", "\n     ")
+        for n, text in enumerate(shown, 1)
+    ]
     return "\n".join([f"{count}:", *lines])
 
 

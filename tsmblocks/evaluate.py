@@ -133,7 +133,7 @@ class Evaluator:
                     del open_[node]
                     continue
                 if missing in open_:
-                    self._loop([*stack[open_[missing]:], missing])
+                    self._loop([*stack[open_[missing] :], missing])
                 open_[missing] = len(stack)
                 stack.append(missing)
 
@@ -147,7 +147,9 @@ class Evaluator:
             self.value[node] = self.d[path, name, "held"]
             return ()
         wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
-        missing = [n for n in (self._source(path, k) for k in wanted) if n[0] != "read" and n not in self.value]
+        missing = [
+            n for n in (self._source(path, k) for k in wanted) if n[0] != "read" and n not in self.value
+        ]
         if missing:
             return missing
         self._evaluate(path, kind)

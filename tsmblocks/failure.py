@@ -52,14 +52,23 @@ def _output_message(eq: Equations, values: dict[str, float], block: str, time: f
     kind, reads = eq.reads[block]
     outputs = [(k, v) for k, v in values.items() if k.rpartition(".")[0] == block and not math.isfinite(v)]
     inputs = [(f"{port} (from {signal})", values.get(signal, math.nan)) for port, signal in reads.items()]
-    states = [(k.rpartition(".")[2], values[k]) for k in (*eq.x, *eq.d) if k.rpartition(".")[0] == block and k in values]
+    states = [
+        (k.rpartition(".")[2], values[k])
+        for k in (*eq.x, *eq.d)
+        if k.rpartition(".")[0] == block and k in values
+    ]
     text = f"{_list(outputs)} at t = {time:g} s, born in {block} ({kind})."
     text += f" Its inputs: {_list(inputs)}." if inputs else ""
     return text + (f" Its states: {_list(states)}." if states else "")
 
 
 def _state_message(
-    eq: Equations, values: dict[str, float], before: dict[str, float], states: list[str], block: str, time: float
+    eq: Equations,
+    values: dict[str, float],
+    before: dict[str, float],
+    states: list[str],
+    block: str,
+    time: float,
 ) -> str:
     kind = eq.reads[block][0] if block in eq.reads else "?"
     now = [(k, values[k]) for k in states[:4]]
@@ -67,5 +76,8 @@ def _state_message(
     if before:
         text += f" One step before: {_list((k, before[k]) for k in states[:4])}."
     if before and all(abs(before[k]) < ORDINARY for k in states):
-        return text + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
+        return (
+            text
+            + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
+        )
     return text + " The loop may be unstable, or the step too long for it; try a smaller step."

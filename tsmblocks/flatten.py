@@ -76,7 +76,7 @@ class Flat:
         seen: list[Node] = []
         while node[0] in ("in", "out"):
             if node in seen:
-                back = [*seen[seen.index(node):], node]  # against the flow
+                back = [*seen[seen.index(node) :], node]  # against the flow
                 names = [f"{path}.{port}" for _, path, port in reversed(back)]
                 raise AlgebraicLoop(self.title, [f"{' -> '.join(names)} joins diagrams in a ring that holds no "
                                                  "block, so the signal has no value."], self.where, names)  # fmt: skip
@@ -139,7 +139,9 @@ class Flat:
     def _past(self, path: str, name: str, past: Any) -> None:
         source = self.driver.get((path, past.of))
         if source is None:
-            raise DiagramError(self.title, [f"{path}.{past.of} is delayed inside {path} and must be wired."], self.where)
+            raise DiagramError(
+                self.title, [f"{path}.{past.of} is delayed inside {path} and must be wired."], self.where
+            )
         self.q_names.append(f"{path}.{name}")
         self.delays.append(getattr(self.twins[path], past.by))
         self.first_past.append(getattr(self.twins[path], past.initial))

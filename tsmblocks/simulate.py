@@ -53,7 +53,13 @@ def signature(diagram: Diagram) -> Any:
             shape = tuple((k, _shape(v)) for k, v in block.parameters.items())
             parts.append((name, type(block), shape, tuple(block.options.items())))
     inlets = tuple((k, v.unit, diagram.inlets[k]) for k, v in diagram.inputs.items())
-    return tuple(parts), frozenset(diagram.links), inlets, tuple(diagram.outputs.items()), tuple(diagram.values)
+    return (
+        tuple(parts),
+        frozenset(diagram.links),
+        inlets,
+        tuple(diagram.outputs.items()),
+        tuple(diagram.values),
+    )
 
 
 def _shape(value: Any) -> Any:
@@ -152,7 +158,9 @@ def simulate(
     return run
 
 
-def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, run: Run, backend: str) -> NotFinite:
+def _failure(
+    eq: Equations, rule: Method, session: Session, stopped: Stopped, run: Run, backend: str
+) -> NotFinite:
     """The error that says where a run stopped being finite, with the run up to there."""
     kernel = single_kernel(eq, rule, tuple(range(len(eq.y))), backend)
     again = Session(eq, kernel, stopped.memory.copy(), session.signals, session.start, session.h, 1, stopped.k,
@@ -168,7 +176,9 @@ def _logged(eq: Equations, log: str | Iterable[str]) -> tuple[tuple[int, ...], t
     if log == "all":
         return tuple(range(len(eq.y))), eq.y
     shown = set(eq.aliases.values())
-    patterns = [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
+    patterns = (
+        [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
+    )
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(pattern)}.")
@@ -247,7 +257,9 @@ class Stepper:
         kernel = single_kernel(self.eq, self.kernel.plan.method, tuple(range(len(self.eq.y))), self.backend)
         ends = np.array([0.0, self.h])
         held = [(Signal(f.name, v, ends, "zero"), 0) for f, v in zip(self.eq.u, values, strict=True)]
-        text, block, time = explain(self.eq, Session(self.eq, kernel, before, held, 0.0, self.h, 1, self.k, self.hits), 1)
+        text, block, time = explain(
+            self.eq, Session(self.eq, kernel, before, held, 0.0, self.h, 1, self.k, self.hits), 1
+        )
         error = NotFinite(text)
         error.block, error.time = block, time
         return error
@@ -276,8 +288,12 @@ class Stepper:
     def restore(self, saved: Saved) -> None:
         """Go on from a saved state of the same diagram and step. Raises RunError otherwise."""
         if saved.step != self.h:
-            raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {self.h:g} s.")
-        if any(getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring")):
+            raise RunError(
+                f"the saved state belongs to a step of {saved.step:g} s, and this one is {self.h:g} s."
+            )
+        if any(
+            getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring")
+        ):
             raise RunError(f"the saved state belongs to a diagram other than '{self.eq.title}'.")
         self.memory, self.k = saved.memory.copy(), saved.k
 

@@ -32,7 +32,11 @@ _KNOWN: dict[Any, Structure] = {}
 
 def structure_of(block: Block) -> Structure:
     """The structure of a block's equations. Raises EquationError when they do not fit what it declares."""
-    key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
+    key = (
+        type(block),
+        tuple((k, _shape(v)) for k, v in block.parameters.items()),
+        tuple(block.options.items()),
+    )
     found = _KNOWN.get(key)
     if found is None:
         found = _KNOWN[key] = _read(block)
@@ -72,9 +76,13 @@ def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> d
         try:
             scalar = value if isinstance(value, ca.SX) else ca.SX(value)
         except Exception:
-            raise EquationError(f"{owner}.{equation} gives {key} = {in_words(value)}, which is not a number.") from None
+            raise EquationError(
+                f"{owner}.{equation} gives {key} = {in_words(value)}, which is not a number."
+            ) from None
         if scalar.shape != (1, 1):
-            raise EquationError(f"{owner}.{equation} gives {key} with shape {scalar.shape}; every signal is a scalar.")
+            raise EquationError(
+                f"{owner}.{equation} gives {key} with shape {scalar.shape}; every signal is a scalar."
+            )
         made[key] = scalar
     return made
 
@@ -139,7 +147,9 @@ def _check_ports(block: Block) -> None:
                                 f"{near(port.rate_of, set(inports) - {name})}")  # fmt: skip
     for name, past in block.past_ports.items():
         if past.of not in inports:
-            raise EquationError(f"{owner}.{name} is the past of '{past.of}', which is no input.{near(past.of, inports)}")
+            raise EquationError(
+                f"{owner}.{name} is the past of '{past.of}', which is no input.{near(past.of, inports)}"
+            )
         for number in (past.by, past.initial):
             if number not in block.parameters:
                 raise EquationError(f"{owner}.{name} needs the parameter '{number}', which is not declared."
@@ -147,7 +157,9 @@ def _check_ports(block: Block) -> None:
     names = [*block.read_names, *block.outports, *block.states]
     twice = next((k for k in names if names.count(k) > 1), None)
     if twice is not None:
-        raise EquationError(f"{owner}.{twice} is two things at once (a port, a state); give one of them another name.")
+        raise EquationError(
+            f"{owner}.{twice} is two things at once (a port, a state); give one of them another name."
+        )
     for name, state in block.states.items():
         if not isinstance(state.start, float) and not is_reference(state.start):
             raise EquationError(f"{owner}.{name} must start at a number, got {in_words(state.start)}.")
@@ -165,7 +177,9 @@ def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) 
     if extra:
         said.append(f"returns {', '.join(extra)}, which is not declared")
     if said:
-        raise EquationError(f"{owner}.{equation} {' and '.join(said)}. Declared: {', '.join(wanted) or 'nothing'}.")
+        raise EquationError(
+            f"{owner}.{equation} {' and '.join(said)}. Declared: {', '.join(wanted) or 'nothing'}."
+        )
 
 
 def _known_names(owner: str, equation: str, given: dict[str, Any], states: list[str]) -> None:
@@ -181,7 +195,9 @@ def _no_nan(owner: str, equation: str, part: dict[str, Any]) -> None:
     """A function of ``math`` applied to a symbol gives NaN without a word; find it here."""
     for name, expression in part.items():
         f = ca.Function("f", ca.symvar(expression), [expression])
-        constants = (f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
+        constants = (
+            f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST
+        )
         if any(math.isnan(c) for c in constants):
             raise EquationError(
                 f"{owner}.{equation} makes {name} not a number. Inside equations use casadi's functions "

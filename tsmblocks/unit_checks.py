@@ -123,7 +123,10 @@ class _Survey:
 
 
 def unit_faults(
-    links: list[Link], inlets: Mapping[str, tuple[End, ...]], declared: Mapping[str, str], blocks: Mapping[str, Any]
+    links: list[Link],
+    inlets: Mapping[str, tuple[End, ...]],
+    declared: Mapping[str, str],
+    blocks: Mapping[str, Any],
 ) -> tuple[list[str], dict[End, units.Unit]]:
     """Wires that join different units, and the unit of every port that has one.
 
@@ -140,7 +143,8 @@ def unit_faults(
               for n, ends in inlets.items() for end in ends]  # fmt: skip
     wrong = [wire for wire in wires if not survey.units.join(wire[0], wire[1], ONE)]
     wrong = [wire for wire in wrong if survey.units.known(wire[0]) is not None]
-    found = {end: unit for end in [*survey.labels, *(e for s, t, *_ in wires for e in (s, t))]
+    ends = [*survey.labels, *(end for end, _ in survey.shared), *(e for s, t, *_ in wires for e in (s, t))]
+    found = {end: unit for end in ends
              if (unit := survey.units.known(end)) is not None}  # fmt: skip
     return [*survey.faults, *_said(survey, wires, wrong)], found
 

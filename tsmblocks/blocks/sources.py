@@ -7,35 +7,19 @@ import zlib
 from itertools import pairwise
 from typing import Any
 
-import attrs
 import casadi as ca
 import numpy as np
 
 from tsmblocks.block import Block, Output, Samples, Tape, block, option, parameter
+from tsmblocks.blocks.ports import UNIT, check_unit, in_unit
 from tsmblocks.errors import ParameterError
-from tsmblocks.units import UnitError, parse
 
-UNIT = "unit of the signal; empty means that of whatever it drives"
 PEAK = math.radians(55.0)
 """Amplitude of the paper's sine [rad]."""
 TONE = math.radians(28.0)
 """Amplitude of each sine of the paper's two-tone signals [rad]."""
 ROUNDING = 1e-12
 """A jump due at 0.3 s must not come one step late because 3 * 0.1 s falls a hair short of it."""
-
-
-def in_unit(source: Any) -> dict[str, Output]:
-    """Declare the output of a source in the unit its option ``unit`` asks for."""
-    declared = source._declared["y"]
-    return {"y": attrs.evolve(declared, unit=source.unit or declared.unit)}
-
-
-def check_unit(source: Any) -> None:
-    """Raise ParameterError when the option ``unit`` of a source is not a unit."""
-    try:
-        parse(source.unit)
-    except UnitError as error:
-        raise ParameterError(f"{type(source).__name__}.unit: {error}") from None
 
 
 def white_noise(seed: int, interval: float, start: float, stop: float, name: str = "") -> Samples:

@@ -7,13 +7,13 @@ import numpy as np
 
 from tsmblocks.engine import feeds
 from tsmblocks.engine.kernels import Memory
-from tsmblocks.engine.switches import Frozen, margin, turned
+from tsmblocks.engine.switches import Frozen, margin
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 MOST = 8
 """Times a switch may turn over within a step."""
-MOST_AT_ONCE = 2
-"""Times it may do so at one instant: over, and back once a memory (a relay's) has taken its place."""
+MOST_AT_ONCE = 4
+"""Times it may do so at one instant; a relay takes two, over, and back once its memory has been set."""
 SAME = 1e-9
 """Fraction of a step within which two instants are one."""
 
@@ -68,7 +68,7 @@ class Crossing:
         An Event when a switch keeps turning over (a sliding mode), None when numbers leave the finite ones.
         """
         frozen, events = self.frozen, list[Event]()
-        count, near, before = (np.zeros(len(here.m)) for _ in range(3))
+        count, near, last, told = (np.full(len(here.m), v) for v in (0, 0, -np.inf, -np.inf))
         while t - here.t > self._finest(t):
             end = self._part(here, t)
             if end is None:
@@ -80,15 +80,15 @@ class Crossing:
             made = None if past is None else self._turn(past, wrong)
             if made is None:
                 return None
-            here, which = made
-            again = which & (count > 0) & (here.t - before <= SAME * self.h)
-            count, before = count + which, np.where(which, here.t, before)
+            old, (here, which) = here.m, made
+            again = here.t - last <= SAME * self.h
+            count, last = count + which, np.where(which, here.t, last)
             near = np.where(which, near * again + 1, near)
             chattering = (near > MOST_AT_ONCE) | (count > MOST)
             if chattering.any():
                 return self.events(here.t, chattering, here.m)[0]
-            if here.t > self.start + SAME * self.h:
-                events += self.events(here.t, which & ~again, here.m)
+            over = (here.m != old) & (here.t - told > SAME * self.h) & (here.t > self.start + SAME * self.h)
+            events, told = events + self.events(here.t, over, here.m), np.where(over, here.t, told)
         return Passed(here, events)
 
     def events(self, t: float, which: np.ndarray, m: np.ndarray) -> list[Event]:
@@ -154,16 +154,23 @@ class Crossing:
         """Turn over all switches that cross at a point or jump with those; and say which they are."""
         frozen = self.frozen
         which = frozen.wrong(past.g, past.m) | (wrong & (margin(past.g, past.m) <= 0))
-        here = attrs.evolve(past, m=turned(past.g, past.m, which))
-        if frozen.remember is not None:
-            u, memory = self._inputs(past.t, self.h)[0, 0], frozen.memory(past.x, past.d, here.m, self.like)
-            d, x = frozen.remember(past.t, memory.x, memory.d, u, [], memory.p)
+        here = self._settled(attrs.evolve(past, m=frozen.turned(past.g, past.m, which)), which)
+        if here is not None and frozen.remember is not None:
+            u, memory = self._inputs(here.t, self.h)[0, 0], frozen.memory(here.x, here.d, here.m, self.like)
+            d, x = frozen.remember(here.t, memory.x, memory.d, u, [], memory.p)
             here = attrs.evolve(here, d=np.asarray(d).ravel(), x=np.asarray(x).ravel())
-        while True:
+            here = self._settled(here, which)
+        return None if here is None else (here, which | (here.m != past.m))
+
+    def _settled(self, here: Point, which: np.ndarray) -> Point | None:
+        """Turn over what jumps with those already turned; the crossing itself may be off by rounding."""
+        for _ in range(2 * len(which) + 2):
             seen = self._part(here, here.t)
             if seen is None:
                 return None
-            more = frozen.wrong(seen.g, seen.m) & ~which
+            more = self.frozen.wrong(seen.g, seen.m) & (~which | (seen.g == 0))
             if not more.any():
-                return seen, which
-            here, which = attrs.evolve(seen, m=turned(seen.g, seen.m, more)), which | more
+                return seen
+            here = attrs.evolve(seen, m=self.frozen.turned(seen.g, seen.m, more))
+            which = which | more
+        return None

@@ -22,7 +22,7 @@ from tsmblocks.engine.crossing import Crossing, Event, Passed, Point
 from tsmblocks.engine.kernels import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session, Stopped
-from tsmblocks.engine.switches import Frozen, freeze, turned
+from tsmblocks.engine.switches import Frozen, freeze
 from tsmblocks.errors import RunError
 
 SHORTEST, LONGEST = 32, 8192
@@ -177,7 +177,7 @@ class _Walk:
             wrong = self.f.wrong(g, m)
             if not wrong.any():
                 break
-            m = turned(g, m, wrong)
+            m = self.f.turned(g, m, wrong)
             if self.m is not None:
                 self.events += self.crossing.events(self.time(self.k), wrong, m)
         self.m = m

@@ -28,7 +28,9 @@ def single_kernel(eq: Equations, method: Method, y: tuple[int, ...], backend: st
     return kernel_for(plan_for(eq, method, y), backend)
 
 
-def plan_for(eq: Equations, method: Method, y: tuple[int, ...], *, lanes: int = 1, vary: frozenset[int] = frozenset()) -> Plan:
+def plan_for(
+    eq: Equations, method: Method, y: tuple[int, ...], *, lanes: int = 1, vary: frozenset[int] = frozenset()
+) -> Plan:
     """A plan; with lanes, every state and the parameters in ``vary`` have one value per lane."""
     many = lanes > 1
     return Plan(
@@ -79,7 +81,9 @@ def spread(values: np.ndarray, layout: Layout) -> np.ndarray:
     return flat
 
 
-def start_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: Mapping[str, float] | None = None) -> Memory:
+def start_memory(
+    eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: Mapping[str, float] | None = None
+) -> Memory:
     """Memory before the first step, for one run."""
     x, d, s = (np.asarray(v).ravel() for v in eq.start(p))
     for name, value in (start or {}).items():
@@ -94,7 +98,9 @@ def start_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: 
     tau = check_delays(eq, p, h)
     capacity = 1 << int(max(tau, default=0) + 8).bit_length()
     ring = np.repeat(s, capacity) if len(s) else np.empty(0)
-    return Memory(spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(p, kernel.layout_p), ring, capacity - 1)
+    return Memory(
+        spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(p, kernel.layout_p), ring, capacity - 1
+    )
 
 
 def gather_signals(
@@ -109,7 +115,9 @@ def gather_signals(
     if missing:
         units = ", ".join(f"{f.name}{f' [{f.unit}]' if f.unit else ''}" for f in eq.u if f.name in missing)
         words = "inputs" if len(missing) > 1 else "input"
-        raise DataError(f"diagram '{eq.title}' needs its {words} {units}: give inputs={{'{missing[0]}': samples}}.")
+        raise DataError(
+            f"diagram '{eq.title}' needs its {words} {units}: give inputs={{'{missing[0]}': samples}}."
+        )
     span = (float(grid[0]), float(grid[-1]))
     taped = {block: source(*span) for block, source in eq.tapes.items()}
     known: dict[tuple[str, str], feeds.Signal] = {}
@@ -118,7 +126,9 @@ def gather_signals(
         key = (feed.block, feed.tape or feed.name.removeprefix("d/dt " * feed.order))
         if key not in known:
             given = taped[feed.block][feed.tape] if feed.block else inputs[key[1]]
-            known[key] = feeds.Signal(f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold)
+            known[key] = feeds.Signal(
+                f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold
+            )
             step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
             known[key].covers(*span, step)
         made.append((known[key], feed.order))

@@ -23,10 +23,8 @@ from tsmblocks.engine.program import Program
 from tsmblocks.equation_set import Equations
 
 WORDS = {"FABS": "abs", "SIGN": "sign", "FMIN": "min", "FMAX": "max", "LT": "<", "LE": "<="}
-EDGE = {"LE": 1.0, "LT": -1.0}
-"""What a comparison is at g = 0; the others may be either."""
-FRESH = {"SIGN": 0.0, "LT": -1.0}
-"""Modes to begin with, where g = 0; 1 for the others."""
+EDGE = {"LE": 1.0, "LT": -1.0, "SIGN": 0.0}
+"""Mode at g = 0; that of the others may be either."""
 BAND = 4e-15
 """A difference this small against its terms is rounding, and counts as zero."""
 ALWAYS = True
@@ -41,7 +39,7 @@ class Frozen:
     A row of ``whole`` holds the logged signals, then x, d and g, and where there are updates g before
     the update at its instant; a row of ``part``, which updates nothing, holds g. ``remember(t, x, d, u, q,
     p) -> (d, x)`` updates memory at an event (None where nothing is updated between samples). ``names``
-    gives the block and the word of each switch, ``edge`` the mode of comparisons at g = 0 (else NaN),
+    gives the block and the word of each switch, ``edge`` its mode at g = 0 (NaN where either will do),
     ``fresh`` the modes to begin with, ``spare`` fills the memory up.
     """
 
@@ -58,6 +56,11 @@ class Frozen:
         on_edge = (g == 0) & ~np.isnan(self.edge) & (m != self.edge)
         return on_edge | ((g != 0) & ((m == 0) | ((g > 0) != (m > 0))))
 
+    def turned(self, g: np.ndarray, m: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Modes with some switches set by g."""
+        on_edge = np.where(np.isnan(self.edge), -m, self.edge)
+        return np.where(which, np.where(g == 0, on_edge, np.sign(g)), m)
+
     def memory(self, x: np.ndarray, d: np.ndarray, m: np.ndarray, like: Memory) -> Memory:
         """Arrays that a kernel may work on."""
         return Memory(x.copy(), np.concatenate([d, m, self.spare]), like.p, like.ring, like.mask)
@@ -66,11 +69,6 @@ class Frozen:
 def margin(g: np.ndarray, m: np.ndarray) -> np.ndarray:
     """How far each switch is from turning over; negative once it should have. Mode 0 holds at g = 0 only."""
     return np.where(m == 0, -np.abs(g), np.where(m > 0, g, -g))
-
-
-def turned(g: np.ndarray, m: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Modes with some switches turned over."""
-    return np.where(which, np.where(m == 0, np.sign(g), -m), m)
 
 
 @functools.lru_cache(maxsize=64)
@@ -92,7 +90,7 @@ def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> F
         remember=remember,
         names=tuple(zip(_owners(eq, program, switches), (WORDS[k] for k in kinds), strict=True)),
         edge=np.array([EDGE.get(k, np.nan) for k in kinds]),
-        fresh=np.array([FRESH.get(k, 1.0) for k in kinds]),
+        fresh=np.array([EDGE.get(k, 1.0) for k in kinds]),
         spare=np.zeros(0 if update is None else count),
     )
 
@@ -169,7 +167,13 @@ def _rewritten(
         elif node in modes:
             given = [values[j] for j in args]
             values.append(_decided(name, modes[node], *given))
-            gap = given[0] if len(args) == 1 else given[1] - given[0] if name in EDGE else given[0] - given[1]
+            gap = (
+                given[0]
+                if len(args) == 1
+                else given[1] - given[0]
+                if name in ("LT", "LE")
+                else given[0] - given[1]
+            )
             size = sum(_size(program, values, j) for j in args)
             gaps[node] = gap if moving[node] == 1 else ca.if_else(ca.fabs(gap) < BAND * size, 0, gap)
         else:
@@ -224,7 +228,7 @@ def _decided(name: str, mode: Any, a: Any, b: Any = None) -> Any:
         return mode * a
     if name == "SIGN":
         return mode
-    if name in EDGE:
+    if name in ("LT", "LE"):
         return mode > 0
     return ca.if_else(mode > 0, b, a) if name == "FMIN" else ca.if_else(mode > 0, a, b)
 

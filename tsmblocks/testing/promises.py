@@ -1,10 +1,10 @@
 """The promises every block keeps, as checks. A check's name is the promise, its docstring says it in words.
 
-    from tsmblocks.testing import checks_for
+from tsmblocks.testing import checks_for
 
-    @pytest.mark.parametrize("check", checks_for(MyBlock()), ids=str)
-    def test_my_block(check):
-        check()
+@pytest.mark.parametrize("check", checks_for(MyBlock()), ids=str)
+def test_my_block(check):
+check()
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import functools
 import inspect
 import math
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import casadi as ca
@@ -27,6 +27,9 @@ from tsmblocks.unit_checks import SHARED
 
 SCALES = (0.0, 1.0, 1e3, 1e6)
 """How large states and inputs are made: at rest, ordinary, and far outside normal use."""
+
+WIDEST = 12
+"""Characters that fit the box in a drawing."""
 
 Promise = Callable[[Block], None]
 PROMISES: dict[str, Promise] = {}
@@ -94,7 +97,9 @@ def _functions(block: Block) -> tuple[Any, list[str], list[str]]:
     p = [v for value in twin.parameters.values() for _, v in leaves(value)]
     names = [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
     column = lambda parts: ca.vertcat(*parts) if parts else ca.SX(0, 1)  # noqa: E731 - a local shorthand
-    f = ca.Function("block", [t, column(list(x)), column(list(u)), column(p)], [column(list(results.values()))])
+    f = ca.Function(
+        "block", [t, column(list(x)), column(list(u)), column(p)], [column(list(results.values()))]
+    )
     return f, list(results), names
 
 
@@ -109,7 +114,8 @@ def _points(block: Block) -> list[tuple[float, np.ndarray, np.ndarray]]:
     nx, nu = len(block.states), len(block.read_names)
     for scale in SCALES:
         for signs in (rng.uniform(-1, 1, nx + nu), np.ones(nx + nu), -np.ones(nx + nu)):
-            made.append((scale, scale * signs[:nx], scale * signs[nx:]))
+            values = scale * signs + 0.0  # and not -0
+            made.append((scale, values[:nx], values[nx:]))
     return made
 
 
@@ -118,15 +124,25 @@ def _points(block: Block) -> list[tuple[float, np.ndarray, np.ndarray]]:
 
 @promise
 def documented(block: Block) -> None:
-    """A sentence, an equation, a source, and words on every port and field."""
+    """A sentence, an equation, a source, a short symbol, and words on every port and field."""
     owner = type(block).__name__
-    text = inspect.getdoc(type(block)) or ""
-    need(text and text.strip().splitlines()[0].rstrip().endswith("."), f"{owner} has no opening sentence.")
+    text = inspect.cleandoc(type(block).__dict__.get("__doc__") or "")
+    need(text.partition("\n\n")[0].endswith("."), f"{owner} has no opening sentence.")
+    need(".. math::" in text or hasattr(block, "function"), f"{owner} shows no equation (.. math::).")
     need(block.source, f"{owner} names no source.")
+    need(
+        0 < len(block.symbol) <= WIDEST, f"{owner} needs a symbol of at most {WIDEST} characters for its box."
+    )
     parts: list[tuple[str, Any]] = [*block.inports.items(), *block.outports.items(), *block.tape_ports.items(),
                                     *block.past_ports.items(), *block.fields().items()]  # fmt: skip
     for name, part in parts:
         need(part.about.strip(), f"{owner}.{name} has no words.")
+
+
+@promise
+def works_as_it_comes(block: Block) -> None:
+    """Without arguments it can be made, and means something."""
+    need(type(block)() == type(block)(), f"{type(block).__name__} made twice differs.")
 
 
 @promise
@@ -138,11 +154,21 @@ def equations_cover_what_is_declared(block: Block) -> None:
 @promise
 def units_are_known(block: Block) -> None:
     """Every unit is one this package can read."""
-    parts: list[Any] = [*block.inports.values(), *block.outports.values(), *block.fields().values(),
-                        *block.states.values()]  # fmt: skip
-    for part in parts:
+    parts: list[tuple[str, Any]] = [*block.inports.items(), *block.outports.items(), *block.fields().items(),
+                                    *block.states.items()]  # fmt: skip
+    for name, part in parts:
         match = SHARED.fullmatch(part.unit)
-        units.parse("1" + match[2] if match else part.unit)
+        try:
+            units.parse("1" + match[2] if match else part.unit)
+        except units.UnitError as error:
+            raise BrokenPromise(f"{type(block).__name__}.{name}: {error}") from None
+    ports = {*_letters(block.inports.values()), *_letters(block.outports.values())}
+    loose = {*_letters(block.fields().values()), *_letters(block.states.values())} - ports
+    need(not loose, f"no port of {type(block).__name__} has the unit ?{', ?'.join(sorted(loose))}.")
+
+
+def _letters(parts: Iterable[Any]) -> set[str]:
+    return {match[1] for part in parts if (match := SHARED.fullmatch(part.unit))}
 
 
 @promise
@@ -151,7 +177,9 @@ def every_parameter_matters(block: Block) -> None:
     f, results, names = _functions(block)
     t, x, u, p = f.sx_in()
     used = ca.which_depends(f(t, x, u, p), p, 1, False) if results and names else []
-    starts = {leaf for k, s in block.twin(lambda n, v: ca.SX.sym(n)).states.items() for leaf in _symbols(s.start)}
+    starts = {
+        leaf for k, s in block.twin(lambda n, v: ca.SX.sym(n)).states.items() for leaf in _symbols(s.start)
+    }
     past = {p.by for p in block.past_ports.values()} | {p.initial for p in block.past_ports.values()}
     idle = [n for n, u_ in zip(names, used, strict=True) if not u_ and n not in starts and n not in past]
     need(not idle, f"no equation of {type(block).__name__} uses {', '.join(idle)}.")
@@ -173,20 +201,58 @@ def every_input_matters(block: Block) -> None:
 
 
 @promise
+def every_state_matters(block: Block) -> None:
+    """Each state reaches an output, at once or by way of other states."""
+    twin, t, x, u = symbolic(block)
+    results = {**call(twin, "derivatives", t, x, u), **call(twin, "updates", t, x, u)}
+    reached, found = {""}, set(x._fields) if not block.outports else set[str]()
+    while reached:
+        of = [results[k] for k in reached if k in results] or list(call(twin, "outputs", t, x, u).values())
+        reached = {
+            k for k, s in zip(x._fields, x, strict=True) if any(ca.depends_on(e, s) for e in of)
+        } - found
+        found |= reached
+    idle = [k for k in x._fields if k not in found]
+    need(not idle, f"no output of {type(block).__name__} depends on {', '.join(idle)}.")
+
+
+@promise
+def tapes_are_supplied(block: Block) -> None:
+    """Each tape comes as samples that cover the run, and comes again the same."""
+    owner, wanted = type(block).__name__, list(block.tape_ports)
+    given, again = block.tapes(-0.5, 2.0), block.tapes(-0.5, 2.0)
+    need(
+        sorted(given) == sorted(wanted),
+        f"{owner}.tapes gives {sorted(given)}, and its tapes are {sorted(wanted)}.",
+    )
+    for name, tape in given.items():
+        same = np.array_equal(tape.t, again[name].t) and np.array_equal(tape.y, again[name].y)
+        need(same, f"{owner}.{name} is another one each time.")
+        need(
+            len(tape.t) == len(tape.y) and np.isfinite(tape.y).all(),
+            f"{owner}.{name} is not a list of finite numbers.",
+        )
+
+
+@promise
 def floats_and_symbols_agree(block: Block) -> None:
     """The equations give the same with numbers as with symbols, and the same twice."""
     f, results, _ = _functions(block)
-    for t, x, u in _points(block)[3:6] if _singular(block) else _points(block)[:6]:
+    points = _points(block)[3:6] if _singular(block) else _points(block)[:6]
+    for t, x, u in [(t, x.tolist(), u.tolist()) for t, x, u in points]:
         expected = np.asarray(f(t, x, u, _numbers(block))).ravel()
         for _ in range(2):
-            states, inputs = signals(list(block.states), list(x)), signals(list(block.read_names), list(u))
+            states, inputs = signals(list(block.states), x), signals(list(block.read_names), u)
             direct = {f"{kind}.{k}": float(v)
                       for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
                       for k, v in call(block, equation, t, states, inputs).items()}  # fmt: skip
             for name, value in zip(results, expected, strict=True):
                 same = direct[name] == value or math.isclose(direct[name], value, rel_tol=1e-9, abs_tol=1e-12)
                 same = same or (math.isnan(value) and math.isnan(direct[name]))
-                need(same, f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.")
+                need(
+                    same,
+                    f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.",
+                )
 
 
 def _singular(block: Block) -> bool:
@@ -219,22 +285,27 @@ def slopes_are_finite(block: Block) -> None:
     for time, xs, us in _points(block):
         values = np.asarray(jacobian(time, xs, us, finite))
         rows = [n for n, row in zip(results, values, strict=True) if not np.isfinite(row).all()]
-        need(not rows, f"a slope of {type(block).__name__} {', '.join(rows)} is not finite at x={xs}, u={us}.")
+        need(
+            not rows, f"a slope of {type(block).__name__} {', '.join(rows)} is not finite at x={xs}, u={us}."
+        )
 
 
 @promise
 def is_a_value(block: Block) -> None:
     """Frozen, equal to its copy, hashable, and it pickles."""
-    copy = block.replace()
-    need(copy == block and hash(copy) == hash(block), f"{type(block).__name__} differs from its copy.")
-    need(pickle.loads(pickle.dumps(block)) == block, f"{type(block).__name__} changes when pickled.")
+    owner, copy = type(block).__name__, block.replace()
+    try:
+        need(copy == block and hash(copy) == hash(block), f"{owner} differs from its copy.")
+        need(pickle.loads(pickle.dumps(block)) == block, f"{owner} changes when pickled.")
+    except (TypeError, pickle.PicklingError, AttributeError) as error:
+        raise BrokenPromise(f"{owner} holds something that is no value: {error}") from error
     name = next(iter(block.fields()), None)
     if name is not None:
         try:
             setattr(block, name, None)
         except AttributeError:
             return
-        raise BrokenPromise(f"{type(block).__name__} can be changed in place.")
+        raise BrokenPromise(f"{owner} can be changed in place.")
 
 
 @promise
@@ -244,10 +315,14 @@ def survives_a_file(block: Block) -> None:
     from tsmblocks.diagram import Diagram
     from tsmblocks.files import dumps, loads
 
-    need(REGISTRY.get(type(block).__name__) is type(block), f"{type(block).__name__} is not known to files by its name.")
+    owner = type(block).__name__
+    need(REGISTRY.get(owner) is type(block), f"{owner} is not known to files by its name.")
+    for name in block.fields():
+        kinds = {type(v) for _, v in leaves(getattr(block, name))}
+        need(kinds <= {float, int, str, bool}, f"{owner}.{name} is nothing that a file could hold.")
     inputs = {f"in_{k}": f"block.{k}" for k in block.inports}
     alone = Diagram(title="alone", blocks={"block": block}, inputs=inputs)
-    need(loads(dumps(alone)) == alone, f"{type(block).__name__} changes when written to a file.")
+    need(loads(dumps(alone)) == alone, f"{owner} changes when written to a file.")
 
 
 @promise
@@ -255,7 +330,7 @@ def refuses_bad_numbers(block: Block) -> None:
     """Text, NaN and values outside the bounds are refused, naming block and parameter."""
     owner = type(block).__name__
     for name, field in block.fields().items():
-        if isinstance(field.default, (str, bool)):
+        if isinstance(field.default, (str, bool)) or not isinstance(field.default, (int, float, tuple)):
             continue
         wrong: list[Any] = ["three", math.nan]
         wrong += [field.above] if math.isfinite(field.above) else []
@@ -272,7 +347,10 @@ def refuses_bad_numbers(block: Block) -> None:
             try:
                 block.replace(**{name: given})
             except ParameterError as error:
-                need(owner in str(error) and name in str(error), f"the refusal does not name {owner}.{name}: {error}")
+                need(
+                    owner in str(error) and name in str(error),
+                    f"the refusal does not name {owner}.{name}: {error}",
+                )
             else:
                 raise BrokenPromise(f"{owner}.{name} takes {bad!r}.")
 
