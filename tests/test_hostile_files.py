@@ -138,7 +138,7 @@ MISTAKES = {
     ),
     "number a block refuses": (
         [('gain = "$k"', 'time_constant = "$k"'), ("5.0", "0.0")],
-        ["15: motor: FirstOrderLag.time_constant must lie in (0, inf), got 0."],
+        ["15: motor: FirstOrderLag.time_constant must lie in (0, inf), got 0. From values: k = 0."],
     ),
     "wire to no block": (
         [('"ref -> error', '"ref -> errer')],

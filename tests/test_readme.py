@@ -43,3 +43,10 @@ def test_pictures_in_the_readme_exist():
 def test_links_in_the_readme_exist():
     for link in re.findall(r"(?<!!)\[[^]]*\]\(([^)#]+)\)", README.read_text(encoding="utf-8")):
         assert link.startswith("http") or (README.parent / link).exists()
+
+
+def test_the_picture_is_what_the_command_draws():
+    import tsmblocks as tsm
+
+    drawn = tsm.to_svg(tsm.load("fig16_feedforward_feedback"))
+    assert (README.parent / "examples" / "fig16.svg").read_text(encoding="utf-8").strip() == drawn.strip()

@@ -54,7 +54,7 @@ def every_nth(value: Any) -> int:
 
 
 def whole_steps(start: float, stop: float, h: float) -> int:
-    """Steps from ``start`` until no whole step is left before ``stop`` [s]. Raises RunError when there is none."""
+    """Whole steps between ``start`` and ``stop`` [s]. Raises RunError when there is none."""
     if not start < stop:
         raise RunError(f"the run must end after it starts, got start={start:g} s and stop={stop:g} s.")
     steps = (stop - start) / h

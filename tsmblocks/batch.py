@@ -100,8 +100,19 @@ def simulate_batch(
         for name, values in sets.items():
             p[eq.p.index(name)] = values[index]
         y = np.empty((n // every + 1, kernel.layout_y.size))
-        kernel.advance(lane_memory(eq, kernel, p, step), rows, t0=start, h=step, k0=0, n=n, final=True, every=every,
-                       skip=0, hits=hits, y=y)  # fmt: skip
+        kernel.advance(
+            lane_memory(eq, kernel, p, step),
+            rows,
+            t0=start,
+            h=step,
+            k0=0,
+            n=n,
+            final=True,
+            every=every,
+            skip=0,
+            hits=hits,
+            y=y,
+        )
         signals = {name: _lane_columns(y, kernel, chosen.index(k), lanes)
                    for name, k in zip(names, _positions(eq, names), strict=True)}  # fmt: skip
         made = dict(reduce(t, signals)) if reduce is not None else {k: v.T for k, v in signals.items()}
@@ -152,8 +163,19 @@ def sensitivities(
         seeds = np.zeros((len(eq.p), lanes))
         seeds[part, range(len(part))] = 1.0
         y = np.empty((n // every + 1, kernel.layout_y.size))
-        kernel.advance(tangent_memory(eq, kernel, base, seeds, step), rows, t0=start, h=step, k0=0, n=n, final=True,
-                       every=every, skip=0, hits=steps_per_period(eq, step), y=y)  # fmt: skip
+        kernel.advance(
+            tangent_memory(eq, kernel, base, seeds, step),
+            rows,
+            t0=start,
+            h=step,
+            k0=0,
+            n=n,
+            final=True,
+            every=every,
+            skip=0,
+            hits=steps_per_period(eq, step),
+            y=y,
+        )
         for i, column in enumerate(columns):
             wide = _lane_columns(y, kernel, len(chosen) + column, lanes)
             jacobian[:, i, first : first + len(part)] = wide[:, : len(part)]
@@ -182,7 +204,7 @@ def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memor
     tau = max((check_delays(eq, p[:, k], h).max() for k in range(lanes)), default=0.0) if eq.q else 0.0
     capacity = 1 << int(tau + 8).bit_length()
     ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)
-    flat = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
+    flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
     return Memory(
         spread(x, kernel.layout_x),
         spread(d, kernel.layout_d),
@@ -272,11 +294,14 @@ def _go_together(
 
 def _index(eq: Equations, name: str, diagram: Diagram) -> int:
     if name not in eq.p and name in diagram.parameter_names():
-        raise ParameterError(f"'{name}' shapes the equations of '{eq.title}' (it is an option, or a whole list), so it "
-                             "cannot vary between runs side by side. Simulate once for each value.")  # fmt: skip
+        raise ParameterError(
+            f"'{name}' shapes the equations of '{eq.title}' (it is an option, or a whole list), so it "
+            "cannot vary between runs side by side. Simulate once for each value."
+        )
     if name not in eq.p:
-        raise ParameterError(f"diagram '{eq.title}' has no parameter '{name}' that can vary between runs."
-                             f"{near(name, eq.p)}")  # fmt: skip
+        raise ParameterError(
+            f"diagram '{eq.title}' has no parameter '{name}' that can vary between runs.{near(name, eq.p)}"
+        )
     return eq.p.index(name)
 
 

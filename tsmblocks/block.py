@@ -78,8 +78,10 @@ class Block:
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         """Outputs by name."""
         if self.outports:
-            raise EquationError(f"{type(self).__name__} has no method outputs(self, t, x, u), which should give "
-                                f"{', '.join(self.outports)}.")  # fmt: skip
+            raise EquationError(
+                f"{type(self).__name__} has no method outputs(self, t, x, u), which should give "
+                f"{', '.join(self.outports)}."
+            )
         return {}
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
@@ -187,10 +189,11 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
     if cls.__bases__ != (Block,):
         base = cls.__bases__[0].__name__
         raise BlockError(
-            f"{cls.__name__} must derive from Block itself, not from {base}. Write class {cls.__name__}(Block)."
+            f"{cls.__name__} must derive from Block itself, not from {base}. "
+            f"Write class {cls.__name__}(Block)."
         )
     specs = {k: v for k, v in vars(cls).items() if isinstance(v, (Input, Output, Tape, Past))}
-    made = attrs.frozen(kw_only=True, slots=False)(cls)
+    made: Any = attrs.frozen(kw_only=True, slots=False)(cls)
     made._declared = specs
     made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
     _check_declarations(made)
@@ -201,7 +204,7 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
 
 
 def _check_declarations(cls: type[Block]) -> None:
-    """Raise BlockError for a name that a block cannot use, and ParameterError for a default out of its bounds."""
+    """Raise BlockError for a name no block can use, ParameterError for a default out of its bounds."""
     owner = cls.__name__
     for name, annotation in vars(cls).get("__annotations__", {}).items():
         if name in cls._declared:
@@ -224,7 +227,7 @@ def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]
     """The constructor with this package's message for a name or a position it does not know."""
 
     @functools.wraps(init)
-    def __init__(self: Block, *args: Any, **values: Any) -> None:
+    def made(self: Block, *args: Any, **values: Any) -> None:
         if args:
             first = next(iter(cls._fields), "gain")
             raise ParameterError(f"{cls.__name__} takes its parameters by name: {first}={in_words(args[0])}.")
@@ -233,7 +236,7 @@ def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]
                 raise ParameterError(f"{cls.__name__} has no parameter '{name}'.{near(name, cls._fields)}")
         init(self, **values)
 
-    return __init__
+    return made
 
 
 def _register(cls: type[Block]) -> None:

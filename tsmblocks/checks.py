@@ -232,9 +232,12 @@ def value_faults(
                           f"{near(key, values)}", place)  # fmt: skip
         if used and not wanted & set(unsure) and not missing and all(_is_number(values[k]) for k in wanted):
             try:
-                block.replace(**{
-                    k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v) for k, v in used.items()
-                })  # fmt: skip
+                block.replace(
+                    **{
+                        k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v)
+                        for k, v in used.items()
+                    }
+                )
             except ParameterError as error:
                 said = ", ".join(f"{k} = {values[k]:g}" for k in sorted(wanted))
                 yield located(f"{name}: {error} From values: {said}.", place)

@@ -41,15 +41,27 @@ def compile_diagram(diagram: Diagram) -> Equations:
     lag = ca.Function("lag", [p], [_column(flat.delays)], ["p"], ["tau"])
     return Equations(
         title=diagram.title,
-        x=tuple(".".join(k) for k in flat.x), d=tuple(flat.d_name(k) for k in flat.d), u=tuple(between.feeds()),
-        p=tuple(flat.p_names), y=tuple(names), q=tuple(flat.q_names), p_default=np.array(flat.p_values, dtype=float),
-        rhs=rhs, update=update, start=start, lag=lag, periods=tuple(flat.periods),
+        x=tuple(".".join(k) for k in flat.x),
+        d=tuple(flat.d_name(k) for k in flat.d),
+        u=tuple(between.feeds()),
+        p=tuple(flat.p_names),
+        y=tuple(names),
+        q=tuple(flat.q_names),
+        p_default=np.array(flat.p_values, dtype=float),
+        rhs=rhs,
+        update=update,
+        start=start,
+        lag=lag,
+        periods=tuple(flat.periods),
         aliases={k: flat.signal_name(end) for k, end in flat.shown.items()},
-        units=_units(diagram, flat, names), tapes={k: functools.partial(b.tapes, name=k) for k, b in flat.blocks.items() if b.tape_ports},
-        every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
+        units=_units(diagram, flat, names),
+        tapes={k: functools.partial(b.tapes, name=k) for k, b in flat.blocks.items() if b.tape_ports},
+        every_step=any(
+            not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()
+        ),
         reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
         sampled={k: flat.periods[group] for k, group in flat.group.items()},
-    )  # fmt: skip
+    )
 
 
 _LABELS = {
@@ -65,7 +77,7 @@ def _column(elements: list[Any]) -> Any:
 
 def _signals(flat: Flat, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
     """Everything worth logging, in evaluation order: inputs, outputs of blocks, then states."""
-    names = [k for k in flat.inputs]
+    names = list(flat.inputs)
     values = [evaluator.value[("u", k)] for k in flat.inputs]
     for node, value in evaluator.value.items():
         if node[0] == "y":

@@ -24,13 +24,15 @@ DEEPEST = 64
 """Levels of diagrams inside diagrams; more is a mistake or an attack."""
 
 
+def _ports(given: Any) -> tuple[str, ...]:
+    return tuple(given) if isinstance(given, (list, tuple)) else (given,)
+
+
 @attrs.frozen
 class Inlet:
     """An input of a diagram: the ports it drives, its unit and meaning."""
 
-    ports: tuple[str, ...] = attrs.field(
-        converter=lambda p: tuple(p) if isinstance(p, (list, tuple)) else (p,)
-    )
+    ports: tuple[str, ...] = attrs.field(converter=_ports, eq=frozenset)
     unit: str = ""
     about: str = ""
 
@@ -41,6 +43,10 @@ def _inlets(given: Mapping[str, Any]) -> Mapping[str, Inlet]:
 
 def _frozen(given: Any) -> Mapping[Any, Any]:
     return MappingProxyType(dict(given))
+
+
+def _values(given: Mapping[str, Any]) -> Mapping[str, float]:
+    return _frozen({k: float(v) if type(v) is int else v for k, v in given.items()})
 
 
 def _listed(wires: Any) -> Any:
@@ -74,10 +80,7 @@ class Diagram:
     wires: tuple[str, ...] = attrs.field(default=(), converter=_listed, eq=False, repr=False)
     inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=_inlets)
     outputs: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
-    values: Mapping[str, float] = attrs.field(
-        factory=dict,
-        converter=lambda v: _frozen({k: float(x) if type(x) is int else x for k, x in v.items()}),
-    )
+    values: Mapping[str, float] = attrs.field(factory=dict, converter=_values)
     where: str = attrs.field(factory=_caller, eq=False, repr=False)
     links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)
     inlets: Mapping[str, tuple[tuple[str, str], ...]] = attrs.field(init=False, eq=False, repr=False)
@@ -199,7 +202,7 @@ class Diagram:
         return overridden(self, changes, self, "")
 
     def untied(self, names: Iterable[str]) -> Diagram:
-        """The diagram in which each named parameter has a number of its own, equal to what it refers to now."""
+        """The diagram in which each named parameter has its own number, equal to what it refers to now."""
         changes = {name: value for name in names if (value := self._referred(name)) is not None}
         return self.with_parameters(changes) if changes else self
 
@@ -211,10 +214,11 @@ class Diagram:
             return block._referred(rest)
         if block is None:
             return None
-        found = {leaf: v for key, value in block.parameters.items() for leaf, v in leaves(value, key)}.get(
-            rest
-        )
-        return self.values[found[1:]] if is_reference(found) else None
+        known: dict[str, Any] = {}
+        for key, value in block.parameters.items():
+            known.update(leaves(value, key))
+        found = known.get(rest)
+        return self.values[found[1:]] if found is not None and is_reference(found) else None
 
     # ---- edits
 
@@ -319,12 +323,21 @@ class Diagram:
         title: str | None = None,
         source: str | None = None,
     ) -> Diagram:
-        """The diagram with wires cut (``"a.y -> b.u"``) and added, and with other fields where they are given."""
+        """The diagram with wires cut (``"a.y -> b.u"``) and added, and other fields where they are given."""
         from tsmblocks.edits import rewired
 
-        fields = {"blocks": blocks, "inputs": inputs, "outputs": outputs, "values": values, "title": title,
-                  "source": source}  # fmt: skip
+        fields = {
+            "blocks": blocks,
+            "inputs": inputs,
+            "outputs": outputs,
+            "values": values,
+            "title": title,
+            "source": source,
+        }
         return rewired(self, tuple(cut), tuple(add), {k: v for k, v in fields.items() if v is not None})
+
+    def __hash__(self) -> int:  # of what tells most diagrams apart
+        return hash((self.title, frozenset(self.blocks), frozenset(self.links)))
 
     def __str__(self) -> str:
         lines = [self.title or "diagram", *(f"  {wire}" for wire in self.wires)]

@@ -23,8 +23,11 @@ def _usual(diagram: Diagram, name: str, block: Any, side: str) -> str:
     ports = block.inports if side == "input" else block.outports
     usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
     if len(usual) != 1:
-        raise _fail(diagram, f"insert '{name}': a block on a wire has one input and one output, and {kind(block)} has "
-                    f"{several(usual, side)}. Use rewire, which takes blocks and wires.")  # fmt: skip
+        raise _fail(
+            diagram,
+            f"insert '{name}': a block on a wire has one input and one output, and {kind(block)} has "
+            f"{several(usual, side)}. Use rewire, which takes blocks and wires.",
+        )
     return usual[0]
 
 
@@ -151,8 +154,11 @@ def removed(diagram: Diagram, name: str) -> Diagram:
     leaving = {x.source[1] for x in outof} | {diagram.shown[k][1] for k in shown}
     if leaving and (len(into) + len(feeding) != 1 or len(leaving) > 1):
         ins = [*(x.target[1] for x in into), *(e[1] for _, e in feeding)]
-        raise _fail(diagram, f"remove '{name}': it has {several(ins, 'input')} and {several(sorted(leaving), 'output')} "
-                    "in use, so what should take its place is not known. Use rewire or replace.")  # fmt: skip
+        raise _fail(
+            diagram,
+            f"remove '{name}': it has {several(ins, 'input')} and {several(sorted(leaving), 'output')} "
+            "in use, so what should take its place is not known. Use rewire or replace.",
+        )
     links = [x for x in diagram.links if name not in (x.source[0], x.target[0])]
     inputs = {
         k: attrs.evolve(v, ports=[".".join(e) for e in diagram.inlets[k] if e[0] != name])

@@ -209,18 +209,26 @@ class Evaluator:
         if kind == "q":
             return self.q[owner[1]][1]
         if kind == "slope":
-            self._refuse(f"{self._wanted(source)}, which is formed from the derivative of a delayed signal ({owner[1]}); "
-                         "a second derivative is not known there. Differentiate before the delay.")  # fmt: skip
+            self._refuse(
+                f"{self._wanted(source)}, which is formed from the derivative of a delayed signal "
+                f"({owner[1]}); a second derivative is not known there. Differentiate before the delay."
+            )
         if kind == "d" and len(owner[1]) == 3:
-            self._refuse(f"{self._wanted(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
-                         "constant between samples. Use a FilteredDerivative, or differentiate before sampling.")  # fmt: skip
+            self._refuse(
+                f"{self._wanted(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
+                "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
+            )
         return None
 
     def _wanted(self, source: Node) -> str:
         """Which port asks for the derivative of a signal; all of them where there are several."""
         flat = self.flat
-        ports = [f"{path}.{name}" for path, block in flat.twins.items() for name in block.inports
-                 if self._source(path, name, strict=False) == ("rate", *source)]  # fmt: skip
+        ports = [
+            f"{path}.{name}"
+            for path, block in flat.twins.items()
+            for name in block.inports
+            if self._source(path, name, strict=False) == ("rate", *source)
+        ]
         name = flat.signal_name(source)
         if not ports:  # the derivative of a derivative
             return f"the derivative is needed of {name}"
@@ -240,7 +248,7 @@ class Evaluator:
         return self.u[key]
 
     def _source(self, path: str, name: str, strict: bool = True) -> Any:
-        """The node an input reads: a signal, the rate of one, or ``("read", …)`` for tapes and past values."""
+        """The node an input reads: a signal, its rate, or ``("read", …)`` for tapes and past values."""
         flat = self.flat
         port = flat.twins[path].inports.get(name)
         if port is None:
@@ -279,11 +287,17 @@ class Evaluator:
     def _loop_text(self, path: list[str], nodes: list[Node]) -> str:
         ring = " -> ".join(path)
         if any(node[0] == "rate" for node in nodes):
-            return (f"{ring} needs its own value at the same instant: a derivative takes away the state it is wired to. "
-                    "Put a FilteredDerivative in the place of the exact one.")  # fmt: skip
+            return (
+                f"{ring} needs its own value at the same instant: a derivative takes away the state it is "
+                "wired to. Put a FilteredDerivative in the place of the exact one."
+            )
         if any(node[0] == "y" and node[1] in self.flat.group for node in nodes):
-            return (f"{ring} has no state in it, so its value at a sample depends on itself. "
-                    "Break it with a UnitDelay, or with a block that has a state (a lag, an integrator).")  # fmt: skip
-        return (f"{ring} has no state in it, so its value at one instant depends on itself. "
-                "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a sampled block."
-                )  # fmt: skip
+            return (
+                f"{ring} has no state in it, so its value at a sample depends on itself. "
+                "Break it with a UnitDelay, or with a block that has a state (a lag, an integrator)."
+            )
+        return (
+            f"{ring} has no state in it, so its value at one instant depends on itself. "
+            "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a "
+            "sampled block."
+        )

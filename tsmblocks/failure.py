@@ -10,7 +10,6 @@ import numpy as np
 from tsmblocks.engine.session import Session
 from tsmblocks.equation_set import Equations
 
-
 ORDINARY = 1e100
 """States below this did not run away."""
 
@@ -77,7 +76,7 @@ def _state_message(
         text += f" One step before: {_list((k, before[k]) for k in states[:4])}."
     if before and all(abs(before[k]) < ORDINARY for k in states):
         return (
-            text
-            + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
+            text + " Within the step its equations left what they are defined for "
+            "(a root, a logarithm, a division)."
         )
     return text + " The loop may be unstable, or the step too long for it; try a smaller step."

@@ -78,8 +78,15 @@ class Flat:
             if node in seen:
                 back = [*seen[seen.index(node) :], node]  # against the flow
                 names = [f"{path}.{port}" for _, path, port in reversed(back)]
-                raise AlgebraicLoop(self.title, [f"{' -> '.join(names)} joins diagrams in a ring that holds no "
-                                                 "block, so the signal has no value."], self.where, names)  # fmt: skip
+                raise AlgebraicLoop(
+                    self.title,
+                    [
+                        f"{' -> '.join(names)} joins diagrams in a ring that holds no "
+                        "block, so the signal has no value."
+                    ],
+                    self.where,
+                    names,
+                )
             seen.append(node)
             kind, path, port = node
             if kind == "in":

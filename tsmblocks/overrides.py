@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -12,7 +11,7 @@ from tsmblocks.errors import ParameterError, near
 
 
 def overridden(diagram: Diagram, changes: Mapping[str, Any], whole: Diagram, prefix: str) -> Diagram:
-    """With other numbers; ``whole`` is the diagram that was asked and ``prefix`` the way here, for messages."""
+    """See Diagram.with_parameters; ``whole`` is the diagram that was asked, ``prefix`` the way here."""
     grouped: dict[str, dict[str, Any]] = {}
     values = dict(diagram.values)
     for name, value in changes.items():
@@ -68,8 +67,8 @@ def _set_leaf(whole: Any, name: str, key: str, value: Any) -> Any:
 def _near_path(name: str, known: Iterable[str]) -> str:
     """Near misses of a dotted name; those that end the same way come first."""
     known = list(known)
+    hint = near(name, known)
     tail = [k for k in known if k.rpartition(".")[2] == name.rpartition(".")[2]]
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    if tail and not close:
+    if tail and not hint.startswith(" Did you mean"):
         return f" Did you mean {' or '.join(repr(k) for k in tail[:3])}?"
-    return near(name, known)
+    return hint

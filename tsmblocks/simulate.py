@@ -137,14 +137,25 @@ def simulate(
     eq = equations(diagram)
     chosen, names = _logged(eq, log)
     if (steps // every + 1) * len(chosen) > MOST_NUMBERS:
-        raise RunError(f"{steps} steps of {len(chosen)} signals would take {steps * len(chosen) * 8 / 1e9:.0f} GB. "
-                       f"Keep less: log='outputs', or every={every * 10}.")  # fmt: skip
+        raise RunError(
+            f"{steps} steps of {len(chosen)} signals would take {steps * len(chosen) * 8 / 1e9:.0f} GB. "
+            f"Keep less: log='outputs', or every={every * 10}."
+        )
     rule = method_named(method)
     p = parameter_vector(eq, diagram)
     kernel = single_kernel(eq, rule, chosen, backend)
     grid = start + h * np.arange(steps + 1)
-    session = Session(eq, kernel, start_memory(eq, kernel, p, h, initial), gather_signals(eq, given, grid, hold),
-                      start, h, every, 0, steps_per_period(eq, h))  # fmt: skip
+    session = Session(
+        eq,
+        kernel,
+        start_memory(eq, kernel, p, h, initial),
+        gather_signals(eq, given, grid, hold),
+        start,
+        h,
+        every,
+        0,
+        steps_per_period(eq, h),
+    )
     _warn_of_fast_poles(eq, rule, session, p, h)
     if locate:
         session = locating(session, rule, chosen, backend)
@@ -163,8 +174,17 @@ def _failure(
 ) -> NotFinite:
     """The error that says where a run stopped being finite, with the run up to there."""
     kernel = single_kernel(eq, rule, tuple(range(len(eq.y))), backend)
-    again = Session(eq, kernel, stopped.memory.copy(), session.signals, session.start, session.h, 1, stopped.k,
-                    session.hits)  # fmt: skip
+    again = Session(
+        eq,
+        kernel,
+        stopped.memory.copy(),
+        session.signals,
+        session.start,
+        session.h,
+        1,
+        stopped.k,
+        session.hits,
+    )
     text, block, time = explain(eq, again, stopped.steps)
     error = NotFinite(text)
     error.run, error.block, error.time = run, block, time
@@ -198,10 +218,12 @@ def _warn_of_fast_poles(eq: Equations, rule: Method, session: Session, p: np.nda
     if found is not None:
         pole, state = found
         warnings.warn(
-            f"diagram '{eq.title}': the step of {h:g} s is too long for the fastest pole ({abs(pole):.3g} rad/s, at "
-            f"{state}); {rule.name} needs a step below about {rule.real_limit / abs(pole):.2g} s there.",
-            StepWarning, stacklevel=3,
-        )  # fmt: skip
+            f"diagram '{eq.title}': the step of {h:g} s is too long for the fastest pole "
+            f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
+            f"{rule.real_limit / abs(pole):.2g} s there.",
+            StepWarning,
+            stacklevel=3,
+        )
 
 
 class Stepper:
@@ -212,9 +234,15 @@ class Stepper:
     """
 
     def __init__(
-        self, diagram: Diagram, *, step: float = 1e-3, method: str = "rk4",
-        parameters: Mapping[str, Any] | None = None, initial: Mapping[str, float] | None = None, backend: str = "",
-    ) -> None:  # fmt: skip
+        self,
+        diagram: Diagram,
+        *,
+        step: float = 1e-3,
+        method: str = "rk4",
+        parameters: Mapping[str, Any] | None = None,
+        initial: Mapping[str, float] | None = None,
+        backend: str = "",
+    ) -> None:
         diagram = prepared(diagram, parameters)
         self.h = positive("step", step)
         eq = self.eq = equations(diagram)
@@ -265,8 +293,19 @@ class Stepper:
         return error
 
     def _go(self, memory: Memory, u: np.ndarray, n: int, final: bool, skip: int, y: np.ndarray) -> None:
-        self.kernel.advance(memory, u, t0=0.0, h=self.h, k0=self.k, n=n, final=final, every=1 << 40, skip=skip,
-                            hits=self.hits, y=y)  # fmt: skip
+        self.kernel.advance(
+            memory,
+            u,
+            t0=0.0,
+            h=self.h,
+            k0=self.k,
+            n=n,
+            final=final,
+            every=1 << 40,
+            skip=skip,
+            hits=self.hits,
+            y=y,
+        )
 
     def _values(self, inputs: Mapping[str, Any]) -> list[float]:
         """The inputs in order. Raises DataError for one that is missing, unknown or no number."""
@@ -301,12 +340,16 @@ class Stepper:
 def _need_single(title: str, feed: Feed) -> None:
     """Raise RunError for an input that is known only where the whole run is."""
     if feed.block:
-        raise RunError(f"diagram '{title}' cannot be stepped one by one: {feed.block} is made for a whole run at once. "
-                       "Give its signal as an input instead.")  # fmt: skip
+        raise RunError(
+            f"diagram '{title}' cannot be stepped one by one: {feed.block} is made for a whole run at once. "
+            "Give its signal as an input instead."
+        )
     if feed.order:
         name = feed.name.removeprefix("d/dt " * feed.order)
-        raise RunError(f"diagram '{title}' cannot be stepped one by one: it needs the derivative of its input '{name}', "
-                       "which single values do not give. Use a FilteredDerivative, or an input for the rate.")  # fmt: skip
+        raise RunError(
+            f"diagram '{title}' cannot be stepped one by one: it needs the derivative of its input '{name}', "
+            "which single values do not give. Use a FilteredDerivative, or an input for the rate."
+        )
 
 
 __all__ = ["Run", "Saved", "StepWarning", "Stepper", "equations", "simulate"]

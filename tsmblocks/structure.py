@@ -50,7 +50,7 @@ def _shape(value: Any) -> Any:
 
 def symbolic(block: Block) -> tuple[Any, Any, Any, Any]:
     """A twin of the block with symbols, and symbols for t, x, u."""
-    twin = block.twin(lambda name, value: ca.SX.sym(name))
+    twin = block.twin(lambda name, _: ca.SX.sym(name))
     t = ca.SX.sym("t")
     x = signals(list(block.states), [ca.SX.sym(k) for k in block.states])
     u = signals(list(block.read_names), [ca.SX.sym(k) for k in block.read_names])
@@ -91,13 +91,18 @@ def _why(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
     """What an equation did wrong, and whether that is a mistake of which nothing else need be known."""
     text = " ".join(str(error).split()).rstrip(".")
     if any(sign in text for sign in ("truth value", "__bool__", "Only scalars")):
-        return ("branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and "
-                "where Python has if, min, max or and.", True)  # fmt: skip
-    if isinstance(error, AttributeError) and error.obj in (x, u):
-        which = "state" if error.obj is x else "input"
-        return f"reads '{error.name}', which is no {which}.{near(error.name, error.obj._fields)}", True
-    if isinstance(error, AttributeError) and error.obj is block:
-        return f"reads self.{error.name}, which is not declared.{near(error.name, block.fields())}", True
+        return (
+            "branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and "
+            "where Python has if, min, max or and.",
+            True,
+        )
+    name = str(getattr(error, "name", ""))
+    of: Any = getattr(error, "obj", None)  # what an AttributeError is about
+    for owner, what in ((x, "state"), (u, "input")):
+        if of is owner:
+            return f"reads '{name}', which is no {what}.{near(name, owner._fields)}", True
+    if of is block:
+        return f"reads self.{name}, which is not declared.{near(name, block.fields())}", True
     return f"fails: {type(error).__name__}: {clip(text, 300)}.", False
 
 
@@ -139,12 +144,14 @@ def _read(block: Block) -> Structure:
 
 
 def _check_ports(block: Block) -> None:
-    """Raise EquationError when ports and states of a block name what is not there, or one name means two things."""
+    """Raise EquationError when ports or states name what is not there, or one name means two things."""
     owner, inports = type(block).__name__, block.inports
     for name, port in inports.items():
         if port.rate_of and port.rate_of not in inports:
-            raise EquationError(f"{owner}.{name} is the rate of '{port.rate_of}', which is no input."
-                                f"{near(port.rate_of, set(inports) - {name})}")  # fmt: skip
+            raise EquationError(
+                f"{owner}.{name} is the rate of '{port.rate_of}', which is no input."
+                f"{near(port.rate_of, set(inports) - {name})}"
+            )
     for name, past in block.past_ports.items():
         if past.of not in inports:
             raise EquationError(

@@ -19,6 +19,8 @@ Wire = tuple[End, End, str, str]
 """Source, target, text and place; an input of the diagram is the source ``("", name)``."""
 SHARED = re.compile(r"\?(\w+?)((?:[*/].*)?)")
 """A unit that a block's ports share: a letter, times a known unit."""
+READABLE = "1 rad deg rad/s deg/s rad/s^2 rad*s V A N N*m m m/s m*s mm s 1/s V*s V/s".split()  # noqa: SIM905
+"""Labels tried first for a unit that nobody named."""
 ONE = units.Unit(1.0, ())
 SI = "SI"
 """The node of pure numbers, to which every known unit is tied."""
@@ -144,8 +146,7 @@ def unit_faults(
     wrong = [wire for wire in wires if not survey.units.join(wire[0], wire[1], ONE)]
     wrong = [wire for wire in wrong if survey.units.known(wire[0]) is not None]
     ends = [*survey.labels, *(end for end, _ in survey.shared), *(e for s, t, *_ in wires for e in (s, t))]
-    found = {end: unit for end in ends
-             if (unit := survey.units.known(end)) is not None}  # fmt: skip
+    found = {end: known for end in ends if (known := survey.units.known(end)) is not None}
     return [*survey.faults, *_said(survey, wires, wrong)], found
 
 
@@ -189,15 +190,16 @@ def _advice(a: str, b: str) -> str:
     try:
         units.factor(a, b)
     except units.UnitError:
-        return (f"{a} and {b} measure different things: correct the wire or a unit, or put a block between them that "
-                "turns one into the other (a Gain may).")  # fmt: skip
+        return (
+            f"{a} and {b} measure different things: correct the wire or a unit, or put a block between them "
+            "that turns one into the other (a Gain may)."
+        )
     return f"Put Convert(source_unit='{a}', target_unit='{b}') between them, or correct the unit of one port."
 
 
 def name_of(unit: units.Unit) -> str:
     """A readable label of a unit found by inference."""
-    for label in ("1", "rad", "deg", "rad/s", "deg/s", "rad/s^2", "rad*s", "V", "A", "N", "N*m", "m", "m/s", "m*s",
-                  "mm", "s", "1/s", "V*s", "V/s"):  # fmt: skip
+    for label in READABLE:
         u = units.parse(label)
         if u.dimension == unit.dimension and abs(u.factor / unit.factor - 1) < 1e-12:
             return label

@@ -6,6 +6,7 @@ only one. The same text stands in scripts, files, messages and log names.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
@@ -86,8 +87,10 @@ def _choose(name: str, block: Ported, port: str, side: str) -> str:
             return port
         if port in other:
             turned = "output" if side == "input" else "input"
-            raise Fault(f"{name}.{port} is an {turned} of {name} ({kind(block)}), and an {side} is needed here."
-                        f" Its {side}s: {', '.join(ports) or 'none'}.")  # fmt: skip
+            raise Fault(
+                f"{name}.{port} is an {turned} of {name} ({kind(block)}), and an {side} is needed here."
+                f" Its {side}s: {', '.join(ports) or 'none'}."
+            )
         raise Fault(f"{name} ({kind(block)}) has no {side} '{clip(port)}'.{near(port, ports)}")
     usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
     if len(usual) == 1:
@@ -129,7 +132,7 @@ def parse(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str
         return [], [f"wire '{text}' is not a chain. Write source -> target, for example error -> pid.e."]
     if any(len(stage) > 1 for stage in stages[:-1]):
         return [], [f"wire '{text}' has a comma before its last arrow; only the last place may list several."]
-    for (source,), targets in zip(stages, stages[1:], strict=False):
+    for (source,), targets in itertools.pairwise(stages):
         try:
             # In the middle of a chain a port names where the wire goes in; out there must be one way.
             first = source is stages[0][0]

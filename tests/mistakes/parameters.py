@@ -44,7 +44,7 @@ def a_parameter_by_position():
     Gain(2.0)
 
 
-@mistake(ParameterError, "Gain has no parameter 'u'. Known here: gain.")
+@mistake(ParameterError, "Gain has no parameter 'u'. Known here: gain, unit.")
 def an_input_given_as_a_parameter():
     Gain(u=2.0)
 

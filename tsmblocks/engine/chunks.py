@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import attrs
 
 from tsmblocks.engine.ir import Writer, number
-from tsmblocks.engine.kernel import CONSTANT, Frame
+from tsmblocks.engine.kernel import CONSTANT, Frame, grades_of
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
 
@@ -54,7 +54,7 @@ class ChunkKernel:
 
     def _fix(self, program: Program, wide: list[bool]) -> tuple[dict[int, int], list[int]]:
         """Places for the nodes that depend on parameters only and that others read."""
-        grade = self.f.grades(program)
+        grade = grades_of(program)
         readers = {j for n, g in enumerate(grade) if g > CONSTANT for j in program.arguments(n)}
         chosen = [n for n in sorted(readers | set(program.outputs.values()))
                   if grade[n] == CONSTANT and program.nodes[n][0] not in ("CONST", "INPUT")]  # fmt: skip

@@ -12,7 +12,7 @@ from tsmblocks.engine.switches import Frozen, margin
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 MOST = 8
 """Times a switch may turn over within a step."""
-MOST_AT_ONCE = 4
+MOST_AT_ONCE = 3
 """Times it may do so at one instant; a relay takes two, over, and back once its memory has been set."""
 SAME = 1e-9
 """Fraction of a step within which two instants are one."""
@@ -133,9 +133,9 @@ class Crossing:
         finest, side, tries = self._finest(end.t), 0, 0
         while high - low > finest and below < 0:
             tries += 1
-            if above == 0:  # on the edge from the start: is it left at once?
-                t = low + (high - low) * (1e-6 if side >= 0 else 0.5)
-            elif tries % 4 == 0:
+            if above < SAME and side >= 0:  # on the edge from the start: is it left at once?
+                t = low + ((high - low) * 1e-6 if side == 0 else finest * 0.9)
+            elif above == 0 or tries % 4 == 0:
                 t = (low + high) / 2
             else:
                 t = high - below * (high - low) / (below - above)
@@ -153,7 +153,7 @@ class Crossing:
     def _turn(self, past: Point, wrong: np.ndarray) -> tuple[Point, np.ndarray] | None:
         """Turn over all switches that cross at a point or jump with those; and say which they are."""
         frozen = self.frozen
-        which = frozen.wrong(past.g, past.m) | (wrong & (margin(past.g, past.m) <= 0))
+        which = frozen.first(frozen.wrong(past.g, past.m) | (wrong & (margin(past.g, past.m) <= 0)))
         here = self._settled(attrs.evolve(past, m=frozen.turned(past.g, past.m, which)), which)
         if here is not None and frozen.remember is not None:
             u, memory = self._inputs(here.t, self.h)[0, 0], frozen.memory(here.x, here.d, here.m, self.like)
@@ -162,15 +162,14 @@ class Crossing:
             here = self._settled(here, which)
         return None if here is None else (here, which | (here.m != past.m))
 
-    def _settled(self, here: Point, which: np.ndarray) -> Point | None:
-        """Turn over what jumps with those already turned; the crossing itself may be off by rounding."""
-        for _ in range(2 * len(which) + 2):
+    def _settled(self, here: Point, crossed: np.ndarray) -> Point | None:
+        """Turn over what jumps with those that crossed, which may be off themselves by rounding."""
+        for _ in range(2 * len(crossed) + 2):
             seen = self._part(here, here.t)
             if seen is None:
                 return None
-            more = self.frozen.wrong(seen.g, seen.m) & (~which | (seen.g == 0))
-            if not more.any():
+            wrong = self.frozen.wrong(seen.g, seen.m) & (~crossed | (seen.g == 0))
+            if not wrong.any():
                 return seen
-            here = attrs.evolve(seen, m=self.frozen.turned(seen.g, seen.m, more))
-            which = which | more
+            here = attrs.evolve(seen, m=self.frozen.turned(seen.g, seen.m, self.frozen.first(wrong)))
         return None

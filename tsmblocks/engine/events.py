@@ -174,7 +174,7 @@ class _Walk:
         m = self.f.fresh if self.m is None else self.m
         for _ in range(len(m) + 1):  # one turn may lead to others downstream
             g = self._frozen(m, 0)[0][0, self.now]
-            wrong = self.f.wrong(g, m)
+            wrong = self.f.first(self.f.wrong(g, m))
             if not wrong.any():
                 break
             m = self.f.turned(g, m, wrong)

@@ -66,8 +66,10 @@ class Signal:
         if self.hold == "exact":
             return
         if self.t[0] > start + 1e-6 * step or (self.hold != "zero" and self.t[-1] < stop - 1e-6 * step):
-            raise DataError(f"input '{self.name}' is known from {self.t[0]:g} to {self.t[-1]:g} s, but the run goes "
-                            f"from {start:g} to {stop:g} s. Shorten the run, or give more samples.")  # fmt: skip
+            raise DataError(
+                f"input '{self.name}' is known from {self.t[0]:g} to {self.t[-1]:g} s, but the run goes "
+                f"from {start:g} to {stop:g} s. Shorten the run, or give more samples."
+            )
 
     def at(self, t: np.ndarray, order: int, side: str, tiny: float) -> np.ndarray:
         """Values (or slopes) at ``t``; where there is a jump, those of the given side."""
@@ -77,15 +79,19 @@ class Signal:
             return np.asarray(self._spline()(np.clip(t, self.t[0], self.t[-1]), nu=order))
         if self.hold == "zero":
             if order:
-                raise DataError(f"input '{self.name}' is held constant between samples, but its derivative is needed. "
-                                "Give it hold='linear' or hold='cubic'.")  # fmt: skip
+                raise DataError(
+                    f"input '{self.name}' is held constant between samples, but its derivative is needed. "
+                    "Give it hold='linear' or hold='cubic'."
+                )
             shifted = t + tiny if side == "right" else t - tiny
             return self.y[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(self.t) - 1)]
         if order == 0:
             return np.interp(t, self.t, self.y)
         if order > 1:
-            raise DataError(f"input '{self.name}' is linear between samples, but its derivative of order {order} is "
-                            "needed. Give it hold='cubic'.")  # fmt: skip
+            raise DataError(
+                f"input '{self.name}' is linear between samples, but its derivative of order {order} is "
+                "needed. Give it hold='cubic'."
+            )
         if len(self.t) < 2:
             return np.zeros_like(t)
         shifted = t + tiny if side == "right" else t - tiny
@@ -100,11 +106,15 @@ class Signal:
         try:
             values = np.asarray(self.call(t), dtype=float)
         except Exception as error:
-            raise DataError(f"input '{self.name}': the function fails on an array of times, which it must take (use "
-                            f"np.where in the place of if). {type(error).__name__}: {error}") from error  # fmt: skip
+            raise DataError(
+                f"input '{self.name}': the function fails on an array of times, which it must take (use "
+                f"np.where in the place of if). {type(error).__name__}: {error}"
+            ) from error
         if values.shape not in ((), t.shape):
-            raise DataError(f"input '{self.name}': the function must give one value for each time, got shape "
-                            f"{values.shape} for times of shape {t.shape}.")  # fmt: skip
+            raise DataError(
+                f"input '{self.name}': the function must give one value for each time, got shape "
+                f"{values.shape} for times of shape {t.shape}."
+            )
         values = np.broadcast_to(values, t.shape)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
@@ -145,14 +155,15 @@ def _numbers(name: str, given: Any) -> np.ndarray:
     try:
         return np.asarray(given, dtype=float)
     except (TypeError, ValueError):
-        raise DataError(f"input '{name}' must be a number, samples or a function of time, "
-                        f"got {in_words(given)}.") from None  # fmt: skip
+        raise DataError(
+            f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}."
+        ) from None
 
 
 def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
     """(times, values) of a pair, or of values alone on the step grid."""
     if isinstance(given, tuple) and len(given) == 2 and all(hasattr(v, "__len__") for v in given):
-        return tuple(_numbers(name, v) for v in given)
+        return _numbers(name, given[0]), _numbers(name, given[1])
     values = _numbers(name, given)
     if values.ndim != 1:
         raise DataError(

@@ -27,10 +27,16 @@ HAIR = (1e-9, 8e-12)
 """How far the end of a step stands before a jump that falls on it: of the step, and of the time itself."""
 
 
-def _time_jumps(program: Program, grades: list[int]) -> bool:
+def grades_of(program: Program) -> list[int]:
+    """How often each node's value changes: never, with time, once a step, at each stage."""
+    slots = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
+    return program.grade({k: slots[name] for k, name in enumerate(program.inputs)})
+
+
+def time_jumps(program: Program) -> bool:
     """Whether a signal that depends on time alone is decided by a comparison (a step, a staircase)."""
     deciding = {"LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL"}
-    return any(g == TIME and name in deciding for g, (name, _) in zip(grades, program.nodes, strict=True))
+    return any(g == TIME and name in deciding for g, (name, _) in zip(grades_of(program), program.nodes, strict=True))
 
 
 class Frame:
@@ -47,7 +53,7 @@ class Frame:
         self.update = Program(plan.update, plan.fused) if plan.update is not None else None
         self.lag = Program(plan.lag) if plan.wide_s else None
         self.wide = self.widths(self.rhs)
-        self.jumps = _time_jumps(self.rhs, self.grades(self.rhs))
+        self.jumps = time_jumps(self.rhs) if plan.jumps is None else plan.jumps
         self.y = Layout.of(tuple(self.is_wide_output(k) for k in plan.y), plan.lanes)
 
     def widths(self, program: Program) -> list[bool]:
@@ -56,11 +62,6 @@ class Frame:
         slots = {"t": False, "x": plan.wide_x, "d": plan.wide_d, "u": False, "q": plan.wide_q, "p": plan.wide_p,
                  "hit": False}  # fmt: skip
         return [bool(g) for g in program.grade({k: slots[name] for k, name in enumerate(program.inputs)})]
-
-    def grades(self, program: Program) -> list[int]:
-        """How often a node's value changes: never, with time, once a step, at each stage."""
-        slots = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
-        return program.grade({k: slots[name] for k, name in enumerate(program.inputs)})
 
     def is_wide_output(self, k: int) -> bool:
         node = self.rhs.outputs.get((1, k))

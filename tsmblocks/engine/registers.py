@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsmblocks.engine.ir import number
-from tsmblocks.engine.kernel import CONSTANT, HELD, TIME, Frame
+from tsmblocks.engine.kernel import CONSTANT, HELD, TIME, Frame, grades_of
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
 
@@ -16,7 +16,7 @@ class RegisterKernel:
     def __init__(self, plan: Plan, host: str) -> None:
         self.f = Frame(plan, host)
         self.plan, self.w = plan, self.f.w
-        self.grade = self.f.grades(self.f.rhs)
+        self.grade = grades_of(self.f.rhs)
         self.goals = {
             "dx": [self.f.rhs.outputs.get((0, k)) for k in range(len(plan.wide_x))],
             "y": [self.f.rhs.outputs.get((1, k)) for k in plan.y],
@@ -85,7 +85,7 @@ class RegisterKernel:
         self.update_fixed: Values = {}
         if f.update is not None:
             everything = f.update.needed(f.update.outputs.values())
-            self._constants(f.update, f.widths(f.update), f.grades(f.update), everything, self.update_fixed)
+            self._constants(f.update, f.widths(f.update), grades_of(f.update), everything, self.update_fixed)
         self._delays()
         self.front = self._front() if self.carries else []
         if self.front:

@@ -1,4 +1,4 @@
-"""One run of one set of equations: memory laid out, inputs supplied piece by piece, progress, failures found."""
+"""One run of one set of equations: memory, inputs piece by piece, progress, failures found."""
 
 from __future__ import annotations
 
@@ -34,10 +34,20 @@ def plan_for(
     """A plan; with lanes, every state and the parameters in ``vary`` have one value per lane."""
     many = lanes > 1
     return Plan(
-        rhs=eq.rhs, update=eq.update, lag=eq.lag, method=method, y=y, groups=len(eq.periods), every_step=eq.every_step,
-        lanes=lanes, wide_x=(many,) * len(eq.x), wide_d=(many,) * len(eq.d),
-        wide_p=tuple(k in vary for k in range(len(eq.p))), wide_s=(many,) * len(eq.q), inputs=len(eq.u),
-    )  # fmt: skip
+        rhs=eq.rhs,
+        update=eq.update,
+        lag=eq.lag,
+        method=method,
+        y=y,
+        groups=len(eq.periods),
+        every_step=eq.every_step,
+        lanes=lanes,
+        wide_x=(many,) * len(eq.x),
+        wide_d=(many,) * len(eq.d),
+        wide_p=tuple(k in vary for k in range(len(eq.p))),
+        wide_s=(many,) * len(eq.q),
+        inputs=len(eq.u),
+    )
 
 
 def steps_per_period(eq: Equations, h: float) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ sign(a), a - b for min(a, b) and max(a, b), b - a for a < b and a <= b. A mode i
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
@@ -40,7 +40,7 @@ class Frozen:
     the update at its instant; a row of ``part``, which updates nothing, holds g. ``remember(t, x, d, u, q,
     p) -> (d, x)`` updates memory at an event (None where nothing is updated between samples). ``names``
     gives the block and the word of each switch, ``edge`` its mode at g = 0 (NaN where either will do),
-    ``fresh`` the modes to begin with, ``spare`` fills the memory up.
+    ``fresh`` the modes to begin with; ``spare`` fills the memory up; ``upstream[i, j]`` says that i reads j.
     """
 
     whole: Kernel
@@ -50,6 +50,7 @@ class Frozen:
     edge: np.ndarray
     fresh: np.ndarray
     spare: np.ndarray
+    upstream: np.ndarray
 
     def wrong(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Which switches contradict their modes."""
@@ -60,6 +61,10 @@ class Frozen:
         """Modes with some switches set by g."""
         on_edge = np.where(np.isnan(self.edge), -m, self.edge)
         return np.where(which, np.where(g == 0, on_edge, np.sign(g)), m)
+
+    def first(self, wrong: np.ndarray) -> np.ndarray:
+        """Those that read none of the others: what is downstream may come right with them."""
+        return wrong & ~self.upstream[:, wrong].any(axis=1)
 
     def memory(self, x: np.ndarray, d: np.ndarray, m: np.ndarray, like: Memory) -> Memory:
         """Arrays that a kernel may work on."""
@@ -84,14 +89,16 @@ def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> F
     rhs, update, remember = _functions(eq, program, switches, moving)
     logged = [*y, *range(len(eq.y), first + count * (1 if update is None else 2))]
     kinds = [program.nodes[n][0] for n in switches]
+    reach = _reach(program, switches)
     return Frozen(
         whole=kernel_for(_plan(eq, method, rhs, update, logged), backend),
         part=kernel_for(_plan(eq, method, rhs, None, range(first, first + count)), backend),
         remember=remember,
-        names=tuple(zip(_owners(eq, program, switches), (WORDS[k] for k in kinds), strict=True)),
+        names=tuple(zip(_owners(eq, program, reach, count), (WORDS[k] for k in kinds), strict=True)),
         edge=np.array([EDGE.get(k, np.nan) for k in kinds]),
         fresh=np.array([EDGE.get(k, 1.0) for k in kinds]),
         spare=np.zeros(0 if update is None else count),
+        upstream=np.array([_bits(reach[n] ^ 1 << k, count) for k, n in enumerate(switches)]),
     )
 
 
@@ -243,24 +250,39 @@ def _column(elements: list[Any]) -> Any:
     return ca.vertcat(*elements) if elements else ca.SX(0, 1)
 
 
-def _owners(eq: Equations, program: Program, switches: list[int]) -> list[str]:
-    """Find the block of each switch: its rates or outputs depend on it, while nothing it reads does."""
-    bit = {n: 1 << k for k, n in enumerate(switches)}
-    reach: list[int] = []  # which switches each node depends on, a bit for each
+def _reach(program: Program, switches: list[int]) -> list[int]:
+    """Which switches each node depends on, as bits of a whole number; a switch depends on itself."""
+    own = {n: 1 << k for k, n in enumerate(switches)}
+    reach: list[int] = []
     for node in range(len(program.nodes)):
-        reach.append(_union([bit.get(node, 0), *(reach[j] for j in program.arguments(node))]))
-    signals = {name: reach[program.outputs[1, k]] for k, name in enumerate(eq.y) if (1, k) in program.outputs}
-    rates = {name: reach[program.outputs[0, k]] for k, name in enumerate(eq.x) if (0, k) in program.outputs}
-    owners = [""] * len(switches)
+        reach.append(_union([own.get(node, 0), *(reach[j] for j in program.arguments(node))]))
+    return reach
+
+
+def _bits(number: int, count: int) -> np.ndarray:
+    data = np.frombuffer(number.to_bytes((count + 7) // 8, "little"), dtype=np.uint8)
+    return np.unpackbits(data, count=count, bitorder="little").astype(bool)
+
+
+def _union(sets: Iterable[int]) -> int:
+    return functools.reduce(int.__or__, sets, 0)
+
+
+def _owners(eq: Equations, program: Program, reach: list[int], count: int) -> list[str]:
+    """Find the block of each switch: its rates or outputs depend on it, while nothing it reads does."""
+    rates, signals = (
+        {
+            name: reach[program.outputs[slot, k]]
+            for k, name in enumerate(names)
+            if (slot, k) in program.outputs
+        }
+        for slot, names in ((0, eq.x), (1, eq.y))
+    )
+    owners = [""] * count
     for name, found in (*rates.items(), *signals.items()):
         block = name.rpartition(".")[0]
         if found and block in eq.reads:
-            own = found & ~_union(signals.get(k, 0) for k in eq.reads[block][1].values())
-            for k in range(own.bit_length()):
-                if own >> k & 1 and not owners[k]:
-                    owners[k] = block
+            given = _union(signals.get(k, 0) for k in eq.reads[block][1].values())
+            for k in np.flatnonzero(_bits(found & ~given, count)):
+                owners[k] = owners[k] or block
     return owners
-
-
-def _union(sets: Any) -> int:
-    return functools.reduce(int.__or__, sets, 0)

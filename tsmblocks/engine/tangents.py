@@ -13,9 +13,11 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.engine.kernel import time_jumps
 from tsmblocks.engine.kernels import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
+from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, spread
 from tsmblocks.equation_set import Equations
 
@@ -47,7 +49,8 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
 
     return Plan(rhs=rhs, update=update, lag=lag, method=method, y=(*y, *(n + k for k in y)), groups=len(eq.periods),
                 every_step=eq.every_step, lanes=lanes, wide_x=both(len(eq.x)), wide_d=both(len(eq.d)),
-                wide_p=both(len(eq.p)), wide_s=both(len(eq.q)), inputs=len(eq.u))  # fmt: skip
+                wide_p=both(len(eq.p)), wide_s=both(len(eq.q)), inputs=len(eq.u),
+                jumps=time_jumps(Program(eq.rhs)))  # fmt: skip
 
 
 def _delayed_seed(eq: Equations, q: Any, qs: Any, p: Any, ps: Any) -> Any:

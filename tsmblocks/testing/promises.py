@@ -92,8 +92,11 @@ def need(condition: Any, text: str) -> None:
 def _functions(block: Block) -> tuple[Any, list[str], list[str]]:
     """All equations as one function of (t, x, u, p), with the names of its results and parameters."""
     twin, t, x, u = symbolic(block)
-    results = {f"{kind}.{k}": v for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
-               for k, v in call(twin, equation, t, x, u).items()}  # fmt: skip
+    results = {
+        f"{kind}.{k}": v
+        for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
+        for k, v in call(twin, equation, t, x, u).items()
+    }
     p = [v for value in twin.parameters.values() for _, v in leaves(value)]
     names = [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
     column = lambda parts: ca.vertcat(*parts) if parts else ca.SX(0, 1)  # noqa: E731 - a local shorthand
@@ -133,8 +136,13 @@ def documented(block: Block) -> None:
     need(
         0 < len(block.symbol) <= WIDEST, f"{owner} needs a symbol of at most {WIDEST} characters for its box."
     )
-    parts: list[tuple[str, Any]] = [*block.inports.items(), *block.outports.items(), *block.tape_ports.items(),
-                                    *block.past_ports.items(), *block.fields().items()]  # fmt: skip
+    parts: list[tuple[str, Any]] = [
+        *block.inports.items(),
+        *block.outports.items(),
+        *block.tape_ports.items(),
+        *block.past_ports.items(),
+        *block.fields().items(),
+    ]
     for name, part in parts:
         need(part.about.strip(), f"{owner}.{name} has no words.")
 
@@ -178,7 +186,7 @@ def every_parameter_matters(block: Block) -> None:
     t, x, u, p = f.sx_in()
     used = ca.which_depends(f(t, x, u, p), p, 1, False) if results and names else []
     starts = {
-        leaf for k, s in block.twin(lambda n, v: ca.SX.sym(n)).states.items() for leaf in _symbols(s.start)
+        leaf for k, s in block.twin(lambda n, _: ca.SX.sym(n)).states.items() for leaf in _symbols(s.start)
     }
     past = {p.by for p in block.past_ports.values()} | {p.initial for p in block.past_ports.values()}
     idle = [n for n, u_ in zip(names, used, strict=True) if not u_ and n not in starts and n not in past]
@@ -251,7 +259,8 @@ def floats_and_symbols_agree(block: Block) -> None:
                 same = same or (math.isnan(value) and math.isnan(direct[name]))
                 need(
                     same,
-                    f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.",
+                    f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with "
+                    "symbols.",
                 )
 
 
