@@ -192,7 +192,7 @@ def _advice(a: str, b: str) -> str:
     except units.UnitError:
         return (
             f"{a} and {b} measure different things: correct the wire or a unit, or put a block between them "
-            "that turns one into the other (a Gain may)."
+            f"that turns one into the other, such as Gain(unit='{b}')."
         )
     return f"Put Convert(source_unit='{a}', target_unit='{b}') between them, or correct the unit of one port."
 

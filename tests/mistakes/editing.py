@@ -142,7 +142,7 @@ def insert_a_block_of_two_outputs():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. rate.y -> error.minus joins rad/s to rad. rate.y is in rad/s because motor.y is in rad. error.minus is in rad because ref.y is in rad. rad/s and rad measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. rate.y -> error.minus joins rad/s to rad. rate.y is in rad/s because motor.y is in rad. error.minus is in rad because ref.y is in rad. rad/s and rad measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='rad').
 """,
 )
 def insert_a_block_that_changes_the_unit():
@@ -383,7 +383,7 @@ def remove_a_block_with_two_outputs():
     DiagramError,
     """
 diagram 'motor' (HERE) has 1 problem:
-  1. motor.y -> other.u joins rad to V. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. motor.y -> other.u joins rad to V. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
 """,
 )
 def remove_what_turns_one_unit_into_another():

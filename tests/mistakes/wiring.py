@@ -472,7 +472,7 @@ def degrees_into_radians():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. drive.y -> motor.u joins rad to V. drive.y is in rad because ref.y is in rad. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. drive.y -> motor.u joins rad to V. drive.y is in rad because ref.y is in rad. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
 """,
 )
 def an_angle_into_a_voltage():
@@ -488,7 +488,7 @@ def an_angle_into_a_voltage():
     DiagramError,
     """
 diagram 'sums' (HERE) has 1 problem:
-  1. volts.y -> sum.plus2 joins V to rad. sum.plus2 is in rad because angle.y is in rad. V and rad measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. volts.y -> sum.plus2 joins V to rad. sum.plus2 is in rad because angle.y is in rad. V and rad measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='rad').
 """,
 )
 def units_differ_across_a_sum():
@@ -520,7 +520,7 @@ def units_differ_across_two_integrators():
     DiagramError,
     """
 diagram 'gains' (HERE) has 1 problem:
-  1. limit.y -> motor.u joins rad to V. limit.y is in rad because ref.y is in rad. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. limit.y -> motor.u joins rad to V. limit.y is in rad because ref.y is in rad. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
 """,
 )
 def units_differ_across_a_gain_that_keeps_them():
@@ -535,7 +535,7 @@ def units_differ_across_a_gain_that_keeps_them():
     DiagramError,
     """
 diagram 'outer' (HERE) has 1 problem:
-  1. ref.y -> motor.u joins rad to V. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. ref.y -> motor.u joins rad to V. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
 """,
 )
 def units_differ_through_an_inner_diagram():
@@ -553,7 +553,7 @@ def units_differ_through_an_inner_diagram():
     DiagramError,
     """
 diagram 'angles' (HERE) has 1 problem:
-  1. input x -> motor.u joins rad to V. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. input x -> motor.u joins rad to V. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
 """,
 )
 def an_input_with_another_unit():
@@ -581,7 +581,7 @@ def an_input_with_an_unknown_unit():
     DiagramError,
     """
 diagram 'angles' (HERE) has 1 problem:
-  1. ref.y -> motor.u joins rad to V. ref.y is in rad because to_deg.u is in rad. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other (a Gain may).
+  1. ref.y -> motor.u joins rad to V. ref.y is in rad because to_deg.u is in rad. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
 """,
 )
 def one_signal_in_two_units():

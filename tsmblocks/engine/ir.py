@@ -140,9 +140,12 @@ class Writer:
         if name in _COMPARE:
             return as_number(self.emit(f"fcmp {_COMPARE[name]} {t} {a[0]}, {a[1]}"))
         if name in ("FMIN", "FMAX"):
-            # unordered compare: a NaN in the first operand (the signal, by habit) passes through
+            # a limit must not hide a NaN: the unordered compare keeps one in the first operand, the
+            # second selection one in the second
             flag = self.emit(f"fcmp {'ult' if name == 'FMIN' else 'ugt'} {t} {a[0]}, {a[1]}")
-            return self.emit(f"select {bit} {flag}, {t} {a[0]}, {t} {a[1]}")
+            chosen = self.emit(f"select {bit} {flag}, {t} {a[0]}, {t} {a[1]}")
+            lost = self.emit(f"fcmp uno {t} {a[1]}, {a[1]}")
+            return self.emit(f"select {bit} {lost}, {t} {a[1]}, {t} {chosen}")
         if name == "NOT":
             return as_number(self.emit(f"fcmp oeq {t} {a[0]}, {zero}"))
         if name in ("AND", "OR"):
