@@ -13,11 +13,24 @@ before = tsm.load("fig09b_feedforward")
 numbers = {k: f"${k}" for k in ("A", "theta", "delta")}
 after = before.rewire(
     cut=["ref -> compensator", "compensator -> error.plus"],
-    add=["motor.v -> observer", "ref -> rate -> slope", "ref -> inverse.plus", "observer -> inverse.minus",
-         "inverse -> quotient.num", "slope -> quotient.den", "quotient -> error.plus"],
-    blocks={**{k: b for k, b in before.blocks.items() if k != "compensator"}, "observer": HysteresisObserver(**numbers),
-            "rate": Derivative(), "slope": SmoothSlope(alpha1="$alpha1", alpha2="$alpha2"), "inverse": Sum(), "quotient": Divide()},
-)  # fmt: skip
+    add=[
+        "motor.v -> observer",
+        "ref -> rate -> slope",
+        "ref -> inverse.plus",
+        "observer -> inverse.minus",
+        "inverse -> quotient.num",
+        "slope -> quotient.den",
+        "quotient -> error.plus",
+    ],
+    blocks={
+        **{k: b for k, b in before.blocks.items() if k != "compensator"},
+        "observer": HysteresisObserver(**numbers),
+        "rate": Derivative(),
+        "slope": SmoothSlope(alpha1="$alpha1", alpha2="$alpha2"),
+        "inverse": Sum(),
+        "quotient": Divide(),
+    },
+)
 
 for name, diagram in {"on the reference": before, "on the motor": after}.items():
     run = tsm.simulate(diagram, stop=20.0, step=1e-3)

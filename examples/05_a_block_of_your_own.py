@@ -26,7 +26,9 @@ class HardeningSpring(tsm.Block):
         return dict(y=self.k * u.x + self.k3 * u.x**3)
 
 
-alone = tsm.Diagram(title="spring", blocks={"spring": HardeningSpring()}, inputs={"x": "spring.x"}, outputs={"torque": "spring"})
+alone = tsm.Diagram(
+    title="spring", blocks={"spring": HardeningSpring()}, inputs={"x": "spring.x"}, outputs={"torque": "spring"}
+)
 t = np.linspace(0.0, 1.0, 1001)
 run = tsm.simulate(alone, inputs={"x": (t, np.sin(2 * np.pi * t))}, step=1e-3)
 print(f"largest torque {run['torque'].max():.3f} N m, promises broken: {list(broken_promises(HardeningSpring()))}")

@@ -7,7 +7,8 @@ import tsmblocks as tsm
 from tests.test_engine import everything, inputs_for
 from tests.tolerances import BACKENDS
 
-SMOOTH = {  # diagram: parameters to differentiate by (a few of each kind: gains, hysteresis, start values, tied numbers)
+# diagram: parameters to differentiate by (a few of each kind: gains, hysteresis, start values, tied numbers)
+SMOOTH = {
     "fig07_observer": ["forward.gain", "wear.gain", "grip.gain", "zeta.integral"],
     "fig08_slope": ["loading.gain", "unloading.gain"],
     "eq11_compensator": ["observer.wear.gain", "slope.loading.gain"],
@@ -124,9 +125,11 @@ def test_an_unstable_set_is_marked_and_harms_no_other():
 def test_a_frame_of_results():
     pytest.importorskip("pandas", reason="pip install 'tsmblocks[data]'")
     batch = tsm.simulate_batch(
-        tsm.load("fig09a_without_feedforward"), {"controller.kp": [40.0, 60.0]}, stop=1.0,
+        tsm.load("fig09a_without_feedforward"),
+        {"controller.kp": [40.0, 60.0]},
+        stop=1.0,
         reduce=lambda t, y: {"error": np.ptp(y["x_ref"] - y["x_out"], axis=0)},
-    )  # fmt: skip
+    )
     frame = batch.to_pandas()
     assert list(frame.columns) == ["controller.kp", "error"]
     assert len(frame) == 2

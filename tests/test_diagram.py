@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import random
 
 import numpy as np
 import pytest
@@ -133,8 +132,7 @@ def test_copies_are_equal(again):
 def test_it_reads_as_it_was_written():
     assert str(loop()).splitlines() == [
         "loop",
-        "  ref -> error.plus",
-        "  error -> pid -> drive -> motor -> error.minus",
+        "  ref -> error.plus -> pid -> drive -> motor -> error.minus",
         "  motor.y => angle",
     ]
     assert loop().short(("motor", "y")) == "motor"
@@ -163,10 +161,7 @@ def test_diagrams_inside_diagrams_have_an_end():
 def test_insert_after_a_block_moves_every_listener():
     diagram = loop().insert("slack", Play(), after="motor")
     assert diagram.outputs == {"angle": "slack.y"}
-    assert str(diagram).splitlines()[1:3] == [
-        "  ref -> error.plus",
-        "  error -> pid -> drive -> motor -> slack -> error.minus",
-    ]
+    assert diagram.wires == ("ref -> error.plus -> pid -> drive -> motor -> slack -> error.minus",)
 
 
 def test_insert_before_one_receiver_leaves_the_others():
@@ -200,9 +195,7 @@ def test_insert_after_an_input_that_is_shown():
 
 
 def test_insert_with_more_wires():
-    diagram = plant().insert(
-        "model", AsymmetricBoucWen(), after="x_in" if False else "motor.y", wires=["motor.v -> model.v"]
-    )
+    diagram = plant().insert("model", AsymmetricBoucWen(), after="motor.y", wires=["motor.v -> model.v"])
     assert {str(link) for link in diagram.links} == {
         "motor.y -> model.x",
         "motor.v -> model.v",
@@ -211,24 +204,21 @@ def test_insert_with_more_wires():
 
 
 def test_edits_reach_into_diagrams():
-    outer = Diagram(title="outer", blocks=dict(ref=Constant(unit="V"), plant=plant()), wires=["ref -> plant"],
-                    outputs={"x": "plant.x_out"})  # fmt: skip
+    blocks = dict(ref=Constant(unit="V"), plant=plant())
+    outer = Diagram(title="outer", blocks=blocks, wires=["ref -> plant"], outputs={"x": "plant.x_out"})
     inserted = outer.insert("plant.slack", Play(), after="motor.y")
     assert inserted.blocks["plant"].outputs["x_in"] == "slack.y"
     assert inserted.remove("plant.slack") == outer
     assert inserted.replace("plant.slack", Gain()).blocks["plant"].blocks["slack"] == Gain()
     assert outer.blocks["plant"] == plant()
     deeper = Diagram(title="deeper", blocks=dict(all=outer), outputs={"x": "all.x"})
-    assert (
-        "slack"
-        in deeper.insert("all.plant.slack", Play(), after="motor.y").blocks["all"].blocks["plant"].blocks
-    )
+    assert "slack" in deeper.insert("all.plant.slack", Play(), after="motor.y").blocks["all"].blocks["plant"].blocks
 
 
 def test_replace_keeps_the_wires():
     diagram = loop().replace("pid", Gain(gain=5.0), ports={"e": "u"})
     assert diagram.blocks["pid"] == Gain(gain=5.0)
-    assert str(diagram).splitlines()[2] == "  error -> pid -> drive -> motor -> error.minus"
+    assert diagram.wires == loop().wires
     assert diagram.replace("pid", PID(kp="$stiffness"), ports={"u": "e"}) == loop()
 
 
@@ -246,7 +236,7 @@ def test_replace_a_block_by_a_diagram():
 
 
 def test_remove_bridges_the_gap():
-    assert str(loop().remove("drive")).splitlines()[2] == "  error -> pid -> motor -> error.minus"
+    assert loop().remove("drive").wires == ("ref -> error.plus -> pid -> motor -> error.minus",)
     assert loop().remove("motor").outputs == {"angle": "drive.y"}
     assert plant().insert("k", Gain(unit="V"), after="u").remove("k") == plant()
 
@@ -293,9 +283,7 @@ def test_with_parameters():
 
 
 def test_with_parameters_of_lists_and_options():
-    diagram = loop().with_parameters(
-        {"motor.den": [1, 2], "motor.num": (3.0,), "error.signs": "+-", "ref.unit": "rad"}
-    )
+    diagram = loop().with_parameters({"motor.den": [1, 2], "motor.num": (3.0,), "error.signs": "+-", "ref.unit": "rad"})
     assert diagram.blocks["motor"] == TransferFunction(num=(3.0,), den=(1.0, 2.0))
     both = loop().with_parameters({"motor.den": [5.0, 6.0, 7.0], "motor.den[1]": 9.0})
     assert both.blocks["motor"].den == (5.0, 9.0, 7.0)
@@ -334,9 +322,7 @@ def test_names_that_are_understood():
 
 def test_units_run_through_blocks_that_take_anything():
     diagram = Diagram(
-        blocks=dict(
-            ref=Sine(unit="rad"), rate=Derivative(), sum=Integrator(), twice=Integrator(), limit=Saturation()
-        ),
+        blocks=dict(ref=Sine(unit="rad"), rate=Derivative(), sum=Integrator(), twice=Integrator(), limit=Saturation()),
         wires=["ref -> rate -> limit", "ref -> sum -> twice"],
         outputs={"v": "limit"},
     )
@@ -358,9 +344,7 @@ def test_units_of_inputs_and_outputs_of_a_diagram():
     assert plant().unit("x_out") == "rad"
     assert plant().inports["u"].unit == "V"
     assert plant().outports["x_in"].unit == "rad"
-    outer = Diagram(
-        blocks=dict(ref=Sine(), plant=plant(), k=Gain()), wires=["ref -> plant", "plant.x_out -> k"]
-    )
+    outer = Diagram(blocks=dict(ref=Sine(), plant=plant(), k=Gain()), wires=["ref -> plant", "plant.x_out -> k"])
     assert [outer.unit(s) for s in ("ref.y", "plant.x_out", "plant.motor.v", "k.y", "no.such")] == [
         "V",
         "rad",
@@ -387,9 +371,7 @@ def test_a_ring_of_unknown_units_is_nobody_s_fault():
 
 # ---- laws
 
-ANY = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
-)
+ANY = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 FEW = settings(ANY, max_examples=20)
 
 
@@ -508,19 +490,16 @@ def test_the_strategy_makes_what_it_promises():
     """Nesting, feedback, shared values and samples all occur, so that the laws say something."""
     found = set()
 
-    @settings(max_examples=150, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(diagrams(inputs=1))
     def look(diagram):
         names = {type(b).__name__ for b in diagram.blocks.values()}
         found.update(names)
-        lags = [b for k, b in diagram.blocks.items() if k.startswith("lag")]
-        if lags and any(
-            link.target[0].startswith("lag") and link.source[0].startswith("part") for link in diagram.links
-        ):
+        back = [x for x in diagram.links if x.target[0].startswith("lag") and x.source[0].startswith("part")]
+        if back:
             found.add("feedback")
         if any("$" in repr(b) for b in diagram.blocks.values()):
             found.add("shared")
 
-    random.seed(0)
     look()
     assert {"Diagram", "feedback", "shared", "ZeroOrderHold", "Delay", "PID", "Product"} <= found

@@ -5,6 +5,7 @@ import os
 import pickle
 import signal
 import time
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -80,7 +81,7 @@ def scipy_reference(diagram, stop, knots):
 
     x = np.asarray(eq.start(p)[0]).ravel()
     edges = [0.0, *knots, stop]
-    for begin, end in zip(edges, edges[1:], strict=False):
+    for begin, end in pairwise(edges):
         out = solve_ivp(rates, (begin, end), x, method="DOP853", rtol=1e-11, atol=1e-13)
         assert out.success
         x = out.y[:, -1]
@@ -184,9 +185,13 @@ def test_bouc_wen_benchmark_is_reproduced(measured):
     force = np.tile(resample(u, len(u) * finer), periods)
     t = np.arange(len(force)) / (fs[0] * finer)
     run = tsm.simulate(
-        bouc_wen_oscillator(), stop=(len(u) * periods - 1) / fs[0], step=1 / (fs[0] * finer), every=finer,
-        inputs={"u": (t, force)}, log="outputs",
-    )  # fmt: skip
+        bouc_wen_oscillator(),
+        stop=(len(u) * periods - 1) / fs[0],
+        step=1 / (fs[0] * finer),
+        every=finer,
+        inputs={"u": (t, force)},
+        log="outputs",
+    )
     error = run["y"][-len(u) :] - y
     assert np.abs(error).max() < 1e-6
     assert np.sqrt(np.mean(error**2)) < 2.5e-7  # of 6.7e-4 m rms
@@ -197,15 +202,24 @@ def bouc_wen_oscillator():
     return tsm.Diagram(
         title="Bouc-Wen oscillator",
         blocks={
-            "force": Sum(signs="+-"), "mass": Gain(gain=1 / 2.0), "speed": Integrator(), "place": Integrator(),
+            "force": Sum(signs="+-"),
+            "mass": Gain(gain=1 / 2.0),
+            "speed": Integrator(),
+            "place": Integrator(),
             "spring": tsm.blocks.BoucWen(alpha_x=5e4, alpha_zeta=1.0, A=5e4, beta=800.0, gamma=-1100.0, n=1.0),
-            "damper": Gain(gain=10.0), "back": Sum(signs="++"),
+            "damper": Gain(gain=10.0),
+            "back": Sum(signs="++"),
         },
-        wires=["force -> mass -> speed -> place -> spring.x", "speed -> spring.v, damper", "spring -> back.plus1",
-               "damper -> back.plus2", "back -> force.minus"],
+        wires=[
+            "force -> mass -> speed -> place -> spring.x",
+            "speed -> spring.v, damper",
+            "spring -> back.plus1",
+            "damper -> back.plus2",
+            "back -> force.minus",
+        ],
         inputs={"u": "force.plus"},
         outputs={"y": "place"},
-    )  # fmt: skip
+    )
 
 
 # ---- order, back ends, forms
@@ -217,9 +231,11 @@ class TestOrder:
     @staticmethod
     def error(method, h):
         lag = tsm.Diagram(
-            title="lag", blocks={"r": Sine(amplitude=1.0, frequency=1.0), "lag": SecondOrderLag(omega=9.0, zeta=0.4)},
-            wires=["r -> lag"], outputs={"y": "lag"},
-        )  # fmt: skip
+            title="lag",
+            blocks={"r": Sine(amplitude=1.0, frequency=1.0), "lag": SecondOrderLag(omega=9.0, zeta=0.4)},
+            wires=["r -> lag"],
+            outputs={"y": "lag"},
+        )
         run = tsm.simulate(lag, stop=1.0, step=h, method=method)
         w, wn, z = 2 * np.pi, 9.0, 0.4
         # y'' + 2 z wn y' + wn^2 y = wn^2 sin(w t), from rest
@@ -261,15 +277,28 @@ def everything():
     return tsm.Diagram(
         title="one of each",
         blocks={
-            "ref": Sine(), "e": Sum(), "pid": DiscretePID(period=0.01), "slow": ZeroOrderHold(period=0.05),
-            "hold": UnitDelay(period=0.02), "lag": FirstOrderLag(time_constant=0.2), "rate": Derivative(),
-            "delay": Delay(time=0.0337), "play": Play(half_width=0.1), "noise": SensorNoise(std=0.01, interval=0.004),
+            "ref": Sine(),
+            "e": Sum(),
+            "pid": DiscretePID(period=0.01),
+            "slow": ZeroOrderHold(period=0.05),
+            "hold": UnitDelay(period=0.02),
+            "lag": FirstOrderLag(time_constant=0.2),
+            "rate": Derivative(),
+            "delay": Delay(time=0.0337),
+            "play": Play(half_width=0.1),
+            "noise": SensorNoise(std=0.01, interval=0.004),
             "tsm": AsymmetricBoucWen(),
         },
-        wires=["ref -> e.plus", "e -> pid -> lag -> noise -> hold -> e.minus", "lag -> rate", "lag -> delay -> play",
-               "play -> tsm", "lag -> slow"],
+        wires=[
+            "ref -> e.plus",
+            "e -> pid -> lag -> noise -> hold -> e.minus",
+            "lag -> rate",
+            "lag -> delay -> play",
+            "play -> tsm",
+            "lag -> slow",
+        ],
         outputs={"y": "lag", "played": "play", "rate": "rate", "out": "tsm", "slow": "slow"},
-    )  # fmt: skip
+    )
 
 
 def test_everything_at_once_agrees_between_back_ends():
@@ -293,11 +322,15 @@ def test_linear_blocks_and_a_closed_loop_agree_with_python_control():
     t = np.linspace(0, 3, 3001)
     loop = tsm.Diagram(
         title="loop",
-        blocks={"e": Sum(), "pid": PID(kp=3.0, ki=2.0, kd=0.4, tau=0.02),
-                "plant": TransferFunction(num=(2.0, 5.0), den=(1.0, 0.7, 4.0))},
+        blocks={
+            "e": Sum(),
+            "pid": PID(kp=3.0, ki=2.0, kd=0.4, tau=0.02),
+            "plant": TransferFunction(num=(2.0, 5.0), den=(1.0, 0.7, 4.0)),
+        },
         wires=["e -> pid -> plant -> e.minus"],
-        inputs={"r": "e.plus"}, outputs={"y": "plant"},
-    )  # fmt: skip
+        inputs={"r": "e.plus"},
+        outputs={"y": "plant"},
+    )
     ours = tsm.simulate(loop, inputs={"r": (t, np.ones_like(t))}, step=2.5e-4, every=4)["y"]
     s = ct.tf("s")
     controller = 3.0 + 2.0 / s + 0.4 * s / (0.02 * s + 1)
@@ -334,7 +367,9 @@ def test_a_control_system_is_a_block(system):
 @pytest.mark.parametrize(("hold", "order"), [("zero", 1), ("linear", 2), ("cubic", 4)])
 def test_order_of_each_hold(hold, order):
     """A smooth input sampled on the steps of RK4 limits the order as its hold does."""
-    diagram = tsm.Diagram(title="l", blocks={"l": FirstOrderLag(time_constant=0.1)}, inputs={"u": "l.u"}, outputs={"y": "l"})
+    diagram = tsm.Diagram(
+        title="l", blocks={"l": FirstOrderLag(time_constant=0.1)}, inputs={"u": "l.u"}, outputs={"y": "l"}
+    )
 
     def error(h):
         t = np.arange(0, 2 + h / 2, h)
@@ -349,8 +384,15 @@ def test_order_of_each_hold(hold, order):
 def test_inputs_of_every_kind_agree():
     diagram = tsm.Diagram(title="l", blocks={"l": FirstOrderLag()}, inputs={"u": "l.u"}, outputs={"y": "l"})
     t = np.linspace(0, 1, 1001)
-    kinds = [2.0, np.full(1001, 2.0), np.full(1000, 2.0), (t, np.full(1001, 2.0)), tsm.Samples(t, np.full(1001, 2.0)),
-             lambda t: 2.0 + 0 * t, lambda t: 2.0]  # fmt: skip
+    kinds = [
+        2.0,
+        np.full(1001, 2.0),
+        np.full(1000, 2.0),
+        (t, np.full(1001, 2.0)),
+        tsm.Samples(t, np.full(1001, 2.0)),
+        lambda t: 2.0 + 0 * t,
+        lambda t: 2.0,
+    ]
     runs = [tsm.simulate(diagram, stop=1.0, inputs={"u": kind})["y"] for kind in kinds]
     assert all(np.abs(run - runs[0]).max() < EXACT for run in runs)
 
@@ -358,7 +400,13 @@ def test_inputs_of_every_kind_agree():
 def test_a_jump_in_a_held_input_falls_on_its_instant():
     """With zero-order hold a jump at a sample acts from that instant on, not half a step early."""
     diagram = tsm.Diagram(title="i", blocks={"i": Integrator()}, inputs={"u": "i.u"}, outputs={"y": "i"})
-    run = tsm.simulate(diagram, stop=1.0, step=0.1, hold="zero", inputs={"u": (np.array([0.0, 0.3, 0.7, 1.0]), np.array([0.0, 1.0, 3.0, 0.0]))})  # fmt: skip
+    run = tsm.simulate(
+        diagram,
+        stop=1.0,
+        step=0.1,
+        hold="zero",
+        inputs={"u": (np.array([0.0, 0.3, 0.7, 1.0]), np.array([0.0, 1.0, 3.0, 0.0]))},
+    )
     assert run["y"][-1] == pytest.approx(0.4 * 1 + 0.3 * 3, abs=EXACT)
 
 
@@ -369,11 +417,18 @@ def test_exact_derivative_of_time_states_and_inputs():
     t = np.linspace(0, 4, 4001)
     diagram = tsm.Diagram(
         title="d",
-        blocks={"r": Sine(amplitude=1.0, frequency=0.5), "dr": Derivative(), "lag": SecondOrderLag(omega=8.0, zeta=0.5),
-                "dx": Derivative(), "ddx": Derivative(), "du": Derivative()},
+        blocks={
+            "r": Sine(amplitude=1.0, frequency=0.5),
+            "dr": Derivative(),
+            "lag": SecondOrderLag(omega=8.0, zeta=0.5),
+            "dx": Derivative(),
+            "ddx": Derivative(),
+            "du": Derivative(),
+        },
         wires=["r -> dr", "r -> lag -> dx -> ddx"],
-        inputs={"u": "du.u"}, outputs={"dr": "dr", "x": "lag", "dx": "dx", "ddx": "ddx", "du": "du"},
-    )  # fmt: skip
+        inputs={"u": "du.u"},
+        outputs={"dr": "dr", "x": "lag", "dx": "dx", "ddx": "ddx", "du": "du"},
+    )
     run = tsm.simulate(diagram, inputs={"u": tsm.Samples(t, np.cos(3 * t), "cubic")}, step=1e-3)
     assert np.abs(run["dr"] - np.pi * np.cos(np.pi * run.t)).max() < EXACT
     assert np.abs(run["dx"] - run["lag.rate"]).max() < EXACT
@@ -386,10 +441,16 @@ def test_derivative_action_without_a_filter_goes_through_a_nonlinear_plant():
     """u = kd d/dt(r - y) around a lag: the derivative of y is known from its state, so no filter is needed."""
     diagram = tsm.Diagram(
         title="pd",
-        blocks={"r": Ramp(slope=2.0, start=0.0), "e": Sum(), "d": Derivative(), "g": Gain(gain=0.5),
-                "m": SecondOrderLag(omega=10.0, zeta=0.7)},
-        wires=["r -> e.plus", "e -> d -> g -> m -> e.minus"], outputs={"y": "m"},
-    )  # fmt: skip
+        blocks={
+            "r": Ramp(slope=2.0, start=0.0),
+            "e": Sum(),
+            "d": Derivative(),
+            "g": Gain(gain=0.5),
+            "m": SecondOrderLag(omega=10.0, zeta=0.7),
+        },
+        wires=["r -> e.plus", "e -> d -> g -> m -> e.minus"],
+        outputs={"y": "m"},
+    )
     run = tsm.simulate(diagram, stop=20.0)
     # y -> u = 0.5 (2 - y'), and the lag's steady state is y = u with y' = 0
     assert run["y"][-1] == pytest.approx(1.0, abs=1e-6)
@@ -400,8 +461,12 @@ def test_derivative_action_without_a_filter_goes_through_a_nonlinear_plant():
 
 def test_transport_delay_is_exact_on_the_grid_and_fourth_order_off_it():
     def error(tau, h):
-        d = tsm.Diagram(title="d", blocks={"r": Sine(amplitude=1.0, frequency=1.0), "d": Delay(time=tau), "i": Integrator()},
-                        wires=["r -> d -> i"], outputs={"y": "d", "int": "i"})  # fmt: skip
+        d = tsm.Diagram(
+            title="d",
+            blocks={"r": Sine(amplitude=1.0, frequency=1.0), "d": Delay(time=tau), "i": Integrator()},
+            wires=["r -> d -> i"],
+            outputs={"y": "d", "int": "i"},
+        )
         run = tsm.simulate(d, stop=2.0, step=h)
         late = run.t > tau + 6 * h
         exact = np.sin(2 * np.pi * (run.t - tau))
@@ -413,8 +478,12 @@ def test_transport_delay_is_exact_on_the_grid_and_fourth_order_off_it():
 
 def test_delayed_feedback_against_the_method_of_steps():
     """y' = -y(t - 1), y = 1 before: y = 1 - t on [0, 1], then a parabola; SciPy is not needed."""
-    d = tsm.Diagram(title="dde", blocks={"y": Integrator(integral=1.0), "d": Delay(time=1.0, initial=1.0), "g": Gain(gain=-1.0)},
-                    wires=["y -> d -> g -> y"], outputs={"y": "y"})  # fmt: skip
+    d = tsm.Diagram(
+        title="dde",
+        blocks={"y": Integrator(integral=1.0), "d": Delay(time=1.0, initial=1.0), "g": Gain(gain=-1.0)},
+        wires=["y -> d -> g -> y"],
+        outputs={"y": "y"},
+    )
     run = tsm.simulate(d, stop=2.0, step=0.01)
     first, second = run.t <= 1, run.t >= 1
     assert np.abs(run["y"] - (1 - run.t))[first].max() < 1e-10
@@ -425,10 +494,15 @@ def test_delayed_feedback_against_the_method_of_steps():
 def test_sampled_blocks_of_two_rates_update_in_signal_order():
     d = tsm.Diagram(
         title="rates",
-        blocks={"r": Ramp(slope=1.0, start=0.0), "fast": ZeroOrderHold(period=0.01), "slow": ZeroOrderHold(period=0.02),
-                "back": UnitDelay(period=0.01)},
-        wires=["r -> fast -> slow", "fast -> back"], outputs={"fast": "fast", "slow": "slow", "back": "back"},
-    )  # fmt: skip
+        blocks={
+            "r": Ramp(slope=1.0, start=0.0),
+            "fast": ZeroOrderHold(period=0.01),
+            "slow": ZeroOrderHold(period=0.02),
+            "back": UnitDelay(period=0.01),
+        },
+        wires=["r -> fast -> slow", "fast -> back"],
+        outputs={"fast": "fast", "slow": "slow", "back": "back"},
+    )
     run = tsm.simulate(d, stop=0.1, step=0.001)
     ticks = np.round(run.t * 1000).astype(int)
     assert np.abs(run["fast"] - ticks // 10 * 0.01).max() < EXACT
@@ -441,10 +515,16 @@ def test_sampled_feedback_equals_the_z_transform():
     k, tau, period = 2.0, 0.1, 0.02
     d = tsm.Diagram(
         title="sampled",
-        blocks={"one": Constant(value=1.0), "e": Sum(), "g": Gain(gain=k), "z": ZeroOrderHold(period=period),
-                "p": FirstOrderLag(time_constant=tau)},
-        wires=["one -> e.plus", "e -> g -> z -> p -> e.minus"], outputs={"y": "p"},
-    )  # fmt: skip
+        blocks={
+            "one": Constant(value=1.0),
+            "e": Sum(),
+            "g": Gain(gain=k),
+            "z": ZeroOrderHold(period=period),
+            "p": FirstOrderLag(time_constant=tau),
+        },
+        wires=["one -> e.plus", "e -> g -> z -> p -> e.minus"],
+        outputs={"y": "p"},
+    )
     run = tsm.simulate(d, stop=0.4, step=0.001)
     a = np.exp(-period / tau)
     y, expected = 0.0, []
@@ -486,7 +566,7 @@ def test_long_runs_are_cut_into_pieces_without_a_seam(monkeypatch):
     cut = tsm.simulate(everything(), stop=9.0, progress=seen.append, every=3)
     assert np.array_equal(cut.rows, whole.rows[::3])
     assert len(seen) >= 3
-    assert all(a < b for a, b in zip(seen, seen[1:], strict=False))
+    assert all(a < b for a, b in pairwise(seen))
 
 
 def test_ctrl_c_returns_what_there_is():
@@ -513,31 +593,48 @@ def test_a_changed_parameter_does_not_compile_again():
 
 
 def test_step_too_long_for_the_fastest_pole_warns():
-    d = tsm.Diagram(title="stiff", blocks={"s": Step(), "l": FirstOrderLag(time_constant=1e-4)}, wires=["s -> l"], outputs={"y": "l"})
+    d = tsm.Diagram(
+        title="stiff",
+        blocks={"s": Step(), "l": FirstOrderLag(time_constant=1e-4)},
+        wires=["s -> l"],
+        outputs={"y": "l"},
+    )
     with pytest.warns(StepWarning, match=r"fastest pole \(1e\+04 rad/s, at l.value\).*below about 0.00028 s"):
         tsm.simulate(d, stop=0.01, step=1e-3)
 
 
 def test_nan_is_caught_where_it_is_born_with_the_run_so_far():
     d = tsm.Diagram(
-        title="d", blocks={"r": Ramp(slope=-1.0, initial=0.5, start=0.0), "one": Constant(value=0.0), "q": Divide(),
-                           "cap": Saturation(), "g": Gain()},
-        wires=["one -> q.num", "r -> q.den", "q -> g -> cap"], outputs={"y": "cap"},
-    )  # fmt: skip
+        title="d",
+        blocks={
+            "r": Ramp(slope=-1.0, initial=0.5, start=0.0),
+            "one": Constant(value=0.0),
+            "q": Divide(),
+            "cap": Saturation(),
+            "g": Gain(),
+        },
+        wires=["one -> q.num", "r -> q.den", "q -> g -> cap"],
+        outputs={"y": "cap"},
+    )
     with pytest.raises(NotFinite) as caught:
         tsm.simulate(d, stop=1.0, step=0.125)
     error = caught.value
     assert (error.block, error.time) == ("q", 0.5)
-    assert str(error) == "q.y = nan at t = 0.5 s, born in q (Divide). Its inputs: num (from one.y) = 0, den (from r.y) = 0."
+    assert (
+        str(error)
+        == "q.y = nan at t = 0.5 s, born in q (Divide). Its inputs: num (from one.y) = 0, den (from r.y) = 0."
+    )
     assert len(error.run.t) == 4
     assert np.array_equal(error.run["r.y"], [0.5, 0.375, 0.25, 0.125])
 
 
 def test_nan_is_not_swallowed_by_a_limit_when_only_outputs_are_logged():
     d = tsm.Diagram(
-        title="d", blocks={"a": Constant(value=0.0), "b": Constant(value=0.0), "q": Divide(), "cap": Saturation()},
-        wires=["a -> q.num", "b -> q.den", "q -> cap"], outputs={"y": "cap"},
-    )  # fmt: skip
+        title="d",
+        blocks={"a": Constant(value=0.0), "b": Constant(value=0.0), "q": Divide(), "cap": Saturation()},
+        wires=["a -> q.num", "b -> q.den", "q -> cap"],
+        outputs={"y": "cap"},
+    )
     with pytest.raises(NotFinite, match="born in q"):
         tsm.simulate(d, stop=1.0, log="outputs")
 
@@ -619,15 +716,37 @@ def test_own_elementary_functions_are_accurate_in_lanes(name):
     from tsmblocks.engine.kernels import CompiledKernel, Memory
     from tsmblocks.engine.plan import Plan
 
-    x = np.concatenate([np.linspace(-700, 700, 4001), np.logspace(-300, 2, 4000), -np.logspace(-300, 2, 4000), [0.0] * 7])
+    x = np.concatenate(
+        [np.linspace(-700, 700, 4001), np.logspace(-300, 2, 4000), -np.logspace(-300, 2, 4000), [0.0] * 7]
+    )
     lanes = 16
     x = x[: len(x) // lanes * lanes]
     t, d, u, q = ca.SX.sym("t"), ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1)
     state, p = ca.SX.sym("x"), ca.SX.sym("p")
-    f = ca.Function("rhs", [t, state, d, u, q, p], [ca.SX(0), getattr(ca, name)(p), ca.SX(0, 1)],
-                    ["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])  # fmt: skip
-    kernel = CompiledKernel(Plan(rhs=f, update=None, lag=None, method=METHODS["euler"], y=(0,), groups=0, every_step=False,
-                                 lanes=lanes, wide_x=(True,), wide_d=(), wide_p=(True,), wide_s=(), inputs=0))  # fmt: skip
+    f = ca.Function(
+        "rhs",
+        [t, state, d, u, q, p],
+        [ca.SX(0), getattr(ca, name)(p), ca.SX(0, 1)],
+        ["t", "x", "d", "u", "q", "p"],
+        ["dx", "y", "s"],
+    )
+    kernel = CompiledKernel(
+        Plan(
+            rhs=f,
+            update=None,
+            lag=None,
+            method=METHODS["euler"],
+            y=(0,),
+            groups=0,
+            every_step=False,
+            lanes=lanes,
+            wide_x=(True,),
+            wide_d=(),
+            wide_p=(True,),
+            wide_s=(),
+            inputs=0,
+        )
+    )
     got = np.empty_like(x)
     for k in range(0, len(x), lanes):
         memory = Memory(np.zeros(lanes), np.empty(0), x[k : k + lanes].copy(), np.empty(0), 0)

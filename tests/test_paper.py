@@ -77,8 +77,9 @@ def test_compensator_of_elementary_blocks_equals_the_block():
 
 
 @pytest.mark.parametrize(
-    ("name", "output", "cls"), [("fig07_observer", "zeta_hat", "HysteresisObserver"), ("fig08_slope", "alpha_x", "SmoothSlope")]
-)  # fmt: skip
+    ("name", "output", "cls"),
+    [("fig07_observer", "zeta_hat", "HysteresisObserver"), ("fig08_slope", "alpha_x", "SmoothSlope")],
+)
 def test_figures_7_and_8_equal_their_blocks(name, output, cls):
     block = getattr(tsm.blocks, cls)()
     alone = tsm.Diagram(title=cls, blocks={"b": block}, inputs={"v": "b.v"}, outputs={output: "b"})
@@ -91,7 +92,9 @@ def test_figures_7_and_8_equal_their_blocks(name, output, cls):
 
 def test_figure_9b_agrees_with_six_other_tools():
     """Peak-to-peak error over the last 10 s of 20 s, as five peers and a hand-written RK4 gave it to ten digits."""
-    diagram = tsm.load("fig09b_feedforward").with_parameters({"controller.kd": 1.0, "ref.amplitude": 0.96, "delta": 0.1452})
+    diagram = tsm.load("fig09b_feedforward").with_parameters(
+        {"controller.kd": 1.0, "ref.amplitude": 0.96, "delta": 0.1452}
+    )
     run = tsm.simulate(diagram, stop=20.0, step=1e-3)
     error = run["x_ref"] - run["x_out"]
     assert np.ptp(error[10000:]) == pytest.approx(0.2391285083, abs=2e-10)
@@ -107,17 +110,26 @@ def behind_servo(numbers):
         "tsm": AsymmetricBoucWen(**{k: numbers[k] for k in keys}),
     }
     outputs = {"x_ref": "ref", "x_out": "tsm"}
-    plain = tsm.Diagram(title="plain", blocks={k: b for k, b in blocks.items() if k != "compensator"},
-                        wires=["ref -> servo -> tsm"], outputs=outputs)  # fmt: skip
-    helped = tsm.Diagram(title="feedforward", blocks=blocks, wires=["ref -> compensator -> servo -> tsm"],
-                         outputs=outputs)  # fmt: skip
+    plain = tsm.Diagram(
+        title="plain",
+        blocks={k: b for k, b in blocks.items() if k != "compensator"},
+        wires=["ref -> servo -> tsm"],
+        outputs=outputs,
+    )
+    helped = tsm.Diagram(
+        title="feedforward", blocks=blocks, wires=["ref -> compensator -> servo -> tsm"], outputs=outputs
+    )
     both = tsm.Diagram(
         title="feedforward and PID",
         blocks={**blocks, "e": tsm.blocks.Sum(), "pid": tsm.blocks.PID(), "total": tsm.blocks.Sum(signs="++")},
-        wires=["ref -> compensator -> total.plus1", "ref -> e.plus", "e -> pid -> total.plus2",
-               "total -> servo -> tsm -> e.minus"],
+        wires=[
+            "ref -> compensator -> total.plus1",
+            "ref -> e.plus",
+            "e -> pid -> total.plus2",
+            "total -> servo -> tsm -> e.minus",
+        ],
         outputs=outputs,
-    )  # fmt: skip
+    )
     return plain, helped, both
 
 

@@ -30,7 +30,9 @@ def test_commands_in_the_readme_run(line, tmp_path, monkeypatch, capsys):
     from tsmblocks.files import save
 
     monkeypatch.chdir(tmp_path)
-    save(Diagram(title="mine", blocks={"g": Gain()}, inputs={"u": "g.u"}, outputs={"y": "g"}), tmp_path / "my_loop.toml")
+    save(
+        Diagram(title="mine", blocks={"g": Gain()}, inputs={"u": "g.u"}, outputs={"y": "g"}), tmp_path / "my_loop.toml"
+    )
     assert main(line.split()) == 0
     assert capsys.readouterr().out
 

@@ -47,7 +47,7 @@ _HOME = {
 }
 """Where each public name lives; modules are imported when a name is first used."""
 
-__all__ = sorted([*_HOME, "blocks", "errors"])
+__all__ = sorted([*_HOME, "blocks", "errors"])  # noqa: PLE0605 - one list of names is enough
 
 
 def __getattr__(name: str) -> Any:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import attrs
 import numpy as np
 
 from tsmblocks.diagram import Diagram
@@ -76,10 +77,28 @@ def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
     return start + math.floor((min(ends) - start) / h + 1e-6) * h if ends else 20.0
 
 
-def run_times(
-    inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any
-) -> tuple[float, float, int, int]:
-    """Start [s], step [s], number of steps and spacing of what is kept. Raises RunError."""
+@attrs.frozen
+class Times:
+    """The instants of a run: ``start`` and step ``h`` in s, ``steps`` of them, every ``every``-th one kept."""
+
+    start: float
+    h: float
+    steps: int
+    every: int
+
+    @property
+    def grid(self) -> np.ndarray:
+        """Every instant, in s."""
+        return self.start + self.h * np.arange(self.steps + 1)
+
+    @property
+    def kept(self) -> int:
+        """How many instants are kept."""
+        return self.steps // self.every + 1
+
+
+def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any) -> Times:
+    """The instants asked for; without ``stop``, to the end of the inputs. Raises RunError."""
     begin, h, spacing = number("start", start), positive("step", step), every_nth(every)
     end = resolve_stop(inputs, begin, h) if stop is None else number("stop", stop)
-    return begin, h, whole_steps(begin, end, h), spacing
+    return Times(begin, h, whole_steps(begin, end, h), spacing)

@@ -11,7 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import given_inputs, prepared, run_times
+from tsmblocks.arguments import Times, given_inputs, prepared, run_times
 from tsmblocks.block import Block, is_reference, leaves, map_leaves
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine import feeds
@@ -82,46 +82,55 @@ def simulate_batch(
     """
     given = given_inputs(inputs)
     diagram = prepared(diagram).untied(parameters)
-    start, step, n, every = run_times(given, start, stop, step, every)
+    times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     sets, count = _sets(eq, diagram, parameters)
     names = list(outputs) if outputs is not None else list(eq.aliases)
-    chosen = _columns(eq, names)
-    grid = start + step * np.arange(n + 1)
-    lanes = _lanes(count, len(eq.x))
+    chosen, lanes = _columns(eq, names), _lanes(count, len(eq.x))
     vary = frozenset(eq.p.index(k) for k in sets)
     kernel = batch_kernel(eq, method_named(method), chosen, lanes, vary, backend)
-    rows = feeds.rows(gather_signals(eq, given, grid, hold), start, step, 0, n, kernel.plan.method.instants)
-    base, hits, t = parameter_vector(eq, diagram), steps_per_period(eq, step), grid[::every]
+    signals = gather_signals(eq, given, times.grid, hold)
+    base, positions = parameter_vector(eq, diagram), [chosen.index(k) for k in _positions(eq, names)]
+    whole, t = _whole_run(eq, kernel, signals, times), times.grid[:: times.every]
 
     def group(first: int) -> dict[str, np.ndarray]:
-        index = np.minimum(np.arange(first, first + lanes), count - 1)
-        p = np.repeat(base[:, None], lanes, axis=1)
-        for name, values in sets.items():
-            p[eq.p.index(name)] = values[index]
-        y = np.empty((n // every + 1, kernel.layout_y.size))
-        kernel.advance(
-            lane_memory(eq, kernel, p, step),
-            rows,
-            t0=start,
-            h=step,
-            k0=0,
-            n=n,
-            final=True,
-            every=every,
-            skip=0,
-            hits=hits,
-            y=y,
-        )
-        signals = {name: _lane_columns(y, kernel, chosen.index(k), lanes)
-                   for name, k in zip(names, _positions(eq, names), strict=True)}  # fmt: skip
-        made = dict(reduce(t, signals)) if reduce is not None else {k: v.T for k, v in signals.items()}
+        y = whole(lane_memory(eq, kernel, _lane_parameters(eq, base, sets, first, lanes), times.h))
+        found = {name: _lane_columns(y, kernel, k, lanes) for name, k in zip(names, positions, strict=True)}
+        made = dict(reduce(t, found)) if reduce is not None else {k: v.T for k, v in found.items()}
         keep = min(lanes, count - first)
         return {k: np.asarray(v)[:keep].copy() for k, v in made.items()}
 
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         parts = list(pool.map(group, range(0, count, lanes)))
     return Batch(sets, {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}, t)
+
+
+def _whole_run(
+    eq: Equations, kernel: Kernel, signals: list[tuple[feeds.Signal, int]], times: Times
+) -> Callable[[Memory], np.ndarray]:
+    """A function that runs from the memory it is given to the end and returns the rows kept."""
+    rows = feeds.rows(signals, times.start, times.h, 0, times.steps, kernel.plan.method.instants)
+    hits = steps_per_period(eq, times.h)
+    fixed: dict[str, Any] = dict(
+        t0=times.start, h=times.h, k0=0, n=times.steps, final=True, every=times.every, skip=0, hits=hits
+    )
+
+    def run(memory: Memory) -> np.ndarray:
+        y = np.empty((times.kept, kernel.layout_y.size))
+        kernel.advance(memory, rows, **fixed, y=y)
+        return y
+
+    return run
+
+
+def _lane_parameters(
+    eq: Equations, base: np.ndarray, sets: Mapping[str, np.ndarray], first: int, lanes: int
+) -> np.ndarray:
+    """Parameters of the sets from ``first`` on, one set per lane; lanes left over repeat the last set."""
+    p = np.repeat(base[:, None], lanes, axis=1)
+    for name, values in sets.items():
+        p[eq.p.index(name)] = values[np.minimum(np.arange(first, first + lanes), len(values) - 1)]
+    return p
 
 
 def sensitivities(
@@ -146,41 +155,25 @@ def sensitivities(
     """
     given = given_inputs(inputs)
     diagram = prepared(diagram).untied(names)
-    start, step, n, every = run_times(given, start, stop, step, every)
+    times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
-    base = parameter_vector(eq, diagram)
-    known = [_index(eq, name, diagram) for name in names]
+    base, known = parameter_vector(eq, diagram), [_index(eq, name, diagram) for name in names]
     shown = list(outputs) if outputs is not None else list(eq.aliases)
-    chosen = _columns(eq, shown)
-    grid = start + step * np.arange(n + 1)
-    lanes = min(32, _power_of_two(len(known)))
+    chosen, lanes = _columns(eq, shown), min(32, _power_of_two(len(known)))
     kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)
-    rows = feeds.rows(gather_signals(eq, given, grid, hold), start, step, 0, n, kernel.plan.method.instants)
+    whole = _whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)
     columns = [chosen.index(k) for k in _positions(eq, shown)]
-    jacobian = np.empty((n // every + 1, len(shown), len(known)))
+    jacobian = np.empty((times.kept, len(shown), len(known)))
     for first in range(0, len(known), lanes):
         part = known[first : first + lanes]
         seeds = np.zeros((len(eq.p), lanes))
         seeds[part, range(len(part))] = 1.0
-        y = np.empty((n // every + 1, kernel.layout_y.size))
-        kernel.advance(
-            tangent_memory(eq, kernel, base, seeds, step),
-            rows,
-            t0=start,
-            h=step,
-            k0=0,
-            n=n,
-            final=True,
-            every=every,
-            skip=0,
-            hits=steps_per_period(eq, step),
-            y=y,
-        )
+        y = whole(tangent_memory(eq, kernel, base, seeds, times.h))
         for i, column in enumerate(columns):
             wide = _lane_columns(y, kernel, len(chosen) + column, lanes)
             jacobian[:, i, first : first + len(part)] = wide[:, : len(part)]
     values = np.column_stack([y[:, kernel.layout_y.offset[c]] for c in columns])
-    return Sensitivities(grid[::every], values, jacobian, tuple(shown), tuple(names))
+    return Sensitivities(times.grid[:: times.every], values, jacobian, tuple(shown), tuple(names))
 
 
 @functools.lru_cache(maxsize=64)

@@ -24,19 +24,11 @@ def compile_diagram(diagram: Diagram) -> Equations:
     between = Evaluator(flat, held=True)
     between.everything()
     names, signals = _signals(flat, between)
-    x, d, u, q = between.x_symbols(), between.d_symbols(), between.u_symbols(), between.q_symbols()
-    update = None
-    if d or flat.resets:
-        at_samples = Evaluator(flat, held=False, share=between)
-        d_next, x_next, hit = at_samples.updates()
-        u = between.u_symbols()  # a slope may have been asked for at sample instants only
-        reads = [flat.t, _column(x), _column(d), _column(u), _column(q), _column(flat.p), hit]
-        update = ca.Function("update", reads, [_column(d_next), _column(x_next)], *_LABELS["update"])
-    s = between.delayed()
-    reads = [flat.t, _column(x), _column(d), _column(u), _column(q), _column(flat.p)]
-    rhs = ca.Function("rhs", reads, [_column(between.rates()), _column(signals), _column(s)], *_LABELS["rhs"])
+    update = _update(flat, between)  # may ask for slopes of inputs that nothing else needs
+    results = [_column(between.rates()), _column(signals), _column(between.delayed())]
+    rhs = ca.Function("rhs", _reads(flat, between), results, *_LABELS["rhs"])
     p = _column(flat.p)
-    begin = [_column(between.starts(x_names)) for x_names in (flat.x, flat.d)]
+    begin = [_column(between.starts(keys)) for keys in (flat.x, flat.d)]
     start = ca.Function("start", [p], [*begin, _column(flat.first_past)], *_LABELS["start"])
     lag = ca.Function("lag", [p], [_column(flat.delays)], ["p"], ["tau"])
     return Equations(
@@ -62,6 +54,22 @@ def compile_diagram(diagram: Diagram) -> Equations:
         reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
         sampled={k: flat.periods[group] for k, group in flat.group.items()},
     )
+
+
+def _reads(flat: Flat, evaluator: Evaluator) -> list[Any]:
+    """What every function of the equations reads: t, x, d, u, q, p."""
+    e = evaluator
+    parts = (e.x_symbols(), e.d_symbols(), e.u_symbols(), e.q_symbols(), flat.p)
+    return [flat.t, *map(_column, parts)]
+
+
+def _update(flat: Flat, between: Evaluator) -> Any:
+    """Memory and states after a sample instant, as a function; None when nothing is updated."""
+    if not (flat.d or flat.resets):
+        return None
+    d_next, x_next, hit = Evaluator(flat, held=False, share=between).updates()
+    reads = [*_reads(flat, between), hit]
+    return ca.Function("update", reads, [_column(d_next), _column(x_next)], *_LABELS["update"])
 
 
 _LABELS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from tsmblocks.block import Block, leaves
+from tsmblocks.block import Block, leaves, plain
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, near
 
@@ -46,7 +46,7 @@ def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:
                 f"{type(block).__name__} has no parameter '{key}'.{near(key, block.fields())}"
             )
         if not bracket:
-            changes[name] = value
+            changes[name] = plain(value)
             continue
         whole = changes.get(name, getattr(block, name))
         if key not in {leaf for leaf, _ in leaves(whole, name)}:

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import given_inputs, number, positive, prepared, run_times
+from tsmblocks.arguments import Times, given_inputs, number, positive, prepared, run_times
 from tsmblocks.block import is_reference
 from tsmblocks.compile import compile_diagram
 from tsmblocks.diagram import Diagram
@@ -133,40 +133,49 @@ def simulate(
     what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
     """
     diagram, given = prepared(diagram, parameters), given_inputs(inputs)
-    start, h, steps, every = run_times(given, start, stop, step, every)
+    times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
-    chosen, names = _logged(eq, log)
-    if (steps // every + 1) * len(chosen) > MOST_NUMBERS:
-        raise RunError(
-            f"{steps} steps of {len(chosen)} signals would take {steps * len(chosen) * 8 / 1e9:.0f} GB. "
-            f"Keep less: log='outputs', or every={every * 10}."
-        )
-    rule = method_named(method)
-    p = parameter_vector(eq, diagram)
-    kernel = single_kernel(eq, rule, chosen, backend)
-    grid = start + h * np.arange(steps + 1)
-    session = Session(
-        eq,
-        kernel,
-        start_memory(eq, kernel, p, h, initial),
-        gather_signals(eq, given, grid, hold),
-        start,
-        h,
-        every,
-        0,
-        steps_per_period(eq, h),
-    )
+    chosen, names = _logged(eq, log, times)
+    rule, p = method_named(method), parameter_vector(eq, diagram)
+    kernel, h = single_kernel(eq, rule, chosen, backend), times.h
+    memory, signals = start_memory(eq, kernel, p, h, initial), gather_signals(eq, given, times.grid, hold)
+    hits = steps_per_period(eq, h)
+    session = Session(eq, kernel, memory, signals, times.start, h, times.every, 0, hits)
     _warn_of_fast_poles(eq, rule, session, p, h)
     if locate:
         session = locating(session, rule, chosen, backend)
-    rows, stopped = session.run(steps, progress)
-    saved = Saved(session.memory, session.k, start, h)
-    run = Run(diagram.title, grid[::every][: len(rows)], rows, names, eq.aliases, eq.units,
-              dict(zip(eq.p, p, strict=True)), h, rule.name, saved, stopped is None,
-              tuple(e for e in session.events if e.t <= start + session.k * h))  # fmt: skip
+    rows, stopped = session.run(times.steps, progress)
+    run = _result(diagram.title, session, rule, names, rows, p, stopped is None)
     if stopped is not None and not stopped.interrupted:
         raise _failure(eq, rule, session, stopped, run, backend)
     return run
+
+
+def _result(
+    title: str,
+    session: Session,
+    rule: Method,
+    names: tuple[str, ...],
+    rows: np.ndarray,
+    p: np.ndarray,
+    complete: bool,
+) -> Run:
+    """What has been run so far."""
+    eq, start, h = session.eq, session.start, session.h
+    return Run(
+        title,
+        start + h * (session.every * np.arange(len(rows))),
+        rows,
+        names,
+        eq.aliases,
+        eq.units,
+        dict(zip(eq.p, p, strict=True)),
+        h,
+        rule.name,
+        Saved(session.memory, session.k, start, h),
+        complete,
+        tuple(e for e in session.events if e.t <= start + session.k * h),
+    )
 
 
 def _failure(
@@ -191,10 +200,20 @@ def _failure(
     return error
 
 
-def _logged(eq: Equations, log: str | Iterable[str]) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Which signals are kept."""
+def _logged(eq: Equations, log: str | Iterable[str], times: Times) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Which signals are kept: columns and names. Raises RunError when they would not fit."""
+    chosen = _chosen(eq, log)
+    if times.kept * len(chosen) > MOST_NUMBERS:
+        raise RunError(
+            f"{times.kept} instants of {len(chosen)} signals would take "
+            f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep less: log='outputs', or every={times.every * 10}."
+        )
+    return chosen, tuple(eq.y[k] for k in chosen)
+
+
+def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     if log == "all":
-        return tuple(range(len(eq.y))), eq.y
+        return tuple(range(len(eq.y)))
     shown = set(eq.aliases.values())
     patterns = (
         [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
@@ -207,7 +226,7 @@ def _logged(eq: Equations, log: str | Iterable[str]) -> tuple[tuple[int, ...], t
     for pattern in patterns:
         if not any(fnmatchcase(name, eq.aliases.get(pattern, pattern)) for name in eq.y):
             raise RunError(f"log '{pattern}' matches no signal.{near(pattern, eq.y)}")
-    return tuple(chosen), tuple(eq.y[k] for k in chosen)
+    return tuple(chosen)
 
 
 def _warn_of_fast_poles(eq: Equations, rule: Method, session: Session, p: np.ndarray, h: float) -> None:

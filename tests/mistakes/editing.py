@@ -389,9 +389,7 @@ diagram 'motor' (HERE) has 1 problem:
 def remove_what_turns_one_unit_into_another():
     d = Diagram(
         title="motor",
-        blocks=dict(
-            ref=Sine(unit="V"), motor=MotorTransferFunction(), other=MotorTransferFunction(), k=Gain()
-        ),
+        blocks=dict(ref=Sine(unit="V"), motor=MotorTransferFunction(), other=MotorTransferFunction(), k=Gain()),
         wires=["ref -> motor", "motor.y -> k -> other"],
         outputs={"x": "motor.y"},
     )
@@ -478,7 +476,5 @@ diagram 'from a file' (loops/position.toml) has 1 problem:
 """,
 )
 def an_edit_of_a_diagram_read_from_a_file():
-    d = Diagram(
-        title="from a file", blocks=dict(a=Sine(), b=Abs()), wires=["a -> b"], where="loops/position.toml"
-    )
+    d = Diagram(title="from a file", blocks=dict(a=Sine(), b=Abs()), wires=["a -> b"], where="loops/position.toml")
     d.insert("c", Sum(), after="a")

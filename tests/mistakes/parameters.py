@@ -462,9 +462,7 @@ diagram 'position loop' (HERE) has 1 problem:
 """,
 )
 def a_value_out_of_bounds_later():
-    position_loop(blocks={**BLOCKS, "pid": PID(tau="$tau")}, values={"tau": 0.1}).with_parameters(
-        {"tau": 0.0}
-    )
+    position_loop(blocks={**BLOCKS, "pid": PID(tau="$tau")}, values={"tau": 0.1}).with_parameters({"tau": 0.0})
 
 
 @mistake(
@@ -485,9 +483,7 @@ def a_reference_where_a_period_belongs():
 
 @mistake(ParameterError, "diagram 'position loop' has no parameter 'tua'. Did you mean 'tau'?")
 def a_misspelt_value_later():
-    position_loop(blocks={**BLOCKS, "pid": PID(tau="$tau")}, values={"tau": 0.1}).with_parameters(
-        {"tua": 0.2}
-    )
+    position_loop(blocks={**BLOCKS, "pid": PID(tau="$tau")}, values={"tau": 0.1}).with_parameters({"tua": 0.2})
 
 
 # ---- declarations

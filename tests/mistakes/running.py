@@ -219,7 +219,10 @@ def a_step_longer_than_the_run():
     simulate(position_loop(), stop=0.001, step=0.01)
 
 
-@mistake(RunError, "10000000000 steps of 9 signals would take 720 GB. Keep less: log='outputs', or every=10.")
+@mistake(
+    RunError,
+    "10000000001 instants of 9 signals would take 720 GB. Keep less: log='outputs', or every=10.",
+)
 def a_run_too_long_to_keep():
     simulate(position_loop(), stop=1e6, step=1e-4)
 
@@ -234,9 +237,7 @@ def every_nothing():
     "the sample period 0.0025 s of hold is not a multiple of the step 0.001 s. A step of 0.000625 s would do.",
 )
 def a_period_that_is_no_multiple_of_the_step():
-    d = Diagram(
-        title="held", blocks=dict(ref=Sine(), hold=ZeroOrderHold(period=0.0025)), wires=["ref -> hold"]
-    )
+    d = Diagram(title="held", blocks=dict(ref=Sine(), hold=ZeroOrderHold(period=0.0025)), wires=["ref -> hold"])
     simulate(d, stop=1.0, step=1e-3)
 
 
@@ -245,9 +246,7 @@ def a_period_that_is_no_multiple_of_the_step():
     "the sample period 0.0005 s of hold is not a multiple of the step 0.001 s. A step of 0.0005 s would do.",
 )
 def a_period_shorter_than_the_step():
-    d = Diagram(
-        title="held", blocks=dict(ref=Sine(), hold=ZeroOrderHold(period=0.0005)), wires=["ref -> hold"]
-    )
+    d = Diagram(title="held", blocks=dict(ref=Sine(), hold=ZeroOrderHold(period=0.0005)), wires=["ref -> hold"])
     simulate(d, stop=1.0, step=1e-3)
 
 
@@ -568,9 +567,7 @@ def a_state_of_another_step():
     "q.y = inf at t = 0 s, born in q (Divide). Its inputs: num (from a) = 1, den (from b) = 0.",
 )
 def a_stepper_that_leaves_the_finite():
-    d = Diagram(
-        title="quotients", blocks=dict(q=Divide()), inputs={"a": "q.num", "b": "q.den"}, outputs={"c": "q"}
-    )
+    d = Diagram(title="quotients", blocks=dict(q=Divide()), inputs={"a": "q.num", "b": "q.den"}, outputs={"c": "q"})
     Stepper(d).step({"a": 1.0, "b": 0.0})
 
 

@@ -509,9 +509,7 @@ diagram 'integrals' (HERE) has 1 problem:
 def units_differ_across_two_integrators():
     Diagram(
         title="integrals",
-        blocks=dict(
-            speed=Sine(unit="rad/s"), angle=Integrator(), error=Sum(), ref=Sine(unit="deg"), out=Abs()
-        ),
+        blocks=dict(speed=Sine(unit="rad/s"), angle=Integrator(), error=Sum(), ref=Sine(unit="deg"), out=Abs()),
         wires=["speed -> angle -> error.minus", "ref -> error.plus", "error -> out"],
     )
 
@@ -539,9 +537,7 @@ diagram 'outer' (HERE) has 1 problem:
 """,
 )
 def units_differ_through_an_inner_diagram():
-    motor = Diagram(
-        title="motor", blocks=dict(m=MotorTransferFunction()), inputs={"u": "m.u"}, outputs={"x": "m.y"}
-    )
+    motor = Diagram(title="motor", blocks=dict(m=MotorTransferFunction()), inputs={"u": "m.u"}, outputs={"x": "m.y"})
     Diagram(
         title="outer",
         blocks=dict(ref=Sine(unit="rad"), motor=motor, gain=Gain()),
@@ -557,9 +553,7 @@ diagram 'angles' (HERE) has 1 problem:
 """,
 )
 def an_input_with_another_unit():
-    Diagram(
-        title="angles", blocks=dict(motor=MotorTransferFunction()), inputs={"x": Inlet("motor.u", unit="rad")}
-    )
+    Diagram(title="angles", blocks=dict(motor=MotorTransferFunction()), inputs={"x": Inlet("motor.u", unit="rad")})
 
 
 @mistake(
@@ -587,9 +581,7 @@ diagram 'angles' (HERE) has 1 problem:
 def one_signal_in_two_units():
     Diagram(
         title="angles",
-        blocks=dict(
-            ref=Sine(), to_deg=Convert(source_unit="rad", target_unit="deg"), motor=MotorTransferFunction()
-        ),
+        blocks=dict(ref=Sine(), to_deg=Convert(source_unit="rad", target_unit="deg"), motor=MotorTransferFunction()),
         wires=["ref -> to_deg, motor"],
     )
 

@@ -110,10 +110,11 @@ class Relay(Block):
 
     .. math::
 
-        m = \begin{cases} 1 & u \ge a \\ 0 & u \le b \\ m_k & b < u < a \end{cases}, \qquad
-        y = l + (h - l) m
+        m_k = \begin{cases} 1 & u_k \ge a \\ 0 & u_k \le b \\ m_{k-1} & b < u_k < a \end{cases}, \qquad
+        y = l + (h - l) m_k
 
-    with :math:`m_k` what it was at the start of the step.
+    with :math:`u_k` the input at the start of the step. It switches there and holds within the step, up
+    to a step late; with ``locate=True`` it switches at the instant itself.
     """
 
     source = "definition"
@@ -132,15 +133,13 @@ class Relay(Block):
         if self.off > self.on:
             raise ParameterError(f"Relay needs off <= on, got off={self.off:g}, on={self.on:g}.")
 
-    def _active(self, x: Any, u: Any) -> Any:
-        stays = ca.if_else(u.u <= self.off, 0.0, x.active)
-        return ca.if_else(u.u >= self.on, 1.0, stays)
-
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(active=self._active(x, u))
+        stays = ca.if_else(u.u <= self.off, 0.0, x.active)
+        return dict(active=ca.if_else(u.u >= self.on, 1.0, stays))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=self.low + (self.high - self.low) * self._active(x, u))
+        # From the memory only: stages that cross a level and come back would act without being remembered.
+        return dict(y=self.low + (self.high - self.low) * x.active)
 
 
 @block

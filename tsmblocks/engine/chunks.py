@@ -43,9 +43,14 @@ class ChunkKernel:
     def __init__(self, plan: Plan, host: str) -> None:
         self.f = Frame(plan, host)
         self.plan, self.w = plan, self.f.w
-        self.layouts = {"x": self.f.x, "d": self.f.d, "p": self.f.p, "q": self.f.q,
-                        "u": Layout.of((False,) * plan.inputs, plan.lanes),
-                        "hit": Layout.of((False,) * plan.groups, plan.lanes)}  # fmt: skip
+        self.layouts = {
+            "x": self.f.x,
+            "d": self.f.d,
+            "p": self.f.p,
+            "q": self.f.q,
+            "u": Layout.of((False,) * plan.inputs, plan.lanes),
+            "hit": Layout.of((False,) * plan.groups, plan.lanes),
+        }
         self.parts: list[str] = []
         self.temporaries = 0
         self.fixed_size = 0
@@ -56,8 +61,11 @@ class ChunkKernel:
         """Places for the nodes that depend on parameters only and that others read."""
         grade = grades_of(program)
         readers = {j for n, g in enumerate(grade) if g > CONSTANT for j in program.arguments(n)}
-        chosen = [n for n in sorted(readers | set(program.outputs.values()))
-                  if grade[n] == CONSTANT and program.nodes[n][0] not in ("CONST", "INPUT")]  # fmt: skip
+        chosen = [
+            n
+            for n in sorted(readers | set(program.outputs.values()))
+            if grade[n] == CONSTANT and program.nodes[n][0] not in ("CONST", "INPUT")
+        ]
         places = {}
         for node in chosen:
             places[node] = self.fixed_size
@@ -87,7 +95,8 @@ class ChunkKernel:
         for k in range(count):
             self._piece(job, k, work[k * PIECE : (k + 1) * PIECE], places, ends.get(k, []))
         calls = "\n".join(
-            f"  call void @{job.name}_{k}(double %t, {', '.join(f'ptr %{a}' for a in _ARGUMENTS)})" for k in range(count)
+            f"  call void @{job.name}_{k}(double %t, {', '.join(f'ptr %{a}' for a in _ARGUMENTS)})"
+            for k in range(count)
         )
         self.parts.append(f"define internal void @{job.name}({_SIGNATURE}) noinline {{\n{calls}\n  ret void\n}}")
 
@@ -150,8 +159,9 @@ class ChunkKernel:
             self._cut_update()
         if f.lag is not None:
             wide = f.widths(f.lag)
-            taus: list[Store] = [(f.lag.outputs.get((0, k)), "o0", place, f.s.wide[k])
-                                 for k, place in enumerate(f.s.offset)]  # fmt: skip
+            taus: list[Store] = [
+                (f.lag.outputs.get((0, k)), "o0", place, f.s.wide[k]) for k, place in enumerate(f.s.offset)
+            ]
             self._cut(_Job("delays", f.lag, wide, taus, {}))
         self._place()
         self._main()
@@ -173,9 +183,20 @@ class ChunkKernel:
     def _place(self) -> None:
         """Where each array lies in the work area."""
         stages = len(self.plan.method.weights)
-        sizes = {"temporaries": self.temporaries, "fixed": self.fixed_size, "xs": self.f.x.size, "ds": self.f.d.size,
-                 "ahead": self.f.x.size, "next": self.f.x.size, "q": self.f.q.size, "s": self.f.s.size,
-                 "spare": self.f.y.size, "dn": self.f.d.size, "tau": self.f.s.size, "hits": self.plan.groups}  # fmt: skip
+        sizes = {
+            "temporaries": self.temporaries,
+            "fixed": self.fixed_size,
+            "xs": self.f.x.size,
+            "ds": self.f.d.size,
+            "ahead": self.f.x.size,
+            "next": self.f.x.size,
+            "q": self.f.q.size,
+            "s": self.f.s.size,
+            "spare": self.f.y.size,
+            "dn": self.f.d.size,
+            "tau": self.f.s.size,
+            "hits": self.plan.groups,
+        }
         sizes |= {f"slope{s}": self.f.x.size for s in range(stages)}
         self.at, place = {}, 0
         for name, size in sizes.items():
@@ -184,8 +205,19 @@ class ChunkKernel:
         self.work = place
 
     def _call(self, name: str, t: str, x: str, o: tuple[str, str, str], u: str = "%u") -> None:
-        given = {"x": x, "d": "%ds", "p": "%p", "u": u, "q": "%q", "hit": "%hits", "work": "%temporaries",
-                 "fixed": "%fixed", "o0": o[0], "o1": o[1], "o2": o[2]}  # fmt: skip
+        given = {
+            "x": x,
+            "d": "%ds",
+            "p": "%p",
+            "u": u,
+            "q": "%q",
+            "hit": "%hits",
+            "work": "%temporaries",
+            "fixed": "%fixed",
+            "o0": o[0],
+            "o1": o[1],
+            "o2": o[2],
+        }
         self.w.do(f"call void @{name}(double {t}, {', '.join(f'ptr {given[a]}' for a in _ARGUMENTS)})")
 
     def _combine(self, out: str, start: str, slope: str, weight: float) -> None:
@@ -201,7 +233,7 @@ class ChunkKernel:
             self.w.do(f"call void @llvm.memcpy.p0.p0.i64(ptr {to}, ptr {source}, i64 {8 * size}, i1 false)")
 
     def _main(self) -> None:
-        f, w, plan = self.f, self.w, self.plan
+        f, w = self.f, self.w
         f.open()
         f.counters()
         for name, place in self.at.items():

@@ -156,11 +156,22 @@ class Crossing:
         which = frozen.first(frozen.wrong(past.g, past.m) | (wrong & (margin(past.g, past.m) <= 0)))
         here = self._settled(attrs.evolve(past, m=frozen.turned(past.g, past.m, which)), which)
         if here is not None and frozen.remember is not None:
-            u, memory = self._inputs(here.t, self.h)[0, 0], frozen.memory(here.x, here.d, here.m, self.like)
-            d, x = frozen.remember(here.t, memory.x, memory.d, u, [], memory.p)
-            here = attrs.evolve(here, d=np.asarray(d).ravel(), x=np.asarray(x).ravel())
-            here = self._settled(here, which)
+            here = self._remembered(here, which)
         return None if here is None else (here, which | (here.m != past.m))
+
+    def _remembered(self, here: Point, crossed: np.ndarray) -> Point | None:
+        """Update memory at an event, and again as long as memory or modes follow from what was updated."""
+        first: Point | None = None
+        for _ in range(len(here.d) + 1):
+            old, memory = here, self.frozen.memory(here.x, here.d, here.m, self.like)
+            d, x = self.frozen.remember(old.t, memory.x, memory.d, self._inputs(old.t, self.h)[0, 0], [], memory.p)
+            made = self._settled(attrs.evolve(old, d=np.asarray(d).ravel(), x=np.asarray(x).ravel()), crossed)
+            if made is None:
+                return None
+            here, first = made, first or made
+            if np.array_equal(here.d, old.d) and np.array_equal(here.x, old.x) and np.array_equal(here.m, old.m):
+                return here
+        return first  # it never comes to rest: a relay that feeds itself, or memory that counts
 
     def _settled(self, here: Point, crossed: np.ndarray) -> Point | None:
         """Turn over what jumps with those that crossed, which may be off themselves by rounding."""

@@ -118,9 +118,7 @@ class Signal:
         values = np.broadcast_to(values, t.shape)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            raise DataError(
-                f"input '{self.name}': the function gives {values[bad[0]]:g} at t = {t[bad[0]]:g} s."
-            )
+            raise DataError(f"input '{self.name}': the function gives {values[bad[0]]:g} at t = {t[bad[0]]:g} s.")
         return values
 
     def _spline(self) -> Any:
@@ -128,9 +126,7 @@ class Signal:
             from scipy.interpolate import CubicSpline
 
             if len(self.t) < 4:
-                raise DataError(
-                    f"input '{self.name}': hold='cubic' needs at least 4 samples, got {len(self.t)}."
-                )
+                raise DataError(f"input '{self.name}': hold='cubic' needs at least 4 samples, got {len(self.t)}.")
             self._splines[0] = CubicSpline(self.t, self.y)
         return self._splines[0]
 
@@ -166,9 +162,7 @@ def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
         return _numbers(name, given[0]), _numbers(name, given[1])
     values = _numbers(name, given)
     if values.ndim != 1:
-        raise DataError(
-            f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}."
-        )
+        raise DataError(f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}.")
     if len(values) not in (len(grid), len(grid) - 1):
         raise DataError(f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "
                         "Give (times, values) when they are not on the steps.")  # fmt: skip

@@ -50,7 +50,7 @@ class InterpretedKernel(Kernel):
                 if plan.every_step or hit.any():
                     d, x = self.update(t, x, d, u[k, 0][:, None], q, p, hit)
             dx, out, s = self.rhs(t, x, d, u[k, 0][:, None], q, p)
-            if len(plan.y) < len(out) and not np.isfinite(out).all():
+            if len(plan.y) < len(out) and np.isnan(out).any():
                 x, out = x * np.nan, out * np.nan  # CasADi's limits swallow a NaN; the caller shall look closer
             if left == 0:
                 _shut(y[row], self.layout_y, out[list(plan.y)])
@@ -127,9 +127,9 @@ class _Call:
         self.f = _dense(self.f)
         self.buffer, self.trigger = self.f.buffer()
         for k, a in enumerate(self.inputs):
-            self.buffer.set_arg(k, memoryview(a))
+            self.buffer.set_arg(k, _view(a))
         for k, a in enumerate(self.outputs):
-            self.buffer.set_res(k, memoryview(a.reshape(-1)))
+            self.buffer.set_res(k, _view(a.reshape(-1)))
 
     def __call__(self, *values: Any) -> list[np.ndarray]:
         for a, value in zip(self.inputs, values, strict=True):
@@ -137,6 +137,10 @@ class _Call:
                 a.reshape(self.lanes, -1)[:] = np.asarray(value).T if np.ndim(value) else value
         self.trigger()
         return [a.T.copy() for a in self.outputs]
+
+
+def _view(a: Any) -> memoryview:
+    return memoryview(a)
 
 
 def _dense(f: Any) -> Any:

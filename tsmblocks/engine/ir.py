@@ -189,7 +189,11 @@ class Writer:
 
     def module(self) -> str:
         """Functions and declarations that the written text needs."""
-        parts = [*self.functions.values(), *self.declared.values(), "attributes #1 = { nounwind willreturn memory(none) }"]
+        parts = [
+            *self.functions.values(),
+            *self.declared.values(),
+            "attributes #1 = { nounwind willreturn memory(none) }",
+        ]
         return "\n".join(parts) + "\n"
 
 

@@ -108,7 +108,7 @@ def _write(path: Path, body: bytes) -> None:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
         with os.fdopen(handle, "wb") as file:
             file.write(_MAGIC + hashlib.sha256(body).digest() + body)
-        os.replace(name, path)
+        Path(name).replace(path)
         _prune(path.parent)
     except OSError:
         return  # a full or read-only disk costs time, not the result

@@ -222,7 +222,9 @@ class Frame:
             one = w.emit(f"extractelement {w.vector} {delay}, i32 {lane}") if wide_delay else delay
             place = w.emit(f"fsub double {now}, {one}")
             base = w.at(ring, lane)
-            pair = w.emit(f"call {{double, double}} @tsm_past(ptr {base}, i64 %mask, i64 {stride}, double {place}, i64 {last})")
+            pair = w.emit(
+                f"call {{double, double}} @tsm_past(ptr {base}, i64 %mask, i64 {stride}, double {place}, i64 {last})"
+            )
             both = [w.emit(f"extractvalue {{double, double}} {pair}, {i}") for i in (0, 1)]
             both[1] = w.emit(f"fdiv double {both[1]}, %h")
             if not wide:

@@ -16,8 +16,8 @@ class Plan:
     ``rhs(t, x, d, u, q, p) -> (dx, y, s)``, ``update(t, x, d, u, q, p, hit) -> (d, x)`` or None,
     ``lag(p) -> tau``. ``wide_x``, ``wide_d``, ``wide_p`` and ``wide_s`` say for each element whether
     it has one value per lane (``lanes`` of them) or one for all. ``every_step``: memory is updated
-    at each step, not at hits only. ``y`` picks and orders the outputs of ``rhs`` that are logged. ``jumps``: signals jump with time
-    alone (None: to be found from ``rhs``).
+    at each step, not at hits only. ``y`` picks and orders the outputs of ``rhs`` that are logged.
+    ``jumps``: signals jump with time alone (None: to be found from ``rhs``).
     """
 
     rhs: Any

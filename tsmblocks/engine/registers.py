@@ -30,7 +30,9 @@ class RegisterKernel:
         goals = [n for name in names for n in self.goals[name] if n is not None]
         return self.f.rhs.needed(goals)
 
-    def write(self, program: Program, wide: list[bool], nodes: set[int], values: Values, read: dict[str, list[str]]) -> None:
+    def write(
+        self, program: Program, wide: list[bool], nodes: set[int], values: Values, read: dict[str, list[str]]
+    ) -> None:
         """Write the nodes not yet among ``values``; ``read`` holds the inputs by slot name."""
         w = self.w
         for node in sorted(nodes):
@@ -55,7 +57,7 @@ class RegisterKernel:
     # ---- the whole
 
     def text(self) -> str:
-        f, w, plan = self.f, self.w, self.plan
+        f, w = self.f, self.w
         f.open()
         f.counters()
         self._enter()
@@ -236,4 +238,3 @@ class RegisterKernel:
 
     def _step_times(self, weight: float, wide: bool) -> str:
         return self.w.widen(self.fraction[weight]) if wide else self.fraction[weight]
-

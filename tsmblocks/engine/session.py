@@ -125,9 +125,7 @@ def gather_signals(
     if missing:
         units = ", ".join(f"{f.name}{f' [{f.unit}]' if f.unit else ''}" for f in eq.u if f.name in missing)
         words = "inputs" if len(missing) > 1 else "input"
-        raise DataError(
-            f"diagram '{eq.title}' needs its {words} {units}: give inputs={{'{missing[0]}': samples}}."
-        )
+        raise DataError(f"diagram '{eq.title}' needs its {words} {units}: give inputs={{'{missing[0]}': samples}}.")
     span = (float(grid[0]), float(grid[-1]))
     taped = {block: source(*span) for block, source in eq.tapes.items()}
     known: dict[tuple[str, str], feeds.Signal] = {}
@@ -136,9 +134,7 @@ def gather_signals(
         key = (feed.block, feed.tape or feed.name.removeprefix("d/dt " * feed.order))
         if key not in known:
             given = taped[feed.block][feed.tape] if feed.block else inputs[key[1]]
-            known[key] = feeds.Signal(
-                f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold
-            )
+            known[key] = feeds.Signal(f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold)
             step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
             known[key].covers(*span, step)
         made.append((known[key], feed.order))

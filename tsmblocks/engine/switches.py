@@ -27,6 +27,8 @@ EDGE = {"LE": 1.0, "LT": -1.0, "SIGN": 0.0}
 """Mode at g = 0; that of the others may be either."""
 BAND = 4e-15
 """A difference this small against its terms is rounding, and counts as zero."""
+MOST_CHAINED = 8
+"""Times that memory fed by other memory is updated anew, where each waits for another."""
 ALWAYS = True
 RHS = (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])
 UPDATE = ([*RHS[0], "hit"], ["d_next", "x_next"])
@@ -80,7 +82,8 @@ def margin(g: np.ndarray, m: np.ndarray) -> np.ndarray:
 def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> Frozen | None:
     """Kernels of the equations with frozen switches (kept); None when there is no switch.
 
-    Updates on the grid stay plain, and run at every step, since g is wanted before them.
+    Updates on the grid stay plain, and run at every step, since g is wanted before them. Memory that waits
+    for other memory is updated again, so that a chain of relays switches at once.
     """
     program, switches, moving = _switches(eq)
     if not switches:
@@ -123,15 +126,36 @@ def _functions(
         return rhs, None, None
     hit = ca.SX.sym("hit", len(eq.periods))
     fresh, moved = eq.update.call([t, x, old, u, q, p, hit])
+    for late in _chained(eq, program) if eq.every_step else ():
+        again = eq.update.call([t, moved, fresh, u, q, p, ca.SX.zeros(len(eq.periods))])[0]
+        fresh = _column([(again if k in late else fresh)[k] for k in range(held)])
     update = ca.Function("update", [*inputs, hit], [ca.vertcat(fresh, *modes, g), moved], *UPDATE)
     if not eq.every_step:
         return rhs, update, None
     return rhs, update, ca.Function("remember", inputs, [output(2, held), output(3, len(eq.x))])
 
 
+def _chained(eq: Equations, program: Program) -> list[set[int]]:
+    """Find memory that reads memory of other blocks, as a relay fed by a relay does: what to update once more."""
+    inputs = {args[1]: n for n, (name, args) in enumerate(program.nodes) if name == "INPUT" and args[0] == 2}
+    reach = _reach(program, list(inputs.values()))
+    fresh = {k: n for k in range(len(eq.d)) if (n := program.outputs[2, k]) != inputs.get(k)}
+    owner = [name.rpartition(".")[0] for name in eq.d]
+    reads = {
+        k: {j for j, read in zip(inputs, _bits(reach[n], len(inputs)), strict=True) if read and owner[j] != owner[k]}
+        for k, n in fresh.items()
+    }
+    made, late = [], {k for k, given in reads.items() if given & fresh.keys()}
+    while late and len(made) < MOST_CHAINED:
+        made.append(late)
+        late = {k for k in late if reads[k] & late}
+    return made
+
+
 def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
     """Rates, signals and updates between samples as one program; its switches; and how each node moves.
 
+    Switches are those that rates, signals and memory depend on; those of samples and resets are not.
     Nodes stand still within a step (0), move with time alone (1) or with states and inputs (2).
     """
     symbols = eq.rhs.sx_in()
@@ -141,7 +165,7 @@ def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
         names = [*names, *UPDATE[1]]
     program = Program(ca.Function("all", symbols, values, RHS[0], names))
     moving = program.grade({0: 1, 1: 2, 2: 0, 3: 2, 4: 2, 5: 0})
-    needed = program.needed(n for (slot, _), n in program.outputs.items() if slot < 2)
+    needed = program.needed(n for (slot, _), n in program.outputs.items() if slot < 3)
     switches = [n for n in sorted(needed) if program.nodes[n][0] in WORDS and moving[n]]
     return program, switches, moving
 
@@ -269,17 +293,17 @@ def _union(sets: Iterable[int]) -> int:
 
 
 def _owners(eq: Equations, program: Program, reach: list[int], count: int) -> list[str]:
-    """Find the block of each switch: its rates or outputs depend on it, while nothing it reads does."""
-    rates, signals = (
+    """Find the block of each switch: its rates, outputs or memory depend on it, while nothing it reads does."""
+    rates, signals, memory = (
         {
             name: reach[program.outputs[slot, k]]
             for k, name in enumerate(names)
             if (slot, k) in program.outputs
         }
-        for slot, names in ((0, eq.x), (1, eq.y))
+        for slot, names in ((0, eq.x), (1, eq.y), (2, eq.d))
     )
     owners = [""] * count
-    for name, found in (*rates.items(), *signals.items()):
+    for name, found in (*rates.items(), *signals.items(), *memory.items()):
         block = name.rpartition(".")[0]
         if found and block in eq.reads:
             given = _union(signals.get(k, 0) for k in eq.reads[block][1].values())

@@ -1,0 +1,205 @@
+"""The package as seen from outside: names, words, annotations, sizes, layers, and what importing it costs."""
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import tsmblocks
+from tests.mistakes import editing, equations, filing, parameters, running, wiring  # noqa: F401 - fill the table
+from tests.mistakes.table import TABLE
+
+SOURCE = Path(tsmblocks.__file__).parent
+ROOT = SOURCE.parent
+FILES = sorted(SOURCE.rglob("*.py"))
+LIMITS = dict(module=400, function=40)
+EXCUSED = {}
+"""path or path:function -> reason; empty is the goal."""
+TAKES_ANY_KEYWORD = {
+    "block.py:Block.replace": "a_misspelt_keyword_of_replace",
+}
+"""Public functions with ``**``, and the mistake that proves that a misspelt name is refused."""
+HEAVY = ("scipy", "control", "matplotlib", "pandas", "h5py", "llvmlite")
+
+
+def name_of(path):
+    return path.relative_to(SOURCE).as_posix()
+
+
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def public_things(path):
+    """(qualified name, node) of every public class, function and method of a module, outermost first."""
+    for node in tree_of(path).body:
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and not node.name.startswith("_"):
+            yield node.name, node
+            if isinstance(node, ast.ClassDef) and "Protocol" not in {getattr(b, "id", "") for b in node.bases}:
+                for part in node.body:
+                    if isinstance(part, ast.FunctionDef) and not part.name.startswith("_"):
+                        yield f"{node.name}.{part.name}", part
+
+
+def inherited(path, name):
+    """Whether a method is documented by a base of its class (a block's equations, by Block)."""
+    owner, _, method = name.partition(".")
+    if not method:
+        return False
+    module = import_module(".".join(["tsmblocks", *path.relative_to(SOURCE).with_suffix("").parts]))
+    bases = getattr(module, owner).__mro__[1:]
+    return any(inspect.getdoc(vars(base)[method]) for base in bases if method in vars(base))
+
+
+# ---- names
+
+
+def test_public_names_are_sorted_and_can_be_had():
+    assert tsmblocks.__all__ == sorted(set(tsmblocks.__all__))
+    for name in tsmblocks.__all__:
+        assert getattr(tsmblocks, name) is not None
+    assert set(tsmblocks.__all__) <= set(dir(tsmblocks))
+
+
+def test_editors_are_told_the_same_names():
+    known = next(n for n in tree_of(SOURCE / "__init__.py").body if isinstance(n, ast.If))
+    told = {alias.asname: node.module for node in known.body for alias in node.names}
+    early = {"block": "tsmblocks.block", "simulate": "tsmblocks.simulate"}
+    assert set(told) | set(early) == set(tsmblocks.__all__)
+    for name, module in {**told, **early}.items():
+        if name in ("blocks", "errors"):
+            assert getattr(tsmblocks, name) is import_module(f"tsmblocks.{name}")
+        else:
+            assert getattr(tsmblocks, name) is getattr(import_module(module), name)
+
+
+def test_every_list_of_names_in_the_package_holds_names_that_exist():
+    for path in FILES:
+        listed = [
+            n for n in tree_of(path).body if isinstance(n, ast.Assign) and getattr(n.targets[0], "id", "") == "__all__"
+        ]
+        if listed and path.name != "__main__.py":
+            parts = path.relative_to(SOURCE).with_suffix("").parts
+            module = import_module(".".join(["tsmblocks", *(p for p in parts if p != "__init__")]))
+            assert all(hasattr(module, name) for name in module.__all__), name_of(path)
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_nothing_public_takes_any_keyword(path):
+    """Else a misspelt name would be taken without a word."""
+    found = {f"{name_of(path)}:{name}" for name, node in public_things(path)
+             if isinstance(node, ast.FunctionDef) and node.args.kwarg is not None}  # fmt: skip
+    assert found == {k for k in TAKES_ANY_KEYWORD if k.partition(":")[0] == name_of(path)}
+
+
+def test_what_takes_any_keyword_refuses_a_misspelt_one():
+    assert set(TAKES_ANY_KEYWORD.values()) <= {row.make.__name__ for row in TABLE}
+
+
+# ---- words and annotations
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_every_module_says_what_it_is(path):
+    text = ast.get_docstring(tree_of(path)) or ""
+    assert re.match(r"[^\n]+[.:]$", text.partition("\n")[0]), "the first line is a sentence"
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_everything_public_is_documented(path):
+    bare = [name for name, node in public_things(path) if not ast.get_docstring(node) and not inherited(path, name)]
+    assert bare == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_everything_public_is_annotated(path):
+    bare = []
+    for name, node in public_things(path):
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        every = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs, node.args.vararg, node.args.kwarg]
+        silent = [a.arg for a in every if a is not None and a.annotation is None and a.arg not in ("self", "cls")]
+        if silent or node.returns is None:
+            bare.append(f"{name}({', '.join(silent)})")
+    assert bare == []
+
+
+# ---- sizes
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_modules_stay_small(path):
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= LIMITS["module"] or name_of(path) in EXCUSED
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_functions_fit_a_page(path):
+    """Docstrings do not count."""
+    long = {}
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            words = node.body[0] if ast.get_docstring(node) else None
+            lines = node.end_lineno - node.lineno + 1 - (words.end_lineno - words.lineno + 1 if words else 0)
+            if lines > LIMITS["function"] and f"{name_of(path)}:{node.name}" not in EXCUSED:
+                long[node.name] = lines
+    assert long == {}
+
+
+def test_excuses_are_not_kept_longer_than_needed():
+    for name in EXCUSED:
+        path, _, function = name.partition(":")
+        assert (SOURCE / path).exists()
+        assert not function or f"def {function}(" in (SOURCE / path).read_text(encoding="utf-8")
+
+
+# ---- layers
+
+
+def contracts():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+
+
+def test_each_layer_imports_only_what_is_below_it():
+    pytest.importorskip("importlinter")
+    command = [
+        sys.executable,
+        "-c",
+        "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))",
+    ]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_no_module_stands_outside_the_layers():
+    layers = next(c for c in contracts() if c["type"] == "layers")["layers"]
+    named = {name.strip() for layer in layers for name in re.split("[|:]", layer)}
+    there = {f"tsmblocks.{p.stem}" for p in SOURCE.iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
+    assert there - {"tsmblocks.__init__", "tsmblocks.__main__"} == named
+
+
+def test_a_contract_keeps_blocks_out_of_the_engine():
+    kept = next(c for c in contracts() if c["type"] == "forbidden" and "tsmblocks.engine" in c["source_modules"])
+    assert {f"tsmblocks.{k}" for k in ("block", "blocks", "diagram", "compile")} <= set(kept["forbidden_modules"])
+
+
+# ---- cost
+
+
+@pytest.mark.parametrize(
+    "statement", ["import tsmblocks", "import tsmblocks.blocks", "from tsmblocks import Diagram, load"]
+)
+def test_importing_needs_nothing_heavy(statement):
+    code = f"import sys; {statement}; print([m for m in {HEAVY!r} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_package_is_typed():
+    assert (SOURCE / "py.typed").exists()
