@@ -152,9 +152,7 @@ def test_a_failed_run_carries_block_time_and_what_there_is():
 def test_a_stepper_stands_where_it_was_after_a_failed_step():
     blocks = dict(lag=FirstOrderLag(), q=Divide())
     wires = ["lag -> q.num"]
-    stepper = Stepper(
-        Diagram(blocks=blocks, wires=wires, inputs={"a": "lag.u", "b": "q.den"}, outputs={"y": "q"})
-    )
+    stepper = Stepper(Diagram(blocks=blocks, wires=wires, inputs={"a": "lag.u", "b": "q.den"}, outputs={"y": "q"}))
     first = stepper.step({"a": 1.0, "b": 1.0})
     with pytest.raises(NotFinite) as caught:
         stepper.step({"a": 1.0, "b": 0.0})

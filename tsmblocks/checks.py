@@ -72,9 +72,7 @@ def read_wires(
 ) -> tuple[list[Link], list[str]]:
     """Links from chains (or links already read), with the faults found."""
     if isinstance(wires, str):
-        return [], [
-            f"wires must be a list of chains such as ['error -> pid'], got one text, {in_words(wires)}."
-        ]
+        return [], [f"wires must be a list of chains such as ['error -> pid'], got one text, {in_words(wires)}."]
     links: list[Link] = []
     faults: list[str] = []
     for text in wires:
@@ -95,12 +93,7 @@ def read_wires(
 def _stands(link: Link, blocks: Mapping[str, Any]) -> bool:
     """Whether a link read before still joins two ports (its blocks may have been changed since)."""
     (source, out), (target, into) = link.source, link.target
-    return (
-        source in blocks
-        and target in blocks
-        and out in blocks[source].outports
-        and into in blocks[target].inports
-    )
+    return source in blocks and target in blocks and out in blocks[source].outports and into in blocks[target].inports
 
 
 def _instead(fault: str, inputs: Collection[str], outputs: Collection[str]) -> str:
@@ -108,9 +101,7 @@ def _instead(fault: str, inputs: Collection[str], outputs: Collection[str]) -> s
     wire, names, rest = fault.partition(" names block '")
     name = rest.partition("'")[0]
     if names and name in inputs:
-        return (
-            f"{wire} names '{name}', which is an input of the diagram: list the ports it drives under inputs."
-        )
+        return f"{wire} names '{name}', which is an input of the diagram: list the ports it drives under inputs."
     if names and name in outputs:
         return f"{wire} names '{name}', which is an output of the diagram: say under outputs what it shows."
     return fault
@@ -125,8 +116,7 @@ def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
     for name in names:
         if not _is_name(name):
             yield located(
-                f"{what} name {clip(str(name))!r} must be letters, digits and underscores, "
-                "not starting with a digit.",
+                f"{what} name {clip(str(name))!r} must be letters, digits and underscores, not starting with a digit.",
                 place_of(name),
             )
 
@@ -192,9 +182,7 @@ def driver_faults(
             texts = "; ".join(text for text, _ in writers)
             same = len({text for text, _ in writers}) == 1
             advice = "Leave out all but one." if same else "Join them with a Sum block."
-            yield located(
-                f"{'.'.join(end)} is driven {len(writers)} times: {texts}. {advice}", writers[-1][1]
-            )
+            yield located(f"{'.'.join(end)} is driven {len(writers)} times: {texts}. {advice}", writers[-1][1])
     if silent:
         return
     for name, block in blocks.items():
@@ -207,9 +195,7 @@ def driver_faults(
                               place_of(name))  # fmt: skip
 
 
-def value_faults(
-    blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str] = ()
-) -> Iterator[str]:
+def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str] = ()) -> Iterator[str]:
     """References to numbers that are not in the table, and referenced numbers a block refuses.
 
     Numbers named in ``unsure`` exist, and are not to be judged by.
@@ -233,10 +219,7 @@ def value_faults(
         if used and not wanted & set(unsure) and not missing and all(_is_number(values[k]) for k in wanted):
             try:
                 block.replace(
-                    **{
-                        k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v)
-                        for k, v in used.items()
-                    }
+                    **{k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v) for k, v in used.items()}
                 )
             except ParameterError as error:
                 said = ", ".join(f"{k} = {values[k]:g}" for k in sorted(wanted))

@@ -48,9 +48,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
         aliases={k: flat.signal_name(end) for k, end in flat.shown.items()},
         units=_units(diagram, flat, names),
         tapes={k: functools.partial(b.tapes, name=k) for k, b in flat.blocks.items() if b.tape_ports},
-        every_step=any(
-            not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()
-        ),
+        every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
         reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
         sampled={k: flat.periods[group] for k, group in flat.group.items()},
     )

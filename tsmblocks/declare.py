@@ -218,26 +218,18 @@ def _fault(name: str, field: Field, value: Any) -> str:
         return f"{name} is an option, and only a parameter can refer to values, got {in_words(value)}."
     if field.choices:
         known = value in field.choices
-        return (
-            ""
-            if known
-            else f"{name} is {in_words(value)}, which is not a choice.{near(value, field.choices)}"
-        )
+        return "" if known else f"{name} is {in_words(value)}, which is not a choice.{near(value, field.choices)}"
     wanted = type(field.default)
     if wanted is int:
         whole = isinstance(value, float) and value.is_integer() and field.allows(value)
         return "" if whole else f"{name} must be a whole number in {field.bounds()}, got {in_words(value)}."
     if field.kind == "option" and wanted is not float:
         words = {str: "text", bool: "true or false", tuple: "a list"}.get(wanted, "")
-        return (
-            f"{name} must be {words}, got {in_words(value)}." if words and type(value) is not wanted else ""
-        )
+        return f"{name} must be {words}, got {in_words(value)}." if words and type(value) is not wanted else ""
     if isinstance(value, tuple) != (wanted is tuple):
         words = "a list of numbers" if wanted is tuple else "a number"
         return f"{name} must be {words}, got {in_words(value)}."
-    faults = (
-        _number_fault(leaf, field, number) for leaf, number in leaves(value, name) if not is_reference(number)
-    )
+    faults = (_number_fault(leaf, field, number) for leaf, number in leaves(value, name) if not is_reference(number))
     return next(filter(None, faults), "")
 
 
@@ -246,10 +238,6 @@ def _number_fault(name: str, field: Field, number: Any) -> str:
         return f"{name} must be a number, got {in_words(number)}."
     if field.allows(number):
         return ""
-    if (
-        math.isinf(number)
-        and field.low < 0 < field.high
-        and math.isinf(field.low if number < 0 else field.high)
-    ):
+    if math.isinf(number) and field.low < 0 < field.high and math.isinf(field.low if number < 0 else field.high):
         return f"{name} must be finite, got {number:g}."
     return f"{name} must lie in {field.bounds()}, got {number:g}."

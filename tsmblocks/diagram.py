@@ -95,22 +95,15 @@ class Diagram:
         object.__setattr__(self, "port_units", _frozen(found.port_units))
         object.__setattr__(self, "wires", tuple(chains(self.links, self.blocks)))
         # one spelling of each end, so that "tsm" and "tsm.y" make equal diagrams
-        full = {
-            k: attrs.evolve(v, ports=[".".join(e) for e in found.inlets[k]]) for k, v in self.inputs.items()
-        }
+        full = {k: attrs.evolve(v, ports=[".".join(e) for e in found.inlets[k]]) for k, v in self.inputs.items()}
         object.__setattr__(self, "inputs", _frozen(full))
-        object.__setattr__(
-            self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()})
-        )
+        object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()}))
 
     def _checked(self) -> checks.Checked:
         """What the wires, inputs and outputs mean; raises DiagramError with every fault found."""
         blocks = self.blocks
         wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
-        if (
-            not wrong
-            and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST
-        ):
+        if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
             wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
             raise DiagramError(self.title, wrong, self.where)
@@ -134,10 +127,7 @@ class Diagram:
     @property
     def outports(self) -> dict[str, Output]:
         """Its outputs, as ports."""
-        return {
-            k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end))
-            for k, end in self.shown.items()
-        }
+        return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
 
     def _unit_of(self, *ends: tuple[str, str]) -> str:
         return next((unit_checks.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
@@ -281,9 +271,7 @@ class Diagram:
 
         return inserted(self, name, block, after, before, tuple(wires))
 
-    def replace(
-        self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None
-    ) -> Diagram:
+    def replace(self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None) -> Diagram:
         """The diagram with another block in the place of ``name``, wired the same way.
 
         ``ports`` maps old port names to new ones where they differ. Raises DiagramError when a port

@@ -66,9 +66,7 @@ def _after(diagram: Diagram, signal: str, enter: tuple[str, str], leave: tuple[s
     try:
         source = resolve(signal, diagram.blocks, "output")
     except Fault as fault:
-        raise _fail(
-            diagram, _instead(f"after='{signal}'", fault, signal, [*diagram.inputs, *diagram.blocks])
-        ) from None
+        raise _fail(diagram, _instead(f"after='{signal}'", fault, signal, [*diagram.inputs, *diagram.blocks])) from None
     links = [attrs.evolve(link, source=leave) if link.source == source else link for link in diagram.links]
     outputs = {k: out if end == source else diagram.outputs[k] for k, end in diagram.shown.items()}
     return [*links, Link(source, enter)], dict(diagram.inputs), outputs
@@ -119,18 +117,13 @@ def replaced(diagram: Diagram, name: str, block: Block | Diagram, ports: Mapping
         what = "output" if side is leaving else "input"
         port = ports.get(end[1], end[1])
         if port not in side:
-            wrong = (
-                f"{text}: the new {name} is a {kind(block)}, which has no {what} '{port}'.{near(port, side)}"
-            )
+            wrong = f"{text}: the new {name} is a {kind(block)}, which has no {what} '{port}'.{near(port, side)}"
             one = next(iter(side)) if len(side) == 1 else "…"
             map_it = f" Say ports={{'{end[1]}': '{one}'}}." if side and port == end[1] else ""
             faults.append(wrong + map_it)
         return name, port
 
-    links = [
-        Link(moved(x.source, leaving, str(x)), moved(x.target, entering, str(x)), x.place)
-        for x in diagram.links
-    ]
+    links = [Link(moved(x.source, leaving, str(x)), moved(x.target, entering, str(x)), x.place) for x in diagram.links]
     inputs = {
         k: attrs.evolve(v, ports=[".".join(moved(e, entering, f"input {k} -> {'.'.join(e)}"))
                                   for e in diagram.inlets[k]])
@@ -170,9 +163,7 @@ def removed(diagram: Diagram, name: str) -> Diagram:
         outputs |= {k: ".".join(into[0].source) for k in shown}
     elif leaving:
         key = feeding[0][0]
-        inputs[key] = attrs.evolve(
-            inputs[key], ports=[*inputs[key].ports, *(".".join(x.target) for x in outof)]
-        )
+        inputs[key] = attrs.evolve(inputs[key], ports=[*inputs[key].ports, *(".".join(x.target) for x in outof)])
         outputs |= dict.fromkeys(shown, key)
     blocks = {k: b for k, b in diagram.blocks.items() if k != name}
     return diagram._with(blocks=blocks, wires=links, inputs=inputs, outputs=outputs)

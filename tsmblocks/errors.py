@@ -59,9 +59,7 @@ class AlgebraicLoop(DiagramError):
     ``path`` lists the signals around the loop, first and last being the same.
     """
 
-    def __init__(
-        self, diagram: str, problems: Sequence[str], where: str = "", path: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, diagram: str, problems: Sequence[str], where: str = "", path: Sequence[str] = ()) -> None:
         super().__init__(diagram, problems, where)
         self.path = tuple(path)
 
@@ -100,10 +98,7 @@ def numbered(problems: Sequence[str]) -> str:
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
         shown.append(f"and {len(problems) - MOST_PROBLEMS} more.")
-    lines = [
-        f"  {n}. " + _printable(clip(text, LONGEST)).replace("\n", "\n     ")
-        for n, text in enumerate(shown, 1)
-    ]
+    lines = [f"  {n}. " + _printable(clip(text, LONGEST)).replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
     return "\n".join([f"{count}:", *lines])
 
 

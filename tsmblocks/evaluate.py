@@ -106,15 +106,19 @@ class Evaluator:
                 yield Feed("d/dt " * int(order) + f"{path}.{tape}", path, tape, int(order))
 
     def x_symbols(self) -> list[Any]:
+        """Symbols of the continuous states, in order."""
         return [self.x[k] for k in self.flat.x]
 
     def d_symbols(self) -> list[Any]:
+        """Symbols of memory and held outputs, in order."""
         return [self.d[k] for k in self.flat.d]
 
     def u_symbols(self) -> list[Any]:
+        """Symbols of the sampled inputs asked for so far, in order."""
         return list(self.u.values())
 
     def q_symbols(self) -> list[Any]:
+        """Symbols of the delayed signals, each followed by its slope."""
         return [s for pair in self.q for s in pair]
 
     # ---- the walk
@@ -147,9 +151,7 @@ class Evaluator:
             self.value[node] = self.d[path, name, "held"]
             return ()
         wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
-        missing = [
-            n for n in (self._source(path, k) for k in wanted) if n[0] != "read" and n not in self.value
-        ]
+        missing = [n for n in (self._source(path, k) for k in wanted) if n[0] != "read" and n not in self.value]
         if missing:
             return missing
         self._evaluate(path, kind)
@@ -191,9 +193,7 @@ class Evaluator:
             if rate is not None:
                 moving.append(symbol)
                 along.append(rate)
-        self.value[node] = (
-            ca.jtimes(expression, ca.vertcat(*moving), ca.vertcat(*along)) if moving else ca.SX(0)
-        )
+        self.value[node] = ca.jtimes(expression, ca.vertcat(*moving), ca.vertcat(*along)) if moving else ca.SX(0)
         return ()
 
     def _symbol_rate(self, owner: tuple[Any, ...], source: Node) -> Any:

@@ -17,7 +17,8 @@ ORDINARY = 1e100
 def explain(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:
     """Run again from the last safe instant with everything logged; (message, block, time [s])."""
     first = session.k
-    y = session.advance(steps, True)
+    y = session.rows_for(steps, True)
+    session.advance(steps, True, y)
     bad = np.flatnonzero(~np.isfinite(y).all(axis=1))
     row = int(bad[0]) if len(bad) else len(y) - 1
     time = session.start + (first + row) * session.h
@@ -52,9 +53,7 @@ def _output_message(eq: Equations, values: dict[str, float], block: str, time: f
     outputs = [(k, v) for k, v in values.items() if k.rpartition(".")[0] == block and not math.isfinite(v)]
     inputs = [(f"{port} (from {signal})", values.get(signal, math.nan)) for port, signal in reads.items()]
     states = [
-        (k.rpartition(".")[2], values[k])
-        for k in (*eq.x, *eq.d)
-        if k.rpartition(".")[0] == block and k in values
+        (k.rpartition(".")[2], values[k]) for k in (*eq.x, *eq.d) if k.rpartition(".")[0] == block and k in values
     ]
     text = f"{_list(outputs)} at t = {time:g} s, born in {block} ({kind})."
     text += f" Its inputs: {_list(inputs)}." if inputs else ""
@@ -75,8 +74,5 @@ def _state_message(
     if before:
         text += f" One step before: {_list((k, before[k]) for k in states[:4])}."
     if before and all(abs(before[k]) < ORDINARY for k in states):
-        return (
-            text + " Within the step its equations left what they are defined for "
-            "(a root, a logarithm, a division)."
-        )
+        return text + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
     return text + " The loop may be unstable, or the step too long for it; try a smaller step."

@@ -80,10 +80,7 @@ class Flat:
                 names = [f"{path}.{port}" for _, path, port in reversed(back)]
                 raise AlgebraicLoop(
                     self.title,
-                    [
-                        f"{' -> '.join(names)} joins diagrams in a ring that holds no "
-                        "block, so the signal has no value."
-                    ],
+                    [f"{' -> '.join(names)} joins diagrams in a ring that holds no block, so the signal has no value."],
                     self.where,
                     names,
                 )

@@ -42,9 +42,7 @@ def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:
     for key, value in part.items():
         name, bracket, _ = key.partition("[")
         if name not in block.fields():
-            raise ParameterError(
-                f"{type(block).__name__} has no parameter '{key}'.{near(key, block.fields())}"
-            )
+            raise ParameterError(f"{type(block).__name__} has no parameter '{key}'.{near(key, block.fields())}")
         if not bracket:
             changes[name] = plain(value)
             continue

@@ -178,9 +178,7 @@ def _result(
     )
 
 
-def _failure(
-    eq: Equations, rule: Method, session: Session, stopped: Stopped, run: Run, backend: str
-) -> NotFinite:
+def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, run: Run, backend: str) -> NotFinite:
     """The error that says where a run stopped being finite, with the run up to there."""
     kernel = single_kernel(eq, rule, tuple(range(len(eq.y))), backend)
     again = Session(
@@ -215,9 +213,7 @@ def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     if log == "all":
         return tuple(range(len(eq.y)))
     shown = set(eq.aliases.values())
-    patterns = (
-        [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
-    )
+    patterns = [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(pattern)}.")
@@ -346,12 +342,8 @@ class Stepper:
     def restore(self, saved: Saved) -> None:
         """Go on from a saved state of the same diagram and step. Raises RunError otherwise."""
         if saved.step != self.h:
-            raise RunError(
-                f"the saved state belongs to a step of {saved.step:g} s, and this one is {self.h:g} s."
-            )
-        if any(
-            getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring")
-        ):
+            raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {self.h:g} s.")
+        if any(getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring")):
             raise RunError(f"the saved state belongs to a diagram other than '{self.eq.title}'.")
         self.memory, self.k = saved.memory.copy(), saved.k
 

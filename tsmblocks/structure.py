@@ -76,13 +76,9 @@ def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> d
         try:
             scalar = value if isinstance(value, ca.SX) else ca.SX(value)
         except Exception:
-            raise EquationError(
-                f"{owner}.{equation} gives {key} = {in_words(value)}, which is not a number."
-            ) from None
+            raise EquationError(f"{owner}.{equation} gives {key} = {in_words(value)}, which is not a number.") from None
         if scalar.shape != (1, 1):
-            raise EquationError(
-                f"{owner}.{equation} gives {key} with shape {scalar.shape}; every signal is a scalar."
-            )
+            raise EquationError(f"{owner}.{equation} gives {key} with shape {scalar.shape}; every signal is a scalar.")
         made[key] = scalar
     return made
 
@@ -164,9 +160,7 @@ def _check_ports(block: Block) -> None:
     names = [*block.read_names, *block.outports, *block.states]
     twice = next((k for k in names if names.count(k) > 1), None)
     if twice is not None:
-        raise EquationError(
-            f"{owner}.{twice} is two things at once (a port, a state); give one of them another name."
-        )
+        raise EquationError(f"{owner}.{twice} is two things at once (a port, a state); give one of them another name.")
     for name, state in block.states.items():
         if not isinstance(state.start, float) and not is_reference(state.start):
             raise EquationError(f"{owner}.{name} must start at a number, got {in_words(state.start)}.")
@@ -184,9 +178,7 @@ def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) 
     if extra:
         said.append(f"returns {', '.join(extra)}, which is not declared")
     if said:
-        raise EquationError(
-            f"{owner}.{equation} {' and '.join(said)}. Declared: {', '.join(wanted) or 'nothing'}."
-        )
+        raise EquationError(f"{owner}.{equation} {' and '.join(said)}. Declared: {', '.join(wanted) or 'nothing'}.")
 
 
 def _known_names(owner: str, equation: str, given: dict[str, Any], states: list[str]) -> None:
@@ -202,9 +194,7 @@ def _no_nan(owner: str, equation: str, part: dict[str, Any]) -> None:
     """A function of ``math`` applied to a symbol gives NaN without a word; find it here."""
     for name, expression in part.items():
         f = ca.Function("f", ca.symvar(expression), [expression])
-        constants = (
-            f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST
-        )
+        constants = (f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
         if any(math.isnan(c) for c in constants):
             raise EquationError(
                 f"{owner}.{equation} makes {name} not a number. Inside equations use casadi's functions "

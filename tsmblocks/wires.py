@@ -97,9 +97,7 @@ def _choose(name: str, block: Ported, port: str, side: str) -> str:
         return usual[0]
     if not usual:
         raise Fault(f"{name} ({kind(block)}) has no {side}.")
-    raise Fault(
-        f"{name} ({kind(block)}) has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}."
-    )
+    raise Fault(f"{name} ({kind(block)}) has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
 
 
 def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, str]:

@@ -38,9 +38,7 @@ def batches(report: Report) -> None:
 class LanesRun:
     """The compiled loop for sets side by side alone, into memory that is there already."""
 
-    def __init__(
-        self, diagram: Any, names: tuple[str, ...], inputs: dict[str, Any], outputs: list[str]
-    ) -> None:
+    def __init__(self, diagram: Any, names: tuple[str, ...], inputs: dict[str, Any], outputs: list[str]) -> None:
         eq, self.lanes = equations(diagram), 32
         single = ours.KernelRun(diagram, STOP, inputs=inputs)
         shown = tuple(dict.fromkeys(eq.y.index(eq.aliases[k]) for k in outputs))
@@ -55,9 +53,7 @@ class LanesRun:
         self.kernel.advance(self.memory.copy(), self.u, final=True, hits=self.hits, y=self.y, **numbers)
 
 
-def one(
-    report: Report, title: str, diagram: Any, names: tuple[str, ...], inputs: dict[str, Any], count: int
-) -> None:
+def one(report: Report, title: str, diagram: Any, names: tuple[str, ...], inputs: dict[str, Any], count: int) -> None:
     """Check and time one diagram."""
     known = {**diagram.values, **diagram.parameters}
     factors = np.random.default_rng(1).uniform(0.95, 1.05, (len(names), count))
@@ -75,9 +71,7 @@ def one(
 
     found, off = batch(1)(), 0.0
     for k in np.linspace(0, count - 1, 7).astype(int):
-        run = tsm.simulate(
-            diagram, stop=STOP, inputs=inputs, parameters={name: v[k] for name, v in sets.items()}
-        )
+        run = tsm.simulate(diagram, stop=STOP, inputs=inputs, parameters={name: v[k] for name, v in sets.items()})
         single = reduce(run.t, {name: run[name][:, None] for name in outputs})["peak_to_peak"][0]
         off = max(off, abs(single - found["peak_to_peak"][k]))
     if not report.check(f"batch, {title}", off, TOLERANCE):

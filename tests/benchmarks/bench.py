@@ -40,15 +40,9 @@ SECTIONS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the chosen sections and hold the figures against the bars."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="shorter runs and fewer repetitions: under a minute"
-    )
-    parser.add_argument(
-        "--peers", action="store_true", help="also the other tools that are installed: some minutes"
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="shorter runs and fewer repetitions: under a minute")
+    parser.add_argument("--peers", action="store_true", help="also the other tools that are installed: some minutes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every number to FILE")
     parser.add_argument(
         "--only",
@@ -74,7 +68,7 @@ def describe(report: Report) -> None:
 
     compiler = hand_c.compiler()
     facts = {
-        "machine": f"{processor()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}",
+        "processor": f"{processor()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "versions": f"numpy {np.__version__}, casadi {casadi.__version__}, llvmlite {llvmlite.__version__}",
         "compiler": hand_c.version(compiler) if compiler else "none",

@@ -84,12 +84,9 @@ def compare(diagram: Any, found: Any, names: list[str], stop: float, inputs: dic
     """Largest difference to central differences, over the largest derivative by that parameter."""
     known, most = {**diagram.values, **diagram.parameters}, 0.0
     for j, name in enumerate(names):
-        size = 1e-5 * max(
-            abs(known[name]), 0.1
-        )  # larger ones reach across kinks, which move with the parameter
+        size = 1e-5 * max(abs(known[name]), 0.1)  # larger ones reach across kinks, which move with the parameter
         runs = [
-            tsm.simulate(diagram, stop=stop, inputs=inputs, parameters={name: known[name] + s * size})
-            for s in (1, -1)
+            tsm.simulate(diagram, stop=stop, inputs=inputs, parameters={name: known[name] + s * size}) for s in (1, -1)
         ]
         expected = np.column_stack([(runs[0][k] - runs[1][k]) / (2 * size) for k in found.signals])
         most = max(most, float(np.abs(found.jacobian[:, :, j] - expected).max() / np.abs(expected).max()))

@@ -35,11 +35,7 @@ LOG = {"fig09b": _LOG, "fig16": (*_LOG, "tip_error.y", "pid.y", "total.y", "pid.
 def compiler() -> str | None:
     """The C compiler found, ``CC`` first."""
     return next(
-        (
-            path
-            for name in (os.environ.get("CC", ""), "gcc", "cc", "clang")
-            if name and (path := shutil.which(name))
-        ),
+        (path for name in (os.environ.get("CC", ""), "gcc", "cc", "clang") if name and (path := shutil.which(name))),
         None,
     )
 
@@ -71,9 +67,7 @@ def caller(
     function = library[figure]
     function.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_long, ctypes.c_void_p]
     function.restype = None
-    given = np.array(
-        [values.get(name, values.get(name.partition(".")[2], np.nan)) for name in NUMBERS[figure]]
-    )
+    given = np.array([values.get(name, values.get(name.partition(".")[2], np.nan)) for name in NUMBERS[figure]])
 
     def run(log: np.ndarray) -> None:
         function(given.ctypes.data, h, steps, log.ctypes.data)

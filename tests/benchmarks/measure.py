@@ -114,9 +114,7 @@ class Report:
         """Keep a number for the JSON file."""
         self.found.setdefault("numbers", {})[key] = value
 
-    def bar(
-        self, what: str, figure: float | None, limit: float, unit: str = "", at_least: bool = False
-    ) -> None:
+    def bar(self, what: str, figure: float | None, limit: float, unit: str = "", at_least: bool = False) -> None:
         """Hold a figure against a bar of the design; None when it could not be measured."""
         sign = "at least" if at_least else "at most"
         if figure is None or not np.isfinite(figure):

@@ -44,9 +44,7 @@ def peer_numbers(diagram: Any) -> dict[str, float]:
         k: f"controller.{k}" for k in ("kp", "ki", "kd", "tau")
     }
     named |= {"low": "drive.low", "high": "drive.high", "K": "motor.K", "motor_tau": "motor.tau"}
-    named |= {
-        k: f"tsm.{k}" if f"tsm.{k}" in values else k for k in ("alpha1", "alpha2", "A", "theta", "delta")
-    }
+    named |= {k: f"tsm.{k}" if f"tsm.{k}" in values else k for k in ("alpha1", "alpha2", "A", "theta", "delta")}
     return {k: float(values[name]) for k, name in named.items()}
 
 
@@ -62,20 +60,14 @@ class KernelRun:
         outputs: bool = False,
     ) -> None:
         eq = equations(diagram)
-        shown = (
-            tuple(dict.fromkeys(eq.y.index(v) for v in eq.aliases.values()))
-            if outputs
-            else tuple(range(len(eq.y)))
-        )
+        shown = tuple(dict.fromkeys(eq.y.index(v) for v in eq.aliases.values())) if outputs else tuple(range(len(eq.y)))
         self.kernel: Kernel = single_kernel(eq, method_named("rk4"), shown, "")
         self.names = tuple(eq.y[k] for k in shown)
         self.step, self.steps = step, round(stop / step)
         p, grid = parameter_vector(eq, diagram), step * np.arange(self.steps + 1)
         self.memory = start_memory(eq, self.kernel, p, step)
         instants = self.kernel.plan.method.instants
-        self.u = feeds.rows(
-            gather_signals(eq, dict(inputs or {}), grid, "linear"), 0.0, step, 0, self.steps, instants
-        )
+        self.u = feeds.rows(gather_signals(eq, dict(inputs or {}), grid, "linear"), 0.0, step, 0, self.steps, instants)
         self.hits = steps_per_period(eq, step)
         self.y = np.zeros((self.steps + 1, self.kernel.layout_y.size))
 

@@ -92,9 +92,7 @@ def race_peers(report: Report) -> None:
     show(report, found, round(stop / 1e-3), stop)
 
 
-def take(
-    report: Report, measured: Measured, name: str, result: dict[str, Any], reference: np.ndarray
-) -> None:
+def take(report: Report, measured: Measured, name: str, result: dict[str, Any], reference: np.ndarray) -> None:
     """Check one process's result and take its times into account."""
     tolerance = float(result["tolerance"])
     tail = abs(spread_of_tail(result["error"]) - spread_of_tail(reference))

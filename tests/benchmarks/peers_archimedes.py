@@ -46,9 +46,7 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     @arc.compile
     def simulate(x):
         def one(x, k):
-            return advance(k * step, x, 0.0, 0.0), n["amplitude"] * np.sin(f.w * k * step) - (
-                slope(x[3]) * x[2] + x[5]
-            )
+            return advance(k * step, x, 0.0, 0.0), n["amplitude"] * np.sin(f.w * k * step) - (slope(x[3]) * x[2] + x[5])
 
         return arc.scan(one, x, xs=np.arange(steps + 1.0))[1]
 

@@ -44,9 +44,7 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     solver = fixed_step_rk4(step)
 
     def run() -> np.ndarray:
-        result = simulator.run(
-            bd, T=stop, dt=step, solver_args={"method": solver}, max_step=step, watch=[tracking]
-        )
+        result = simulator.run(bd, T=stop, dt=step, solver_args={"method": solver}, max_step=step, watch=[tracking])
         return np.asarray(result.y0)
 
     return run

@@ -60,9 +60,7 @@ def fixed_step_rk4(step: float) -> Any:
     class FixedRK4(OdeSolver):
         """Steps that land on multiples of ``step`` from the start, and on the end."""
 
-        def __init__(
-            self, fun: Any, t0: float, y0: Any, t_bound: float, vectorized: bool = False, **_: Any
-        ) -> None:
+        def __init__(self, fun: Any, t0: float, y0: Any, t_bound: float, vectorized: bool = False, **_: Any) -> None:
             super().__init__(fun, t0, y0, t_bound, vectorized)
             self.start, self.count = t0, 0
 

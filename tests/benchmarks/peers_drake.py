@@ -47,13 +47,9 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     controller = add("controller", pid)
     drive = add("drive", Saturation([n["low"]], [n["high"]]))
     lag = 1 / n["motor_tau"]
-    motor = add(
-        "motor", LinearSystem([[0, 1], [0, -lag]], [[0], [n["K"] * lag]], np.eye(2), np.zeros((2, 1)))
-    )
+    motor = add("motor", LinearSystem([[0, 1], [0, -lag]], [[0], [n["K"] * lag]], np.eye(2), np.zeros((2, 1))))
     split = add("split", Demultiplexer(2))
-    plant = add(
-        "plant", SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[slope * x + z])
-    )
+    plant = add("plant", SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[slope * x + z]))
     for source, port, sink, number in [
         (ref, 0, both, 0), (ref, 1, both, 1), (both, 0, compensator, 0), (compensator, 0, error, 0),
         (minus_angle, 0, error, 1), (error, 0, controller, 0), (controller, 0, drive, 0),
@@ -67,9 +63,7 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
 
     def run() -> np.ndarray:
         simulator = Simulator(diagram)
-        config = SimulatorConfig(
-            integration_scheme="runge_kutta3", max_step_size=step, use_error_control=False
-        )
+        config = SimulatorConfig(integration_scheme="runge_kutta3", max_step_size=step, use_error_control=False)
         ApplySimulatorConfig(config, simulator)
         simulator.AdvanceTo(stop)
         return np.asarray(log.FindLog(simulator.get_context()).data()[0])

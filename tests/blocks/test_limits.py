@@ -86,15 +86,20 @@ def test_rate_limit_holds_within_the_step():
         assert float(block.outputs(10 + dt, x, signals(["u"], [-99.0]))["y"]) == pytest.approx(1 - dt)
 
 
-def test_relay_switches_at_once_and_remembers():
+def test_relay_switches_on_the_grid_and_remembers():
+    given = (0.0, 0.99, 1.0, 0.0, -0.49, -0.5, 0.0, 5.0)
+    x, seen = signals(["active"], [0.0]), []
     block = Relay(on=1.0, off=-0.5, high=10.0, low=-2.0)
-    active, seen = 0.0, []
-    for u in (0.0, 0.99, 1.0, 0.0, -0.49, -0.5, 0.0, 5.0):
-        x = signals(["active"], [active])
+    for u in given:
+        x = signals(["active"], [float(block.updates(0.0, x, signals(["u"], [u]))["active"])])
         seen.append(float(block.outputs(0.0, x, signals(["u"], [u]))["y"]))
-        active = float(block.updates(0.0, x, signals(["u"], [u]))["active"])
     assert seen == [-2, -2, 10, 10, 10, -2, -2, 10]
-    assert value(block, {"active": 1.0}, u=0.0)["y"] == 10
+
+
+def test_relay_holds_within_the_step():
+    for u in NUMBERS:
+        assert value(Relay(low=-2.0), {"active": 0.0}, u=u)["y"] == -2
+        assert value(Relay(high=10.0), {"active": 1.0}, u=u)["y"] == 10
 
 
 def test_lookup_table():

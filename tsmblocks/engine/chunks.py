@@ -146,6 +146,7 @@ class ChunkKernel:
     # ---- the whole
 
     def text(self) -> str:
+        """The whole kernel as LLVM IR."""
         f, plan = self.f, self.plan
         out = f.rhs.outputs
         places, chosen = self._fix(f.rhs, f.wide)

@@ -6,8 +6,8 @@ passes that step in parts (see ``crossing``).
 
 A signal that crosses an edge and comes back within one step is not seen. Rounding (floor, ceil) is
 left as it is: the jumps of a quantiser are not located. Memory is updated at events as at instants of
-the grid, so play and rate limits still know on the grid only where their input turned; samples and
-resets are on the grid only.
+the grid: a relay, which holds in between, switches where its input reaches a level. Play and rate limits
+still know on the grid only where their input turned; samples and resets are on the grid only.
 """
 
 from __future__ import annotations
@@ -46,10 +46,11 @@ class Located(Session):
     warned: bool = False
     last: tuple[int, Memory, int] | None = None
 
-    def advance(self, n: int, final: bool) -> np.ndarray:
-        """Take n steps; the rows logged. All of it or, when interrupted, nothing."""
+    def advance(self, n: int, final: bool, y: np.ndarray) -> None:
+        """Take n steps, writing the rows logged. All of it or, when interrupted, nothing."""
         if self.frozen is None:
-            return Session.advance(self, n, final)
+            Session.advance(self, n, final, y)
+            return
         walk = _Walk(self, self.frozen, n, final)
         walk.go()
         self.k, self.memory, self.modes, self.last = self.k + n, walk.memory(), walk.m, walk.last
@@ -57,7 +58,7 @@ class Located(Session):
         if walk.slid is not None and not self.warned:
             self.warned = True
             _warn(self.eq.title, walk.slid)
-        return walk.y
+        y[:] = walk.y
 
     def _failed(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
         """As for any run, but from the last plain steps, which can be repeated."""

@@ -65,9 +65,11 @@ class Writer:
         self._entry_splats = dict(self._splats)
 
     def type(self, wide: bool) -> str:
+        """The type of a number, or of one number per lane."""
         return self.vector if wide else "double"
 
     def constant(self, x: float, wide: bool) -> str:
+        """A number written out, in every lane where it is wide."""
         if not wide:
             return number(x)
         return "<" + ", ".join([f"double {number(x)}"] * self.lanes) + ">"
@@ -83,9 +85,11 @@ class Writer:
         return self._splats[value]
 
     def load(self, pointer: str, wide: bool) -> str:
+        """Read what a pointer points to."""
         return self.emit(f"load {self.type(wide)}, ptr {pointer}, align 8")
 
     def store(self, value: str, pointer: str, wide: bool) -> None:
+        """Write a value to where a pointer points."""
         self.do(f"store {self.type(wide)} {value}, ptr {pointer}, align 8")
 
     def at(self, base: str, index: int | str) -> str:
@@ -95,12 +99,15 @@ class Writer:
     # ---- arithmetic
 
     def add(self, a: str, b: str, wide: bool = False) -> str:
+        """The sum of two values."""
         return self.emit(f"fadd {self.contract}{self.type(wide)} {a}, {b}")
 
     def mul(self, a: str, b: str, wide: bool = False) -> str:
+        """The product of two values."""
         return self.emit(f"fmul {self.contract}{self.type(wide)} {a}, {b}")
 
     def intrinsic(self, name: str, args: list[str], wide: bool) -> str:
+        """What a function of LLVM itself gives; it is declared when first used."""
         t = self.type(wide)
         full = f"llvm.{name}." + (f"v{self.lanes}f64" if wide else "f64")
         self.declared[full] = f"declare {t} @{full}({', '.join([t] * len(args))})"

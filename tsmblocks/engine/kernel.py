@@ -64,6 +64,7 @@ class Frame:
         return [bool(g) for g in program.grade({k: slots[name] for k, name in enumerate(program.inputs)})]
 
     def is_wide_output(self, k: int) -> bool:
+        """Whether signal k differs between lanes."""
         node = self.rhs.outputs.get((1, k))
         return node is not None and self.wide[node]
 
@@ -101,6 +102,7 @@ class Frame:
         w.do("call void @llvm.x86.sse.ldmxcsr(ptr %quick)")
 
     def close(self) -> None:
+        """End the function, with the mode of the processor as it was found."""
         if self.host.startswith("x86_64"):
             self.w.do("call void @llvm.x86.sse.ldmxcsr(ptr %mode)")
         self.w.do("ret void")
@@ -189,6 +191,7 @@ class Frame:
         w.label("step")
 
     def bottom(self) -> None:
+        """End the loop over steps."""
         w = self.w
         w.do(f"store i64 {w.emit('add i64 %k, 1')}, ptr %k_at")
         w.do("br label %loop")

@@ -53,6 +53,7 @@ class Layout:
 
     @classmethod
     def of(cls, wide: tuple[bool, ...], lanes: int) -> Layout:
+        """Lay elements out one after another, wide ones taking a place per lane."""
         offsets, place = [], 0
         for flag in wide:
             offsets.append(place)

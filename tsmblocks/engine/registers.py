@@ -27,6 +27,7 @@ class RegisterKernel:
     # ---- nodes
 
     def need(self, *names: str) -> set[int]:
+        """The instructions that the named groups of results need."""
         goals = [n for name in names for n in self.goals[name] if n is not None]
         return self.f.rhs.needed(goals)
 
@@ -57,6 +58,7 @@ class RegisterKernel:
     # ---- the whole
 
     def text(self) -> str:
+        """The whole kernel as LLVM IR."""
         f, w = self.f, self.w
         f.open()
         f.counters()

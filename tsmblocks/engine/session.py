@@ -164,41 +164,46 @@ class Session:
         stop = self.k + n + (1 if final else 0)
         return (stop + self.every - 1) // self.every - (self.k + self.every - 1) // self.every
 
-    def advance(self, n: int, final: bool) -> np.ndarray:
-        """Take n steps; the rows logged, shape (rows, size of a row)."""
+    def rows_for(self, n: int, final: bool) -> np.ndarray:
+        """Room for the rows that the next n steps log."""
+        return np.empty((self.rows_in(n, final), self.kernel.layout_y.size))
+
+    def advance(self, n: int, final: bool, y: np.ndarray) -> None:
+        """Take n steps, writing the rows logged into ``y``, shape (rows, size of a row)."""
         kernel = self.kernel
-        y = np.empty((self.rows_in(n, final), kernel.layout_y.size))
         u = feeds.rows(self.signals, self.start, self.h, self.k, n, kernel.plan.method.instants)
-        kernel.advance(self.memory, u, t0=self.start, h=self.h, k0=self.k, n=n, final=final, every=self.every,
-                       skip=-self.k % self.every, hits=self.hits, y=y)  # fmt: skip
+        kernel.advance(
+            self.memory, u, t0=self.start, h=self.h, k0=self.k, n=n, final=final, every=self.every,
+            skip=-self.k % self.every, hits=self.hits, y=y,
+        )  # fmt: skip
         self.k += n
-        return y
 
     def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:
         """Run to the end, or to where it stopped being finite or was interrupted."""
-        parts: list[np.ndarray] = [np.empty((0, self.kernel.layout_y.size))]
-        piece, safe = min(steps, 4096), (1, self.k, self.memory.copy())
+        rows, count = self.rows_for(steps - self.k, True), 0
+        piece, safe = min(steps, 4096), (count, self.k, self.memory.copy())
         try:
             while True:
                 began = clock.perf_counter()
                 n = min(piece, steps - self.k)
                 final = self.k + n == steps
-                y = self.advance(n, final)
+                y = rows[count : count + self.rows_in(n, final)]
+                self.advance(n, final, y)
                 if not math.isfinite(y.sum() + self.memory.x.sum()):
                     stopped = self._failed(y, safe[2], safe[1], n)
                     if stopped is not None:
-                        return np.concatenate([*parts, y[: stopped.rows]]), stopped
-                parts.append(y)
+                        return rows[: count + stopped.rows], stopped
+                count += len(y)
                 if final:
-                    return np.concatenate(parts), None
-                safe = (len(parts), self.k, self.memory.copy())
+                    return rows, None
+                safe = (count, self.k, self.memory.copy())
                 if progress is not None:
                     progress(self.k / steps)
                 took = max(clock.perf_counter() - began, 1e-6)
                 piece = int(np.clip(piece * PIECE_SECONDS / took, 1024, 1 << 20))
         except KeyboardInterrupt:
             count, self.k, self.memory = safe  # wherever it struck, all up to here is whole
-            return np.concatenate(parts[:count]), Stopped(self.k, 0, self.memory, interrupted=True)
+            return rows[:count], Stopped(self.k, 0, self.memory, interrupted=True)
 
     def _failed(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
         bad = np.flatnonzero(~np.isfinite(y).all(axis=1))

@@ -139,13 +139,14 @@ def _chained(eq: Equations, program: Program) -> list[set[int]]:
     """Find memory that reads memory of other blocks, as a relay fed by a relay does: what to update once more."""
     inputs = {args[1]: n for n, (name, args) in enumerate(program.nodes) if name == "INPUT" and args[0] == 2}
     reach = _reach(program, list(inputs.values()))
-    fresh = {k: n for k in range(len(eq.d)) if (n := program.outputs[2, k]) != inputs.get(k)}
+    fresh = {k: n for (slot, k), n in program.outputs.items() if slot == 2 and n != inputs.get(k)}
     owner = [name.rpartition(".")[0] for name in eq.d]
     reads = {
         k: {j for j, read in zip(inputs, _bits(reach[n], len(inputs)), strict=True) if read and owner[j] != owner[k]}
         for k, n in fresh.items()
     }
-    made, late = [], {k for k, given in reads.items() if given & fresh.keys()}
+    made: list[set[int]] = []
+    late = {k for k, given in reads.items() if given & fresh.keys()}
     while late and len(made) < MOST_CHAINED:
         made.append(late)
         late = {k for k in late if reads[k] & late}

@@ -100,9 +100,7 @@ def _functions(block: Block) -> tuple[Any, list[str], list[str]]:
     p = [v for value in twin.parameters.values() for _, v in leaves(value)]
     names = [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
     column = lambda parts: ca.vertcat(*parts) if parts else ca.SX(0, 1)  # noqa: E731 - a local shorthand
-    f = ca.Function(
-        "block", [t, column(list(x)), column(list(u)), column(p)], [column(list(results.values()))]
-    )
+    f = ca.Function("block", [t, column(list(x)), column(list(u)), column(p)], [column(list(results.values()))])
     return f, list(results), names
 
 
@@ -133,9 +131,7 @@ def documented(block: Block) -> None:
     need(text.partition("\n\n")[0].endswith("."), f"{owner} has no opening sentence.")
     need(".. math::" in text or hasattr(block, "function"), f"{owner} shows no equation (.. math::).")
     need(block.source, f"{owner} names no source.")
-    need(
-        0 < len(block.symbol) <= WIDEST, f"{owner} needs a symbol of at most {WIDEST} characters for its box."
-    )
+    need(0 < len(block.symbol) <= WIDEST, f"{owner} needs a symbol of at most {WIDEST} characters for its box.")
     parts: list[tuple[str, Any]] = [
         *block.inports.items(),
         *block.outports.items(),
@@ -185,9 +181,7 @@ def every_parameter_matters(block: Block) -> None:
     f, results, names = _functions(block)
     t, x, u, p = f.sx_in()
     used = ca.which_depends(f(t, x, u, p), p, 1, False) if results and names else []
-    starts = {
-        leaf for k, s in block.twin(lambda n, _: ca.SX.sym(n)).states.items() for leaf in _symbols(s.start)
-    }
+    starts = {leaf for k, s in block.twin(lambda n, _: ca.SX.sym(n)).states.items() for leaf in _symbols(s.start)}
     past = {p.by for p in block.past_ports.values()} | {p.initial for p in block.past_ports.values()}
     idle = [n for n, u_ in zip(names, used, strict=True) if not u_ and n not in starts and n not in past]
     need(not idle, f"no equation of {type(block).__name__} uses {', '.join(idle)}.")
@@ -216,9 +210,7 @@ def every_state_matters(block: Block) -> None:
     reached, found = {""}, set(x._fields) if not block.outports else set[str]()
     while reached:
         of = [results[k] for k in reached if k in results] or list(call(twin, "outputs", t, x, u).values())
-        reached = {
-            k for k, s in zip(x._fields, x, strict=True) if any(ca.depends_on(e, s) for e in of)
-        } - found
+        reached = {k for k, s in zip(x._fields, x, strict=True) if any(ca.depends_on(e, s) for e in of)} - found
         found |= reached
     idle = [k for k in x._fields if k not in found]
     need(not idle, f"no output of {type(block).__name__} depends on {', '.join(idle)}.")
@@ -259,8 +251,7 @@ def floats_and_symbols_agree(block: Block) -> None:
                 same = same or (math.isnan(value) and math.isnan(direct[name]))
                 need(
                     same,
-                    f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with "
-                    "symbols.",
+                    f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.",
                 )
 
 
@@ -294,9 +285,7 @@ def slopes_are_finite(block: Block) -> None:
     for time, xs, us in _points(block):
         values = np.asarray(jacobian(time, xs, us, finite))
         rows = [n for n, row in zip(results, values, strict=True) if not np.isfinite(row).all()]
-        need(
-            not rows, f"a slope of {type(block).__name__} {', '.join(rows)} is not finite at x={xs}, u={us}."
-        )
+        need(not rows, f"a slope of {type(block).__name__} {', '.join(rows)} is not finite at x={xs}, u={us}.")
 
 
 @promise
