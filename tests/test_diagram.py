@@ -354,6 +354,35 @@ def test_units_of_inputs_and_outputs_of_a_diagram():
     ]
 
 
+def test_units_run_through_diagrams_that_take_anything():
+    """Inside, nobody knows what the signal is; outside, what goes in says what comes out."""
+    blocks = dict(limit=Saturation(), sum=Integrator(), k=Gain())
+    part = Diagram(
+        blocks=blocks,
+        wires=["limit -> sum", "limit -> k"],
+        inputs={"u": "limit"},
+        outputs={"same": "limit", "sum": "sum", "any": "k", "through": "u"},
+    )
+    for _ in range(2):
+        outer = Diagram(blocks=dict(ref=Sine(unit="rad"), part=part), wires=["ref -> part"])
+        assert [outer.unit(f"part.{k}") for k in ("same", "sum", "any", "through")] == ["rad", "rad*s", "", "rad"]
+        part = Diagram(blocks=dict(p=part), inputs={"u": "p.u"}, outputs={k: f"p.{k}" for k in part.outputs})
+    back = Diagram(
+        blocks=dict(ref=Sine(), part=part, motor=MotorTransferFunction()), wires=["ref -> part", "part.same -> motor"]
+    )
+    assert back.unit("ref.y") == "V"
+
+
+def test_a_unit_without_a_name_may_leave_a_diagram():
+    part = Diagram(
+        blocks=dict(ref=Sine(unit="min"), a=Derivative(), b=Derivative(), c=Derivative()),
+        wires=["ref -> a -> b -> c"],
+        outputs={"y": "c"},
+    )
+    assert part.unit("y") == "60*s^-2"
+    assert Diagram(blocks=dict(part=part, k=Saturation()), wires=["part -> k"]).unit("k.y") == "60*s^-2"
+
+
 def test_conversion_changes_the_unit():
     diagram = Diagram(blocks=dict(ref=Sine(unit="rad"), c=Convert(), k=Saturation()), wires=["ref -> c -> k"])
     assert diagram.unit("k.y") == "deg"

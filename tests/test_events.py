@@ -263,7 +263,8 @@ def test_a_plain_relay_loop_tends_to_the_located_one(loop, backend):
     assert len(exact.events) > 5
     for every in (1, 10, 100) if backend == "llvm" else (1, 10):
         plain = simulate(d, step=0.01 / every, every=every, **options)
-        assert np.abs(plain["y"] - exact["y"]).max() < 20 * 0.01 / every
+        late = len(exact.events) * 0.01 / every  # each switch by up to a step
+        assert np.abs(plain["y"] - exact["y"]).max() < 3 * late
 
 
 @pytest.mark.parametrize("backend", ["llvm", "casadi"])

@@ -188,10 +188,16 @@ def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int
     return kernel_for(tangent_plan(eq, method, y, lanes), backend)
 
 
+@functools.lru_cache(maxsize=64)
+def _starts(eq: Equations, lanes: int) -> Any:
+    """Start values of many sets at once (kept, since making such a function takes longer than calling it)."""
+    return eq.start.map(lanes)
+
+
 def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memory:
     """Memory before the first step, one parameter set per lane; ``p`` has shape (parameters, lanes)."""
     lanes = kernel.plan.lanes
-    x, d, s = (np.asarray(v) for v in eq.start.map(lanes)(p))
+    x, d, s = (np.asarray(v) for v in _starts(eq, lanes)(p))
     tau = max((check_delays(eq, p[:, k], h).max() for k in range(lanes)), default=0.0) if eq.q else 0.0
     capacity = 1 << int(tau + 8).bit_length()
     ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)

@@ -14,7 +14,7 @@ import attrs
 
 from tsmblocks import units
 from tsmblocks.errors import clip, in_words, near
-from tsmblocks.unit_checks import unit_faults
+from tsmblocks.unit_checks import Interface, unit_faults
 from tsmblocks.wires import NAME, Fault, Link, kind, located, parse, place_of, resolve, sentence
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ class Checked:
     inlets: dict[str, tuple[End, ...]]
     shown: dict[str, End]
     port_units: dict[End, units.Unit]
+    interface: Interface
     faults: list[str]
 
 
@@ -63,8 +64,9 @@ def examine(
     faults += [*bad_wires, *bad_inputs, *bad_outputs]
     faults += driver_faults(links, inlets, known, silent=echoes)
     faults += value_faults(known, values, unsure)
-    bad_units, found = unit_faults(links, inlets, {k: v.unit for k, v in inputs.items()}, known)
-    return Checked(links, inlets, shown, found, [*faults, *bad_units])
+    declared = {k: v.unit for k, v in inputs.items()}
+    bad_units, found, interface = unit_faults(links, inlets, declared, known, shown)
+    return Checked(links, inlets, shown, found, interface, [*faults, *bad_units])
 
 
 def read_wires(

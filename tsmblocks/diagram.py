@@ -86,6 +86,7 @@ class Diagram:
     inlets: Mapping[str, tuple[tuple[str, str], ...]] = attrs.field(init=False, eq=False, repr=False)
     shown: Mapping[str, tuple[str, str]] = attrs.field(init=False, eq=False, repr=False)
     port_units: Mapping[tuple[str, str], units.Unit] = attrs.field(init=False, eq=False, repr=False)
+    interface: Mapping[str, tuple[str, units.Unit]] = attrs.field(init=False, eq=False, repr=False)
 
     def __attrs_post_init__(self) -> None:
         found = self._checked()
@@ -93,6 +94,7 @@ class Diagram:
         object.__setattr__(self, "inlets", _frozen(found.inlets))
         object.__setattr__(self, "shown", _frozen(found.shown))
         object.__setattr__(self, "port_units", _frozen(found.port_units))
+        object.__setattr__(self, "interface", _frozen(found.interface))
         object.__setattr__(self, "wires", tuple(chains(self.links, self.blocks)))
         # one spelling of each end, so that "tsm" and "tsm.y" make equal diagrams
         full = {k: attrs.evolve(v, ports=[".".join(e) for e in found.inlets[k]]) for k, v in self.inputs.items()}

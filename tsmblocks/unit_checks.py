@@ -17,9 +17,14 @@ from tsmblocks.wires import Link, located, place_of
 End = tuple[str, str]
 Wire = tuple[End, End, str, str]
 """Source, target, text and place; an input of the diagram is the source ``("", name)``."""
+Interface = dict[str, tuple[str, units.Unit]]
+"""Port -> the group of ports that share its unknown unit ("" where it is known), and its unit or power in the group."""
 SHARED = re.compile(r"\?(\w+?)((?:[*/].*)?)")
 """A unit that a block's ports share: a letter, times a known unit."""
-READABLE = "1 rad deg rad/s deg/s rad/s^2 rad*s V A N N*m m m/s m*s mm s 1/s V*s V/s".split()  # noqa: SIM905
+READABLE = (  # noqa: SIM905
+    "1 rad deg rad/s deg/s rad/s^2 deg/s^2 rad*s deg*s mrad mrad/s rev rev/s V A N N*m m m/s m/s^2 m*s mm mm/s s 1/s "
+    "1/s^2 ms V*s V/s mV mA K kg N/m N*s/m N*m/rad rad/V"
+).split()
 """Labels tried first for a unit that nobody named."""
 ONE = units.Unit(1.0, ())
 SI = "SI"
@@ -86,7 +91,16 @@ class _Survey:
         self.faults: list[str] = []
 
     def block(self, name: str, block: Any) -> None:
-        """Take in the ports of a block."""
+        """Take in the ports of a block, or those of a diagram as they were found inside it."""
+        for port, (group, unit) in getattr(block, "interface", {}).items():
+            node = (name, "?", group) if group else SI
+            self.units.join((name, port), node, unit)
+            if group:
+                self.shared.append(((name, port), node))
+            else:
+                self.labels[name, port] = name_of(unit)
+        if hasattr(block, "interface"):
+            return
         for side in (block.inports, block.outports):
             for port, spec in side.items():
                 if not spec.unit:
@@ -111,6 +125,15 @@ class _Survey:
         self.shared.append((end, unknown))
         return self.units.join(end, unknown, units.parse("1" + match[2]))
 
+    def interface(self, ends: Mapping[str, End]) -> Interface:
+        """How a diagram's inputs and outputs hang together, for the diagram around it."""
+        groups: dict[Any, str] = {SI: ""}
+        made = {}
+        for name, end in ends.items():
+            root, ratio = self.units.find(end)
+            made[name] = (groups.setdefault(root, f"g{len(groups)}"), ratio)
+        return made
+
     def inlet(self, name: str, unit: str) -> None:
         """Take in an input of the diagram."""
         try:
@@ -129,8 +152,9 @@ def unit_faults(
     inlets: Mapping[str, tuple[End, ...]],
     declared: Mapping[str, str],
     blocks: Mapping[str, Any],
-) -> tuple[list[str], dict[End, units.Unit]]:
-    """Wires that join different units, and the unit of every port that has one.
+    shown: Mapping[str, End],
+) -> tuple[list[str], dict[End, units.Unit], Interface]:
+    """Wires that join different units, the unit of every port that has one, and how the outer ports hang together.
 
     A ring in which only unknown units disagree is let pass: nobody said what they are.
     """
@@ -147,7 +171,8 @@ def unit_faults(
     wrong = [wire for wire in wrong if survey.units.known(wire[0]) is not None]
     ends = [*survey.labels, *(end for end, _ in survey.shared), *(e for s, t, *_ in wires for e in (s, t))]
     found = {end: known for end in ends if (known := survey.units.known(end)) is not None}
-    return [*survey.faults, *_said(survey, wires, wrong)], found
+    interface = survey.interface({**{name: ("", name) for name in inlets}, **shown})
+    return [*survey.faults, *_said(survey, wires, wrong)], found, interface
 
 
 def _said(survey: _Survey, wires: list[Wire], wrong: list[Wire]) -> Iterator[str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import ours
-from measure import Report, race, three
+from measure import Best, Report, race, three
 
 import tsmblocks as tsm
 from tsmblocks.batch import batch_kernel, lane_memory
@@ -80,21 +80,27 @@ def one(report: Report, title: str, diagram: Any, names: tuple[str, ...], inputs
     few = race({"run": single, "kernel": ours.KernelRun(diagram, STOP, inputs=inputs, outputs=True)}, 5)
     lanes = LanesRun(diagram, names, inputs, outputs)
     many = race({"1 thread": batch(1), "2 threads": batch(2), "lanes": lanes}, 2 if report.quick else 4)
-    rows, kernel = [], few["kernel"].cpu
-    for name, best, runs in [
+    entries = [
         ("simulate(), one after another", few["run"], 1),
         ("kernel alone, one after another", few["kernel"], 1),
         ("simulate_batch, 1 thread", many["1 thread"], count),
         ("simulate_batch, 2 threads", many["2 threads"], count),
         (f"its kernel alone, {lanes.lanes} sets side by side", many["lanes"], lanes.lanes),
-    ]:
+    ]
+    what = f"{count} sets of {STOP:g} s at 1 kHz, {len(names)} parameters vary"
+    show(report, title, f"{what} (difference {off:.0e}, allowed {TOLERANCE:g})", entries)
+    per_run = many["1 thread"].cpu / count
+    for what, single in (("simulate()", few["run"].cpu), ("kernel", few["kernel"].cpu)):
+        report.bar(f"batch, {title}: rate per core over one {what}", single / per_run, 5.0, at_least=True)
+
+
+def show(report: Report, title: str, what: str, entries: list[tuple[str, Best, int]]) -> None:
+    """Print the table; the last column compares with the second entry, one kernel run after run."""
+    rows, kernel = [], entries[1][1].cpu
+    for name, best, runs in entries:
         wall, cpu = best.wall / runs, best.cpu / runs
         figures = (1e4 * wall, 1 / wall, 1 / cpu, 1e9 * cpu / STEPS, kernel / cpu)
         rows.append([name, *(three(x) for x in figures)])
         report.note(f"batch, {title}, {name}", {"wall_s": wall, "cpu_s": cpu, "runs": runs * best.count})
     head = ["what", "10,000 runs [s]", "runs per s", "runs per CPU s", "ns per step and set", "kernels"]
-    what = f"{count} sets of {STOP:g} s at 1 kHz, 5 parameters vary"
-    report.table(f"Batch, {title}: {what} (difference {off:.0e}, allowed {TOLERANCE:g})", head, rows)
-    per_run = many["1 thread"].cpu / count
-    for what, single in (("simulate()", few["run"].cpu), ("kernel", kernel)):
-        report.bar(f"batch, {title}: rate per core over one {what}", single / per_run, 5.0, at_least=True)
+    report.table(f"Batch, {title}: {what}", head, rows)

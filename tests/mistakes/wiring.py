@@ -548,6 +548,19 @@ def units_differ_through_an_inner_diagram():
 @mistake(
     DiagramError,
     """
+diagram 'outer' (HERE) has 1 problem:
+  1. part.b -> motor.u joins rad to V. part.b is in rad because ref.y is in rad. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
+""",
+)
+def units_differ_through_a_diagram_that_takes_anything():
+    inner = Diagram(title="inner", blocks=dict(limit=Saturation()), inputs={"a": "limit.u"}, outputs={"b": "limit"})
+    blocks = dict(ref=Sine(unit="rad"), part=inner, motor=MotorTransferFunction())
+    Diagram(title="outer", blocks=blocks, wires=["ref -> part -> motor"])
+
+
+@mistake(
+    DiagramError,
+    """
 diagram 'angles' (HERE) has 1 problem:
   1. input x -> motor.u joins rad to V. rad and V measure different things: correct the wire or a unit, or put a block between them that turns one into the other, such as Gain(unit='V').
 """,

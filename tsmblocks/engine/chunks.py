@@ -119,14 +119,23 @@ class ChunkKernel:
                 values[node] = self._fetch(w, job, node, places)
             return w.widen(values[node]) if wide and not job.wide[node] else values[node]
 
+        def put(goal: int | None, array: str, offset: int, wide: bool) -> None:
+            value = w.constant(0.0, wide) if goal is None else get(goal, wide)
+            w.store(value, w.at(f"%{array}", offset), wide)
+
+        due: dict[int | None, list[Store]] = {}
+        for store in stores:
+            due.setdefault(store[0], []).append(store)
         for node in work:
             name, args = program.nodes[node]
             values[node] = w.operation(name, [get(j, job.wide[node]) for j in args], job.wide[node])
             if node in places:
                 w.store(values[node], w.at("%work", places[node]), job.wide[node])
-        for goal, array, offset, wide in stores:
-            value = w.constant(0.0, wide) if goal is None else get(goal, wide)
-            w.store(value, w.at(f"%{array}", offset), wide)
+            for store in due.pop(node, ()):  # at once, or it would wait in the frame for the end of the piece
+                put(*store)
+        for left in due.values():
+            for store in left:
+                put(*store)
         self.w.declared.update(w.declared)
         body = "\n".join(w.lines)
         self.parts.append(f"define internal void @{job.name}_{k}({_SIGNATURE}) noinline {{\n{body}\n  ret void\n}}")

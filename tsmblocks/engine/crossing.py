@@ -162,14 +162,16 @@ class Crossing:
     def _remembered(self, here: Point, crossed: np.ndarray) -> Point | None:
         """Update memory at an event, and again as long as memory or modes follow from what was updated."""
         first: Point | None = None
+        u = self._inputs(here.t, self.h)[0, 0]
         for _ in range(len(here.d) + 1):
             old, memory = here, self.frozen.memory(here.x, here.d, here.m, self.like)
-            d, x = self.frozen.remember(old.t, memory.x, memory.d, self._inputs(old.t, self.h)[0, 0], [], memory.p)
-            made = self._settled(attrs.evolve(old, d=np.asarray(d).ravel(), x=np.asarray(x).ravel()), crossed)
+            d, x = self.frozen.remember(old.t, memory.x, memory.d, u, [], memory.p)
+            d, x = np.asarray(d).ravel(), np.asarray(x).ravel()
+            made = self._settled(attrs.evolve(old, d=d, x=x), crossed)
             if made is None:
                 return None
             here, first = made, first or made
-            if np.array_equal(here.d, old.d) and np.array_equal(here.x, old.x) and np.array_equal(here.m, old.m):
+            if all(np.array_equal(getattr(here, k), getattr(old, k)) for k in "dxm"):
                 return here
         return first  # it never comes to rest: a relay that feeds itself, or memory that counts
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from math import isfinite
 from typing import Any
 
 import casadi as ca
@@ -24,6 +25,8 @@ class InterpretedKernel(Kernel):
         self.step = _Call(_one_step(plan, frame.jumps), plan.lanes) if not plan.wide_s else None
         self.rhs = _Call(plan.rhs, plan.lanes)
         self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
+        simple = plan.lanes == 1 and plan.update is None and not plan.wide_s
+        self.quick = _Quick(plan, frame.jumps) if simple else None
         self.lock = threading.Lock()  # the buffers of a call are shared
 
     def advance(
@@ -31,6 +34,9 @@ class InterpretedKernel(Kernel):
         skip: int, hits: tuple[int, ...], y: np.ndarray,
     ) -> None:  # fmt: skip
         with self.lock:
+            if self.quick is not None:
+                self.quick.advance(memory, u, t0, h, k0, n + (1 if final else 0), n, every, skip, y)
+                return
             self._advance(memory, u, t0, h, k0, n + (1 if final else 0), n, every, skip, hits, y)
 
     def _advance(
@@ -79,6 +85,45 @@ class InterpretedKernel(Kernel):
         return np.asarray(x + h * sum(b * s for b, s in zip(method.weights, slopes, strict=True)))
 
 
+class _Quick:
+    """A step and its outputs as one function on arrays that stay: one run, nothing sampled or delayed."""
+
+    def __init__(self, plan: Plan, jumps: bool) -> None:
+        step = _one_step(plan, jumps)
+        t, _, x, d, u, p = given = step.sx_in()
+        q = ca.SX(plan.rhs.size1_in(plan.rhs.index_in("q")), 1)
+        everything = plan.rhs(t, x, d, u[: plan.inputs], q, p)[1]
+        unseen = ca.sum1(everything) if plan.watched and len(plan.y) < everything.shape[0] else ca.SX(0.0)
+        made = ca.cse([step.call(given)[0], everything[list(plan.y)], unseen])
+        f = ca.Function("quick", given, [ca.densify(v) for v in made])
+        self.t, self.h, self.x, self.d, self.u, self.p = self.arrays = [np.zeros(v.shape[0]) for v in given]
+        self.ahead, self.y, self.total = np.zeros(x.shape[0]), np.zeros(len(plan.y)), np.zeros(1)
+        self.buffer, self.trigger = _bound(f, self.arrays, [self.ahead, self.y, self.total])
+
+    def advance(
+        self, memory: Memory, u: np.ndarray, t0: float, h: float, k0: int, count: int, n: int, every: int, skip: int,
+        y: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Take the steps, as ``Kernel.advance``."""
+        t, x, ahead, out, total, trigger = self.t, self.x, self.ahead, self.y, self.total, self.trigger
+        row, left = 0, skip
+        x[:], self.d[:], self.p[:], self.h[0] = memory.x, memory.d, memory.p, h
+        for k in range(count):
+            t[0] = t0 + (k0 + k) * h
+            if len(self.u):
+                self.u[:] = u[k].ravel()
+            trigger()
+            if not isfinite(total[0]):
+                ahead[:] = out[:] = np.nan  # CasADi's limits swallow a NaN; the caller shall look closer
+            if left == 0:
+                y[row] = out
+                row, left = row + 1, every
+            left -= 1
+            if k < n:
+                x[:] = ahead
+        memory.x[:] = x
+
+
 class _Past:
     """The ring of delayed signals, read and written as the compiled kernels do."""
 
@@ -125,11 +170,7 @@ class _Call:
         self.outputs = [np.zeros((lanes, function.size_out(k)[0])) for k in range(function.n_out())]
         self.lanes = lanes
         self.f = _dense(self.f)
-        self.buffer, self.trigger = self.f.buffer()
-        for k, a in enumerate(self.inputs):
-            self.buffer.set_arg(k, _view(a))
-        for k, a in enumerate(self.outputs):
-            self.buffer.set_res(k, _view(a.reshape(-1)))
+        self.buffer, self.trigger = _bound(self.f, self.inputs, [a.reshape(-1) for a in self.outputs])
 
     def __call__(self, *values: Any) -> list[np.ndarray]:
         for a, value in zip(self.inputs, values, strict=True):
@@ -139,8 +180,14 @@ class _Call:
         return [a.T.copy() for a in self.outputs]
 
 
-def _view(a: Any) -> memoryview:
-    return memoryview(a)
+def _bound(f: Any, inputs: list[Any], outputs: list[Any]) -> tuple[Any, Any]:
+    """A function bound to arrays: a buffer that must be kept alive, and the call that fills the outputs."""
+    buffer, trigger = f.buffer()
+    for k, a in enumerate(inputs):
+        buffer.set_arg(k, memoryview(a))
+    for k, a in enumerate(outputs):
+        buffer.set_res(k, memoryview(a))
+    return buffer, trigger
 
 
 def _dense(f: Any) -> Any:

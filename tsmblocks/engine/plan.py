@@ -17,7 +17,8 @@ class Plan:
     ``lag(p) -> tau``. ``wide_x``, ``wide_d``, ``wide_p`` and ``wide_s`` say for each element whether
     it has one value per lane (``lanes`` of them) or one for all. ``every_step``: memory is updated
     at each step, not at hits only. ``y`` picks and orders the outputs of ``rhs`` that are logged.
-    ``jumps``: signals jump with time alone (None: to be found from ``rhs``).
+    ``jumps``: signals jump with time alone (None: to be found from ``rhs``). ``watched``: signals that
+    are not logged are finite too, so that one which is not is a fault.
     """
 
     rhs: Any
@@ -35,6 +36,7 @@ class Plan:
     inputs: int
     fused: bool = True
     jumps: bool | None = None
+    watched: bool = True
 
     @property
     def wide_q(self) -> tuple[bool, ...]:

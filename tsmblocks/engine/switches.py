@@ -178,7 +178,7 @@ def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]
         rhs=rhs, update=update, lag=eq.lag, method=method, y=tuple(y),
         groups=0 if update is None else len(eq.periods), every_step=update is not None, lanes=1,
         wide_x=(False,) * len(eq.x), wide_d=(False,) * memory, wide_p=(False,) * len(eq.p), wide_s=(),
-        inputs=len(eq.u), fused=False,
+        inputs=len(eq.u), fused=False, watched=False,  # a branch not taken may be anything
     )  # fmt: skip
 
 
