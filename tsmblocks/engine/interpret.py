@@ -56,7 +56,7 @@ class InterpretedKernel(Kernel):
                 if plan.every_step or hit.any():
                     d, x = self.update(t, x, d, u[k, 0][:, None], q, p, hit)
             dx, out, s = self.rhs(t, x, d, u[k, 0][:, None], q, p)
-            if len(plan.y) < len(out) and np.isnan(out).any():
+            if plan.watched and len(plan.y) < len(out) and not np.isfinite(out).all():
                 x, out = x * np.nan, out * np.nan  # CasADi's limits swallow a NaN; the caller shall look closer
             if left == 0:
                 _shut(y[row], self.layout_y, out[list(plan.y)])
