@@ -136,9 +136,7 @@ def test_run_writes_results_and_figures(tsm, here):
 
 def test_run_takes_measured_inputs(tsm, here):
     (here / "lag.toml").write_text(LAG)
-    (here / "m.csv").write_text(
-        "t [s],motor [deg]\n" + "".join(f"{k / 10},{k}\n{k / 10},{k}\n" for k in range(31))
-    )
+    (here / "m.csv").write_text("t [s],motor [deg]\n" + "".join(f"{k / 10},{k}\n{k / 10},{k}\n" for k in range(31)))
     status, out, err = tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--out", "o.csv")
     assert status == 0
     assert "0 to 3 s in steps of 0.001 s" in out
@@ -172,9 +170,7 @@ def test_run_without_its_data(tsm, here):
         tsm("run", "lag.toml"),
         "needs its input x_in. Give --data FILE with a column 'x_in [rad]', or with --map",
     )
-    fails(
-        tsm("run", "lag.toml", "--data", "m.csv"), "m.csv: there is no column 'x_in'.", "map it (x_in=COLUMN)"
-    )
+    fails(tsm("run", "lag.toml", "--data", "m.csv"), "m.csv: there is no column 'x_in'.", "map it (x_in=COLUMN)")
     fails(
         tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_inn=motor"),
         "no input 'x_inn'. Did you mean 'x_in'?",
@@ -185,9 +181,7 @@ def test_run_without_its_data(tsm, here):
         tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--hold", "linaer"),
         "no hold 'linaer'",
     )
-    fails(
-        tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--stop", 9), "known from 0 to 3 s"
-    )
+    fails(tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--stop", 9), "known from 0 to 3 s")
 
 
 @pytest.mark.parametrize(
@@ -321,9 +315,7 @@ def test_demo_repeats_the_paper(tsm, here):
     assert (status, err) == (0, "")
     assert "27 / 8 / 5.8" in out
     assert "(11) leaves 13 deg" in out
-    table = np.genfromtxt(
-        here / "d/results.csv", delimiter=",", dtype=str, skip_header=1, usecols=(1, 2), max_rows=9
-    )
+    table = np.genfromtxt(here / "d/results.csv", delimiter=",", dtype=str, skip_header=1, usecols=(1, 2), max_rows=9)
     for name, low, high in (("fig09a", 26, 30), ("fig09b", 12, 16), ("fig16", 6, 10)):
         errors = [float(value) for diagram, value in table if diagram.startswith(name)]
         assert len(errors) == 3
@@ -363,9 +355,7 @@ def test_help_and_version(tsm):
 
 
 def python(*words, **options):
-    return subprocess.run(
-        [sys.executable, *words], capture_output=True, text=True, timeout=60, check=False, **options
-    )
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=60, check=False, **options)
 
 
 def test_it_runs_as_a_module():

@@ -125,10 +125,7 @@ def test_two_columns_of_one_name_are_refused(file):
 
 def test_a_file_without_time_needs_a_step(file):
     path = file("u,y\n1,2\n2,3\n3,4\n4,5\n")
-    assert (
-        "no column is named t or time. Map t to the column that holds the time (there are u, y)"
-        in refused(path)
-    )
+    assert "no column is named t or time. Map t to the column that holds the time (there are u, y)" in refused(path)
     np.testing.assert_allclose(read(path, step=0.25).t, [0, 0.25, 0.5, 0.75])
     assert "the step from row to row must be a positive number of seconds" in refused(path, step=-1.0)
     np.testing.assert_allclose(read(path, map={"t": "u"}).t, [1, 2, 3, 4])
@@ -156,8 +153,7 @@ def test_repeated_times_are_merged_into_their_mean(file):
     np.testing.assert_array_equal(record.t, [0, 0.5, 1, 1.5, 2])
     np.testing.assert_allclose(record["x"], [1, 4, 7, 8.5, 9])
     assert record.notes == (
-        "3 rows repeated the time of the row before; each group was replaced by its mean, "
-        "leaving 5 of 8 samples.",
+        "3 rows repeated the time of the row before; each group was replaced by its mean, leaving 5 of 8 samples.",
     )
 
 
@@ -280,9 +276,7 @@ def test_mat_of_version_5(tmp_path):
 
     t = np.arange(6) / 10
     path = tmp_path / "emps.mat"
-    savemat(
-        path, {"t": t[:, None], "qg": np.sin(t)[:, None], "kp": 160.18, "other": np.ones(9), "text": "hello"}
-    )
+    savemat(path, {"t": t[:, None], "qg": np.sin(t)[:, None], "kp": 160.18, "other": np.ones(9), "text": "hello"})
     record = read(path)
     assert record.names == ("qg",)
     np.testing.assert_array_equal(record["qg"], np.sin(t))
@@ -339,9 +333,7 @@ def test_a_record_is_a_value_that_drives_a_run(file):
     assert isinstance(record, Record)
     with pytest.raises(ValueError, match="read-only"):
         record["x_in"][0] = 7.0
-    diagram = Diagram(
-        blocks={"k": Gain(gain=1.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"y": "k"}
-    )
+    diagram = Diagram(blocks={"k": Gain(gain=1.0)}, inputs={"u": Inlet("k.u", unit="rad")}, outputs={"y": "k"})
     run = simulate(diagram, step=0.5, inputs={"u": record.samples("x_in", "rad")})
     assert run.t[-1] == 3.0
     np.testing.assert_allclose(run["y"], np.radians(1.5 + run.t), rtol=1e-12)

@@ -156,9 +156,7 @@ def test_order_four_across_a_limit():
 def test_a_sine_crosses_a_level_at_the_analytic_instants(level):
     d = Diagram(
         title="level",
-        blocks=dict(
-            s=Sine(amplitude=1.0, frequency=0.5), k=DeadZone(low=level, high=level + 9), i=Integrator()
-        ),
+        blocks=dict(s=Sine(amplitude=1.0, frequency=0.5), k=DeadZone(low=level, high=level + 9), i=Integrator()),
         wires=["s -> k -> i"],
         outputs={"x": "i"},
     )
@@ -247,9 +245,7 @@ RELAY_LOOPS = {
     "integrator": relay_loop(
         Relay(on=0.1, off=-0.07, high=1.3, low=-0.9), end=Integrator(), source=Constant(value=0.03)
     ),
-    "relay first": relay_loop(
-        Relay(on=0.1, off=-0.4, high=1.0, low=-1.0), TABLE, DeadZone(low=-0.2, high=0.4)
-    ),
+    "relay first": relay_loop(Relay(on=0.1, off=-0.4, high=1.0, low=-1.0), TABLE, DeadZone(low=-0.2, high=0.4)),
     "relay last": relay_loop(TABLE, Play(half_width=0.1), Relay(on=0.3, off=-0.3, high=1.0, low=-1.0)),
 }
 
@@ -271,9 +267,7 @@ def test_a_plain_relay_loop_tends_to_the_located_one(loop, backend):
 def test_a_relay_switches_on_the_grid_before_the_step_from_there(backend):
     d = Diagram(
         title="grid",
-        blocks=dict(
-            s=Step(time=0.3, before=1.0, after=-1.0), relay=Relay(high=2.0, low=-1.0), i=Integrator()
-        ),
+        blocks=dict(s=Step(time=0.3, before=1.0, after=-1.0), relay=Relay(high=2.0, low=-1.0), i=Integrator()),
         wires=["s -> relay -> i"],
         outputs={"y": "relay", "x": "i"},
     )
@@ -311,9 +305,7 @@ def test_integrator_stops_at_its_limits_and_leaves_them():
     """x' = cos t between -0.5 and 0.7 by its closed form, cut and shifted at each limit."""
     d = Diagram(
         title="limits",
-        blocks=dict(
-            s=Sine(amplitude=1.0, frequency=0.5 / np.pi, phase=np.pi / 2), i=Integrator(low=-0.5, high=0.7)
-        ),
+        blocks=dict(s=Sine(amplitude=1.0, frequency=0.5 / np.pi, phase=np.pi / 2), i=Integrator(low=-0.5, high=0.7)),
         wires=["s -> i"],
         outputs={"x": "i"},
     )
@@ -535,9 +527,7 @@ def test_a_jump_on_the_grid_is_logged_with_the_value_after_it():
 
 
 def test_a_jump_off_the_grid_is_located():
-    d = Diagram(
-        title="jump", blocks=dict(s=Step(time=1 / 3), i=Integrator()), wires=["s -> i"], outputs={"x": "i"}
-    )
+    d = Diagram(title="jump", blocks=dict(s=Step(time=1 / 3), i=Integrator()), wires=["s -> i"], outputs={"x": "i"})
     run = simulate(d, stop=1.0, step=0.05, locate=True)
     assert np.abs(run["x"] - np.maximum(run.t - 1 / 3, 0)).max() < INSTANT
     assert abs(instants(run)[0] - 1 / 3) < INSTANT
@@ -678,9 +668,7 @@ def test_other_methods_keep_their_order(method, order):
 def test_a_relay_in_sliding_mode_warns_once_and_goes_on_plainly():
     d = Diagram(
         title="slide",
-        blocks=dict(
-            r=Sine(amplitude=0.5, frequency=0.1, phase=0.4), e=Sum(), relay=Sign(), i=Integrator(integral=0.7)
-        ),
+        blocks=dict(r=Sine(amplitude=0.5, frequency=0.1, phase=0.4), e=Sum(), relay=Sign(), i=Integrator(integral=0.7)),
         wires=["r -> e.plus", "e -> relay -> i -> e.minus"],
         outputs={"x": "i"},
     )
@@ -696,18 +684,14 @@ def test_a_relay_in_sliding_mode_warns_once_and_goes_on_plainly():
 
 
 def test_a_body_that_rests_at_zero_stays_there_quietly():
-    d = Diagram(
-        title="rest", blocks=dict(f=Constant(value=0.0), b=Body()), wires=["f -> b"], outputs={"x": "b"}
-    )
+    d = Diagram(title="rest", blocks=dict(f=Constant(value=0.0), b=Body()), wires=["f -> b"], outputs={"x": "b"})
     run = simulate(d, stop=1.0, step=0.01, locate=True)
     assert not run["x"].any()
     assert run.events == ()
 
 
 def test_a_body_that_starts_from_rest_moves_off_at_once():
-    d = Diagram(
-        title="start", blocks=dict(f=Constant(value=-3.0), b=Body()), wires=["f -> b"], outputs={"x": "b"}
-    )
+    d = Diagram(title="start", blocks=dict(f=Constant(value=-3.0), b=Body()), wires=["f -> b"], outputs={"x": "b"})
     run = simulate(d, stop=1.0, step=0.01, locate=True)
     assert np.abs(run["x"] + run.t**2).max() < EXACT
     late = Diagram(
@@ -784,9 +768,7 @@ def test_a_limit_that_guards_a_root_still_guards_it():
         def outputs(self, t, x, u):
             return dict(y=x.z)
 
-    run = simulate(
-        Diagram(title="tank", blocks=dict(b=Tank()), outputs={"z": "b"}), stop=4.0, step=0.01, locate=True
-    )
+    run = simulate(Diagram(title="tank", blocks=dict(b=Tank()), outputs={"z": "b"}), stop=4.0, step=0.01, locate=True)
     assert np.abs(run["z"] - np.maximum(1 - run.t / 2, 0) ** 2).max() < 1e-6
 
 

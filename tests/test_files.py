@@ -258,9 +258,7 @@ def test_any_title_survives(title):
 
 
 def test_half_a_character_is_refused():
-    with pytest.raises(
-        FileError, match=r"title is 'a.*d800', with half a character in it, which a file cannot hold"
-    ):
+    with pytest.raises(FileError, match=r"title is 'a.*d800', with half a character in it, which a file cannot hold"):
         dumps(loop(title="a\ud800"))
 
 
@@ -292,9 +290,7 @@ blocks_of_any_kind = st.one_of(
     st.builds(Product, n=st.integers(1, 3)),
     st.builds(Saturation, low=st.just(-math.inf), high=st.floats(0, 1e300) | st.just(math.inf)),
     st.builds(Integrator, reset=st.booleans()),
-    st.builds(
-        TransferFunction, num=st.tuples(numbers), den=st.tuples(st.floats(0.1, 1e9), numbers, st.just("$a"))
-    ),
+    st.builds(TransferFunction, num=st.tuples(numbers), den=st.tuples(st.floats(0.1, 1e9), numbers, st.just("$a"))),
     st.builds(Triangle, unit=st.sampled_from(["", "rad"])),
 )
 identifiers = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,40}", fullmatch=True)
@@ -506,9 +502,7 @@ def test_a_file_used_many_times_is_read_once(tmp_path, monkeypatch):
     write(tmp_path, "part.toml", GAIN)
     blocks = "".join(f"p{k} = {{ use = 'part' }}\n" for k in range(20))
     wires = ", ".join(f"'one -> p{k}'" for k in range(20))
-    made = loads(
-        f"format = 1\nwires = [{wires}]\n[blocks]\none = {{ type = 'Constant' }}\n{blocks}", folder=tmp_path
-    )
+    made = loads(f"format = 1\nwires = [{wires}]\n[blocks]\none = {{ type = 'Constant' }}\n{blocks}", folder=tmp_path)
     assert len(made.blocks) == 21
     assert len(reads) == 1
 
@@ -527,9 +521,7 @@ def test_whole_numbers_crlf_and_a_byte_order_mark_are_welcome(tmp_path):
 def test_wires_and_names_know_their_lines():
     diagram = loads(TEXT, where="loop.toml")
     assert {str(link): link.place for link in diagram.links}["motor.y -> tsm.x"] == "loop.toml:7"
-    with pytest.raises(
-        DiagramError, match=r"\n  1\. loop\.toml:15: error\.plus \(Sum\) is driven by nothing"
-    ):
+    with pytest.raises(DiagramError, match=r"\n  1\. loop\.toml:15: error\.plus \(Sum\) is driven by nothing"):
         diagram.rewire(cut=["ref -> error.plus"])
 
 

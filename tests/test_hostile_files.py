@@ -278,9 +278,7 @@ MISTAKES = {
 def test_each_mistake_is_said_once_in_its_line(mistake):
     pairs, expected = MISTAKES[mistake]
     problems, error = refused(changed(*pairs))
-    assert [re.sub(r" It is: [^.]*\.", "", problem) for problem in problems] == [
-        f"loop.toml:{t}" for t in expected
-    ]
+    assert [re.sub(r" It is: [^.]*\.", "", problem) for problem in problems] == [f"loop.toml:{t}" for t in expected]
     assert "loop.toml" in str(error).split("\n")[0]
 
 
@@ -362,7 +360,9 @@ def test_faults_inside_are_named_by_their_whole_path():
 def test_faults_of_a_used_file_carry_its_name(tmp_path):
     (tmp_path / "part.toml").write_text("format = 1\n[blocks]\n\ng = { type = 'Gian' }\n")
     (tmp_path / "broken.toml").write_text("format = 1\n[blocks\n")
-    text = "format = 1\nwires = ['a -> b']\n[blocks]\na = { use = 'part' }\nb = { use = 'part' }\nc = { use = 'broken' }\n"
+    text = (
+        "format = 1\nwires = ['a -> b']\n[blocks]\na = { use = 'part' }\nb = { use = 'part' }\nc = { use = 'broken' }\n"
+    )
     problems, _ = refused(text, folder=tmp_path)
     assert problems == [
         f"{tmp_path}/part.toml:4: block 'g': there is no block type 'Gian'. Did you mean 'Gain'?",
@@ -388,9 +388,7 @@ def test_a_hundred_levels_of_files_are_refused(tmp_path):
         (tmp_path / f"f{k}.toml").write_text(f"format = 1\n[blocks]\nx = {{ use = 'f{k + 1}' }}\n")
     with pytest.raises(FileError) as caught:
         load(tmp_path / "f0.toml")
-    assert caught.value.problems == (
-        f"{tmp_path}/f63.toml:3: diagrams stand inside diagrams more than 64 deep.",
-    )
+    assert caught.value.problems == (f"{tmp_path}/f63.toml:3: diagrams stand inside diagrams more than 64 deep.",)
 
 
 def test_a_hundred_levels_in_one_file_are_refused():
@@ -408,16 +406,12 @@ def test_few_files_cannot_add_up_to_billions_of_blocks(tmp_path):
     with pytest.raises(FileError) as caught:
         load(tmp_path / "f0.toml")
     assert len(caught.value.problems) == 1
-    assert "there are 200,000 blocks, with those of the diagrams in use; at most 100,000 are read." in str(
-        caught.value
-    )
+    assert "there are 200,000 blocks, with those of the diagrams in use; at most 100,000 are read." in str(caught.value)
     assert time.perf_counter() - began < 20
 
 
 def test_what_is_no_text_and_no_diagram_is_said():
-    assert refused(b"format = 1")[0] == [
-        "the text of a diagram is needed, got b'format = 1'. For a file, use load."
-    ]
+    assert refused(b"format = 1")[0] == ["the text of a diagram is needed, got b'format = 1'. For a file, use load."]
     with pytest.raises(FileError, match=r"a Diagram is needed to be written, got 'a\.toml'\."):
         dumps("a.toml")
 
@@ -441,10 +435,7 @@ def test_a_misspelt_name_is_answered_with_a_near_one():
 
 def test_a_misspelt_file_is_answered_with_a_near_one(tmp_path):
     (tmp_path / "loop.toml").write_text(GOOD)
-    assert (
-        fault_of(tmp_path / "lop.toml")
-        == f"{tmp_path}/lop.toml: there is no such file. Did you mean 'loop.toml'?"
-    )
+    assert fault_of(tmp_path / "lop.toml") == f"{tmp_path}/lop.toml: there is no such file. Did you mean 'loop.toml'?"
     assert fault_of(tmp_path / "no" / "x.toml") == f"{tmp_path}/no/x.toml: there is no such file."
 
 
@@ -463,9 +454,7 @@ def test_a_device_is_not_a_file():
     assert fault_of("/dev/zero") == "/dev/zero: there is no such file."
 
 
-@pytest.mark.parametrize(
-    "name", ["", "  ", "a\0b", "x" * 5000, "x" * 5000 + ".toml", 3, None, b"motor_linear"]
-)
+@pytest.mark.parametrize("name", ["", "  ", "a\0b", "x" * 5000, "x" * 5000 + ".toml", 3, None, b"motor_linear"])
 def test_what_is_no_name_is_said(name):
     assert len(fault_of(name)) < 400
 
@@ -474,9 +463,7 @@ def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
     from pathlib import Path
 
     (tmp_path / "a.toml").write_text(GOOD)
-    monkeypatch.setattr(
-        Path, "open", lambda *_: (_ for _ in ()).throw(PermissionError(13, "Permission denied"))
-    )
+    monkeypatch.setattr(Path, "open", lambda *_: (_ for _ in ()).throw(PermissionError(13, "Permission denied")))
     assert fault_of(tmp_path / "a.toml") == f"{tmp_path}/a.toml: cannot be read: permission denied."
 
 
@@ -632,9 +619,7 @@ def test_a_spoilt_file_is_loaded_or_refused(rng: random.Random, count, data):
 
 
 @settings(deadline=None, max_examples=150, suppress_health_check=list(HealthCheck))
-@given(
-    st.lists(st.sampled_from([*WORDS, b" ", b"\n", b"a", b"format = 1\n", b"1"]), max_size=40).map(b"".join)
-)
+@given(st.lists(st.sampled_from([*WORDS, b" ", b"\n", b"a", b"format = 1\n", b"1"]), max_size=40).map(b"".join))
 def test_a_heap_of_toml_is_loaded_or_refused(data):
     answered(data)
     answered(b"format = 1\n[blocks]\na = { type = 'Gain' }\n" + data)
@@ -644,18 +629,14 @@ toml_values = st.recursive(
     st.one_of(st.integers(), st.floats(), st.booleans(), st.text(max_size=8), st.datetimes(), st.just("$a")),
     lambda inner: (
         st.lists(inner, max_size=3)
-        | st.dictionaries(
-            st.sampled_from(["type", "use", "wires", "blocks", "ports", "a"]), inner, max_size=3
-        )
+        | st.dictionaries(st.sampled_from(["type", "use", "wires", "blocks", "ports", "a"]), inner, max_size=3)
     ),
     max_leaves=8,
 )
 
 
 @settings(deadline=None, max_examples=150, suppress_health_check=list(HealthCheck))
-@given(
-    st.dictionaries(st.sampled_from(["wires", "blocks", "inputs", "outputs", "values", "title"]), toml_values)
-)
+@given(st.dictionaries(st.sampled_from(["wires", "blocks", "inputs", "outputs", "values", "title"]), toml_values))
 def test_tables_of_any_shape_are_loaded_or_refused(table):
     import tomli_w
 
@@ -672,10 +653,6 @@ def test_blocks_with_any_values_are_loaded_or_refused(data):
     kind = data.draw(st.sampled_from(sorted(REGISTRY)))
     fields = sorted(REGISTRY[kind].fields())
     sensible = st.integers(-3, 9) | st.floats(-3, 9) | st.sampled_from(["$a", "", "+", "rad^-", "h^99"])
-    values = data.draw(
-        st.dictionaries(st.sampled_from(fields or ["x"]), toml_values | sensible | st.lists(sensible))
-    )
+    values = data.draw(st.dictionaries(st.sampled_from(fields or ["x"]), toml_values | sensible | st.lists(sensible)))
     block = {**values, "type": kind}
-    answered(
-        tomli_w.dumps({"format": 1, "blocks": {"b": block}, "values": {"a": 1}}).encode("utf-8", "replace")
-    )
+    answered(tomli_w.dumps({"format": 1, "blocks": {"b": block}, "values": {"a": 1}}).encode("utf-8", "replace"))

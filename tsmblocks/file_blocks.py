@@ -74,9 +74,7 @@ def _fault_of(cls: type[Block], key: str, value: Any) -> str:
     if field is None:
         return f"{cls.__name__} has no parameter '{clip(key)}'.{near(key, cls.fields())}"
     if isinstance(value, str) and len(value) > LONGEST_TEXT:
-        return (
-            f"{cls.__name__}.{key} is a text of {len(value):,} characters; at most {LONGEST_TEXT:,} are read."
-        )
+        return f"{cls.__name__}.{key} is a text of {len(value):,} characters; at most {LONGEST_TEXT:,} are read."
     if _holds_table(value):
         return f"{cls.__name__}.{key} cannot be a table, got {in_words(value)}. It is: {field.about}."
     try:

@@ -170,9 +170,7 @@ class Page:
         unsure += [k for k, v in blocks.items() if isinstance(v, Unknown)]
         unsure += _references(blocks) if "values" in lost else []
         silent = not (sure_wires and sure_inputs) or bool({"wires", "inputs"} & lost)
-        parts: dict[str, Any] = dict(
-            blocks=blocks, wires=wires, inputs=inputs, outputs=outputs, values=values
-        )
+        parts: dict[str, Any] = dict(blocks=blocks, wires=wires, inputs=inputs, outputs=outputs, values=values)
         if silent or unsure or lost or not sure_outputs:
             found = self._together(path, lambda: examine(**parts, unsure=unsure, silent=silent))
             self._wiring(path, [] if found is None else found.faults)
@@ -216,17 +214,13 @@ class Page:
         if not isinstance(given, list):
             self.wrong((*path, "wires"), 'wires must be a list such as ["error -> pid -> drive"]', given)
             return [], False
-        texts = [
-            Located.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)
-        ]
+        texts = [Located.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)]
         for value in given:
             if not isinstance(value, str):
                 self.wrong((*path, "wires"), "a wire must be text such as 'error -> pid'", value)
         links = sum(text.count("->") + text.count(",") for text in texts)
         if links > MOST_LINKS:
-            self.fault(
-                (*path, "wires"), f"the wires hold {links:,} connections; at most {MOST_LINKS:,} are read."
-            )
+            self.fault((*path, "wires"), f"the wires hold {links:,} connections; at most {MOST_LINKS:,} are read.")
             return [], False
         return list(texts), len(texts) == len(given)
 
@@ -284,9 +278,7 @@ class Page:
         else:
             self.fault(at, f"{expected}, got {in_words(_plain(value))}.{hint}")
 
-    def known_keys(
-        self, table: Mapping[str, Any], known: tuple[str, ...], path: KeyPath, owner: str
-    ) -> set[str]:
+    def known_keys(self, table: Mapping[str, Any], known: tuple[str, ...], path: KeyPath, owner: str) -> set[str]:
         """Report keys that nothing is known of; returns the absent keys that they seem to be meant for."""
         for key in table:
             if key not in known:

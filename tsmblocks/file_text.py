@@ -44,9 +44,7 @@ def decoded(data: bytes, where: str) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
         seems = "it seems to be UTF-16" if utf16 else f"byte 0x{data[error.start]:02x} has no place in it"
-        raise FileError(
-            where, [f"{where}:{line}: the text is not UTF-8 ({seems}). Save it as UTF-8."]
-        ) from None
+        raise FileError(where, [f"{where}:{line}: the text is not UTF-8 ({seems}). Save it as UTF-8."]) from None
 
 
 def _check_size(size: int, where: str) -> None:

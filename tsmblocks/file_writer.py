@@ -66,9 +66,7 @@ class _Writer:
         yield from _section(f"{prefix}outputs", [(k, [("", toml(v))]) for k, v in diagram.outputs.items()])
 
     def _blocks(self, diagram: Diagram, prefix: str) -> Iterator[str]:
-        plain = [
-            (k, self._block(f"{prefix}{k}", b)) for k, b in diagram.blocks.items() if isinstance(b, Block)
-        ]
+        plain = [(k, self._block(f"{prefix}{k}", b)) for k, b in diagram.blocks.items() if isinstance(b, Block)]
         inner = {k: b for k, b in diagram.blocks.items() if isinstance(b, Diagram)}
         yield from _section(f"{prefix}blocks", plain, always=not inner)
         for name, block in inner.items():
@@ -78,13 +76,9 @@ class _Writer:
         kind, said = type(block), name.replace("blocks.", "")
         known = REGISTRY.get(kind.__name__)
         if known is None or (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
-            self.problems.append(
-                f"block '{said}': {kind.__name__} is not registered, so no file can name it."
-            )
+            self.problems.append(f"block '{said}': {kind.__name__} is not registered, so no file can name it.")
         if "type" in kind.fields():
-            self.problems.append(
-                f"block '{said}': its parameter 'type' cannot be told from the block's type."
-            )
+            self.problems.append(f"block '{said}': its parameter 'type' cannot be told from the block's type.")
         pairs = [("type", toml(kind.__name__))]
         for key, field in kind.fields().items():
             given = getattr(block, key)

@@ -38,9 +38,7 @@ def loads(text: str, where: str = "<text>", folder: str | os.PathLike[str] | Non
     from tsmblocks.file_reader import diagram_from
 
     if not isinstance(text, str):
-        raise FileError(
-            where, [f"the text of a diagram is needed, got {in_words(text)}. For a file, use load."]
-        )
+        raise FileError(where, [f"the text of a diagram is needed, got {in_words(text)}. For a file, use load."])
     _fill_registry()
     return diagram_from(text, where, None if folder is None else Path(folder))
 

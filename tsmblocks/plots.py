@@ -74,9 +74,7 @@ def plot_tracking(
                                after=(run.t[0] + run.t[-1]) / 2 if after is None else after)  # fmt: skip
         colour = COLOURS[k % len(COLOURS)]
         above.plot(t, reached[0], color=colour, lw=1.4, label=label)
-        below.plot(
-            t, wanted[0] - reached[0], color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip()
-        )
+        below.plot(t, wanted[0] - reached[0], color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip())
     above.set_ylabel(heading(_QUANTITY.get(unit, output), unit))
     below.set_ylabel(heading("error", unit))
     below.axhline(0.0, color=INK, lw=0.6)

@@ -72,8 +72,7 @@ def _kind(cls: type[Block]) -> dict[str, Any]:
     """Return the schema of one type of block."""
     about = (cls.__doc__ or "").strip().partition("\n")[0]
     fields = {
-        key: {"description": _words(field), **_value(field, field.default)}
-        for key, field in cls.fields().items()
+        key: {"description": _words(field), **_value(field, field.default)} for key, field in cls.fields().items()
     }
     return {"description": about, **_table({"type": {"const": cls.__name__}, **fields}, ["type"])}
 

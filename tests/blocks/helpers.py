@@ -73,9 +73,7 @@ def simulate(
     new = m + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     advance = ca.Function("advance", [t, x, u, p], [new, bench.y(t, x, u[:, 0], p)])
     grid = np.arange(round(stop / step) + 1) * step
-    read = {
-        k: np.array([[f(s) for s in (a, a + step / 2, a + step)] for a in grid]) for k, f in inputs.items()
-    }
+    read = {k: np.array([[f(s) for s in (a, a + step / 2, a + step)] for a in grid]) for k, f in inputs.items()}
     assert set(read) == set(bench.reads)
     now, numbers = bench.x0, np.array(bench.p0)
     xs, ys = [], []

@@ -32,9 +32,7 @@ def acceleration(t):
     return -(W**2) * x_ref(t)
 
 
-@pytest.mark.parametrize(
-    "cls", [FeedforwardCompensator, HysteresisObserver, LeadLag, PID, PIDController, SmoothSlope]
-)
+@pytest.mark.parametrize("cls", [FeedforwardCompensator, HysteresisObserver, LeadLag, PID, PIDController, SmoothSlope])
 def test_sound(cls):
     assert_sound(cls())
 

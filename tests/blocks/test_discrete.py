@@ -194,14 +194,12 @@ def test_pid_gives_way_at_its_limit():
             dict(A=(0.9,)),
         ),
         (
-            "DiscreteStateSpace.B must have 2 rows of 1, as the other matrices have it, "
-            "got rows of length 1.",
+            "DiscreteStateSpace.B must have 2 rows of 1, as the other matrices have it, got rows of length 1.",
             DiscreteStateSpace,
             dict(A=[[0.9, 0.0], [0.0, 0.9]], C=[[1.0, 0.0]]),
         ),
         (
-            "DiscreteStateSpace.D must have 1 rows of 1, as the other matrices have it, "
-            "got rows of length 2.",
+            "DiscreteStateSpace.D must have 1 rows of 1, as the other matrices have it, got rows of length 2.",
             DiscreteStateSpace,
             dict(D=[[0.0, 1.0]]),
         ),
@@ -223,14 +221,12 @@ def test_pid_gives_way_at_its_limit():
             dict(method="forwards"),
         ),
         (
-            "MovingAverage.length must be a whole number in [1, 10000], got 0. "
-            "It is: number of samples in the mean.",
+            "MovingAverage.length must be a whole number in [1, 10000], got 0. It is: number of samples in the mean.",
             MovingAverage,
             dict(length=0),
         ),
         (
-            "MovingAverage.length must be a whole number in [1, 10000], got 2.5. "
-            "It is: number of samples in the mean.",
+            "MovingAverage.length must be a whole number in [1, 10000], got 2.5. It is: number of samples in the mean.",
             MovingAverage,
             dict(length=2.5),
         ),

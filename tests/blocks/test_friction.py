@@ -126,8 +126,7 @@ def test_units_are_the_users_own():
             dict(level=-1),
         ),
         (
-            "CoulombFriction.smoothing must lie in (0, inf), got 0. "
-            "It is: velocity over which the sign changes.",
+            "CoulombFriction.smoothing must lie in (0, inf), got 0. It is: velocity over which the sign changes.",
             CoulombFriction,
             dict(smoothing=0),
         ),
@@ -143,8 +142,7 @@ def test_units_are_the_users_own():
             dict(coulomb=0),
         ),
         (
-            "DahlFriction.sigma0 must be a number, got nan. "
-            "It is: stiffness of the contact before it slides.",
+            "DahlFriction.sigma0 must be a number, got nan. It is: stiffness of the contact before it slides.",
             DahlFriction,
             dict(sigma0=float("nan")),
         ),

@@ -18,9 +18,9 @@ def plain_cube(u, k=0.3):
     return k * u**3
 
 
-cube = function_block(
-    units={"u": "rad", "k": "1/s", "y": "rad"}, about={"u": "twist", "y": "answer"}, register=False
-)(plain_cube)
+cube = function_block(units={"u": "rad", "k": "1/s", "y": "rad"}, about={"u": "twist", "y": "answer"}, register=False)(
+    plain_cube
+)
 
 
 def test_inputs_parameters_and_output_come_from_the_signature():
@@ -126,9 +126,7 @@ def test_refuses_signatures_that_are_no_block():
     refused("hidden: parameter 'k' stands before '/', but parameters are given by name.", hidden)
     refused("late: 't' is the time and must be the first argument.", late)
     refused("clash: 'y' names two things. Choose another name, or say outputs=('…',).", clash)
-    refused(
-        "reserved: 'source' cannot name an input, a parameter or an output. Choose another name.", reserved
-    )
+    refused("reserved: 'source' cannot name an input, a parameter or an output. Choose another name.", reserved)
 
 
 def test_refuses_words_for_what_is_not_there():

@@ -182,12 +182,8 @@ def test_tao_backlash_with_equal_sides_is_play():
 def test_prandtl_ishlinskii_is_a_sum_of_plays():
     radii, weights, starts = (0.1, 0.3, 0.5), (0.5, -0.2, 0.4), (0.05, 0.0, -0.2)
     inputs = {"u": lambda t: np.sin(t) + 0.4 * np.sin(2.7 * t)}
-    whole = simulate(
-        PrandtlIshlinskii(radii=radii, weights=weights, weight0=0.3, x0=starts), inputs, 20.0, 1e-2
-    )
-    parts = [
-        simulate(Play(half_width=r, m=m), inputs, 20.0, 1e-2)["y"] for r, m in zip(radii, starts, strict=True)
-    ]
+    whole = simulate(PrandtlIshlinskii(radii=radii, weights=weights, weight0=0.3, x0=starts), inputs, 20.0, 1e-2)
+    parts = [simulate(Play(half_width=r, m=m), inputs, 20.0, 1e-2)["y"] for r, m in zip(radii, starts, strict=True)]
     u = np.array([inputs["u"](t) for t in whole["t"]])
     assert np.abs(whole["y"] - 0.3 * u - np.dot(weights, parts)).max() < 1e-14
 
@@ -224,8 +220,7 @@ def test_rate_of_displacement_may_be_left_open():
             dict(n=25),
         ),
         (
-            "DahlHysteresis.half_width must lie in (0, inf), got 0. "
-            "It is: stretch after long travel one way [rad].",
+            "DahlHysteresis.half_width must lie in (0, inf), got 0. It is: stretch after long travel one way [rad].",
             DahlHysteresis,
             dict(half_width=0),
         ),
@@ -250,8 +245,7 @@ def test_rate_of_displacement_may_be_left_open():
             dict(x0=(0.0, 0.0)),
         ),
         (
-            "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. "
-            "It is: half of the slack of each play.",
+            "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. It is: half of the slack of each play.",
             PrandtlIshlinskii,
             dict(radii=(0.1, -0.2), weights=(1.0, 1.0)),
         ),

@@ -276,8 +276,7 @@ def test_from_control_refuses():
         (42, "from_control takes a TransferFunction or StateSpace of python-control, got int."),
         (
             control.frd([1, 2], [1, 2]),
-            "from_control takes a TransferFunction or StateSpace of python-control, "
-            "got FrequencyResponseData.",
+            "from_control takes a TransferFunction or StateSpace of python-control, got FrequencyResponseData.",
         ),
         (
             control.tf([1], [1, 1], True),
@@ -311,8 +310,7 @@ def test_refuses_bad_numbers():
         gain=float("inf"),
     )
     refuses(
-        "Integrator.reset must be true or false, got 1. "
-        "It is: whether there is a port that sets the integral back.",
+        "Integrator.reset must be true or false, got 1. It is: whether there is a port that sets the integral back.",
         Integrator,
         reset=1,
     )
@@ -322,9 +320,7 @@ def test_refuses_bad_numbers():
         FirstOrderLag,
         time_constant=-1,
     )
-    refuses(
-        "SecondOrderLag.zeta must lie in [0, inf), got -1. It is: damping ratio.", SecondOrderLag, zeta=-1
-    )
+    refuses("SecondOrderLag.zeta must lie in [0, inf), got -1. It is: damping ratio.", SecondOrderLag, zeta=-1)
 
 
 def test_refuses_fractions_that_are_none():
@@ -371,3 +367,17 @@ def test_refuses_matrices_that_do_not_fit():
         D=(),
     )
     refuses("StateSpace.x0 needs one number per state (2) or none, got 1.", cls, x0=(1,))
+
+
+def test_an_integrator_whose_gain_brings_a_unit_closes_a_loop():
+    """An integral controller: its gain is in 1/s, so the output has the unit of the error."""
+    import tsmblocks as tsm
+
+    blocks = {
+        "r": tsm.blocks.Constant(value=1.0, unit="rad"),
+        "e": tsm.blocks.Sum(),
+        "i": Integrator(gain=2.0, unit="rad"),
+    }
+    loop = tsm.Diagram(title="I", blocks=blocks, wires=["r -> e.plus", "e -> i -> e.minus"], outputs={"y": "i"})
+    assert loop.unit("y") == "rad"
+    assert tsm.simulate(loop, stop=1.0)["y"][-1] == pytest.approx(1 - np.exp(-2.0), abs=1e-9)

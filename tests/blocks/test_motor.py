@@ -92,8 +92,7 @@ def test_load_port_is_there_when_asked_for():
             dict(R=0),
         ),
         (
-            "DCMotor.load must be true or false, got 1. "
-            "It is: whether there is a port for the load's torque.",
+            "DCMotor.load must be true or false, got 1. It is: whether there is a port for the load's torque.",
             DCMotor,
             dict(load=1),
         ),

@@ -163,9 +163,7 @@ def test_refuses_what_does_not_go_together():
         frequencies=(),
         phases=(),
     )
-    refuses(
-        "Chirp.duration must lie in (0, inf), got 0. It is: how long the sweep takes [s].", Chirp, duration=0
-    )
+    refuses("Chirp.duration must lie in (0, inf), got 0. It is: how long the sweep takes [s].", Chirp, duration=0)
     refuses("Random.std must lie in [0, inf), got -1. It is: standard deviation.", Random, std=-1)
     refuses(
         "Random.seed must be a whole number in [0, inf), got 0.5. "
@@ -191,9 +189,7 @@ def test_refuses_what_does_not_go_together():
         times=(0, 1, 1),
         values=(0, 1, 2),
     )
-    refuses(
-        "Recorded.values[1] must be a finite number, got nan.", Recorded, times=(0, 1), values=(0, np.nan)
-    )
+    refuses("Recorded.values[1] must be a finite number, got nan.", Recorded, times=(0, 1), values=(0, np.nan))
     refuses("Recorded.times[1] must be a finite number, got 'a'.", Recorded, times=(0, "a"), values=(0, 1))
     refuses(
         "Recorded with hold='cubic' needs at least 4 samples, got 3.",

@@ -283,9 +283,7 @@ class Switch(Block):
     source = "definition"
     symbol = "switch"
 
-    threshold: float = parameter(
-        default=0.5, about="control value from which the first input passes", unit="?c"
-    )
+    threshold: float = parameter(default=0.5, about="control value from which the first input passes", unit="?c")
 
     u1 = Input("passes while control is at or above the threshold", unit="?u")
     u2 = Input("passes otherwise", unit="?u")

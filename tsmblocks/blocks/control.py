@@ -28,9 +28,7 @@ class HysteresisObserver(Block):
     symbol = "ζ̂"
 
     A: float = parameter(default=-0.8745, about="gain from the rate to the internal state")
-    theta: float = parameter(
-        default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0
-    )
+    theta: float = parameter(default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0)
     delta: float = parameter(default=0.14522, about="asymmetry of the loop")
 
     v = Input("rate of the reference, or of the motor", unit="rad/s")
@@ -85,9 +83,7 @@ class FeedforwardCompensator(Block):
     alpha1: float = parameter(default=0.8972, about="slope while loading (v > 0)", above=0.0)
     alpha2: float = parameter(default=0.9487, about="slope while unloading (v < 0)", above=0.0)
     A: float = parameter(default=-0.8745, about="gain from the rate to the internal state")
-    theta: float = parameter(
-        default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0
-    )
+    theta: float = parameter(default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0)
     delta: float = parameter(default=0.14522, about="asymmetry of the loop")
 
     x = Input("reference of the tool", unit="rad")

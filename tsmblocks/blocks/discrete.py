@@ -98,9 +98,7 @@ class DiscreteTransferFunction(Block):
     period: float = _period()
     num: tuple[float, ...] = parameter(default=(0.1,), about="numerator")
     den: tuple[float, ...] = parameter(default=(1.0, -0.9), about="denominator; its length sets the order")
-    x0: tuple[float, ...] = parameter(
-        default=(), about="start values of w, newest first; an empty list means zeros"
-    )
+    x0: tuple[float, ...] = parameter(default=(), about="start values of w, newest first; an empty list means zeros")
 
     u = Input("any signal")
     y = Output("filtered signal")
@@ -110,8 +108,7 @@ class DiscreteTransferFunction(Block):
             raise ParameterError("DiscreteTransferFunction.den must begin with a number other than 0.")
         if not 1 <= len(self.num) <= len(self.den):
             raise ParameterError(
-                "DiscreteTransferFunction needs 1 <= len(num) <= len(den), "
-                f"got {len(self.num)} and {len(self.den)}."
+                f"DiscreteTransferFunction needs 1 <= len(num) <= len(den), got {len(self.num)} and {len(self.den)}."
             )
         _check_starts("DiscreteTransferFunction", self.x0, len(self.den) - 1)
 
@@ -152,9 +149,7 @@ class DiscreteStateSpace(Block):
     A: tuple[tuple[float, ...], ...] = parameter(default=((0.9,),), about="state matrix, as rows")
     B: tuple[tuple[float, ...], ...] = parameter(default=((0.1,),), about="input matrix, as rows")
     C: tuple[tuple[float, ...], ...] = parameter(default=((1.0,),), about="output matrix, as rows")
-    D: tuple[tuple[float, ...], ...] = parameter(
-        default=(), about="direct matrix, as rows; an empty list means none"
-    )
+    D: tuple[tuple[float, ...], ...] = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
 
     def _shape(self) -> tuple[int, int, int]:
@@ -164,9 +159,7 @@ class DiscreteStateSpace(Block):
     def check(self) -> None:
         for name in "ABCD":
             if not all(isinstance(row, tuple) for row in getattr(self, name)):
-                raise ParameterError(
-                    f"DiscreteStateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]]."
-                )
+                raise ParameterError(f"DiscreteStateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]].")
         n, inputs, outputs = self._shape()
         if not inputs or not outputs:
             raise ParameterError(
@@ -241,9 +234,7 @@ class DiscretePID(Block):
     kp: float = parameter(default=1.5, about="proportional gain")
     ki: float = parameter(default=2.0, about="integral gain", unit="1/s")
     kd: float = parameter(default=0.0, about="derivative gain", unit="s")
-    tau: float = parameter(
-        default=0.01, about="time constant of the derivative filter", unit="s", at_least=0.0
-    )
+    tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", at_least=0.0)
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
     kaw: float = parameter(

@@ -38,9 +38,7 @@ class CoulombFriction(Block):
     symbol = "Coulomb"
 
     level: float = parameter(default=0.02, about="friction while sliding", unit="?f", at_least=0.0)
-    smoothing: float = parameter(
-        default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0
-    )
+    smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
 
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
@@ -64,9 +62,7 @@ class AsymmetricFriction(Block):
     source = "Armstrong-Hélouvry, Control of Machines with Friction (1991), one level per direction"
     symbol = "F₊ / F₋"
 
-    level_positive: float = parameter(
-        default=0.02, about="dry friction while moving forwards", unit="?f", at_least=0.0
-    )
+    level_positive: float = parameter(default=0.02, about="dry friction while moving forwards", unit="?f", at_least=0.0)
     level_negative: float = parameter(
         default=0.025, about="dry friction while moving backwards", unit="?f", at_least=0.0
     )
@@ -76,9 +72,7 @@ class AsymmetricFriction(Block):
     viscous_negative: float = parameter(
         default=0.0025, about="friction per velocity while moving backwards", at_least=0.0
     )
-    smoothing: float = parameter(
-        default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0
-    )
+    smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
 
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
@@ -146,9 +140,7 @@ class StribeckFriction(Block):
         default=0.1, about="velocity over which friction falls to the Coulomb level", unit="?v", above=0.0
     )
     viscous: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
-    smoothing: float = parameter(
-        default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0
-    )
+    smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
 
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")

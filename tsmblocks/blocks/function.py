@@ -5,7 +5,7 @@
         '''Stiffening: the output grows with the cube of the input.'''
         return k * u**3
 
-    Diagram.of("…", blocks=dict(spring=cubic(k=0.5)), …)
+    Diagram(title="…", blocks=dict(spring=cubic(k=0.5)), …)
 
 Arguments without a default are input ports, arguments with one are parameters. A first argument
 named ``t`` receives the time. Inside, only operators and ``casadi`` functions will do.
@@ -58,9 +58,7 @@ def function_block(
     for key in outputs:
         made[key] = Output(about.get(key, f"output {key}"), unit=units.get(key, ""))
     for key, value in numbers.items():
-        made[key] = parameter(
-            default=value, about=about.get(key, f"parameter {key}"), unit=units.get(key, "")
-        )
+        made[key] = parameter(default=value, about=about.get(key, f"parameter {key}"), unit=units.get(key, ""))
     made["outputs"] = _equations(function, name, tuple(numbers), outputs, timed)
     return block(type(name, (Block,), made), register=register)
 
@@ -85,9 +83,7 @@ def _equations(
 def _name_of(function: Callable[..., Any]) -> str:
     name = getattr(function, "__name__", "")
     if not inspect.isfunction(function) or not name.isidentifier():
-        raise BlockError(
-            f"function_block needs a function made by def, with a name, got {in_words(function)}."
-        )
+        raise BlockError(f"function_block needs a function made by def, with a name, got {in_words(function)}.")
     return name
 
 
@@ -101,9 +97,7 @@ def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict
             raise BlockError(f"{name}({stars}{key}) cannot be a block: name each input and each parameter.")
         if argument.default is not argument.empty:
             if argument.kind is argument.POSITIONAL_ONLY:
-                raise BlockError(
-                    f"{name}: parameter '{key}' stands before '/', but parameters are given by name."
-                )
+                raise BlockError(f"{name}: parameter '{key}' stands before '/', but parameters are given by name.")
             if not _is_number(argument.default):
                 raise BlockError(
                     f"{name}: the default of '{key}' must be a number or a tuple of numbers, "
@@ -111,9 +105,7 @@ def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict
                 )
             numbers[key] = argument.default
         elif argument.kind is argument.KEYWORD_ONLY:
-            raise BlockError(
-                f"{name}: '{key}' stands after '*' without a default. Give it a number as default."
-            )
+            raise BlockError(f"{name}: '{key}' stands after '*' without a default. Give it a number as default.")
         else:
             inputs.append(key)
     timed = inputs[:1] == ["t"]
@@ -132,9 +124,7 @@ def _check_names(name: str, names: list[str]) -> None:
     """Raise BlockError for a name used twice, or that a block has a meaning for already."""
     for key in names:
         if not key.isidentifier() or key.startswith("_") or hasattr(Block, key) or key in ("function", "t"):
-            raise BlockError(
-                f"{name}: '{key}' cannot name an input, a parameter or an output. Choose another name."
-            )
+            raise BlockError(f"{name}: '{key}' cannot name an input, a parameter or an output. Choose another name.")
         if names.count(key) > 1:
             raise BlockError(f"{name}: '{key}' names two things. Choose another name, or say outputs=('…',).")
 

@@ -67,9 +67,7 @@ class AsymmetricBoucWen(Block):
     alpha1: float = parameter(default=0.8972, about="slope while loading (v > 0)", above=0.0)
     alpha2: float = parameter(default=0.9487, about="slope while unloading (v < 0)", above=0.0)
     A: float = parameter(default=-0.8745, about="gain from the rate to the internal state")
-    theta: float = parameter(
-        default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0
-    )
+    theta: float = parameter(default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0)
     delta: float = parameter(default=0.14522, about="asymmetry of the loop")
 
     x = Input("displacement at the motor end", unit="rad")
@@ -190,9 +188,7 @@ class DahlHysteresis(Block):
 
     alpha_x: float = parameter(default=0.92295, about="slope of the transmission, stretch apart")
     rho: float = parameter(default=0.8745, about="share of the travel lost just after rest", above=0.0)
-    half_width: float = parameter(
-        default=0.17372, about="stretch after long travel one way", unit="rad", above=0.0
-    )
+    half_width: float = parameter(default=0.17372, about="stretch after long travel one way", unit="rad", above=0.0)
 
     x = Input("displacement at the motor end", unit="rad")
     v = Input("its rate", unit="rad/s", rate_of="x")
@@ -289,9 +285,7 @@ class PrandtlIshlinskii(Block):
         default=(0.1, 0.2, 0.3), about="half of the slack of each play", unit="?u", at_least=0.0
     )
     weights: tuple[float, ...] = parameter(default=(0.2, 0.3, 0.3), about="weight of each play")
-    x0: tuple[float, ...] = parameter(
-        default=(), about="where each play starts; an empty list means zeros", unit="?u"
-    )
+    x0: tuple[float, ...] = parameter(default=(), about="where each play starts; an empty list means zeros", unit="?u")
 
     u = Input("displacement of the driving side", unit="?u")
     y = Output("displacement of the driven side", unit="?u")
@@ -299,13 +293,9 @@ class PrandtlIshlinskii(Block):
     def check(self) -> None:
         n = len(self.radii)
         if len(self.weights) != n:
-            raise ParameterError(
-                f"PrandtlIshlinskii needs as many weights as radii, got {len(self.weights)} and {n}."
-            )
+            raise ParameterError(f"PrandtlIshlinskii needs as many weights as radii, got {len(self.weights)} and {n}.")
         if self.x0 and len(self.x0) != n:
-            raise ParameterError(
-                f"PrandtlIshlinskii.x0 needs one number per play ({n}) or none, got {len(self.x0)}."
-            )
+            raise ParameterError(f"PrandtlIshlinskii.x0 needs one number per play ({n}) or none, got {len(self.x0)}.")
 
     @property
     def states(self) -> dict[str, State]:

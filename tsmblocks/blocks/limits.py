@@ -175,9 +175,7 @@ class LookupTable(Block):
     source = "definition"
     symbol = "table"
 
-    points: tuple[float, ...] = parameter(
-        default=(-1.0, -0.2, 0.2, 1.0), about="inputs, increasing", unit="?u"
-    )
+    points: tuple[float, ...] = parameter(default=(-1.0, -0.2, 0.2, 1.0), about="inputs, increasing", unit="?u")
     values: tuple[float, ...] = parameter(default=(-0.8, 0.0, 0.0, 0.8), about="outputs there", unit="?y")
     outside: str = option(default="hold", about="what happens beyond the points", choices=("hold", "extend"))
 

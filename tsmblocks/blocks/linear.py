@@ -7,6 +7,7 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.block import Block, Input, Output, Past, block, option, parameter, state
+from tsmblocks.blocks.ports import check_unit, in_unit
 from tsmblocks.errors import ParameterError
 
 INFINITE = float("inf")
@@ -29,6 +30,7 @@ class Integrator(Block):
     low: float = parameter(default=-INFINITE, about="smallest output", unit="?u*s", finite=False)
     high: float = parameter(default=INFINITE, about="largest output", unit="?u*s", finite=False)
     reset: bool = option(default=False, about="whether there is a port that sets the integral back")
+    unit: str = option(default="", about="unit of the output when the gain brings one; empty means the input's times s")
 
     u = Input("any signal", unit="?u")
     y = Output("its time integral", unit="?u*s")
@@ -37,6 +39,11 @@ class Integrator(Block):
     def check(self) -> None:
         if self.low >= self.high:
             raise ParameterError(f"Integrator needs low < high, got low={self.low:g}, high={self.high:g}.")
+        check_unit(self)
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
 
     @property
     def inports(self) -> dict[str, Input]:

@@ -56,17 +56,14 @@ class TransferFunction(Block):
     def check(self) -> None:
         for name in ("num", "den"):
             if any(isinstance(number, tuple) for number in getattr(self, name)):
-                raise ParameterError(
-                    f"TransferFunction.{name} must be one list of numbers, such as [1, 0.5]."
-                )
+                raise ParameterError(f"TransferFunction.{name} must be one list of numbers, such as [1, 0.5].")
         if not self.den or self.den[0] == 0:
             raise ParameterError(
                 f"TransferFunction.den must begin with a number other than 0, got {in_words(self.den)}."
             )
         if not 1 <= len(self.num) <= len(self.den):
             raise ParameterError(
-                "TransferFunction must be proper: 1 <= len(num) <= len(den), "
-                f"got {len(self.num)} and {len(self.den)}."
+                f"TransferFunction must be proper: 1 <= len(num) <= len(den), got {len(self.num)} and {len(self.den)}."
             )
         _check_starts("TransferFunction", self.x0, len(self.den) - 1)
 
@@ -113,9 +110,7 @@ class ZeroPoleGain(Block):
 
     zeros: tuple[float, ...] = parameter(default=(-10.0,), about="real zeros", unit="rad/s")
     poles: tuple[float, ...] = parameter(default=(-20.0,), about="real poles", unit="rad/s")
-    zero_pairs: Rows = parameter(
-        default=(), about="conjugate zeros, as rows of real and imaginary part", unit="rad/s"
-    )
+    zero_pairs: Rows = parameter(default=(), about="conjugate zeros, as rows of real and imaginary part", unit="rad/s")
     pole_pairs: Rows = parameter(
         default=((-3.0, 4.0),), about="conjugate poles, as rows of real and imaginary part", unit="rad/s"
     )
@@ -135,8 +130,7 @@ class ZeroPoleGain(Block):
         above = len(self.zeros) + 2 * len(self.zero_pairs)
         if above > self._order():
             raise ParameterError(
-                "ZeroPoleGain must be proper: no more zeros than poles, "
-                f"got {above} zeros and {self._order()} poles."
+                f"ZeroPoleGain must be proper: no more zeros than poles, got {above} zeros and {self._order()} poles."
             )
         _check_starts("ZeroPoleGain", self.x0, self._order())
 
@@ -212,9 +206,7 @@ class StateSpace(Block):
                 raise ParameterError(f"StateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]].")
         n, inputs, outputs = self._shape()
         if not inputs or not outputs:
-            raise ParameterError(
-                "StateSpace needs at least one input (columns of B) and one output (rows of C)."
-            )
+            raise ParameterError("StateSpace needs at least one input (columns of B) and one output (rows of C).")
         for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
             matrix = getattr(self, name)
             if not matrix and (not n or name == "D"):
@@ -263,8 +255,7 @@ def from_control(system: Any) -> Block:
 
     if not isinstance(system, (control.TransferFunction, control.StateSpace)):
         raise BlockError(
-            "from_control takes a TransferFunction or StateSpace of python-control, "
-            f"got {type(system).__name__}."
+            f"from_control takes a TransferFunction or StateSpace of python-control, got {type(system).__name__}."
         )
     if system.dt is True:
         raise BlockError(

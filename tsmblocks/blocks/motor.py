@@ -63,12 +63,8 @@ class DCMotor(Block):
 
     R: float = parameter(default=5.8, about="resistance of the winding", unit="ohm", above=0.0)
     L: float = parameter(default=0.005, about="inductance of winding and choke", unit="H", above=0.0)
-    kt: float = parameter(
-        default=0.035, about="torque per current, and back-EMF per speed", unit="N*m/A", above=0.0
-    )
-    J: float = parameter(
-        default=1.1e-6, about="inertia at the rotor, load included", unit="kg*m^2", above=0.0
-    )
+    kt: float = parameter(default=0.035, about="torque per current, and back-EMF per speed", unit="N*m/A", above=0.0)
+    J: float = parameter(default=1.1e-6, about="inertia at the rotor, load included", unit="kg*m^2", above=0.0)
     b: float = parameter(default=2e-7, about="viscous friction at the rotor", unit="N*m*s/rad", at_least=0.0)
     gear: float = parameter(default=14.0, about="turns of the rotor per turn of the output shaft", above=0.0)
     coulomb: float = parameter(default=1e-3, about="dry friction at the rotor", unit="N*m", at_least=0.0)

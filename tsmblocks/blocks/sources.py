@@ -157,9 +157,7 @@ class MultiSine(Block):
     frequencies: tuple[float, ...] = parameter(
         default=(0.2, 0.5), about="periods per second of each sine", unit="Hz", at_least=0.0
     )
-    phases: tuple[float, ...] = parameter(
-        default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad"
-    )
+    phases: tuple[float, ...] = parameter(default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad")
     unit: str = option(default="", about=UNIT)
     y = Output("the sum of the sines", unit="?y")
 
@@ -196,9 +194,7 @@ class Chirp(Block):
 
     amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
     f0: float = parameter(default=0.1, about="frequency at time zero", unit="Hz", at_least=0.0)
-    f1: float = parameter(
-        default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0
-    )
+    f1: float = parameter(default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0)
     duration: float = parameter(default=20.0, about="how long the sweep takes", unit="s", above=0.0)
     unit: str = option(default="", about=UNIT)
     y = Output("the sweep", unit="?y")
@@ -347,18 +343,13 @@ class Recorded(Block):
                     raise ParameterError(f"Recorded.{name}[{k}] must be a finite number, got {number!r}.")
         if len(self.times) != len(self.values) or not self.times:
             raise ParameterError(
-                "Recorded needs one value for each instant, "
-                f"got {len(self.times)} times and {len(self.values)} values."
+                f"Recorded needs one value for each instant, got {len(self.times)} times and {len(self.values)} values."
             )
         if self.hold == "cubic" and len(self.times) < 4:
-            raise ParameterError(
-                f"Recorded with hold='cubic' needs at least 4 samples, got {len(self.times)}."
-            )
+            raise ParameterError(f"Recorded with hold='cubic' needs at least 4 samples, got {len(self.times)}.")
         for k, (a, b) in enumerate(pairwise(self.times)):
             if a >= b:
-                raise ParameterError(
-                    f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}."
-                )
+                raise ParameterError(f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}.")
 
     def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
         return dict(w=Samples(np.array(self.times), np.array(self.values), self.hold))

@@ -36,9 +36,7 @@ def execute(args: argparse.Namespace) -> int:
     listed: dict[str, dict[str, str]] = {}
     for name, cls in sorted(REGISTRY.items()):
         listed.setdefault(family(cls), {})[name] = words(cls)[0]
-    ordered = {
-        k: listed[k] for k in sorted(listed, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))
-    }
+    ordered = {k: listed[k] for k in sorted(listed, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))}
     common.give(ordered) if args.json else print(list_in_words(ordered))
     return 0
 
@@ -107,8 +105,7 @@ def card_in_words(made: dict[str, Any]) -> str:
         rows = [(p["name"], f"[{p['unit'] or 'any'}]", p["about"] + _rate(p)) for p in made[title]]
         lines += ["", title, common.columns(rows, "  ", _LEFT) if rows else "  none"]
     fields = [
-        (p["name"], f"[{p['unit'] or '-'}]", _value(p["default"]), _limits(p), _about(p))
-        for p in made["parameters"]
+        (p["name"], f"[{p['unit'] or '-'}]", _value(p["default"]), _limits(p), _about(p)) for p in made["parameters"]
     ]
     lines += ["", "parameters", common.columns(fields, "  ", _LEFT - {2}) if fields else "  none"]
     if any("?" in p["unit"] for kind in ("inputs", "outputs", "parameters") for p in made[kind]):
@@ -130,13 +127,7 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple):
         shown = ", ".join(_value(v) for v in value[:4])
         return f"[{shown}{', …' if len(value) > 4 else ''}]"
-    return (
-        f"{value:g}"
-        if isinstance(value, float)
-        else f'"{value}"'
-        if isinstance(value, str)
-        else str(value).lower()
-    )
+    return f"{value:g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value).lower()
 
 
 def _limits(parameter: dict[str, Any]) -> str:
@@ -146,6 +137,4 @@ def _limits(parameter: dict[str, Any]) -> str:
 
 
 def _about(parameter: dict[str, Any]) -> str:
-    return {"state": "start value: ", "option": "option: "}.get(parameter["kind"], "") + str(
-        parameter["about"]
-    )
+    return {"state": "start value: ", "option": "option: "}.get(parameter["kind"], "") + str(parameter["about"])

@@ -157,9 +157,7 @@ def columns(rows: Iterable[Sequence[str]], indent: str = "", left: frozenset[int
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
     lines = []
     for row in table:
-        cells = [
-            c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
+        cells = [c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
         lines.append((indent + "  ".join(cells)).rstrip())
     return "\n".join(lines)
 
@@ -189,9 +187,7 @@ def clear_progress(tell: Callable[[float], None] | None) -> None:
 def choose(name: str, known: Iterable[str], what: str) -> str:
     """Return a known name, whatever its case; raises UsageError with the near miss."""
     names = list(known)
-    found = next((k for k in names if k == name), None) or next(
-        (k for k in names if k.lower() == name.lower()), None
-    )
+    found = next((k for k in names if k == name), None) or next((k for k in names if k.lower() == name.lower()), None)
     if found is None:
         raise UsageError(f"there is no {what} '{name}'.{near(name, names)}")
     return found

@@ -175,17 +175,13 @@ def _write(cases: list[Case], folder: Path) -> None:
 
 def _rows(cases: list[Case]) -> list[list[str]]:
     """Return the table as a file holds it: one row for each signal and diagram."""
-    rows = [
-        ["signal", "diagram", "peak to peak [deg]", "rms [deg]", "largest [deg]", "paper, peak to peak [deg]"]
-    ]
+    rows = [["signal", "diagram", "peak to peak [deg]", "rms [deg]", "largest [deg]", "paper, peak to peak [deg]"]]
     for case in cases:
         for name, paper in zip(DIAGRAMS, case.paper, strict=True):
             error = case.error(name)
             if error is not None:
                 numbers = (error.peak_to_peak, error.rms, error.largest)
-                rows.append(
-                    [case.words, name, *(f"{x:.6g}" for x in numbers), "" if paper is None else f"{paper:g}"]
-                )
+                rows.append([case.words, name, *(f"{x:.6g}" for x in numbers), "" if paper is None else f"{paper:g}"])
     return rows
 
 

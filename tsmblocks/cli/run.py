@@ -84,14 +84,10 @@ def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]
             )
         return None, {}
     if not wanted:
-        raise common.UsageError(
-            f"'{args.diagram}' has no inputs, so there is nothing that --data could drive."
-        )
+        raise common.UsageError(f"'{args.diagram}' has no inputs, so there is nothing that --data could drive.")
     for name in (split_heading(text)[0] for text, _ in args.map):
         if name not in wanted and name != "t":
-            raise common.UsageError(
-                f"--map {name}=…: '{args.diagram}' has no input '{name}'.{near(name, wanted)}"
-            )
+            raise common.UsageError(f"--map {name}=…: '{args.diagram}' has no input '{name}'.{near(name, wanted)}")
     record = common.read_record(args, only=wanted)
     for name, port in wanted.items():
         if port.unit and not record.unit(name):
@@ -100,9 +96,7 @@ def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
 
-def _simulate(
-    args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[str, Any], out: Path | None
-) -> Any:
+def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[str, Any], out: Path | None) -> Any:
     """Run the diagram; a run that breaks off leaves what there was of it in the file asked for."""
     from tsmblocks.simulate import simulate
 
@@ -192,6 +186,4 @@ def _units(unit: str) -> list[tuple[str, float]]:
     from tsmblocks import units
 
     angle = units.parse(unit).dimension == units.parse("rad").dimension
-    return (
-        [("rad", units.factor(unit, "rad")), ("deg", units.factor(unit, "deg"))] if angle else [(unit, 1.0)]
-    )
+    return [("rad", units.factor(unit, "rad")), ("deg", units.factor(unit, "deg"))] if angle else [(unit, 1.0)]

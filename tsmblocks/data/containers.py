@@ -40,9 +40,7 @@ def _plain(value: Any) -> np.ndarray | None:
     return array.astype(float) if array.dtype.kind in "fiub" and array.ndim in (1, 2) else None
 
 
-def arrays(
-    origin: str, found: Mapping[str, Any], columns: Sequence[str] | None, units: Mapping[str, str]
-) -> Arrays:
+def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None, units: Mapping[str, str]) -> Arrays:
     """Columns out of whatever arrays a file holds. Raises DataError when there are none of one length."""
     known = {name: array for name, value in found.items() if (array := _plain(value)) is not None}
     series = {name: array for name, array in known.items() if array.ndim == 1 and len(array) > 1}
@@ -53,11 +51,7 @@ def arrays(
     length = len(series[clock]) if clock else max(set(lengths), key=lengths.count)
     kept = {k: a for k, a in series.items() if len(a) == length}
     left = [k for k in series if k not in kept]
-    notes = (
-        (f"Left out, being of another length than {clock or next(iter(kept))}: {', '.join(left)}.",)
-        if left
-        else ()
-    )
+    notes = (f"Left out, being of another length than {clock or next(iter(kept))}: {', '.join(left)}.",) if left else ()
     return Arrays(origin, [heading(k, units.get(k, "")) for k in kept], list(kept.values()), notes)
 
 

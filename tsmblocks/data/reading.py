@@ -88,9 +88,7 @@ def _record(
     labels = {k: units.get(k, split[place][1]) for k, place in found.items()}
     unknown = next((k for k in units if k not in labels and k != time), None)
     if unknown is not None:
-        raise DataError(
-            f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, labels)}"
-        )
+        raise DataError(f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, labels)}")
     values, at = source.numbers([*found.values()], rows)
     if time is None:
         table = _clocked(origin, found, labels, values, at, float(step or 0.0))
@@ -117,9 +115,7 @@ def _clocked(
 ) -> Table:
     """Return a table whose rows follow each other at a known step."""
     if not 0 < step < float("inf"):
-        raise DataError(
-            f"{origin}: the step from row to row must be a positive number of seconds, got {step:g}."
-        )
+        raise DataError(f"{origin}: the step from row to row must be a positive number of seconds, got {step:g}.")
     t = step * np.arange(len(values))
     return Table(origin, ("t", *found), ("s", *(labels[k] for k in found)), np.column_stack([t, values]), at,
                  (0, *(place + 1 for place in found.values())))  # fmt: skip
@@ -155,9 +151,7 @@ def _time(origin: str, found: Mapping[str, int]) -> str:
                     f"are {known}), or give the step between rows in s.")  # fmt: skip
 
 
-def _selected(
-    origin: str, found: dict[str, int], only: Iterable[str] | None, time: str | None
-) -> dict[str, int]:
+def _selected(origin: str, found: dict[str, int], only: Iterable[str] | None, time: str | None) -> dict[str, int]:
     if only is None:
         return found
     wanted = [only] if isinstance(only, str) else list(only)
@@ -179,9 +173,7 @@ def _time_factor(origin: str, label: str) -> float:
 def _check_rows(origin: str, rows: Rows) -> None:
     first, last = rows
     if (first is not None and first < 1) or (last is not None and last < (first or 1)):
-        raise DataError(
-            f"{origin}: rows=({first}, {last}) must be two row numbers in order, the first at least 1."
-        )
+        raise DataError(f"{origin}: rows=({first}, {last}) must be two row numbers in order, the first at least 1.")
 
 
 __all__ = ["from_pandas", "heading", "read", "split_heading"]

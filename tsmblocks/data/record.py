@@ -93,9 +93,7 @@ class Record:
         try:
             return array * units.factor(own, unit)
         except units.UnitError as error:
-            raise DataError(
-                f"{self.origin}: signal '{heading(name, own)}' is wanted in {unit}. {error}"
-            ) from None
+            raise DataError(f"{self.origin}: signal '{heading(name, own)}' is wanted in {unit}. {error}") from None
 
     def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
         """Return a signal, converted to ``unit``, as an input of a run."""

@@ -83,9 +83,7 @@ def repeats_are_merged(table: Table) -> Table:
 def enough_samples(table: Table) -> Table:
     """Refuse a handful of samples: they are no measurement."""
     if len(table.values) < FEWEST:
-        raise DataError(
-            f"{table.origin}: only {_plural(len(table.values), 'sample')} found; {FEWEST} are the least."
-        )
+        raise DataError(f"{table.origin}: only {_plural(len(table.values), 'sample')} found; {FEWEST} are the least.")
     return table
 
 
@@ -117,15 +115,11 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
         if b - a == len(missing):
             why = "It is empty throughout: map another column"
         elif at_end:
-            why = (
-                f"At the {'start' if a == 0 else 'end'} there is nothing to interpolate from: read fewer rows"
-            )
+            why = f"At the {'start' if a == 0 else 'end'} there is nothing to interpolate from: read fewer rows"
         else:
             why = f"At most {LONGEST_GAP} samples are interpolated: read the rows before or after"
         place = f"{table.origin}: {table.column(k)}"
-        raise DataError(
-            f"{place} has no number in {where}. {why}, leave the column out, or correct the file."
-        )
+        raise DataError(f"{place} has no number in {where}. {why}, leave the column out, or correct the file.")
 
 
 def constants_are_named(table: Table) -> Table:

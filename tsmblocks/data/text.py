@@ -92,9 +92,7 @@ class Text:
 
     def _check_lengths(self, lines: list[str], at: np.ndarray) -> None:
         c = self.separator
-        counts = np.array(
-            [line.count(c) + 1 for line in lines] if c else [len(line.split()) for line in lines]
-        )
+        counts = np.array([line.count(c) + 1 for line in lines] if c else [len(line.split()) for line in lines])
         bad = np.flatnonzero(counts != len(self.headings))
         if len(bad):
             k = bad[0]

@@ -11,9 +11,7 @@ MOST_TRIED = 12
 """Places tried at which a group of loops may be entered; the picture changes little beyond."""
 
 
-def feedback(
-    nodes: list[str], edges: list[Edge], joins: Collection[str], shown: Collection[str]
-) -> set[Edge]:
+def feedback(nodes: list[str], edges: list[Edge], joins: Collection[str], shown: Collection[str]) -> set[Edge]:
     """The edges to be drawn backwards, so that the rest has a direction.
 
     A group of loops is entered where it is fed from outside, and what leads back to that entry is

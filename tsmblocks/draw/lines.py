@@ -37,9 +37,7 @@ def _neighbours(pieces: list[Piece]) -> dict[Point, list[Point]]:
     return {p: sorted(others) for p, others in around.items() if others}
 
 
-def _line(
-    start: Point, following: Point, around: dict[Point, list[Point]], done: set[frozenset[Point]]
-) -> list[Point]:
+def _line(start: Point, following: Point, around: dict[Point, list[Point]], done: set[frozenset[Point]]) -> list[Point]:
     """Points from ``start`` on, up to the next branch or end; what was passed is added to ``done``."""
     line = [start, following]
     done.add(frozenset((start, following)))

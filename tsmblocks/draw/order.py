@@ -126,8 +126,7 @@ def _crossings(graph: Graph, found: Rows, place: dict[str, int]) -> int:
     total = 0
     for links in found.gaps:
         ends = sorted(
-            (_position(graph, place, a.left, "out", LOW), _position(graph, place, a.right, "in", LOW))
-            for a in links
+            (_position(graph, place, a.left, "out", LOW), _position(graph, place, a.right, "in", LOW)) for a in links
         )
         seen: list[float] = []
         for _, right in ends:

@@ -183,9 +183,7 @@ def _face(node: Node, x: float, y: float) -> tuple[list[Label], list[tuple[Point
     return [Label(line, x, first + LINE * k, text, "symbol") for k, line in enumerate(lines)], []
 
 
-def _ports(
-    node: Node, left: float, right: float, y: float, sides: Mapping[End, str], turned: bool
-) -> list[Label]:
+def _ports(node: Node, left: float, right: float, y: float, sides: Mapping[End, str], turned: bool) -> list[Label]:
     """Names of ports inside a box, signs outside a circle."""
     labels = []
     inset = 5 if node.shape == "box" else 8

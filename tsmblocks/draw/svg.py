@@ -12,9 +12,7 @@ from tsmblocks.draw.picture import Arrow, Box, Label, Point, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FONT, FRAME, INK, PAPER, colour, marked, weight
 
 
-def to_svg(
-    diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None
-) -> str:
+def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:
     """The diagram drawn as one SVG text, without outside fonts or scripts.
 
     ``highlight`` names blocks to be drawn in the accent colour (``"motor.slack"`` marks ``motor``);

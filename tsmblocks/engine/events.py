@@ -151,18 +151,14 @@ class _Walk:
     def _looked_at(self, rows: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which rows hold numbers that are not finite, and which contradict the modes."""
         g = rows[:, self.now.start :].reshape(len(rows), -1, len(m))
-        lost = np.asarray(
-            ~np.isfinite(rows[:, : self.states.stop]).all(axis=1) | np.isnan(g).any(axis=(1, 2))
-        )
+        lost = np.asarray(~np.isfinite(rows[:, : self.states.stop]).all(axis=1) | np.isnan(g).any(axis=(1, 2)))
         return lost, np.asarray(self.f.wrong(g, m).any(axis=(1, 2)))
 
     def _passed(self, rows: np.ndarray, m: np.ndarray, count: int) -> tuple[int, Passed | None]:
         """Pass the last of ``count`` steps, or of fewer when it cannot be; how many, and its end."""
         while count:
             row = rows[count - 1]
-            here = Point(
-                self.time(self.k + count - 1), row[self.states], row[self.memories], m, row[self.now]
-            )
+            here = Point(self.time(self.k + count - 1), row[self.states], row[self.memories], m, row[self.now])
             made = self.crossing.step(here, self.time(self.k + count))
             if isinstance(made, Passed):
                 return count, made

@@ -105,9 +105,7 @@ def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> F
     )
 
 
-def _functions(
-    eq: Equations, program: Program, switches: list[int], moving: list[int]
-) -> tuple[Any, Any, Any]:
+def _functions(eq: Equations, program: Program, switches: list[int], moving: list[int]) -> tuple[Any, Any, Any]:
     """Make the frozen right-hand side, the update (plain) and the one for events, all with longer memory."""
     count, held = len(switches), len(eq.d)
     t, x, u, q, p = (ca.SX.sym(k, eq.rhs.size1_in(eq.rhs.index_in(k))) for k in "txuqp")
@@ -182,9 +180,7 @@ def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]
     )  # fmt: skip
 
 
-def _rewritten(
-    program: Program, symbols: list[Any], modes: dict[int, Any], moving: list[int]
-) -> tuple[list[Any], Any]:
+def _rewritten(program: Program, symbols: list[Any], modes: dict[int, Any], moving: list[int]) -> tuple[list[Any], Any]:
     """Form the value of every node with its switches decided by modes, and the switching functions.
 
     Where a switch has no effect for now, its switching function is its mode, which agrees with it.
@@ -199,13 +195,7 @@ def _rewritten(
         elif node in modes:
             given = [values[j] for j in args]
             values.append(_decided(name, modes[node], *given))
-            gap = (
-                given[0]
-                if len(args) == 1
-                else given[1] - given[0]
-                if name in ("LT", "LE")
-                else given[0] - given[1]
-            )
+            gap = given[0] if len(args) == 1 else given[1] - given[0] if name in ("LT", "LE") else given[0] - given[1]
             size = sum(_size(program, values, j) for j in args)
             gaps[node] = gap if moving[node] == 1 else ca.if_else(ca.fabs(gap) < BAND * size, 0, gap)
         else:
@@ -296,11 +286,7 @@ def _union(sets: Iterable[int]) -> int:
 def _owners(eq: Equations, program: Program, reach: list[int], count: int) -> list[str]:
     """Find the block of each switch: its rates, outputs or memory depend on it, while nothing it reads does."""
     rates, signals, memory = (
-        {
-            name: reach[program.outputs[slot, k]]
-            for k, name in enumerate(names)
-            if (slot, k) in program.outputs
-        }
+        {name: reach[program.outputs[slot, k]] for k, name in enumerate(names) if (slot, k) in program.outputs}
         for slot, names in ((0, eq.x), (1, eq.y), (2, eq.d))
     )
     owners = [""] * count
