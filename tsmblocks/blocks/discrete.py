@@ -11,23 +11,22 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.block import Block, Input, Output, State, block, option, parameter, state
+from tsmblocks.blocks.matrices import (
+    Rows,
+    check_matrices,
+    check_starts,
+    inputs_of,
+    output_map,
+    outputs_of,
+    start_values,
+    state_map,
+)
 from tsmblocks.errors import ParameterError
 
 
 def _period() -> Any:
     """Declare the option that every sampled block has."""
     return option(default=0.01, about="time between samples", unit="s", above=0.0)
-
-
-def _starts(x0: tuple[Any, ...], n: int) -> tuple[Any, ...]:
-    """Start values of n states; an empty list means zeros."""
-    return tuple(x0) or (0.0,) * n
-
-
-def _check_starts(owner: str, x0: tuple[Any, ...], n: int) -> None:
-    """Raise ParameterError unless there are n start values or none."""
-    if x0 and len(x0) != n:
-        raise ParameterError(f"{owner}.x0 needs one number per state ({n}) or none, got {len(x0)}.")
 
 
 @block
@@ -110,12 +109,11 @@ class DiscreteTransferFunction(Block):
             raise ParameterError(
                 f"DiscreteTransferFunction needs 1 <= len(num) <= len(den), got {len(self.num)} and {len(self.den)}."
             )
-        _check_starts("DiscreteTransferFunction", self.x0, len(self.den) - 1)
+        check_starts("DiscreteTransferFunction", self.x0, len(self.den) - 1)
 
     @property
     def states(self) -> dict[str, State]:
-        starts = _starts(self.x0, len(self.den) - 1)
-        return {f"w{k}": State(start, f"w, {k} samples ago") for k, start in enumerate(starts, 1)}
+        return start_values(self.x0, len(self.den) - 1, "w before this sample, by", "w")
 
     def _newest(self, x: Any, u: Any) -> Any:
         a0, *a = self.den
@@ -146,69 +144,32 @@ class DiscreteStateSpace(Block):
     sampled = True
 
     period: float = _period()
-    A: tuple[tuple[float, ...], ...] = parameter(default=((0.9,),), about="state matrix, as rows")
-    B: tuple[tuple[float, ...], ...] = parameter(default=((0.1,),), about="input matrix, as rows")
-    C: tuple[tuple[float, ...], ...] = parameter(default=((1.0,),), about="output matrix, as rows")
-    D: tuple[tuple[float, ...], ...] = parameter(default=(), about="direct matrix, as rows; an empty list means none")
+    A: Rows = parameter(default=((0.9,),), about="state matrix, as rows")
+    B: Rows = parameter(default=((0.1,),), about="input matrix, as rows")
+    C: Rows = parameter(default=((1.0,),), about="output matrix, as rows")
+    D: Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
 
-    def _shape(self) -> tuple[int, int, int]:
-        """Numbers of states, inputs and outputs."""
-        return len(self.A), len((*self.B, *self.D, ())[0]), len(self.C or self.D)
-
     def check(self) -> None:
-        for name in "ABCD":
-            if not all(isinstance(row, tuple) for row in getattr(self, name)):
-                raise ParameterError(f"DiscreteStateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]].")
-        n, inputs, outputs = self._shape()
-        if not inputs or not outputs:
-            raise ParameterError(
-                "DiscreteStateSpace needs at least one input (columns of B) and one output (rows of C)."
-            )
-        for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
-            matrix = getattr(self, name)
-            if not matrix and (not n or name == "D"):
-                continue
-            if len(matrix) != rows or any(len(row) != columns for row in matrix):
-                lengths = ", ".join(str(len(row)) for row in matrix) or "none"
-                raise ParameterError(
-                    f"DiscreteStateSpace.{name} must have {rows} rows of {columns}, as the other matrices "
-                    f"have it, got rows of length {lengths}."
-                )
-        _check_starts("DiscreteStateSpace", self.x0, n)
+        check_matrices(self)
 
     @property
     def inports(self) -> dict[str, Input]:
-        return {name: Input("any signal") for name in _numbered("u", self._shape()[1])}
+        return inputs_of(self)
 
     @property
     def outports(self) -> dict[str, Output]:
-        return {name: Output("combination of states and inputs") for name in _numbered("y", self._shape()[2])}
+        return outputs_of(self)
 
     @property
     def states(self) -> dict[str, State]:
-        starts = _starts(self.x0, len(self.A))
-        return {f"x{k}": State(start, f"state {k}") for k, start in enumerate(starts, 1)}
+        return start_values(self.x0, len(self.A), "state")
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        new = (_dot(a, x) + _dot(b, u) for a, b in zip(self.A, self.B, strict=True))
-        return dict(zip(x._fields, new, strict=True))
+        return state_map(self, x, u)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        n = self._shape()[2]
-        kept = [_dot(row, x) for row in self.C if row] or [0.0] * n
-        direct = [_dot(row, u) for row in self.D] or [0.0] * n
-        return dict(zip(_numbered("y", n), (a + b for a, b in zip(kept, direct, strict=True)), strict=True))
-
-
-def _numbered(letter: str, n: int) -> list[str]:
-    """Return ``u`` for one port, ``u1``, ``u2``, … for more."""
-    return [letter] if n == 1 else [f"{letter}{k}" for k in range(1, n + 1)]
-
-
-def _dot(row: tuple[Any, ...], column: Any) -> Any:
-    """Row times column."""
-    return sum(a * b for a, b in zip(row, column, strict=True))
+        return output_map(self, x, u)
 
 
 @block

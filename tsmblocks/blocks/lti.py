@@ -6,9 +6,17 @@ from itertools import zip_longest
 from typing import Any
 
 from tsmblocks.block import Block, Input, Output, State, block, parameter
+from tsmblocks.blocks.matrices import (
+    Rows,
+    check_matrices,
+    check_starts,
+    inputs_of,
+    output_map,
+    outputs_of,
+    start_values,
+    state_map,
+)
 from tsmblocks.errors import BlockError, ParameterError, in_words
-
-Rows = tuple[tuple[float, ...], ...]
 
 
 def _section(num: Any, den: Any, x: Any, u: Any) -> tuple[Any, Any]:
@@ -20,17 +28,6 @@ def _section(num: Any, den: Any, x: Any, u: Any) -> tuple[Any, Any]:
     newest = (u - sum(a * z for a, z in zip(den[1:], x, strict=True))) / den[0]
     kept = (newest, *x)[len(den) - len(num) :]
     return newest, sum(b * z for b, z in zip(num, kept, strict=True))
-
-
-def _starts(x0: tuple[Any, ...], n: int, about: str) -> dict[str, State]:
-    """States ``x1`` to ``xn``; without start values they start at zero."""
-    return {f"x{k}": State(start, f"{about} {k}") for k, start in enumerate(x0 or (0.0,) * n, 1)}
-
-
-def _check_starts(owner: str, x0: tuple[Any, ...], n: int) -> None:
-    """Raise ParameterError unless there are n start values or none."""
-    if x0 and len(x0) != n:
-        raise ParameterError(f"{owner}.x0 needs one number per state ({n}) or none, got {len(x0)}.")
 
 
 @block
@@ -65,11 +62,11 @@ class TransferFunction(Block):
             raise ParameterError(
                 f"TransferFunction must be proper: 1 <= len(num) <= len(den), got {len(self.num)} and {len(self.den)}."
             )
-        _check_starts("TransferFunction", self.x0, len(self.den) - 1)
+        check_starts("TransferFunction", self.x0, len(self.den) - 1)
 
     @property
     def states(self) -> dict[str, State]:
-        return _starts(self.x0, len(self.den) - 1, "canonical state")
+        return start_values(self.x0, len(self.den) - 1, "canonical state")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         newest, _ = _section(self.num, self.den, x, u.u)
@@ -132,14 +129,14 @@ class ZeroPoleGain(Block):
             raise ParameterError(
                 f"ZeroPoleGain must be proper: no more zeros than poles, got {above} zeros and {self._order()} poles."
             )
-        _check_starts("ZeroPoleGain", self.x0, self._order())
+        check_starts("ZeroPoleGain", self.x0, self._order())
 
     def _order(self) -> int:
         return len(self.poles) + 2 * len(self.pole_pairs)
 
     @property
     def states(self) -> dict[str, State]:
-        return _starts(self.x0, self._order(), "state of the chain,")
+        return start_values(self.x0, self._order(), "state of the chain,")
 
     def _sections(self) -> list[tuple[Any, Any]]:
         """Numerator and denominator of each section; real poles pair up where a pair of zeros needs it."""
@@ -169,14 +166,6 @@ class ZeroPoleGain(Block):
         return dict(y=self._chain(x, u)[1])
 
 
-def _dot(row: Any, values: Any) -> Any:
-    return sum(a * b for a, b in zip(row, values, strict=True))
-
-
-def _numbered(letter: str, n: int) -> list[str]:
-    return [letter] if n == 1 else [f"{letter}{k}" for k in range(1, n + 1)]
-
-
 @block
 class StateSpace(Block):
     r"""Linear block given by its matrices, with any number of inputs and outputs.
@@ -196,50 +185,26 @@ class StateSpace(Block):
     D: Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
 
-    def _shape(self) -> tuple[int, int, int]:
-        """Numbers of states, inputs and outputs."""
-        return len(self.A), len((*self.B, *self.D, ())[0]), len(self.C or self.D)
-
     def check(self) -> None:
-        for name in "ABCD":
-            if not all(isinstance(row, tuple) for row in getattr(self, name)):
-                raise ParameterError(f"StateSpace.{name} must be a list of rows, such as [[1, 0], [0, 1]].")
-        n, inputs, outputs = self._shape()
-        if not inputs or not outputs:
-            raise ParameterError("StateSpace needs at least one input (columns of B) and one output (rows of C).")
-        for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
-            matrix = getattr(self, name)
-            if not matrix and (not n or name == "D"):
-                continue
-            if len(matrix) != rows or any(len(row) != columns for row in matrix):
-                lengths = ", ".join(str(len(row)) for row in matrix) or "none"
-                raise ParameterError(
-                    f"StateSpace.{name} must have {rows} rows of {columns}, as the other matrices have it, "
-                    f"got rows of length {lengths}."
-                )
-        _check_starts("StateSpace", self.x0, n)
+        check_matrices(self)
 
     @property
     def inports(self) -> dict[str, Input]:
-        return {name: Input("any signal") for name in _numbered("u", self._shape()[1])}
+        return inputs_of(self)
 
     @property
     def outports(self) -> dict[str, Output]:
-        return {name: Output("combination of states and inputs") for name in _numbered("y", self._shape()[2])}
+        return outputs_of(self)
 
     @property
     def states(self) -> dict[str, State]:
-        return _starts(self.x0, len(self.A), "state")
+        return start_values(self.x0, len(self.A), "state")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        rates = (_dot(a, x) + _dot(b, u) for a, b in zip(self.A, self.B, strict=True))
-        return dict(zip(x._fields, rates, strict=True))
+        return state_map(self, x, u)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        _, _, n = self._shape()
-        kept = [_dot(c, x) for c in self.C if c] or [0.0] * n
-        direct = [_dot(d, u) for d in self.D] or [0.0] * n
-        return dict(zip(_numbered("y", n), (c + d for c, d in zip(kept, direct, strict=True)), strict=True))
+        return output_map(self, x, u)
 
 
 # ---- systems of python-control ----------------------------------------------------------------
