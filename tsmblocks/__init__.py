@@ -20,6 +20,7 @@ _HOME = {
     "Input": "block",
     "Output": "block",
     "Past": "block",
+    "Record": "data",
     "Run": "run",
     "Samples": "block",
     "State": "block",
@@ -35,6 +36,9 @@ _HOME = {
     "loads": "files",
     "option": "block",
     "parameter": "block",
+    "peak_to_peak": "measures",
+    "read": "data",
+    "rms": "measures",
     "save": "files",
     "sensitivities": "batch",
     "signals": "block",
@@ -44,6 +48,7 @@ _HOME = {
     "to_mermaid": "draw",
     "to_png": "draw",
     "to_svg": "draw",
+    "tracking_error": "measures",
 }
 """Where each public name lives; modules are imported when a name is first used."""
 
@@ -83,6 +88,8 @@ if TYPE_CHECKING:
     from tsmblocks.block import state as state
     from tsmblocks.blocks.function import function_block as function_block
     from tsmblocks.blocks.lti import from_control as from_control
+    from tsmblocks.data import Record as Record
+    from tsmblocks.data import read as read
     from tsmblocks.diagram import Diagram as Diagram
     from tsmblocks.diagram import Inlet as Inlet
     from tsmblocks.draw import to_mermaid as to_mermaid
@@ -93,6 +100,9 @@ if TYPE_CHECKING:
     from tsmblocks.files import load as load
     from tsmblocks.files import loads as loads
     from tsmblocks.files import save as save
+    from tsmblocks.measures import peak_to_peak as peak_to_peak
+    from tsmblocks.measures import rms as rms
+    from tsmblocks.measures import tracking_error as tracking_error
     from tsmblocks.run import Run as Run
     from tsmblocks.simulate import Stepper as Stepper
     from tsmblocks.simulate import equations as equations
