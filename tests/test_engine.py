@@ -758,3 +758,46 @@ def test_own_elementary_functions_are_accurate_in_lanes(name):
     ordinary = np.isfinite(expected) & (size > 1e-290)
     assert (np.abs(got - expected)[ordinary] / np.spacing(size[ordinary])).max() < 4
     assert np.array_equal(np.isinf(got), np.isinf(expected))
+
+
+# ---- results on disk
+
+
+def two_signals(**outputs):
+    blocks = {"s": Sine(), "g": Gain(gain=3.0)}
+    return tsm.simulate(tsm.Diagram(title="d", blocks=blocks, wires=["s -> g"], outputs=outputs), stop=0.01)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".mat"])
+def test_results_come_back_as_they_were_written(ending, tmp_path):
+    from scipy.io import loadmat
+
+    run = two_signals(a="s", _b="g")
+    path = run.save(tmp_path / f"r{ending}")
+    if ending == ".csv":
+        read = tsm.read(path)
+        found = {"t": read.t, "a": read.signals["a"], "_b": read.signals["_b"]}
+    else:
+        raw = np.load(path) if ending == ".npz" else loadmat(path)
+        found = {"t": raw["t"], "a": raw["a"], "_b": raw["_b" if ending == ".npz" else "x_b"]}
+    for name, expected in {"t": run.t, "a": run["a"], "_b": run["_b"]}.items():
+        assert np.array_equal(np.ravel(found[name]), expected)
+
+
+@pytest.mark.parametrize(
+    ("ending", "outputs", "names", "taken"),
+    [
+        (".csv", {"t": "g"}, None, "t"),
+        (".npz", {"t": "g"}, None, "t"),
+        (".npz", {"units": "g"}, None, "units"),
+        (".npz", {"file": "g"}, None, "file"),
+        (".npz", {"allow_pickle": "g"}, None, "allow_pickle"),
+        (".mat", {"g_y": "s"}, ["g_y", "g.y"], "g_y"),
+    ],
+)
+def test_no_signal_takes_the_place_of_another(ending, outputs, names, taken, tmp_path):
+    from tsmblocks.errors import DataError
+
+    with pytest.raises(DataError, match=f"the name '{taken}' is taken there"):
+        two_signals(**outputs).save(tmp_path / f"r{ending}", names)
+    assert not list(tmp_path.iterdir())

@@ -596,3 +596,9 @@ def test_a_block_with_a_field_named_type_is_refused():
             dumps(Diagram(blocks=dict(a=_Typed())))
     finally:
         del REGISTRY["_Typed"]
+
+
+@pytest.mark.parametrize("folder", [".", "..", "/"])
+def test_a_folder_is_no_diagram(folder):
+    with pytest.raises(FileError):
+        load(folder)

@@ -95,7 +95,7 @@ def _path_of(given: str | os.PathLike[str]) -> Path:
         raise FileError("load", [f"a diagram is named by text or a path, got {in_words(given)}."])
     path = Path(text)
     separated = any(mark in text for mark in (os.sep, os.altsep) if mark)
-    if separated or path.suffix == ".toml" or not isinstance(given, str) or _is_file(path):
+    if separated or path.suffix == ".toml" or not isinstance(given, str) or _is_file(path) or not path.name:
         return path
     ready = shelf() / f"{text}.toml"
     if _is_file(ready):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -82,20 +82,39 @@ class Run:
     def save(self, path: str | Path, names: list[str] | None = None) -> Path:
         """Write signals (the diagram's outputs unless named) to .csv, .npz or .mat; returns the path.
 
-        Raises DataError for another ending.
+        In .mat a dot becomes an underscore. Raises DataError for another ending, and for two signals
+        that would take one name there.
         """
         path, chosen = Path(path), names or list(self.aliases) or self.keys()
-        columns = {"t": self.t, **{n: self[n] for n in chosen}}
+        kinds: dict[str, Callable[[str], str]] = {".csv": self.heading, ".npz": str, ".mat": _variable}
+        if path.suffix not in kinds:
+            raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
+        columns = {"t [s]" if path.suffix == ".csv" else "t": self.t}
+        for name in chosen:
+            title = kinds[path.suffix](name)
+            if name == "t" or title in columns or (path.suffix != ".csv" and title in _TAKEN):
+                raise DataError(
+                    f"signal '{name}' cannot be written to '{path.name}': the name '{title}' is taken there. "
+                    "Give the output another name, or leave it out with names=[...]."
+                )
+            columns[title] = self[name]
         if path.suffix == ".csv":
-            header = ",".join(["t [s]", *(self.heading(n) for n in chosen)])
-            np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header, comments="",
-                       fmt="%.17g")  # fmt: skip
+            np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
+                       comments="", fmt="%.17g")  # fmt: skip
         elif path.suffix == ".npz":
             np.savez_compressed(path, **columns, units=np.array([f"{n}={self.unit(n)}" for n in chosen]))  # type: ignore[arg-type]
-        elif path.suffix == ".mat":
+        else:
             from scipy.io import savemat
 
-            savemat(path, {n.replace(".", "_"): v for n, v in columns.items()})
-        else:
-            raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
+            savemat(path, columns)
         return path
+
+
+_TAKEN = ("t", "units", "file", "allow_pickle")
+"""Names that NumPy's archives, or this package in them, use for something else."""
+
+
+def _variable(name: str) -> str:
+    """A MATLAB variable for a signal: no dots, and a letter in front."""
+    plain = name.replace(".", "_")
+    return plain if plain[0].isalpha() else f"x{plain}"
