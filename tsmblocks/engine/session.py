@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -83,8 +83,8 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     return tau
 
 
-def spread(values: np.ndarray, layout: Layout) -> np.ndarray:
-    """Values of shape (elements,) or (elements, lanes) laid out as a kernel wants them."""
+def spread(values: Sequence[Any] | np.ndarray, layout: Layout) -> np.ndarray:
+    """Values laid out as a kernel wants them: for each element a number, or one number per lane."""
     flat = np.empty(layout.size)
     for k in range(len(layout.wide)):
         flat[layout.span(k)] = values[k]

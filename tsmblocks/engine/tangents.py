@@ -66,7 +66,6 @@ def _delayed_seed(eq: Equations, q: Any, qs: Any, p: Any, ps: Any) -> Any:
 
 def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
     """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
-    lanes = kernel.plan.lanes
     start = [np.asarray(v).ravel() for v in eq.start(p)]
     symbols = eq.start.sx_in()[0]
     slopes = [np.asarray(ca.Function("slope", [symbols], [ca.jacobian(v, symbols)])(p)).reshape(len(s), len(p))
@@ -75,15 +74,13 @@ def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarr
     tau = check_delays(eq, p, h)
     capacity = 1 << int(max(tau, default=0) + 8).bit_length()
     ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in dsd]
-    wide = lambda a, b: [*(np.full(lanes, v) for v in a), *b]  # noqa: E731 - one line says it
-    return Memory(spread(_pick(wide(x, dx), kernel.layout_x.wide), kernel.layout_x),
-                  spread(_pick(wide(d, dd), kernel.layout_d.wide), kernel.layout_d),
-                  spread(_pick(wide(p, seeds), kernel.layout_p.wide), kernel.layout_p),
-                  np.concatenate(ring) if ring else np.empty(0), capacity - 1)  # fmt: skip
-
-
-def _pick(rows: list[np.ndarray], wide: tuple[bool, ...]) -> Any:
-    return [row if w else row[0] for row, w in zip(rows, wide, strict=True)]
+    return Memory(
+        spread([*x, *dx], kernel.layout_x),
+        spread([*d, *dd], kernel.layout_d),
+        spread([*p, *seeds], kernel.layout_p),
+        np.concatenate(ring) if ring else np.empty(0),
+        capacity - 1,
+    )
 
 
 @attrs.frozen(eq=False)
