@@ -22,11 +22,12 @@ class InterpretedKernel(Kernel):
         super().__init__(frame)
         self.jumps = frame.jumps
         self.lanes = plan.lanes
-        self.step = _Call(_one_step(plan, frame.jumps), plan.lanes) if not plan.wide_s else None
-        self.rhs = _Call(plan.rhs, plan.lanes)
-        self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
         simple = plan.lanes == 1 and plan.update is None and not plan.wide_s
         self.quick = _Quick(plan, frame.jumps) if simple else None
+        if not simple:
+            self.step = _Call(_one_step(plan, frame.jumps), plan.lanes) if not plan.wide_s else None
+            self.rhs = _Call(plan.rhs, plan.lanes)
+            self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
         self.lock = threading.Lock()  # the buffers of a call are shared
 
     def advance(
