@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import tsmblocks as tsm
 from tsmblocks.blocks import Gain
 from tsmblocks.data import Record, from_pandas, read, split_heading
 from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import DataError
+from tsmblocks.errors import DataError, RunError
 from tsmblocks.simulate import simulate
 
 CALIB = ["t", "x_ref", "v_ref", "x_out", "tension1", "tension2", "current1", "current2"]
@@ -188,6 +189,8 @@ def test_short_gaps_are_interpolated_in_time(file):
     assert record.notes == (
         "x: 3 missing numbers (rows 3, 5, 6) were interpolated.",
         "y: 2 missing numbers (rows 4, 5) were interpolated.",
+        "Samples are missing in one place. It lasts 2.0 usual steps, before row 4 (from 1 s to 3 s); "
+        "signals are interpolated there.",
     )
 
 
@@ -339,30 +342,11 @@ def test_a_record_is_a_value_that_drives_a_run(file):
     np.testing.assert_allclose(run["y"], np.radians(1.5 + run.t), rtol=1e-12)
 
 
-# ---- the files as published
-
-
-def test_published_calibration_files(measured):
-    for bend in (0, 60, 120, 180, 240):
-        record = read(measured / f"tendon_sheath/calib/{bend}.txt", columns=CALIB, units={"x_ref": "deg"})
-        assert 510 <= len(record) <= 520
-        assert np.all(np.diff(record.t) > 0)
-        assert "repeated the time" in record.notes[0]
-        assert record.values("x_ref", "rad").max() == pytest.approx(np.radians(60.0), rel=1e-3)
-
-
-def test_a_published_file_whose_tail_resets_the_time(measured):
-    path = measured / "tendon_sheath/tracking/conf90_60.txt"
-    columns = ["t", "x_ref [deg]", "v_ref", "", "", "x_out [deg]", "f1", "f2", "f3", "f4"]
-    assert "time jumps back at row 26329, from 14.9995 s to 0 s" in refused(path, columns=columns)
-    record = read(path, columns=columns, rows=(1, 26328))
-    assert record.t[-1] == 14.9995
-
-
-def test_published_benchmarks(measured):
-    assert read(measured / "emps/DATA_EMPS.mat").names == ("qg", "qm", "vir")
-    tanks = measured / "cascaded_tanks/dataBenchmark.csv"
-    assert len(read(tanks, step=4.0, only=["uEst", "yEst"])) == 1024
-    assert "column 5 (Ts) has no number in rows 3 to 1025." in refused(tanks, step=4.0)
-    assert len(read(measured / "silverbox/SNLS80mV.csv", step=1 / 610.35)) == 131072
-    assert "multisine/u" in read(measured / "bouc_wen/test.h5", step=1 / 750).names
+def test_a_run_makes_a_recording():
+    run = tsm.simulate(tsm.load("fig09b_feedforward"), stop=0.1)
+    record = run.record("x_in", "x_out", name="bench")
+    assert (record.name, record.names, record.unit("x_out")) == ("bench", ("x_in", "x_out"), "rad")
+    np.testing.assert_array_equal(record["x_out"], run["x_out"])
+    assert run.record().names == tuple(run.aliases)
+    with pytest.raises(RunError, match=r"has no signal 'x_on'\. Did you mean 'x_in'"):
+        run.record("x_on")

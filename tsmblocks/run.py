@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.data import Record
 from tsmblocks.errors import DataError, RunError, near
 
 
@@ -56,6 +57,15 @@ class Run:
     def keys(self) -> list[str]:
         """Names of all signals, outputs of the diagram first."""
         return [*self.aliases, *(n for n in self.names if n not in self.aliases)]
+
+    def record(self, *names: str, name: str = "") -> Record:
+        """Signals of the run as a recording that fits and scores take; all outputs unless named.
+
+        ``name`` is that of the experiment, the title of the run by default.
+        """
+        chosen = names or tuple(self.aliases)
+        signals, units = {k: self[k] for k in chosen}, {k: self.unit(k) for k in chosen}
+        return Record(name or self.title, self.t, signals, units, "simulation")
 
     def unit(self, name: str) -> str:
         """Unit label of a signal, ``""`` when none is known."""

@@ -9,21 +9,27 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.data.record import heading
+from tsmblocks.data import structures
+from tsmblocks.data.record import heading, split_heading
 from tsmblocks.data.table import Rows, within
-from tsmblocks.errors import DataError
+from tsmblocks.errors import DataError, near
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+CLOCKS = ("t", "time", "tout")
+"""Names of an array of times, whatever their case."""
+WIDEST = 64
+"""Columns of a matrix that are taken for signals."""
 
 
 @attrs.frozen(eq=False)
 class Arrays:
-    """Arrays of one length with their headings."""
+    """Arrays of one length with their headings. ``folder`` is the group that all of them lie in, if any."""
 
     origin: str
     headings: Sequence[str]
     columns: list[np.ndarray] = attrs.field(repr=False)
     notes: tuple[str, ...] = ()
+    folder: str = ""
 
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """See Source; the first sample is row 1."""
@@ -47,16 +53,28 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     if columns or not series:
         return _matrix(origin, known, columns)
     lengths = [len(a) for a in series.values()]
-    clock = next((k for k in series if k.rpartition("/")[2].lower() in ("t", "time")), None)
+    clock = next((k for k in series if k.rpartition("/")[2].lower() in CLOCKS), None)
     length = len(series[clock]) if clock else max(set(lengths), key=lengths.count)
-    kept = {k: a for k, a in series.items() if len(a) == length}
-    left = [k for k in series if k not in kept]
+    kept = _of_length(known, length)
+    left = [k for k in series if len(series[k]) != length]
     notes = (f"Left out, being of another length than {clock or next(iter(kept))}: {', '.join(left)}.",) if left else ()
     return Arrays(origin, [heading(k, units.get(k, "")) for k in kept], list(kept.values()), notes)
 
 
+def _of_length(known: Mapping[str, np.ndarray], length: int) -> dict[str, np.ndarray]:
+    """Series of this length, and the columns (or else rows) of matrices under numbered names."""
+    kept: dict[str, np.ndarray] = {}
+    for name, array in known.items():
+        if array.ndim == 1 and len(array) == length:
+            kept[name] = array
+        elif array.ndim == 2 and length in array.shape and min(array.shape) <= WIDEST:
+            table = array if array.shape[0] == length else array.T
+            kept.update({f"{name}_{k + 1}": table[:, k] for k in range(table.shape[1])})
+    return kept
+
+
 def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str] | None) -> Arrays:
-    """Columns of the one matrix that a file holds, under the names given."""
+    """Columns of the one matrix that a file holds, under the names given; its rows when those are as many."""
     tables = {k: a for k, a in known.items() if a.ndim == 2}
     inside = ", ".join(f"{k} {a.shape}" for k, a in known.items()) or "none"
     if len(tables) != 1:
@@ -64,6 +82,8 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
             f"{origin}: no arrays of one length were found that could be signals. Numeric arrays: {inside}."
         )
     name, table = next(iter(tables.items()))
+    if columns and len(columns) == table.shape[0] != table.shape[1]:
+        table = table.T
     if not columns or len(columns) != table.shape[1]:
         given = f"{len(columns)} names were given" if columns else "they have no names"
         raise DataError(f"{origin}: '{name}' has {table.shape[1]} columns, but {given}. Name them in order, "
@@ -71,39 +91,78 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
     return Arrays(origin, list(columns), list(table.T))
 
 
-def open_npz(path: Path, columns: Sequence[str] | None) -> Arrays:
-    """Arrays of an NPZ (or NPY) file; ``units`` in it, as ``Run.save`` writes, gives their units."""
+def _inside(origin: str, found: Mapping[str, Any], group: str | None) -> Mapping[str, Any]:
+    """What lies in one group of a file, named as seen from there. Raises DataError with the near miss."""
+    if not group:
+        return found
+    group = group.strip("/")
+    inner = found.get(group)
+    if isinstance(inner, Mapping):
+        return inner
+    if inner is not None:
+        return {group: inner}
+    part = {k.removeprefix(f"{group}/"): v for k, v in found.items() if k.startswith(f"{group}/")}
+    if not part:
+        groups = {k.partition("/")[0] for k in found if "/" in k} | {k for k, v in found.items() if isinstance(v, dict)}
+        raise DataError(f"{origin}: there is no group '{group}'.{near(group, groups)}")
+    return part
+
+
+def open_npz(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
+    """Arrays of an NPZ file; ``units`` in it, as ``Run.save`` writes, gives their units."""
     try:
         with np.load(path, allow_pickle=False) as held:
             found = {k: held[k] for k in held.files}
     except (ValueError, OSError, EOFError) as error:
         raise DataError(f"{path}: this is not a NPZ file of plain numbers ({error}).") from None
     labels = [str(text).partition("=") for text in np.ravel(found.pop("units", []))]
-    return arrays(str(path), found, columns, {name: unit for name, _, unit in labels})
+    return arrays(str(path), _inside(str(path), found, group), columns, {name: unit for name, _, unit in labels})
 
 
-def open_mat(path: Path, columns: Sequence[str] | None) -> Arrays:
-    """Arrays of a MAT file, of version 5 through scipy or 7.3 through h5py."""
+def open_mat(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
+    """Signals of a MAT file, of version 5 through scipy or 7.3 through h5py.
+
+    Plain arrays and structures of them; recordings of ControlDesk; what Simulink saves as structures.
+    """
     with path.open("rb") as file:
         start = file.read(1024)
     if _HDF5 in start:
-        return open_hdf5(path, columns)
+        return _of_tree(path, _hdf5(path, tree=True), columns, group)
     from scipy.io import loadmat
 
     try:
         found = loadmat(path)
     except Exception as error:  # scipy raises whatever a damaged file leads it to
         raise DataError(f"{path}: this is not a MAT file that can be read ({error}).") from None
-    return arrays(str(path), {k: v for k, v in found.items() if not k.startswith("__")}, columns, {})
+    tree = {k: structures.tree_of_mat(v) for k, v in found.items() if not k.startswith("__")}
+    return _of_tree(path, tree, columns, group)
 
 
-def open_hdf5(path: Path, columns: Sequence[str] | None) -> Arrays:
-    """Arrays of an HDF5 file or a MAT file of version 7.3; those in groups are named ``group/name``."""
+def _of_tree(path: Path, tree: Mapping[str, Any], columns: Sequence[str] | None, group: str | None) -> Arrays:
+    inner = _inside(str(path), tree, group)
+    found = structures.signals_of(inner)
+    if not found.arrays:
+        structures.refuse_objects(path, found.objects)
+    made = arrays(str(path), found.arrays, columns, found.units)
+    folders = {split_heading(text)[0].rpartition("/")[0] for text in made.headings}
+    folder = folders.pop() if len(folders) == 1 and not columns else ""
+    short = [text.removeprefix(f"{folder}/") if folder else text for text in made.headings]
+    return attrs.evolve(made, headings=short, folder=folder, notes=(*found.notes, *made.notes))
+
+
+def open_hdf5(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
+    """Arrays of an HDF5 file; those in groups are named ``group/name``."""
+    return arrays(str(path), _inside(str(path), _hdf5(path, tree=False), group), columns, {})
+
+
+def _hdf5(path: Path, tree: bool) -> dict[str, Any]:
+    """All data sets by their paths, or (of a MAT file) the variables as trees."""
     try:
         import h5py
     except ImportError:
-        raise DataError(f"{path}: MAT files of version 7.3 need h5py: pip install \"tsmblocks[data]\". "
-                        "Or save the file with '-v7'.") from None  # fmt: skip
+        what = "MAT files of version 7.3 need" if tree else "HDF5 files need"
+        other = " Or save the file with '-v7'." if tree else ""
+        raise DataError(f'{path}: {what} h5py: pip install "tsmblocks[data]".{other}') from None
     found: dict[str, Any] = {}
 
     def keep(name: str, item: Any) -> None:
@@ -112,10 +171,12 @@ def open_hdf5(path: Path, columns: Sequence[str] | None) -> Arrays:
 
     try:
         with h5py.File(path, "r") as file:
+            if tree:
+                return {k: structures.tree_of_hdf5(file, v) for k, v in file.items() if not k.startswith("#")}
             file.visititems(keep)
-    except OSError as error:
+    except (OSError, RuntimeError, KeyError) as error:
         raise DataError(f"{path}: this is not an HDF5 file that can be read ({error}).") from None
-    return arrays(str(path), found, columns, {})
+    return found
 
 
 def frame_arrays(name: str, frame: Any) -> Arrays:

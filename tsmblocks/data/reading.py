@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 
 from tsmblocks import units as unit_labels
@@ -13,7 +14,7 @@ from tsmblocks.data import containers, text
 from tsmblocks.data.record import Record, heading, split_heading
 from tsmblocks.data.repair import repaired
 from tsmblocks.data.table import Rows, Source, Table
-from tsmblocks.errors import DataError, near
+from tsmblocks.errors import DataError, clip, in_words, near
 
 _READERS = {
     ".npz": containers.open_npz,
@@ -21,8 +22,26 @@ _READERS = {
     ".h5": containers.open_hdf5,
     ".hdf5": containers.open_hdf5,
 }
-TIMES = ("t", "time", "timestamp", "seconds")
+TIMES = ("t", "time", "timestamp", "seconds", "tout")
 """Names of a time column, whatever their case, best first."""
+
+
+TAILS = ("refuse", "drop")
+GAPS = ("refuse", "keep")
+
+
+@attrs.frozen
+class Wish:
+    """What a caller says about a file: names, units, parts, and what to do with its faults. See read."""
+
+    renamed: Mapping[str, str]
+    units: Mapping[str, str]
+    only: Iterable[str] | None
+    also: Iterable[str]
+    rows: Rows
+    step: float | None
+    tail: str
+    gaps: str
 
 
 def read(
@@ -32,21 +51,27 @@ def read(
     map: Mapping[str, str] | None = None,  # noqa: A002 - the word of the command line
     units: Mapping[str, str] | None = None,
     only: Iterable[str] | None = None,
+    also: Iterable[str] = (),
     rows: Rows = (None, None),
     step: float | None = None,
+    group: str | None = None,
+    tail: str = "refuse",
+    gaps: str = "refuse",
 ) -> Record:
     """Read a measurement from a CSV-like text file, NPZ, MAT (5 or 7.3) or HDF5.
 
     ``columns`` names the columns of a file without a header, in order, as a list or with commas
     (``"t, x_in [deg]"``; an empty name skips one). ``map`` gives columns other names:
-    ``{"x_in": "motor angle"}``, the time as ``"t"``.
+    ``{"x_in": "motor angle"}``, the time as ``"t"``; of a path like ``Model Root/angle/Out1`` the end will do.
     ``units`` gives units by name where the file does not. ``only`` keeps these signals and leaves the
-    rest unread, faults included. ``rows`` keeps the rows from the first to the last given, both counted
-    from 1 as an editor does (None: from the start, to the end). ``step`` is the time in s from row to
-    row, for files without a time column.
+    rest unread, faults included; those in ``also`` are kept where they are there. ``rows`` keeps the rows
+    from the first to the last given, both counted from 1 as an editor does (None: from the start, to the
+    end). ``step`` is the time in s from row to row, for files without a time column. ``group`` is the
+    structure or group of a MAT, HDF5 or NPZ file to read.
 
-    What was repaired stands in the record's ``notes``. Raises DataError, with row and column, for what
-    cannot be repaired.
+    ``tail="drop"`` leaves out what comes after a jump of the time backwards, ``gaps="keep"`` reads a file with long
+    gaps in time all the same; both are refused otherwise. What was repaired stands in the record's ``notes``.
+    Raises DataError, with row and column, for what cannot be repaired.
     """
     path = Path(path)
     columns = columns.split(",") if isinstance(columns, str) else columns
@@ -55,8 +80,12 @@ def read(
     if not path.exists():
         beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         raise DataError(f"there is no file {path}.{near(path.name, beside)}")
-    source = _READERS.get(path.suffix.lower(), text.open_text)(path, columns)
-    return _record(source, path.stem, str(path), map or {}, units or {}, only, rows, step)
+    wish = Wish(map or {}, units or {}, only, also, rows, step, tail, gaps)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None and group:
+        raise DataError(f"{path}: a group was asked for, but text files have none.")
+    source = reader(path, columns, group) if reader else text.open_text(path, columns)
+    return _record(source, path.stem if not group else f"{path.stem} {group}", str(path), wish)
 
 
 def from_pandas(
@@ -67,31 +96,30 @@ def from_pandas(
     units: Mapping[str, str] | None = None,
     only: Iterable[str] | None = None,
     step: float | None = None,
+    tail: str = "refuse",
+    gaps: str = "refuse",
 ) -> Record:
     """Return a record from a pandas frame whose columns are named like those of a file; see read.
 
     The index is the time [s] when it is named ``t`` or ``time``.
     """
     source = containers.frame_arrays(name, frame)
-    return _record(source, name, name, map or {}, units or {}, only, (None, None), step)
+    return _record(source, name, name, Wish(map or {}, units or {}, only, (), (None, None), step, tail, gaps))
 
 
-def _record(
-    source: Source, name: str, origin: str, renamed: Mapping[str, str], units: Mapping[str, str],
-    only: Iterable[str] | None, rows: Rows, step: float | None,
-) -> Record:  # fmt: skip
-    _check_rows(origin, rows)
+def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
+    _check(origin, wish)
     split = [split_heading(text) for text in source.headings]
-    found = _named(origin, [name for name, _ in split], renamed)
-    time = None if step is not None else _time(origin, found)
-    found = _selected(origin, found, only, time)
-    labels = {k: units.get(k, split[place][1]) for k, place in found.items()}
-    unknown = next((k for k in units if k not in labels and k != time), None)
+    found = _named(origin, [name for name, _ in split], wish.renamed, getattr(source, "folder", ""))
+    time = None if wish.step is not None else _time(origin, found)
+    found = _selected(origin, found, wish, time)
+    labels = {k: wish.units.get(k, split[place][1]) for k, place in found.items()}
+    unknown = next((k for k in wish.units if k not in labels and k != time), None)
     if unknown is not None:
         raise DataError(f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, labels)}")
-    values, at = source.numbers([*found.values()], rows)
+    values, at = source.numbers([*found.values()], wish.rows)
     if time is None:
-        table = _clocked(origin, found, labels, values, at, float(step or 0.0))
+        table = _clocked(origin, found, labels, values, at, float(wish.step or 0.0))
     else:
         order = [time, *(k for k in found if k != time)]
         keys = list(found)
@@ -99,7 +127,7 @@ def _record(
         values[:, 0] *= _time_factor(origin, labels[time])
         places = tuple(found[k] + 1 for k in order)
         table = Table(origin, tuple(order), tuple(labels[k] for k in order), values, at, places)
-    table = repaired(table)
+    table = repaired(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps))
     signals = {k: table.values[:, i] for i, k in enumerate(table.names) if i}
     told = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
     return Record(name, table.values[:, 0], signals, told, origin, (*source.notes, *table.notes))
@@ -121,12 +149,9 @@ def _clocked(
                  (0, *(place + 1 for place in found.values())))  # fmt: skip
 
 
-def _named(origin: str, names: list[str], renamed: Mapping[str, str]) -> dict[str, int]:
+def _named(origin: str, names: list[str], renamed: Mapping[str, str], folder: str) -> dict[str, int]:
     """Column numbers by the name the record will use."""
-    for name, column in renamed.items():
-        if column not in names:
-            hint = near(column, [n for n in names if n])
-            raise DataError(f"{origin}: '{name}' is mapped to column '{column}', which is not there.{hint}")
+    renamed = {name: _column(origin, name, column, names, folder) for name, column in renamed.items()}
     found: dict[str, int] = {}
     moved = set(renamed.values()) - set(renamed)
     for place, name in enumerate(names):
@@ -140,22 +165,45 @@ def _named(origin: str, names: list[str], renamed: Mapping[str, str]) -> dict[st
     return dict(sorted({**found, **mapped}.items(), key=lambda item: item[1]))
 
 
+def _column(origin: str, name: str, column: str, names: list[str], folder: str) -> str:
+    """Return a column as the file names it: in full, from its folder on, or by the end of its path."""
+    inner = column.removeprefix(f"{folder}/") if folder else column
+    ends = [known for known in names if known.endswith(f"/{column}")]
+    match = next((known for known in (column, inner) if known in names), ends[0] if len(ends) == 1 else None)
+    if match is not None:
+        return match
+    if ends:
+        raise DataError(f"{origin}: '{name}' is mapped to column '{column}', but {len(ends)} end like that: "
+                        f"{clip(', '.join(ends))}.")  # fmt: skip
+    hint = near(column, [n for n in names if n])
+    raise DataError(f"{origin}: '{name}' is mapped to column '{column}', which is not there.{hint}")
+
+
 def _time(origin: str, found: Mapping[str, int]) -> str:
     """Return the name of the time column. Raises DataError when none is named like one."""
     for wanted in TIMES:
         for name in found:
             if name.lower() == wanted:
                 return name
+    ends = [name for name in found if name.rpartition("/")[2].lower() in TIMES]
+    if len(ends) == 1:
+        return ends[0]
     known = ", ".join(found)
     raise DataError(f"{origin}: no column is named t or time. Map t to the column that holds the time (there "
-                    f"are {known}), or give the step between rows in s.")  # fmt: skip
+                    f"are {known}), or give the step between rows in s (step=…, or --sampling).")  # fmt: skip
 
 
-def _selected(origin: str, found: dict[str, int], only: Iterable[str] | None, time: str | None) -> dict[str, int]:
+def _selected(origin: str, found: dict[str, int], wish: Wish, time: str | None) -> dict[str, int]:
+    only = wish.only
     if only is None:
         return found
     wanted = [only] if isinstance(only, str) else list(only)
+    wanted += [k for k in wish.also if k in found and k not in wanted]
     known = [k for k in found if k != time]
+    for name in [k for k in wanted if k not in found]:
+        ends = [k for k in known if k.endswith(f"/{name}")]
+        if len(ends) == 1:  # the end of a path will do
+            found = {name if k == ends[0] else k: place for k, place in found.items()}
     missing = [name for name in wanted if name not in found]
     if missing:
         raise DataError(f"{origin}: there is no column '{missing[0]}'.{near(missing[0], known)} "
@@ -170,10 +218,13 @@ def _time_factor(origin: str, label: str) -> float:
         raise DataError(f"{origin}: the time is in '{label}'. {error}") from None
 
 
-def _check_rows(origin: str, rows: Rows) -> None:
-    first, last = rows
+def _check(origin: str, wish: Wish) -> None:
+    first, last = wish.rows
     if (first is not None and first < 1) or (last is not None and last < (first or 1)):
         raise DataError(f"{origin}: rows=({first}, {last}) must be two row numbers in order, the first at least 1.")
+    for what, value, choices in (("tail", wish.tail, TAILS), ("gaps", wish.gaps, GAPS)):
+        if value not in choices:
+            raise DataError(f"{origin}: {what} must be '{choices[0]}' or '{choices[1]}', got {in_words(value)}.")
 
 
 __all__ = ["from_pandas", "heading", "read", "split_heading"]

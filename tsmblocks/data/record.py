@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import attrs
 import numpy as np
 
 from tsmblocks import units
 from tsmblocks.block import Samples
+from tsmblocks.data import grid
+from tsmblocks.data import signals as one_by_one
 from tsmblocks.errors import DataError, near
 
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
@@ -47,7 +50,8 @@ class Record:
     """A measurement: signals sampled at the increasing times ``t`` [s].
 
     ``signals`` holds them by name in the units of ``units`` (``""`` where the file says none),
-    ``origin`` says where they come from, and ``notes`` what was repaired, one sentence each.
+    ``origin`` says where they come from, and ``notes`` what was repaired or changed, one sentence each.
+    Every method gives a new record and leaves this one as it is.
     """
 
     name: str
@@ -98,3 +102,120 @@ class Record:
     def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
         """Return a signal, converted to ``unit``, as an input of a run."""
         return Samples(self.t, self.values(name, unit), hold)
+
+    # ---- the time axis: grid.py, parts.py
+
+    @property
+    def step(self) -> float:
+        """Median step between samples [s]."""
+        return grid.step_of(self.t)
+
+    @property
+    def jitter(self) -> float:
+        """Largest deviation of a step from the median step, as a share of it."""
+        return grid.jitter_of(self.t)
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the samples are evenly spaced (no step off by more than 1 %)."""
+        return self.jitter <= grid.UNEVEN
+
+    def resampled(self, step: float | None = None) -> Record:
+        """Return the record on an even grid of ``step`` [s], by default its own median step.
+
+        Signals are interpolated by a cubic spline or linearly, whichever foretells every second sample better
+        from the others. When the new step is longer, what would come back as slow motion is first taken out by a
+        zero-phase low-pass at 0.7 of the new Nyquist frequency. Raises DataError for a step that does not fit.
+        """
+        return grid.resampled(self, step)
+
+    def part(self, start: float | None = None, stop: float | None = None) -> Record:
+        """Return the samples from ``start`` to ``stop`` [s], both included; None is the end of the record.
+
+        Raises DataError when fewer than 4 are left.
+        """
+        from tsmblocks.data import parts
+
+        return parts.part(self, start, stop)
+
+    def split(self, fraction: float = 0.5, *, at: float | None = None) -> tuple[Record, Record]:
+        """Return two records, such as train and test: before and from a border on.
+
+        It lies at this ``fraction`` of the time, or ``at`` an instant [s]. Raises DataError when fewer than
+        4 samples are left on a side.
+        """
+        from tsmblocks.data import parts
+
+        return parts.split(self, fraction, at)
+
+    def period(self, name: str | None = None) -> float | None:
+        """Period [s] of a signal (by default of that which repeats itself best), None when there are not two alike."""
+        from tsmblocks.data import parts
+
+        return parts.period(self, name)
+
+    def periods(self, name: str | None = None) -> tuple[Record, ...]:
+        """Return the whole periods of a signal that repeats itself, one record each; see period.
+
+        Raises DataError when nothing repeats itself.
+        """
+        from tsmblocks.data import parts
+
+        return parts.periods(self, name)
+
+    # ---- filters: filters.py
+
+    def filtered(
+        self, names: str | Iterable[str] | None = None, *, cutoff: float | None = None, order: int = 4
+    ) -> Record:
+        """Return the record with these signals (all by default) low-passed with zero phase.
+
+        ``cutoff`` [Hz] is where the filter, a Butterworth of this ``order`` run forwards and backwards, has fallen
+        by 3 dB. When it is not given it is chosen for each signal from its spectrum, so that the expected error
+        (motion lost and noise kept) is least; a signal in which no noise stands out is left alone.
+        Raises DataError when the samples are uneven or the cut-off does not fit.
+        """
+        from tsmblocks.data import filters
+
+        return filters.filtered(self, names, cutoff, order)
+
+    def differentiated(
+        self, signal: str, order: int = 1, *, name: str | None = None, cutoff: float | None = None
+    ) -> Record:
+        """Return the record with the first or second derivative of a signal added, in unit/s or unit/s^2.
+
+        It is called ``signal_dot`` or ``signal_ddot`` unless ``name`` is given. The signal is low-passed with zero
+        phase at ``cutoff`` [Hz], by default one chosen for the derivative from the spectrum, and a quintic spline
+        is differentiated. Raises DataError as filtered does.
+        """
+        from tsmblocks.data import filters
+
+        return filters.differentiated(self, signal, order, name, cutoff)
+
+    # ---- signals one by one: signals.py
+
+    def unwrapped(self, name: str, *, turn: float | None = None) -> Record:
+        """Return the record with an angle's turns joined: a step of more than half a turn is taken for a wrap.
+
+        ``turn`` is one turn in the signal's unit; it need not be given for rad, deg and rev. Raises DataError
+        when it is not known.
+        """
+        return one_by_one.unwrapped(self, name, turn)
+
+    def with_signal(self, name: str, values: Any, unit: str = "") -> Record:
+        """Return the record with one signal more (or replaced): one finite number for each sample, or DataError."""
+        return one_by_one.with_signal(self, name, values, unit)
+
+    def renamed(self, names: Mapping[str, str]) -> Record:
+        """Return the record with signals under other names: ``{"motor angle": "x_in"}``.
+
+        Raises DataError for a name that is not there or would stand twice.
+        """
+        return one_by_one.renamed(self, names)
+
+    def converted(self, wanted: Mapping[str, str]) -> Record:
+        """Return the record with signals in other units: ``{"x_in": "rad"}``.
+
+        A signal without a unit is taken to be in the one given. Raises DataError when units measure different things.
+        """
+        return one_by_one.converted(self, wanted)

@@ -11,7 +11,9 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from tsmblocks.data.table import Table
+from tsmblocks.data import repair_time
+from tsmblocks.data.signals import first_wrap
+from tsmblocks.data.table import Table, noted, plural
 from tsmblocks.errors import DataError
 
 LONGEST_GAP = 3
@@ -20,70 +22,10 @@ FEWEST = 4
 """Samples below which nothing can be said about a signal."""
 
 
-def _noted(table: Table, values: np.ndarray, rows: np.ndarray, note: str) -> Table:
-    return attrs.evolve(table, values=values, rows=rows, notes=(*table.notes, note))
-
-
-def _plural(n: int, word: str) -> str:
-    return f"{n} {word}{'' if n == 1 else 's'}"
-
-
-def time_is_known(table: Table) -> Table:
-    """Every row must have a time: without it nothing else in the row has a place."""
-    missing = np.flatnonzero(np.isnan(table.values[:, 0]))
-    if len(missing):
-        raise DataError(f"{table.origin}: {table.column(0)} has no number in row {table.rows[missing[0]]}"
-                        f" ({_plural(len(missing), 'such row')}).")  # fmt: skip
-    return table
-
-
-def time_moves(table: Table) -> Table:
-    """Time that never changes is a wrong column."""
-    t = table.values[:, 0]
-    if len(t) > 1 and t.min() == t.max():
-        raise DataError(f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot "
-                        "be the time. Map t to the column that is.")  # fmt: skip
-    return table
-
-
-def time_goes_forward(table: Table) -> Table:
-    """Time that jumps back separates two recordings (or a tail the logger left): they are read one by one."""
-    t, rows = table.values[:, 0], table.rows
-    back = np.flatnonzero(np.diff(t) < 0) + 1
-    if not len(back):
-        return table
-    k = back[0]
-    places = "" if len(back) == 1 else f", the first of {len(back)} such places"
-    rest = len(t) - k
-    raise DataError(
-        f"{table.origin}: time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s{places}. "
-        f"From there on ({_plural(rest, 'row')}, {100 * rest / len(t):.0f} %) it is another recording "
-        f"or a tail. To keep the first part, read rows {rows[0]} to {rows[k - 1]}: "
-        f"rows=({rows[0]}, {rows[k - 1]}), or --rows {rows[0]}:{rows[k - 1]}."
-    )
-
-
-def repeats_are_merged(table: Table) -> Table:
-    """Rows with the time of the row before are replaced, group by group, by their mean."""
-    t = table.values[:, 0]
-    first = np.flatnonzero(np.r_[True, np.diff(t) > 0])
-    if len(first) >= len(t):
-        return table
-    known = np.isfinite(table.values)
-    total = np.add.reduceat(np.where(known, table.values, 0.0), first, axis=0)
-    count = np.add.reduceat(known.astype(float), first, axis=0)
-    with np.errstate(invalid="ignore"):
-        mean = np.where(count > 0, total / count, np.nan)
-    mean[:, 0] = t[first]  # the mean of equal numbers is not always that number
-    note = (f"{_plural(len(t) - len(first), 'row')} repeated the time of the row before; each group was "
-            f"replaced by its mean, leaving {len(first)} of {len(t)} samples.")  # fmt: skip
-    return _noted(table, mean, table.rows[first], note)
-
-
 def enough_samples(table: Table) -> Table:
     """Refuse a handful of samples: they are no measurement."""
     if len(table.values) < FEWEST:
-        raise DataError(f"{table.origin}: only {_plural(len(table.values), 'sample')} found; {FEWEST} are the least.")
+        raise DataError(f"{table.origin}: only {plural(len(table.values), 'sample')} found; {FEWEST} are the least.")
     return table
 
 
@@ -98,9 +40,9 @@ def gaps_are_filled(table: Table) -> Table:
         values[missing, k] = np.interp(t[missing], t[~missing], values[~missing, k])
         shown = ", ".join(map(str, table.rows[missing][:5])) + (", …" if missing.sum() > 5 else "")
         count = int(missing.sum())
-        note = (f"{table.names[k]}: {_plural(count, 'missing number')} (row{'s' if count > 1 else ''} "
+        note = (f"{table.names[k]}: {plural(count, 'missing number')} (row{'s' if count > 1 else ''} "
                 f"{shown}) {'were' if count > 1 else 'was'} interpolated.")  # fmt: skip
-        table = _noted(table, values, table.rows, note)
+        table = noted(table, values, table.rows, note)
     return table
 
 
@@ -122,6 +64,21 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
         raise DataError(f"{place} has no number in {where}. {why}, leave the column out, or correct the file.")
 
 
+def wraps_are_named(table: Table) -> Table:
+    """Angles that jump by a turn are told: an encoder that wraps looks like that, and so may a reference."""
+    notes = []
+    for k in range(1, len(table.names)):
+        found = first_wrap(table.values[:, k], table.units[k])
+        if found is not None:
+            at, count, turn = found
+            unit = f" {table.units[k]}" if table.units[k] else ""
+            more = f" and in {plural(count - 1, 'more place')}" if count > 1 else ""
+            name = table.names[k]
+            notes.append(f"{name} jumps by about a turn ({turn:g}{unit}) at row {table.rows[at]}{more}. If it is an "
+                         f"encoder that wraps, unwrapped('{name}') joins the parts.")  # fmt: skip
+    return attrs.evolve(table, notes=(*table.notes, *notes))
+
+
 def constants_are_named(table: Table) -> Table:
     """Keep signals that never change, but say so: it is often a sensor that was not connected."""
     values = table.values[:, 1:]
@@ -131,9 +88,18 @@ def constants_are_named(table: Table) -> Table:
 
 
 REPAIRS: tuple[Callable[[Table], Table], ...] = (
-    time_is_known, time_moves, time_goes_forward, repeats_are_merged, enough_samples, gaps_are_filled,
+    repair_time.time_is_known,
+    repair_time.time_moves,
+    repair_time.disorder_is_sorted,
+    repair_time.time_goes_forward,
+    repair_time.repeats_are_merged,
+    enough_samples,
+    gaps_are_filled,
+    repair_time.missing_rows_are_named,
+    repair_time.jitter_is_measured,
+    wraps_are_named,
     constants_are_named,
-)  # fmt: skip
+)
 
 
 def repaired(table: Table) -> Table:

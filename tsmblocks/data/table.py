@@ -19,7 +19,8 @@ class Table:
     """Columns of numbers. ``values`` has one column per name, NaN where the file has no number.
 
     ``rows`` holds the row number of each sample and ``places`` the column number of each column,
-    both counted from 1 as an editor or a spreadsheet counts them.
+    both counted from 1 as an editor or a spreadsheet counts them. ``tail`` and ``gaps`` say what the
+    user wants done with them (see read).
     """
 
     origin: str
@@ -29,10 +30,22 @@ class Table:
     rows: np.ndarray
     places: tuple[int, ...]
     notes: tuple[str, ...] = ()
+    tail: str = "refuse"
+    gaps: str = "refuse"
 
     def column(self, k: int) -> str:
         """Return a column as a message names it."""
         return f"column {self.places[k]} ({heading(self.names[k], self.units[k])})"
+
+
+def noted(table: Table, values: np.ndarray, rows: np.ndarray, note: str) -> Table:
+    """Return the table with other numbers, and the sentence that says why."""
+    return attrs.evolve(table, values=values, rows=rows, notes=(*table.notes, note))
+
+
+def plural(n: int, word: str) -> str:
+    """``1 row``, ``2 rows``."""
+    return f"{n} {word}{'' if n == 1 else 's'}"
 
 
 class Source(Protocol):

@@ -10,6 +10,8 @@ from pathlib import Path
 import attrs
 import numpy as np
 
+from tsmblocks import units
+from tsmblocks.data.record import heading, split_heading
 from tsmblocks.data.table import Rows, within
 from tsmblocks.errors import DataError, in_words
 
@@ -148,10 +150,42 @@ def open_text(path: Path, columns: Sequence[str] | None) -> Text:
         lines, at = lines[1:], at[1:]
         if columns:
             notes.append("The header of the file was replaced by the columns given.")
+        below = _cells(lines[0], separator) if lines else []
+        if _is_units(below, len(first)):
+            headings = [_with_unit(text, unit) for text, unit in zip(headings, below, strict=True)]
+            notes.append(f"Row {at[0]} was read as the units of the columns ({', '.join(filter(None, below))}).")
+            lines, at = lines[1:], at[1:]
     if separator in (";", "\t") and any("," in line for line in lines[:50]):
         lines = [line.replace(",", ".") for line in lines]
         notes.append("Decimal commas were read as points.")
     return Text(str(path), headings, separator, lines, np.array(at, dtype=int), tuple(notes))
+
+
+def _bare(cell: str) -> str:
+    """A unit without the brackets it may stand in."""
+    return cell.strip().strip("[]()").strip()
+
+
+def _is_units(cells: list[str], columns: int) -> bool:
+    """Whether a row under the header holds units: no number in it, and a known unit in half of its cells."""
+    filled = [_bare(cell) for cell in cells if _bare(cell)]
+    if len(cells) != columns or not filled or any(_number(cell) == _number(cell) is not None for cell in filled):
+        return False
+    return 2 * sum(map(_is_unit, filled)) >= len(filled)
+
+
+def _is_unit(label: str) -> bool:
+    try:
+        units.parse(label)
+    except units.UnitError:
+        return label in BLANK
+    return True
+
+
+def _with_unit(text: str, unit: str) -> str:
+    """Return a heading with the unit from the row below, unless it has one already."""
+    name, own = split_heading(text)
+    return text if own or _bare(unit) in BLANK else heading(name, _bare(unit))
 
 
 def _headings(

@@ -1,0 +1,71 @@
+"""Parts of a record: a span of time, train and test, one period after another."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import attrs
+import numpy as np
+
+from tsmblocks.data.period import find_period
+from tsmblocks.errors import DataError
+
+if TYPE_CHECKING:
+    from tsmblocks.data.record import Record
+
+FEWEST = 4
+"""Samples a part must keep."""
+
+
+def part(record: Record, start: float | None = None, stop: float | None = None) -> Record:
+    """Return the samples from start to stop; see Record.part."""
+    t = record.t
+    first, last = (t[0] if start is None else start), (t[-1] if stop is None else stop)
+    kept = (t >= first) & (t <= last)
+    count = np.count_nonzero(kept)
+    if count < FEWEST:
+        raise DataError(f"{record.origin}: only {count} samples lie between {first:g} s and {last:g} s; "
+                        f"{FEWEST} are the least. The record goes from {t[0]:g} s to {t[-1]:g} s.")  # fmt: skip
+    return _taken(record, kept)
+
+
+def _taken(record: Record, kept: np.ndarray) -> Record:
+    t = record.t[kept]
+    span = f"{t[0]:g} s to {t[-1]:g} s"
+    note = f"Only {span} ({len(t)} of {len(record)} samples)."
+    signals = {k: x[kept] for k, x in record.signals.items()}
+    return attrs.evolve(record, name=f"{record.name}, {span}", t=t, signals=signals, notes=(*record.notes, note))
+
+
+def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tuple[Record, Record]:
+    """Return what comes before an instant, and the rest; see Record.split."""
+    t = record.t
+    if at is None and not 0 < fraction < 1:
+        raise DataError(f"{record.origin}: the share of the first part must lie between 0 and 1, got {fraction:g}. "
+                        "For a time in s write split(at=…).")  # fmt: skip
+    border = t[0] + fraction * (t[-1] - t[0]) if at is None else at
+    before = t < border
+    fewest = min(np.count_nonzero(before), np.count_nonzero(~before))
+    if fewest < FEWEST:
+        raise DataError(f"{record.origin}: a split at {border:g} s leaves {fewest} samples on one side; {FEWEST} are "
+                        f"the least. The record goes from {t[0]:g} s to {t[-1]:g} s.")  # fmt: skip
+    return _taken(record, before), _taken(record, ~before)
+
+
+def period(record: Record, name: str | None = None) -> float | None:
+    """Return the period of a signal, or of the one that repeats itself best; see Record.period."""
+    names = record.names if name is None else (name,)
+    found = [p for k in names if (p := find_period(record.t, record[k])) is not None]
+    return min(found, key=lambda pair: pair[1])[0] if found else None
+
+
+def periods(record: Record, name: str | None = None) -> tuple[Record, ...]:
+    """Return the whole periods one by one; see Record.periods."""
+    length = period(record, name)
+    if length is None:
+        what = f"'{name}' does not repeat itself" if name else "no signal repeats itself"
+        raise DataError(f"{record.origin}: {what} at least twice, so there are no periods.")
+    t = record.t
+    count = int((t[-1] - t[0] + record.step) / length + 1e-6)
+    place = np.floor((t - t[0]) / length + 1e-6)
+    return tuple(_taken(record, place == k) for k in range(count))

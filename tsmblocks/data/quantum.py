@@ -1,0 +1,48 @@
+"""The step of a quantised signal, as encoders and converters make them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+FEWEST_VALUES = 8
+"""Different values below which a signal is a switch or a staircase, not a converter's output."""
+EXACT = 0.05
+"""Deviation of a value from the grid of steps, in steps, that printing and rounding may cause."""
+
+
+def quantum_of(x: np.ndarray) -> float | None:
+    """Step of which all values of a signal are whole multiples (from its first), or None when there is none.
+
+    A ramp or a triangle sampled evenly lies on such a grid too; it is told by its one size of change.
+    """
+    values = np.unique(x)
+    if len(values) < FEWEST_VALUES:
+        return None
+    scale = float(np.abs(values).max())
+    apart = np.diff(values)
+    apart = apart[apart > 1e-9 * scale]
+    changes = np.abs(np.diff(x))
+    if not len(apart) or not _is_grid(values, float(apart.min())):
+        return next((q for k in (2, 3) if len(apart) and _is_grid(values, q := float(apart.min()) / k)), None)
+    q = _sharpened(values, float(apart.min()))
+    return q if len(np.unique(np.round(changes / q))) > 1 else None
+
+
+def _is_grid(values: np.ndarray, q: float) -> bool:
+    q = _sharpened(values, q)
+    places = (values - values[0]) / q
+    return bool(np.mean(np.abs(places - np.round(places)) < EXACT) > 0.99)
+
+
+def _sharpened(values: np.ndarray, q: float) -> float:
+    """Least-squares step, found over spans that double, so that the error of the first guess cannot add up."""
+    far = values - values[0]
+    reach = 8.0
+    while True:
+        near = far <= reach * q
+        places = np.round(far[near] / q)
+        if places.any():
+            q = float(places @ far[near] / (places @ places))
+        if near.all() or reach > 1e12:
+            return q
+        reach *= 2

@@ -1,0 +1,160 @@
+"""What may be wrong with the time of a measurement: rows out of order, resets, missing rows, uneven steps."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tsmblocks.data.grid import UNEVEN, usual_step
+from tsmblocks.data.table import Table, noted, plural
+from tsmblocks.errors import DataError
+
+FARTHEST = 8
+"""Rows that a late row may have to move to count as out of order; farther is another recording."""
+MOST_LATE = 0.1
+"""Share of the rows that may be late; more is no accident of the logger."""
+LONG_GAP = 10.0
+"""Usual steps without a sample from which on nobody can say what happened in between."""
+SHORT_GAP = 1.5
+"""Usual steps without a sample from which on samples are missing, rather than late."""
+
+
+def time_is_known(table: Table) -> Table:
+    """Every row must have a time: without it nothing else in the row has a place."""
+    missing = np.flatnonzero(np.isnan(table.values[:, 0]))
+    if len(missing):
+        raise DataError(f"{table.origin}: {table.column(0)} has no number in row {table.rows[missing[0]]}"
+                        f" ({plural(len(missing), 'such row')}).")  # fmt: skip
+    return table
+
+
+def time_moves(table: Table) -> Table:
+    """Time that never changes is a wrong column."""
+    t = table.values[:, 0]
+    if len(t) > 1 and t.min() == t.max():
+        raise DataError(f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot "
+                        "be the time. Map t to the column that is.")  # fmt: skip
+    return table
+
+
+def disorder_is_sorted(table: Table) -> Table:
+    """A few rows written a little late are sorted; what is no such accident is left for time_goes_forward.
+
+    Sorting is a repair only when it brings no two rows to one time: two recordings that overlap would.
+    """
+    t = table.values[:, 0]
+    late = np.flatnonzero(t < np.maximum.accumulate(t)) if len(t) else np.empty(0, dtype=int)
+    if not len(late) or len(late) > max(1.0, MOST_LATE * len(t)):
+        return table
+    order = np.argsort(t, kind="stable")
+    places = int(np.abs(order - np.arange(len(t))).max())
+    repeats = np.count_nonzero(np.diff(t[order]) == 0) - np.count_nonzero(np.diff(t) == 0)
+    if places > FARTHEST or repeats > 0:
+        return table
+    k = late[0]
+    they = "row stood" if len(late) == 1 else "rows stood"
+    note = (f"{len(late)} {they} out of order by up to {plural(places, 'place')}, the first at row {table.rows[k]} "
+            f"({t[k]:g} s after {t[k - 1]:g} s); the rows were sorted by time.")  # fmt: skip
+    return noted(table, table.values[order], table.rows[order], note)
+
+
+def time_goes_forward(table: Table) -> Table:
+    """Time that jumps back separates two recordings (or a tail the logger left): they are read one by one.
+
+    With ``tail = "drop"`` what comes after the jump is left out.
+    """
+    t, rows = table.values[:, 0], table.rows
+    back = np.flatnonzero(np.diff(t) < 0) + 1
+    if not len(back):
+        return table
+    k = back[0]
+    _refuse_lone_times(table, k, len(back))
+    rest = len(t) - k
+    share = f"{plural(rest, 'row')}, {100 * rest / len(t):.0f} %"
+    if table.tail == "drop":
+        note = (f"Time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s; everything from there on "
+                f"({share}) was dropped, as asked.")  # fmt: skip
+        return noted(table, table.values[:k], rows[:k], note)
+    places = "" if len(back) == 1 else f", the first of {len(back)} such places"
+    raise DataError(
+        f"{table.origin}: time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s{places}. "
+        f"From there on ({share}) it is another recording "
+        f"or a tail. To keep the first part, read rows {rows[0]} to {rows[k - 1]}: "
+        f"rows=({rows[0]}, {rows[k - 1]}), or --rows {rows[0]}:{rows[k - 1]}; "
+        'or drop the rest: tail="drop", or --tail drop.'
+    )
+
+
+def _refuse_lone_times(table: Table, k: int, places: int) -> None:
+    """One wrong time among right ones is no tail: say which row it is."""
+    t, rows = table.values[:, 0], table.rows
+    if k + 1 < len(t) and t[k - 1] < t[k + 1]:
+        wrong = k
+    elif k >= 2 and t[k - 2] < t[k]:
+        wrong = k - 1
+    else:
+        return
+    do = "Correct that row, or delete it." if places == 1 else f"There are {places} such places: correct the file."
+    raise DataError(
+        f"{table.origin}: the time in row {rows[wrong]} ({t[wrong]:g} s) does not fit between those of the "
+        f"rows around it ({t[wrong - 1]:g} s and {t[wrong + 1]:g} s). {do}"
+    )
+
+
+def repeats_are_merged(table: Table) -> Table:
+    """Rows with the time of the row before are replaced, group by group, by their mean."""
+    t = table.values[:, 0]
+    first = np.flatnonzero(np.r_[True, np.diff(t) > 0])
+    if len(first) >= len(t):
+        return table
+    known = np.isfinite(table.values)
+    total = np.add.reduceat(np.where(known, table.values, 0.0), first, axis=0)
+    count = np.add.reduceat(known.astype(float), first, axis=0)
+    with np.errstate(invalid="ignore"):
+        mean = np.where(count > 0, total / count, np.nan)
+    mean[:, 0] = t[first]  # the mean of equal numbers is not always that number
+    note = (f"{plural(len(t) - len(first), 'row')} repeated the time of the row before; each group was "
+            f"replaced by its mean, leaving {len(first)} of {len(t)} samples.")  # fmt: skip
+    return noted(table, mean, table.rows[first], note)
+
+
+def missing_rows_are_named(table: Table) -> Table:
+    """Places without samples: short ones are noted, long ones refused unless ``gaps = "keep"``.
+
+    Across a long one the inputs are not known, so a run over it would be wrong without a sign of it.
+    """
+    t, rows = table.values[:, 0], table.rows
+    steps, usual = np.diff(t), usual_step(t)
+    gaps, long = np.flatnonzero(steps > SHORT_GAP * usual), np.flatnonzero(steps > LONG_GAP * usual)
+    if len(long) and table.gaps != "keep":
+        k = long[0]
+        more = f" (the first of {len(long)} such gaps)" if len(long) > 1 else ""
+        raise DataError(
+            f"{table.origin}: there are no samples between row {rows[k]} ({t[k]:g} s) and row {rows[k + 1]} "
+            f"({t[k + 1]:g} s), {steps[k] / usual:.0f} times the usual step{more}. What happened in between is not "
+            f"known, so a run across it would be wrong. Read the rows before or after it: "
+            f'rows=({rows[0]}, {rows[k]}), or --rows {rows[0]}:{rows[k]}; or keep it: gaps="keep", or --gaps keep.'
+        )
+    if not len(gaps):
+        return table
+    k = gaps[np.argmax(steps[gaps])]
+    where = "one place" if len(gaps) == 1 else f"{len(gaps)} places"
+    longest = "It" if len(gaps) == 1 else "The longest"
+    kept = " Long gaps were kept, as asked." if len(long) else ""
+    note = (f"Samples are missing in {where}. {longest} lasts {steps[k] / usual:.1f} usual steps, before row "
+            f"{rows[k + 1]} (from {t[k]:g} s to {t[k + 1]:g} s); signals are interpolated there.{kept}")  # fmt: skip
+    return attrs.evolve(table, notes=(*table.notes, note))
+
+
+def jitter_is_measured(table: Table) -> Table:
+    """Uneven steps are kept as they were measured, and told."""
+    t = table.values[:, 0]
+    steps = np.diff(t)
+    steps = steps[steps <= SHORT_GAP * usual_step(t)]
+    usual = float(np.median(steps))
+    off = float(np.abs(steps / usual - 1).max())
+    if off <= UNEVEN:
+        return table
+    note = (f"The steps between samples are uneven: {steps.min():.4g} s to {steps.max():.4g} s around {usual:.4g} s "
+            f"(up to {100 * off:.0f} % off). resampled() gives an even grid.")  # fmt: skip
+    return attrs.evolve(table, notes=(*table.notes, note))
