@@ -1,10 +1,12 @@
 """The engine against independent integrators, closed forms, and itself by other routes."""
 
+import gc
 import multiprocessing
 import os
 import pickle
 import signal
 import time
+import weakref
 from itertools import pairwise
 
 import casadi as ca
@@ -105,7 +107,29 @@ def test_shipped_diagrams_agree_with_scipy(name):
 def test_every_shipped_diagram_is_held_against_something_independent():
     """Diagrams with memory or samples have tests of their own; a new one must be added here or there."""
     with_memory = set(SHIPPED) - set(CONTINUOUS)
-    assert with_memory == {"sampled_position_loop", "tendon_sheath_play"}
+    assert with_memory == {"sampled_position_loop", "tendon_sheath_play", *SUMS_OF_PLAYS}
+
+
+SUMS_OF_PLAYS = {  # lines up, lines down (each a slope and the input at which it is zero), and the input's own weight
+    "tendon_sheath_backlash": ([(0.8972, 0.15)], [(0.9487, -0.2)], 0.0),
+    "tendon_sheath_prandtl_ishlinskii": (
+        *(
+            [(w, s * r) for w, r in zip((0.6, 0.36, 0.04, 0.01, 0.01), (0.1, 0.2, 0.4, 0.6, 0.8), strict=True)]
+            for s in (1, -1)
+        ),
+        -0.1,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SUMS_OF_PLAYS)
+def test_sums_of_plays_against_their_definition(name):
+    up, down, own = SUMS_OF_PLAYS[name]
+    run = run_shipped(name, stop=20.0)
+    x, y = run["x_in"], [0.0] * len(up)
+    for k, value in enumerate(x):
+        y = [max(c * (value - b), min(d * (value - e), m)) for (c, b), (d, e), m in zip(up, down, y, strict=True)]
+        assert abs(run["x_out"][k] - own * value - sum(y)) < EXACT
 
 
 def test_play_against_its_definition():
@@ -656,6 +680,20 @@ def test_machine_code_is_kept_and_a_damaged_file_is_replaced(tmp_path, monkeypat
         jit.compile_text(text, promote=True)
         assert file.read_bytes() == good
     jit._LOADED.clear()
+
+
+def test_machine_code_lives_as_long_as_whoever_may_call_it():
+    function = jit.compile_text("define void @run(ptr %t) {\n  store i64 7, ptr %t\n  ret void\n}\n", promote=True)
+    code = weakref.ref(jit._LOADED[next(reversed(jit._LOADED))][0])
+    jit._LOADED.clear()
+    gc.collect()
+    assert code() is not None
+    place = np.zeros(1, dtype=np.int64)
+    function(place.ctypes.data)
+    assert place[0] == 7
+    del function
+    gc.collect()
+    assert code() is None
 
 
 def test_a_store_others_may_write_to_is_not_used(tmp_path, monkeypatch):

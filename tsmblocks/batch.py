@@ -56,21 +56,11 @@ class Batch:
 
 
 def simulate_batch(
-    diagram: Diagram,
-    parameters: Mapping[str, Any],
-    *,
-    stop: float | None = None,
-    step: float = 1e-3,
-    start: float = 0.0,
-    method: str = "rk4",
-    inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
-    outputs: Sequence[str] | None = None,
-    reduce: Reduce | None = None,
-    every: int = 1,
-    threads: int | None = None,
+    diagram: Diagram, parameters: Mapping[str, Any], *, stop: float | None = None, step: float = 1e-3,
+    start: float = 0.0, method: str = "rk4", inputs: Mapping[str, Any] | None = None, hold: str = "linear",
+    outputs: Sequence[str] | None = None, reduce: Reduce | None = None, every: int = 1, threads: int | None = None,
     backend: str = "",
-) -> Batch:
+) -> Batch:  # fmt: skip
     """Run a diagram once for each set of parameters, sets side by side in SIMD lanes and threads.
 
     ``parameters`` maps names to arrays of one length (sets,); ``outputs`` names the signals kept
@@ -91,15 +81,17 @@ def simulate_batch(
     base, positions = parameter_vector(eq, diagram), [chosen.index(k) for k in _positions(eq, names)]
     whole, t = _whole_run(eq, kernel, signals, times), times.grid[:: times.every]
 
-    def group(first: int) -> dict[str, np.ndarray]:
-        y = whole(lane_memory(eq, kernel, _lane_parameters(eq, base, sets, first, lanes), times.h))
+    def group(first: int, memory: Memory) -> dict[str, np.ndarray]:
+        y = whole(memory)
         found = {name: _lane_columns(y, kernel, k, lanes) for name, k in zip(names, positions, strict=True)}
         made = dict(reduce(t, found)) if reduce is not None else {k: v.T for k, v in found.items()}
         keep = min(lanes, count - first)
         return {k: np.asarray(v)[:keep].copy() for k, v in made.items()}
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        parts = list(pool.map(group, range(0, count, lanes)))
+    begins = range(0, count, lanes)
+    memories = [lane_memory(eq, kernel, _lane_parameters(eq, base, sets, first, lanes), times.h) for first in begins]
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:  # symbolic functions are not for several threads
+        parts = list(pool.map(group, begins, memories))
     return Batch(sets, {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}, t)
 
 

@@ -14,6 +14,8 @@ import numpy as np
 from tsmblocks.errors import DataError, in_words, near
 
 HOLDS = ("zero", "linear", "cubic")
+SLACK = 1e-3
+"""Share of a step by which a sample may be late and still counts from that step on: clocks are printed rounded."""
 
 
 class Sampled(Protocol):
@@ -218,5 +220,5 @@ def rows(
             if order <= 1 and signal.stands_on(start, step):
                 made[:, i, j] = signal.on_steps(first, count, offset, order)
             else:
-                made[:, i, j] = signal.at(t, order, side, 1e-6 * step)
+                made[:, i, j] = signal.at(t, order, side, SLACK * step)
     return made

@@ -57,8 +57,9 @@ class InterpretedKernel(Kernel):
                 if plan.every_step or hit.any():
                     d, x = self.update(t, x, d, u[k, 0][:, None], q, p, hit)
             dx, out, s = self.rhs(t, x, d, u[k, 0][:, None], q, p)
-            if plan.watched and len(plan.y) < len(out) and not np.isfinite(out).all():
-                x, out = x * np.nan, out * np.nan  # CasADi's limits swallow a NaN; the caller shall look closer
+            if plan.watched and len(plan.y) < len(out) and not (sound := np.isfinite(out).all(axis=0)).all():
+                # CasADi's limits swallow a NaN; the caller shall look closer. Other lanes go on.
+                x, out = np.where(sound, x, np.nan), np.where(sound, out, np.nan)
             if left == 0:
                 _shut(y[row], self.layout_y, out[list(plan.y)])
                 row, left = row + 1, every

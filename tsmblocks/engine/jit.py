@@ -142,6 +142,7 @@ def compile_text(text: str, *, promote: bool) -> Any:
         engine.finalize_object()
         address = engine.get_function_address("run")
         function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
+        function.engine = engine  # type: ignore[attr-defined] # so the code lives as long as whoever may call it
         _LOADED[key] = (engine, function)
         return function
 

@@ -75,6 +75,8 @@ def _shorter_step(periods: tuple[float, ...], period: float, h: float) -> str:
 
 def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     """Delays in steps. Raises RunError for one shorter than a step."""
+    if not eq.q:
+        return np.empty(0)
     tau = np.asarray(eq.lag(p)).ravel() / h
     for name, steps in zip(eq.q, tau, strict=True):
         if not steps >= 1 - 1e-9:

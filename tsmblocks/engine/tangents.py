@@ -7,6 +7,7 @@ solution, not an approximation of the continuous one.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import attrs
@@ -64,13 +65,20 @@ def _delayed_seed(eq: Equations, q: Any, qs: Any, p: Any, ps: Any) -> Any:
     return ca.vertcat(*parts)
 
 
+@functools.lru_cache(maxsize=64)
+def _start_and_slopes(eq: Equations) -> Any:
+    """Start values and their derivatives by parameters (kept, as making the function takes longer than a call)."""
+    p = eq.start.sx_in()[0]
+    values = ca.vertcat(*eq.start.call([p]))
+    return ca.Function("start", [p], [ca.densify(values), ca.densify(ca.jacobian(values, p))])
+
+
 def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
     """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
-    start = [np.asarray(v).ravel() for v in eq.start(p)]
-    symbols = eq.start.sx_in()[0]
-    slopes = [np.asarray(ca.Function("slope", [symbols], [ca.jacobian(v, symbols)])(p)).reshape(len(s), len(p))
-              for v, s in zip(eq.start.call([symbols]), start, strict=True)]  # fmt: skip
-    (x, d, s), (dx, dd, dsd) = start, [j @ seeds for j in slopes]
+    values, slopes = (np.asarray(v) for v in _start_and_slopes(eq)(p))
+    ends = np.cumsum([len(eq.x), len(eq.d)])
+    x, d, s = np.split(values.ravel(), ends)
+    dx, dd, dsd = np.split(slopes @ seeds, ends)
     tau = check_delays(eq, p, h)
     capacity = 1 << int(max(tau, default=0) + 8).bit_length()
     ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in dsd]
