@@ -14,7 +14,10 @@ from tsmblocks.block import Block, Input, Output, State, block, parameter, state
 from tsmblocks.errors import ParameterError
 
 TINY = 1e-12
-"""Below this the base of a fractional power counts as this [rad], so that its slope stays finite."""
+"""Below this the base of a fractional power counts as this [rad, or none], so that its slope stays finite."""
+
+NARROWEST = 0.1
+"""A half width that shrinks with the output stays at this share of its value at zero, so that it stays positive."""
 
 
 def slope(v: Any, alpha1: Any, alpha2: Any) -> Any:
@@ -200,6 +203,60 @@ class DahlHysteresis(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.alpha_x * u.x - x.zeta)
+
+
+@block
+class ElasticBacklash(Block):
+    r"""Backlash with rounded corners, whose half width changes as the tool bends to either side.
+
+    .. math::
+
+        \dot\zeta &= \rho\, v \left[1 - \left(\frac{1 + \sigma}{2}\right)^{1/r}\right], \qquad
+        y = \alpha_x (x - \zeta) \\
+        \sigma &= \operatorname{sgn}(v)\, \frac{\zeta}{w(y)}, \qquad
+        w(y) = w_0 \left[1 + g_\uparrow \max(y, 0) + g_\downarrow \max(-y, 0)\right]
+
+    The stretch :math:`\zeta` runs from one side of the slack to the other, and the tool follows the
+    more of the travel the nearer it comes to the end. Just after a reversal dy/dx is
+    :math:`\alpha_x (1 - \rho)`: with :math:`\rho = 1` the loop has flat tops, above it the tool
+    first swings back, as in the paper's loops. With :math:`r \to 0` and :math:`\rho = 1` it is
+    play; with opposite growths as well it is Tao's backlash, with the slopes
+    :math:`\alpha_x / (1 \pm \alpha_x w_0 g_\uparrow)`; with :math:`r = 1` and no growth it is Dahl's
+    law with half of :math:`\rho`. It does not depend on the rate. With one state, inner loops close
+    only as far as the corners are sharp.
+
+    Past :math:`\sigma = 1`, where a shrinking width can leave the stretch, the power goes on along
+    its tangent; w(y) is never less than a tenth of :math:`w_0`. Steps of travel should stay below
+    :math:`2 r w / \rho`. Defaults: fitted to the paper's generalised model on its three signals.
+    """
+
+    source = "definition; contains Dahl, AIAA J. 14 (1976) 1675, Play and TaoBacklash"
+    symbol = "soft play"
+
+    alpha_x: float = parameter(default=0.916, about="slope of the transmission, stretch apart", above=0.0)
+    rho: float = parameter(default=1.307, about="share of the travel lost just after a reversal", above=0.0)
+    half_width: float = parameter(default=0.172, about="half of the slack, tool straight", unit="rad", above=0.0)
+    roundness: float = parameter(
+        default=0.484, about="from sharp corners (0.01) to those of Dahl's law (1)", at_least=0.01, at_most=1.0
+    )
+    growth_up: float = parameter(default=0.091, about="growth of the half width where y > 0", unit="1/rad")
+    growth_down: float = parameter(default=-0.195, about="growth of the half width where y < 0", unit="1/rad")
+
+    x = Input("displacement at the motor end", unit="rad")
+    v = Input("its rate", unit="rad/s", rate_of="x")
+    y = Output("displacement at the tool end", unit="rad")
+    zeta: float = state(default=0.0, about="stretch, at most about the half width", unit="rad")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        y = self.alpha_x * (u.x - x.zeta)
+        sides = self.growth_up * ca.fmax(y, 0) + self.growth_down * ca.fmax(-y, 0)
+        width = self.half_width * ca.fmax(1 + sides, NARROWEST)
+        share = (1 + ca.sign(u.v) * x.zeta / width) / 2
+        followed = ca.fmin(ca.fmax(share, TINY), 1) ** (1 / self.roundness) + ca.fmax(share - 1, 0) / self.roundness
+        return dict(zeta=self.rho * u.v * (1 - followed))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self.alpha_x * (u.x - x.zeta))
 
 
 @block
