@@ -1,6 +1,7 @@
 """What all tests share: machine code kept in a folder of the test run, and the measured data where it is there."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,14 @@ def _machine_code_store(tmp_path_factory):
         del os.environ["TSMBLOCKS_CACHE"]
     else:
         os.environ["TSMBLOCKS_CACHE"] = before
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_stays_open():
+    """A test that uses pyplot leaves it loaded, and pyplot keeps every figure made from then on."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 @pytest.fixture(scope="session")

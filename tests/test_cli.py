@@ -203,7 +203,11 @@ def test_run_without_its_data(tsm, here):
         ),
         (["fig09b_feedforward", "--plot", "a.gif"], "'a.gif' must end in .png, .svg or .pdf."),
         (["fig09b_feedforward", "extra"], "run takes no argument 'extra'."),
-        ([], "the following arguments are required: DIAGRAM. 'tsmblocks run --help' shows what it takes."),
+        (
+            [],
+            "the following arguments are required: DIAGRAM. Name it before the options. 'tsmblocks run --help' shows "
+            "what it takes.",
+        ),
     ],
 )
 def test_run_refuses_with_one_message(tsm, words, told):

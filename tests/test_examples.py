@@ -2,30 +2,114 @@
 
 import re
 import runpy
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+import tsmblocks as tsm
+
+FOLDER = Path(__file__).parents[1] / "examples"
+EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 ANSWERS = {
     "01_feedforward": [28.3, 13.7],
     "02_why_not_zero": [13.0, 0.8],
     "03_observer_on_the_motor": [13.7, 2.7, 6.5, 0.5],
     "04_sampled_controller": [1.02, 1.03, 1.05, 1.09],
     "05_a_block_of_your_own": [1.5],
+    "06_identify_the_paper": [
+        1.82, 1.78, 1.60, 1.25, 1.53, 1.28, 0.24, 0.25, 0.25,  # without offset: the order of the paper's Table 1
+        1.42, 1.28, 1.18, 1.23, 1.52, 1.27, 0.24, 0.25, 0.25,
+        *3 * [0.901, 0.939, 0.830, 5.199, 0.031],  # by every method
+    ],
+    "08_emps": [
+        95.1, 203.5, 20.4, 3.2, 4.08, 5.98,
+        95.11, 203.50, 20.39, 3.16, 4.08, 5.98,
+        95.18, 205.64, 20.29, 3.17, 4.28, 5.05,
+        166.7, 240.4, 3.11, 3.11,
+    ],
+    "09_multiple_shooting": [4.0, 4.0, 3.99, 4.01, 4.0, 4.01, 3.99, 4.03, 0.5, 0.503, 0.499, 0.507],
+    "10_what_the_data_cannot_tell": [
+        0.05, 1.482, 0.029, 1.396, 0.014, 0.975, 0.019, 1.499, 0.095, 0.650, 0.039,
+        0.17, 0.732, 0.008, 0.878, 0.004, 0.146, 0.002,
+    ],
+}  # fmt: skip
+FIGURES = {"06_identify_the_paper": ["generalised.png", "proposed.png", "symmetric.png"]}
+MEASURED = ("07_measured_tendon_sheath", "08_emps")
+BEFORE = {
+    "linear": [12.12, 11.53, 10.32, 8.42, 6.59],
+    "play": [1.12, 1.36, 1.25, 0.95, 0.75],
+    "symmetric": [0.82, 1.02, 1.01, 0.93, 1.10],
+    "asymmetric": [2.41, 2.85, 2.87, 2.95, 2.64],
 }
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
-def test_example(path, capsys):
+def printed(path, capsys, monkeypatch, *arguments):
+    """What an example prints, run as its own command."""
+    monkeypatch.setattr(sys, "argv", [str(path), *arguments])
+    assert tsm.blocks  # the package's own are there before an example adds one
     before = dict(__import__("tsmblocks").block.__globals__["REGISTRY"])
     runpy.run_path(str(path))
     registry = __import__("tsmblocks").block.__globals__["REGISTRY"]
     for name in set(registry) - set(before):
         del registry[name]  # an example's own block is no block of the package
-    printed = [float(x) for x in re.findall(r"(?<![\w.])\d+\.\d+", capsys.readouterr().out)]
-    assert printed == pytest.approx(ANSWERS[path.stem], abs=0.06)
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", [p for p in EXAMPLES if p.stem in ANSWERS], ids=lambda p: p.stem)
+def test_example(path, capsys, monkeypatch, request, tmp_path):
+    if path.stem in MEASURED:
+        request.getfixturevalue("measured")
+    said = printed(path, capsys, monkeypatch, *([str(tmp_path)] if path.stem in FIGURES else []))
+    assert sorted(p.name for p in tmp_path.iterdir()) == FIGURES.get(path.stem, [])
+    found = [float(x) for x in re.findall(r"(?<![\w.])\d+\.\d+", said)]
+    assert found == pytest.approx(ANSWERS[path.stem], abs=0.06)
 
 
 def test_every_example_has_its_answer():
-    assert {p.stem for p in EXAMPLES} == set(ANSWERS)
+    assert {p.stem for p in EXAMPLES} == {*ANSWERS, *MEASURED}
+
+
+def test_only_pieces_reach_the_noise(capsys, monkeypatch):
+    said = printed(FOLDER / "09_multiple_shooting.py", capsys, monkeypatch)
+    whole, genetic, pieces = (int(x) for x in re.findall(r"leaves +(\d+) times the noise", said))
+    assert min(whole, genetic) > 10
+    assert pieces == 1
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_where_the_data_can_be_had_is_said(name, monkeypatch):
+    monkeypatch.delenv("TSMBLOCKS_DATA", raising=False)
+    with pytest.raises(SystemExit, match=r"^Set TSMBLOCKS_DATA to a folder that holds .*(nhoyh|nonlinearbenchmark)"):
+        runpy.run_path(str(FOLDER / f"{name}.py"))
+
+
+def test_models_of_the_measured_tendon_sheath(measured, capsys, monkeypatch):
+    """Every model no worse than before; the elastic backlash below 0.8 deg on every bend; a note for every repair."""
+    said = printed(FOLDER / "07_measured_tendon_sheath.py", capsys, monkeypatch)
+    notes, whole, half = said.split("\n\nrms error [deg], ")
+    assert len(re.findall(r"rows repeated the time of the row before", notes)) == 6
+    rows = {
+        name: [float(x) for x in figures.split()] for name, figures in re.findall(r"^(\w.*?)  +([\d. ]+)$", whole, re.M)
+    }
+    for model, figures in BEFORE.items():
+        assert rows[f"{model}, before"] == figures
+        assert np.all(np.array(rows[model][:5]) <= figures)
+    assert max(rows["elastic_backlash"][:5]) < 0.8
+    assert len(re.findall(r"^\w+(?: +\d+\.\d\d){6}$", half, re.M)) == len(rows) - len(BEFORE)
+
+
+@pytest.mark.parametrize(("place", "bend"), [*enumerate((0, 60, 120, 180, 240))])
+def test_no_model_is_worse_than_before_on_the_very_same_samples(measured, place, bend):
+    """The first row of every time, as the figures of before were computed: a straight line gives just those."""
+    rows = np.loadtxt(measured / f"tendon_sheath/calib/{bend}.txt", delimiter=",")
+    t, first = np.unique(rows[:, 0], return_index=True)
+    record = tsm.Record("first rows", t, {"x_in": rows[first, 1], "x_out": rows[first, 3]},
+                        {"x_in": "deg", "x_out": "deg"})  # fmt: skip
+    found = tsm.compare([f"tendon_sheath_{k}" for k in (*BEFORE, "elastic_backlash")], record, train=1.0)
+    left = {row.name: np.rad2deg(row.figure) for row in found}
+    assert left["linear"] == pytest.approx(BEFORE["linear"][place], abs=0.005)
+    for model in ("play", "symmetric", "asymmetric"):
+        assert left[model] <= BEFORE[model][place]
+    assert left["elastic_backlash"] < 0.8

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 import re
 from pathlib import Path
 
@@ -13,7 +14,7 @@ SHELL = re.findall(r"^tsmblocks (.*)$", README.read_text(encoding="utf-8"), re.M
 
 
 def test_code_in_the_readme_prints_what_it_says():
-    scope: dict[str, object] = {}
+    scope: dict[str, object] = {"__name__": "__main__"}
     assert len(SHOWN) >= 3
     for code, expected in SHOWN:
         printed = io.StringIO()
@@ -33,6 +34,8 @@ def test_commands_in_the_readme_run(line, tmp_path, monkeypatch, capsys):
     save(
         Diagram(title="mine", blocks={"g": Gain()}, inputs={"u": "g.u"}, outputs={"y": "g"}), tmp_path / "my_loop.toml"
     )
+    rows = [f"{k / 20},{50 * math.sin(k / 20):.3f},{40 * math.sin(k / 20 - 0.5):.3f}" for k in range(260)]
+    (tmp_path / "sheath.csv").write_text("\n".join(["t [s], x_in [deg], x_out [deg]", *rows]))
     assert main(line.split()) == 0
     assert capsys.readouterr().out
 

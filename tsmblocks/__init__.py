@@ -15,9 +15,13 @@ __version__ = "0.1.0"
 _HOME = {
     "Batch": "batch",
     "Block": "block",
+    "Comparison": "fitting.compare",
     "Diagram": "diagram",
+    "Differences": "fitting.differences",
+    "Fit": "fitting.result",
     "Inlet": "diagram",
     "Input": "block",
+    "Noise": "data",
     "Output": "block",
     "Past": "block",
     "Record": "data",
@@ -28,18 +32,24 @@ _HOME = {
     "Tape": "block",
     "TsmError": "errors",
     "block": "block",
+    "cautions": "data",
+    "compare": "fitting.compare",
     "dumps": "files",
     "equations": "simulate",
+    "fit": "fitting.estimate",
     "from_control": "blocks.lti",
+    "from_pandas": "data",
     "function_block": "blocks.function",
     "load": "files",
     "loads": "files",
+    "noise": "data",
     "option": "block",
     "parameter": "block",
     "peak_to_peak": "measures",
     "read": "data",
     "rms": "measures",
     "save": "files",
+    "score": "fitting.differences",
     "sensitivities": "batch",
     "signals": "block",
     "simulate": "simulate",
@@ -88,7 +98,11 @@ if TYPE_CHECKING:
     from tsmblocks.block import state as state
     from tsmblocks.blocks.function import function_block as function_block
     from tsmblocks.blocks.lti import from_control as from_control
+    from tsmblocks.data import Noise as Noise
     from tsmblocks.data import Record as Record
+    from tsmblocks.data import cautions as cautions
+    from tsmblocks.data import from_pandas as from_pandas
+    from tsmblocks.data import noise as noise
     from tsmblocks.data import read as read
     from tsmblocks.diagram import Diagram as Diagram
     from tsmblocks.diagram import Inlet as Inlet
@@ -100,6 +114,12 @@ if TYPE_CHECKING:
     from tsmblocks.files import load as load
     from tsmblocks.files import loads as loads
     from tsmblocks.files import save as save
+    from tsmblocks.fitting.compare import Comparison as Comparison
+    from tsmblocks.fitting.compare import compare as compare
+    from tsmblocks.fitting.differences import Differences as Differences
+    from tsmblocks.fitting.differences import score as score
+    from tsmblocks.fitting.estimate import fit as fit
+    from tsmblocks.fitting.result import Fit as Fit
     from tsmblocks.measures import peak_to_peak as peak_to_peak
     from tsmblocks.measures import rms as rms
     from tsmblocks.measures import tracking_error as tracking_error

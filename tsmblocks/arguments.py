@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -30,7 +31,7 @@ def given_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _is_number(value: Any) -> bool:
     plain = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
-    return plain and math.isfinite(value)
+    return plain and abs(value) <= sys.float_info.max
 
 
 def number(what: str, value: Any, error: type[TsmError] = RunError) -> float:

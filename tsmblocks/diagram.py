@@ -187,7 +187,7 @@ class Diagram:
         A name of the ``values`` table changes every block that refers to it; naming one block's
         parameter changes that block alone. Raises ParameterError for a name it does not know.
         """
-        if not isinstance(changes, Mapping):
+        if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
             raise ParameterError(f"parameters must map names to numbers, got {in_words(changes)}.")
         from tsmblocks.overrides import overridden
 

@@ -21,7 +21,7 @@ def overridden(diagram: Diagram, changes: Mapping[str, Any], whole: Diagram, pre
         elif head in diagram.blocks and rest:
             grouped.setdefault(head, {})[rest] = value
         else:
-            hint = _near_path(prefix + name, whole.parameter_names())
+            hint = near_path(prefix + name, whole.parameter_names())
             raise ParameterError(f"diagram '{whole.title}' has no parameter '{prefix}{name}'.{hint}")
     blocks = dict(diagram.blocks)
     for name, part in grouped.items():
@@ -62,7 +62,7 @@ def _set_leaf(whole: Any, name: str, key: str, value: Any) -> Any:
     return tuple(_set_leaf(v, f"{name}[{k}]", key, value) for k, v in enumerate(whole))
 
 
-def _near_path(name: str, known: Iterable[str]) -> str:
+def near_path(name: str, known: Iterable[str]) -> str:
     """Near misses of a dotted name; those that end the same way come first."""
     known = list(known)
     hint = near(name, known)

@@ -20,10 +20,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin on proble
 import batches  # noqa: E402
 import chains  # noqa: E402
 import cold_start  # noqa: E402
+import fits  # noqa: E402
 import gradients  # noqa: E402
 import hand_c  # noqa: E402
 import numpy as np  # noqa: E402 - after the threads are set
 import peers  # noqa: E402
+import recovery  # noqa: E402
 import single_run  # noqa: E402
 from measure import Report  # noqa: E402
 
@@ -34,6 +36,8 @@ SECTIONS = {
     "cold": cold_start.cold_start,
     "batch": batches.batches,
     "gradients": gradients.gradients,
+    "fits": fits.fits,
+    "recovery": recovery.recovery,
     "chains": chains.chains,
 }
 
@@ -54,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     report = Report(args.quick)
     describe(report)
-    chosen = args.only or [name for name in SECTIONS if name != "peers" or args.peers]
+    chosen = args.only or [name for name in SECTIONS if name != "recovery" and (name != "peers" or args.peers)]
     for name in SECTIONS:
         if name in chosen:
             SECTIONS[name](report)

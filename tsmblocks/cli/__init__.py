@@ -1,4 +1,4 @@
-"""The command line: ``tsmblocks run``, ``draw``, ``check``, ``blocks``, ``demo``. One module per command."""
+"""The command line: ``tsmblocks run``, ``fit``, ``compare``, ``draw`` and so on. One module per command."""
 
 from tsmblocks.cli.entry import main
 

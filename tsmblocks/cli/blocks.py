@@ -8,6 +8,7 @@ import textwrap
 from typing import Any
 
 from tsmblocks.cli import common
+from tsmblocks.tables import columns
 
 HELP = "list the blocks, or show one block's card"
 FAMILIES = {"lti": "linear"}
@@ -103,11 +104,11 @@ def card_in_words(made: dict[str, Any]) -> str:
     lines.append(f"Source: {made['source']}")
     for title in ("inputs", "outputs"):
         rows = [(p["name"], f"[{p['unit'] or 'any'}]", p["about"] + _rate(p)) for p in made[title]]
-        lines += ["", title, common.columns(rows, "  ", _LEFT) if rows else "  none"]
+        lines += ["", title, columns(rows, "  ", _LEFT) if rows else "  none"]
     fields = [
         (p["name"], f"[{p['unit'] or '-'}]", _value(p["default"]), _limits(p), _about(p)) for p in made["parameters"]
     ]
-    lines += ["", "parameters", common.columns(fields, "  ", _LEFT - {2}) if fields else "  none"]
+    lines += ["", "parameters", columns(fields, "  ", _LEFT - {2}) if fields else "  none"]
     if any("?" in p["unit"] for kind in ("inputs", "outputs", "parameters") for p in made[kind]):
         lines += [
             "",

@@ -5,7 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
+import re
+import shutil
 import sys
+import textwrap
 import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -32,7 +36,13 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError with where to look."""
-        raise UsageError(f"{message}. '{self.prog} --help' shows what it takes.")
+        more = ""
+        if message.endswith("required: DIAGRAM") and any(action.nargs == "+" for action in self._actions):
+            more = " Name it before the options."
+        elif message.endswith(("expected one argument", "expected at least one argument")):
+            option = message.partition(":")[0].removeprefix("argument ").partition("/")[0]
+            more = f" A value that begins with a minus is written {option}=-…"
+        raise UsageError(f"{message}.{more} '{self.prog} --help' shows what it takes.")
 
 
 # ---- arguments ----------------------------------------------------------------------------------
@@ -64,12 +74,57 @@ def span(text: str) -> tuple[int | None, int | None]:
     return (int(first) if first else None), (int(last) if last else None)
 
 
-def pair(text: str) -> tuple[str, str]:
-    """``NAME=VALUE`` taken apart."""
+def pair(text: str, form: str = "NAME=VALUE") -> tuple[str, str]:
+    """``NAME=VALUE`` taken apart; ``form`` says what was expected."""
     name, equals, value = text.partition("=")
     if not equals or not name.strip() or not value.strip():
-        raise argparse.ArgumentTypeError(f"'{text}' is not NAME=VALUE")
+        raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
     return name.strip(), value.strip()
+
+
+def count(text: str) -> int:
+    """Return a whole number of at least 0."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 0")
+    return int(text)
+
+
+def times(text: str) -> tuple[float | None, float | None]:
+    """``START:STOP`` in s; either may be left out."""
+    first, colon, last = text.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"'{text}' is not START:STOP in s, such as 2.5:10 or 5:")
+    return (number(first) if first else None), (number(last) if last else None)
+
+
+def part(text: str) -> float | tuple[float | None, float | None]:
+    """A share such as ``0.5``, or ``START:STOP`` in s."""
+    return times(text) if ":" in text else number(text)
+
+
+def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
+    """``NAME=LOW:HIGH``; either may be left out."""
+    form = "NAME=LOW:HIGH, such as tsm.theta=0.1:50"
+    name, value = pair(text, form)
+    low, colon, high = value.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
+    return name, (number(low) if low else None, number(high) if high else None)
+
+
+def belief(text: str) -> tuple[str, tuple[float, float]]:
+    """``NAME=MEAN:DEVIATION``."""
+    form = "NAME=MEAN:DEVIATION, such as tsm.theta=5:0.5"
+    name, value = pair(text, form)
+    mean, colon, deviation = value.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
+    return name, (number(mean), number(deviation))
+
+
+def tie(text: str) -> tuple[str, str]:
+    """``NAME=EXPRESSION``."""
+    return pair(text, "NAME=EXPRESSION, such as alpha2=alpha1")
 
 
 def setting(text: str) -> tuple[str, Any]:
@@ -87,7 +142,8 @@ def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | No
         return None
     path = Path(text)
     if path.suffix.lower() not in endings:
-        raise UsageError(f"'{text}' must end in {', '.join(endings[:-1])} or {endings[-1]}.")
+        known = f"{', '.join(endings[:-1])} or {endings[-1]}" if len(endings) > 1 else endings[0]
+        raise UsageError(f"'{text}' must end in {known}.")
     if path.is_dir():
         raise UsageError(f"'{text}' is a folder; name a file in it.")
     if not path.parent.is_dir():
@@ -95,26 +151,69 @@ def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | No
     return path
 
 
-def data_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of every command that reads a measurement."""
-    add = parser.add_argument
-    add("--data", metavar="FILE", help="measured signals: CSV and its relatives, NPZ, MAT")
-    add("--columns", metavar="A,B,C", help="names of a headerless file's columns, in order: 't, x_in [deg]'")
-    add("--map", metavar="NAME=COLUMN", type=pair, action="append", default=[],
-        help="the column that holds a signal (or the time t), when it has another name; NAME may have a "
-        "unit: 'x_in [deg]=motor'")  # fmt: skip
+def marked(path: Path, name: str) -> Path:
+    """The path of one file among several: ``name`` added before the ending, ``fitted_bend60.toml``."""
+    return path.with_name(f"{path.stem}_{re.sub(r'[^a-zA-Z0-9_.-]+', '_', name).strip('_')}{path.suffix}")
+
+
+def figure_path(text: str | None) -> Path | None:
+    """Check the path of a figure, and that there is something to draw it with."""
+    path = result_path(text, PICTURES)
+    if path is not None:
+        from tsmblocks.plots.panels import need_matplotlib
+
+        need_matplotlib()
+    return path
+
+
+def data_arguments(options: argparse._ActionsContainer, *, several: bool = False) -> None:
+    """Declare the options of every command that reads a measurement, or several."""
+    add = options.add_argument
+    what = "measured signals: CSV and its relatives, NPZ, MAT"
+    named = ("the column that holds a signal (or the time t), when it has another name; NAME may have a unit: "
+             "'x_in [deg]=motor'")  # fmt: skip
+    if several:
+        add("--data", metavar="FILE", nargs="+", action="extend", help=f"{what}; each file is one experiment")
+    else:
+        add("--data", metavar="FILE", help=what)
+    add("--map", metavar="NAME=COLUMN", type=pair, nargs="+", action="extend", default=[], help=named)
+    add(
+        "--columns",
+        metavar="A,B,C",
+        help="names of a headerless file's columns, in order, empty for those to be left out: 't, x_in [deg], , x_out'",
+    )
     add("--rows", metavar="FIRST:LAST", type=span, default=(None, None),
         help="rows of the file to read, counted from 1")  # fmt: skip
+    add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
+    add("--sampling", metavar="S", type=number, help="time in s from row to row, for a file without a time column")
+    add("--tail", choices=("refuse", "drop"), default="refuse",
+        help="what comes after the time jumps back: refuse the file (default), or drop it")  # fmt: skip
+    add("--gaps", choices=("refuse", "keep"), default="refuse",
+        help="long gaps in time: refuse the file (default), or keep them")  # fmt: skip
 
 
-def read_record(args: argparse.Namespace, only: Iterable[str]) -> Any:
-    """Return the record that the data options describe, its repairs told on standard error."""
+def result_arguments(options: argparse._ActionsContainer, written: str) -> None:
+    """Declare the options of a fit's results; ``written`` is what --out takes."""
+    add = options.add_argument
+    add("--out", metavar="FILE", help=f"write {written} to a .toml file")
+    add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def read_record(
+    args: argparse.Namespace, only: Iterable[str], path: str | None = None, also: Iterable[str] = ()
+) -> Any:
+    """Return the record that the data options describe, its repairs told on standard error.
+
+    ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there.
+    """
     from tsmblocks.data import read, split_heading
 
     mapped = [(*split_heading(heading), column) for heading, column in args.map]
     record = read(
-        args.data, columns=args.columns, map={name: column for name, _, column in mapped},
-        units={name: unit for name, unit, _ in mapped if unit}, only=only, rows=args.rows,
+        path or args.data, columns=args.columns, map={name: column for name, _, column in mapped},
+        units={name: unit for name, unit, _ in mapped if unit}, only=only, also=also, rows=args.rows,
+        step=args.sampling, group=args.group, tail=args.tail, gaps=args.gaps,
     )  # fmt: skip
     if not getattr(args, "json", False):
         for text in record.notes:
@@ -122,17 +221,90 @@ def read_record(args: argparse.Namespace, only: Iterable[str]) -> Any:
     return record
 
 
+def read_experiments(args: argparse.Namespace, *diagrams: Any) -> dict[str, Any]:
+    """Return the records that the data options name, by experiment, with the signals the diagrams know.
+
+    Signals that every diagram needs must be there. Raises UsageError without files, or for one given twice.
+    """
+    wanted = list(dict.fromkeys(name for d in diagrams for name in d.inputs))
+    compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))
+    if not args.data:
+        raise UsageError(f"give --data FILE with the signals {', '.join([*wanted, *compared])}.")
+    known = {*wanted, *compared, "t"}
+    mapped = [heading.partition("[")[0].strip() for heading, _ in args.map]
+    for name in mapped:
+        if name not in known:
+            raise UsageError(f"--map {name}=…: there is no signal '{name}' to compare.{near(name, known)}")
+    _look_at(args.data)
+    needed = [name for name in wanted if all(name in d.inputs for d in diagrams) or name in mapped]
+    only = list(dict.fromkeys([*needed, *(name for name in compared if name in mapped)]))
+    also = [name for name in dict.fromkeys([*wanted, *compared]) if name not in only]
+    records: dict[str, Any] = {}
+    for path in args.data:
+        record = read_record(args, only, path, also)
+        records[record.name if record.name not in records else str(path)] = record
+    return records
+
+
+def _look_at(paths: Sequence[str]) -> None:
+    """Refuse files given twice, and diagrams that stand where recordings should."""
+    from tsmblocks.shelf import names
+
+    seen = set()
+    for path in paths:
+        if path in names() or path.endswith(".toml"):
+            raise UsageError(f"--data takes recordings, and '{path}' is a diagram. Name diagrams before the options.")
+        place = os.path.realpath(path)
+        if place in seen:
+            raise UsageError(f"--data names {path} twice; it would count for two experiments.")
+        seen.add(place)
+
+
 # ---- what is said -------------------------------------------------------------------------------
 
 
 def complain(text: str) -> None:
     """One message to standard error under the program's name."""
-    print(f"tsmblocks: {text}", file=sys.stderr)
+    print(_folded(f"tsmblocks: {text}"), file=sys.stderr)
 
 
 def note(text: str) -> None:
     """Something the user should know but need not act on."""
-    print(f"note: {text}", file=sys.stderr)
+    print(_folded(f"note: {text}"), file=sys.stderr)
+
+
+def _folded(text: str) -> str:
+    """A text in lines as wide as the terminal; as it is where nobody looks at it, so that programs can."""
+    if not sys.stderr.isatty():
+        return text
+    width = max(shutil.get_terminal_size().columns, 40)
+    return "\n".join(
+        textwrap.fill(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+        for line in text.split("\n")
+    )
+
+
+def hand_over(facts: dict[str, Any], written: Sequence[str], args: argparse.Namespace) -> None:
+    """Give what was found as JSON, or say what was written, apart from what stands above it."""
+    if args.json:
+        give({**facts, "written": [*written]})
+    elif written:
+        print("\n" + "\n".join(f"wrote {path}" for path in written))
+
+
+def ended(interrupted: bool, written: Sequence[str], missing: Sequence[str] = ()) -> int:
+    """Exit status of a search; one that Ctrl-C ended is said to be no more than the best so far."""
+    if interrupted:
+        seen = "what you see and what was written is" if written else "what you see is"
+        left_out = f" Not reached: {', '.join(missing)}." if missing else ""
+        complain(f"stopped before the search was over; {seen} the best so far.{left_out}")
+    return INTERRUPTED if interrupted else 0
+
+
+def told(records: dict[str, Any]) -> list[dict[str, Any]]:
+    """What is said of recordings in JSON: where they come from and what was repaired."""
+    return [{"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}
+            for name, r in records.items()]  # fmt: skip
 
 
 def give(value: dict[str, Any]) -> None:
@@ -148,18 +320,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
-
-
-def columns(rows: Iterable[Sequence[str]], indent: str = "", left: frozenset[int] | None = None) -> str:
-    """Rows with their cells in columns; those in ``left`` (by default the first) are flush left."""
-    table = [list(row) for row in rows]
-    left = frozenset({0}) if left is None else left
-    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
-    lines = []
-    for row in table:
-        cells = [c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
-        lines.append((indent + "  ".join(cells)).rstrip())
-    return "\n".join(lines)
 
 
 def show(value: float) -> str:
@@ -178,7 +338,18 @@ def progress(what: str) -> Callable[[float], None] | None:
     return tell
 
 
-def clear_progress(tell: Callable[[float], None] | None) -> None:
+def counter(what: str) -> Callable[[str, int, float], None] | None:
+    """Give a line that says how far a search has come; none when standard error is no terminal."""
+    if not sys.stderr.isatty():
+        return None
+
+    def tell(stage: str, runs: int, rms: float) -> None:
+        print(f"\r\x1b[K{what}: {stage}, {runs} runs, rms {rms:.4g}", end="", file=sys.stderr, flush=True)
+
+    return tell
+
+
+def clear_progress(tell: Callable[..., None] | None) -> None:
     """Take the line of ``progress`` away again."""
     if tell is not None:
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)

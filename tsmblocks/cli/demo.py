@@ -17,6 +17,7 @@ import attrs
 
 from tsmblocks import units
 from tsmblocks.cli import common
+from tsmblocks.tables import columns
 
 HELP = "run the paper's diagrams on its signals; plots and a table in a folder"
 DIAGRAMS = {
@@ -195,4 +196,4 @@ def _table(cases: list[Case]) -> str:
         rows.append((case.words, *shown, paper if any(case.paper) else "-"))
     title = ("Peak-to-peak tracking error in deg, over the second half of each run\n"
              "(the paper's models and gains; with PID, its second set of numbers)")  # fmt: skip
-    return f"{title}\n\n{common.columns(rows)}"
+    return f"{title}\n\n{columns(rows)}"

@@ -12,6 +12,7 @@ from typing import Any
 
 from tsmblocks.cli import common
 from tsmblocks.errors import RunError, near
+from tsmblocks.tables import columns
 
 HELP = "run a diagram, print its tracking error or a table of outputs"
 
@@ -166,7 +167,7 @@ def in_words(summary: dict[str, Any]) -> str:
     rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]
     rows += [(name, y["unit"], *(common.show(y[k]) for k in ("min", "max", "last")))
              for name, y in summary["outputs"].items()]  # fmt: skip
-    return f"{first}\n\n{common.columns(rows, left=frozenset({0, 1}))}"
+    return f"{first}\n\n{columns(rows, left=frozenset({0, 1}))}"
 
 
 def _tracking_table(summary: dict[str, Any]) -> str:
@@ -178,7 +179,7 @@ def _tracking_table(summary: dict[str, Any]) -> str:
             shown = (f"{factor * error[k]:.4g} {unit}".strip() for k in ("peak_to_peak", "rms", "largest"))
             rows.append((words, *shown))
             words = ""
-    return common.columns(rows)
+    return columns(rows)
 
 
 def _units(unit: str) -> list[tuple[str, float]]:

@@ -1,0 +1,41 @@
+"""Which model suits a real instrument?  All that are shipped, on five bends of a measured tendon sheath.
+
+A tracker saw the tip of a surgical instrument while its motors went through two sine cycles of 60 deg, with the
+sheath bent by 0 to 240 deg. Models are judged twice: fitted to all samples, and fitted to the first half and scored
+on the second; last comes another run of the instrument, of three cycles. "Before" are the figures known from earlier
+work, on the first of the rows that repeat a time; here their mean is taken. Measured data: the repository
+nhoyh/hysteresis_compensation_ROS (Nho, Baek and others, IEEE RA-L 2021), in the folder tendon_sheath/ of the one
+that TSMBLOCKS_DATA names.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import tsmblocks as tsm
+
+if "TSMBLOCKS_DATA" not in os.environ:
+    sys.exit("Set TSMBLOCKS_DATA to a folder that holds tendon_sheath/ (of nhoyh/hysteresis_compensation_ROS).")
+folder = Path(os.environ["TSMBLOCKS_DATA"]) / "tendon_sheath"
+before = {
+    "linear": [12.12, 11.53, 10.32, 8.42, 6.59],
+    "play": [1.12, 1.36, 1.25, 0.95, 0.75],
+    "symmetric": [0.82, 1.02, 1.01, 0.93, 1.10],
+    "asymmetric": [2.41, 2.85, 2.87, 2.95, 2.64],
+}
+records = {}
+for bend in (0, 60, 120, 180, 240):
+    records[f"bend {bend}"] = tsm.read(folder / f"calib/{bend}.txt", columns="t, x_in [deg],, x_out [deg],,,,")
+tracking = tsm.read(folder / "tracking/conf0_60.txt", columns="t, x_in [deg],,,, x_out [deg],,,,", tail="drop")
+records["tracking"] = tracking.resampled(0.02)
+for name, record in records.items():
+    print(f"{name}:", *record.notes, sep="\n  ")
+
+for words, train in {"fitted to all samples": 1.0, "fitted to the first half, scored on the second": 0.5}.items():
+    print(f"\nrms error [deg], {words}\n{'':26}", *(f"{name:>9}" for name in records))
+    found = [tsm.compare(None, record, train=train) for record in records.values()]
+    for model in sorted((row.name for row in found[0]), key=lambda name: max(c[name].figure for c in found)):
+        if train == 1.0 and model in before:
+            print(f"{model + ', before':26}", *(f"{figure:9.2f}" for figure in before[model]))
+        errors = [(c[model].held_out or c[model].train).rms for c in found]
+        print(f"{model:26}", *(f"{57.29578 * error:9.2f}" for error in errors))

@@ -1,0 +1,216 @@
+"""Models compared: ranking on what was held out, parts and experiments, models that fail, default models, results."""
+
+import json
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tests.test_fit_methods import LINEAR, noisy, own_play
+from tests.test_fit_problem import record
+from tsmblocks.block import Block, Input, Output, block, parameter
+from tsmblocks.blocks import Gain
+from tsmblocks.cli import common
+from tsmblocks.fitting.compare import ready_made
+
+T = 0.01 * np.arange(601)
+U = 0.6 * np.sin(2.1 * T) + 0.4 * np.sin(5.3 * T)
+RAD = {"x_in": "rad", "x_out": "rad"}
+PLAY = tsm.load("tendon_sheath_play")
+QUICK = dict(starts=1, step=0.01)
+
+
+def rig(name="rig", half_width=0.15, bias=0.05, seed=0, sigma=0.01):
+    return record(name, T, RAD, x_in=U, x_out=noisy(own_play((half_width, 0.9, bias), U), sigma, seed))
+
+
+@block(register=False)
+class Curve(Block):
+    """A polynomial: with many coefficients it is better at what it has seen, and worse at what it has not."""
+
+    k: tuple[float, ...] = parameter(default=(0.0, 1.0), about="coefficients, that of the constant first")
+    u = Input("any signal", unit="rad")
+    y = Output("the curve", unit="rad")
+
+    def outputs(self, t, x, u):
+        return dict(y=sum(k * u.u**i for i, k in enumerate(self.k)))
+
+
+def curve(order):
+    return tsm.Diagram(
+        title=f"order {order}", blocks=dict(map=Curve(k=tuple(0.1 * (i == 1) for i in range(order + 1)))),
+        inputs={"x_in": "map"}, outputs={"x_out": "map"},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def ranked():
+    return tsm.compare({"line": LINEAR, "slack": PLAY}, [rig(), rig("other", seed=1)], **QUICK)
+
+
+# ---- the ranking
+
+
+def test_the_model_that_made_the_data_wins(ranked):
+    assert [row.name for row in ranked] == ["slack", "line"]
+    assert ranked.best.figure == pytest.approx(0.01, rel=0.1)  # the noise
+    assert ranked["slack"].train.rms < ranked["line"].train.rms
+
+
+def test_each_figure_is_a_score_of_the_fit_on_the_rest(ranked):
+    for row in ranked:
+        parts = []
+        for name, seed in (("rig", 0), ("other", 1)):
+            data = rig(name, seed=seed)
+            run = tsm.simulate(row.fit.diagrams[name], step=0.01, inputs={"x_in": tsm.Samples(T, U)})
+            parts.append((data["x_out"] - run["x_out"])[T > 3.0])
+        assert row.figure == row.held_out.rms == pytest.approx(np.sqrt(np.mean(np.concatenate(parts) ** 2)), rel=1e-9)
+        assert [len(d.t) for d in row.train] == [301, 301]
+        assert [d.t[0] for d in row.held_out] == pytest.approx([3.01, 3.01])
+
+
+def test_what_fits_best_need_not_foretell_best():
+    flat = record("flat", T, RAD, x_in=0.4 * T / 6, x_out=noisy(0.3 * T / 6, 0.01))
+    found = tsm.compare([curve(1), curve(7)], flat, train=0.6, **QUICK)
+    assert [row.name for row in found] == ["order 1", "order 7"]
+    assert found["order 7"].train.rms < found["order 1"].train.rms
+    assert found["order 7"].parameters == 8
+
+
+def test_start_values_do_not_count_as_parameters(ranked):
+    assert ranked["slack"].parameters == 3
+    assert {e.name for e in ranked["slack"].fit if e.is_start} == {"play.m@rig", "play.m@other"}
+    plain = tsm.compare({"slack": PLAY}, rig(), start_states=False, **QUICK)
+    assert not any(e.is_start for e in plain.best.fit)
+
+
+# ---- parts
+
+
+@pytest.mark.parametrize(
+    ("train", "fitted", "held"),
+    [
+        (0.5, (0.0, 3.0), (3.01, 6.0)),
+        (0.25, (0.0, 1.5), (1.51, 6.0)),
+        ((1.0, 4.0), (1.0, 4.0), (4.01, 6.0)),
+        ((2.0, None), (2.0, 6.0), (0.0, 1.99)),
+        ({"rig": (None, 2.0)}, (0.0, 2.0), (2.01, 6.0)),
+        (1, (0.0, 6.0), None),
+        (1.0, (0.0, 6.0), None),
+        (None, (0.0, 6.0), None),
+    ],
+)
+def test_parts_that_are_fitted_and_held_out(train, fitted, held):
+    row = tsm.compare({"line": LINEAR}, rig(), train=train, **QUICK).best
+    assert (row.train["rig"].t[0], row.train["rig"].t[-1]) == pytest.approx(fitted)
+    if held is None:
+        assert row.held_out is None
+        assert row.figure == row.train.rms
+    else:
+        assert (row.held_out["rig"].t[0], row.held_out["rig"].t[-1]) == pytest.approx(held)
+
+
+def test_whole_experiments_are_held_out():
+    data = [rig(), rig("other", half_width=0.1, seed=1)]
+    row = tsm.compare({"slack": PLAY}, data, train=1, held_out=["other"], **QUICK).best
+    assert [d.experiment for d in row.train] == ["rig"]
+    assert [d.experiment for d in row.held_out] == ["other"]
+    assert row.figure == pytest.approx(tsm.score(row.fit.diagram, data[1], step=0.01).rms, rel=1e-9)
+    both = tsm.compare({"slack": PLAY}, data, train=0.5, held_out="other", **QUICK).best
+    assert [(d.experiment, len(d.t)) for d in both.held_out] == [("other", 601), ("rig", 300)]
+
+
+# ---- models
+
+
+def test_a_model_that_cannot_be_fitted_comes_last_with_its_reason():
+    elsewhere = tsm.Diagram(title="elsewhere", blocks=dict(k=Gain()), inputs={"angle": "k"}, outputs={"x_out": "k"})
+    found = tsm.compare({"none": elsewhere, "line": LINEAR, "slack": PLAY}, rig(), **QUICK)
+    assert [row.name for row in found] == ["slack", "line", "none"]
+    row = found["none"]
+    assert (row.fit, row.train, row.held_out, row.figure, row.parameters) == (None, None, None, np.inf, 0)
+    assert row.fault == (
+        "rig: 'elsewhere' needs its input 'angle', and the recording has no such signal. Known here: x_in, x_out. If "
+        "it has another name there, map it when reading (angle=COLUMN)."
+    )
+    assert "needs its input 'angle'" in " ".join(str(found).split())
+
+
+def test_without_models_those_for_tendon_sheaths_are_compared():
+    short = rig().part(stop=1.5)
+    found = tsm.compare(None, short, starts=1, step=0.01)
+    assert {f"tendon_sheath_{row.name}" for row in found} == set(ready_made()) >= {
+        "tendon_sheath_linear", "tendon_sheath_symmetric", "tendon_sheath_asymmetric", "tendon_sheath_play",
+    }  # fmt: skip
+    figures = [row.figure for row in found]
+    assert figures == sorted(figures)
+
+
+def test_models_come_as_names_files_diagrams_or_a_mapping(tmp_path):
+    path = tsm.fit(PLAY, rig(), **QUICK).save(tmp_path / "mine.toml")
+    found = tsm.compare(["tendon_sheath_linear", path, PLAY], rig(), **QUICK)
+    assert {row.name for row in found} == {"linear", "mine", PLAY.title}
+    assert tsm.compare("tendon_sheath_linear", rig(), **QUICK).best.name == "linear"
+    assert tsm.compare(LINEAR, rig(), **QUICK).best.name == LINEAR.title
+
+
+def test_what_is_free_is_said_model_by_model():
+    found = tsm.compare({"line": LINEAR, "slack": PLAY}, rig(), free={"line": ["offset.bias"]}, **QUICK)
+    assert found["line"].fit.names == ("offset.bias",)
+    assert found["slack"].parameters == 3
+
+
+# ---- progress, Ctrl-C, seed
+
+
+def test_progress_names_the_model():
+    told = []
+    tsm.compare({"line": LINEAR, "slack": PLAY}, rig(), progress=lambda *now: told.append(now), **QUICK)
+    assert list(dict.fromkeys(name for name, _, _ in told)) == ["line", "slack"]
+
+
+def test_ctrl_c_keeps_the_models_so_far():
+    def stop(name, *_):
+        if name == "slack":
+            raise KeyboardInterrupt
+
+    models = {"line": LINEAR, "slack": PLAY, "never": curve(1)}
+    found = tsm.compare(models, rig(), progress=stop, **QUICK)
+    assert found.interrupted
+    assert {row.name for row in found} == {"line", "slack"}
+    assert found["slack"].fit.status == "interrupted"
+
+
+def test_same_seed_same_ranking():
+    one, other = (tsm.compare([LINEAR, PLAY], rig(), starts=3, seed=4) for _ in range(2))
+    assert json.dumps(one.to_dict()) == json.dumps(other.to_dict())
+
+
+# ---- the result
+
+
+def test_rows_by_name_and_in_order(ranked):
+    assert len(ranked) == 2
+    assert ranked.best is ranked["slack"] is next(iter(ranked))
+    assert not ranked.interrupted
+    assert ranked.unit == "rad"
+
+
+def test_all_of_it_is_plain_json(ranked):
+    told = json.loads(json.dumps(common._plain(ranked.to_dict()), allow_nan=False))
+    assert [m["name"] for m in told["models"]] == ["slack", "line"]
+    assert told["models"][0]["held_out"]["rms"] == pytest.approx(ranked.best.figure)
+    assert told["models"][0]["fit"]["format"] == told["format"] == 1
+    assert told["models"][1]["fault"] is None
+
+
+def test_a_table_is_shown_in_degrees(ranked):
+    text = str(ranked)
+    assert "deg" in text
+    assert f"{np.rad2deg(ranked.best.figure):.4g}" in text
+    assert text.index("slack") < text.index("line")
+
+
+def test_it_can_be_drawn(ranked):
+    pytest.importorskip("matplotlib").use("Agg")
+    assert len(ranked.plot().axes) >= 1

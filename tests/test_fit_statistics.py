@@ -1,0 +1,612 @@
+"""How sure a fit is of its parameters: coverage of intervals, colour of residuals, what data leave open."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import linalg, signal, stats
+
+import tsmblocks as tsm
+from tests.tolerances import EXACT
+from tsmblocks.errors import DataError
+from tsmblocks.fitting.colour import FEWEST, Colour, best_order, coloured, fast_length, lag_products, product
+from tsmblocks.fitting.identifiability import sizes, undetermined
+from tsmblocks.fitting.statistics import (
+    aicc,
+    bic,
+    correlation,
+    effective_samples,
+    intervals,
+    uncertainty,
+    whiteness,
+)
+
+
+def regressors(n, p, cycles):
+    """Columns as the sensitivities of a hysteresis model: a motion, an offset, a play, signs, bent curves."""
+    t = np.arange(n) / n
+    x = np.sin(2 * np.pi * cycles * t) + 0.4 * np.sin(2 * np.pi * 2.3 * cycles * t)
+    play = np.array(list(itertools.accumulate(x, lambda z, now: min(max(z, now - 0.3), now + 0.3), initial=0.0))[1:])
+    v = np.gradient(x) * n
+    every = [x, np.ones(n), play, np.sign(v), np.tanh(v / 20) * x, np.abs(x), x**3]
+    return np.stack(every[:p], axis=1)
+
+
+def autoregressive(phi):
+    def draw(n, rng):
+        e = rng.standard_normal(n)
+        e[0] /= math.sqrt(1 - phi**2)
+        return signal.lfilter([1], [1, -phi], e)
+
+    return draw
+
+
+def filtered(n, rng):
+    return signal.filtfilt(*signal.butter(2, 0.05), rng.standard_normal(n + 400))[200:-200]
+
+
+def disturbed(n, rng):
+    phase = rng.uniform(0, 2 * np.pi)
+    return 0.3 * rng.standard_normal(n) + math.sqrt(2) * np.sin(2 * np.pi * 0.0317 * np.arange(n) + phase)
+
+
+def on_top(n, rng):
+    return autoregressive(0.98)(n, rng) / 5 + 0.5 * rng.standard_normal(n)
+
+
+NOISES = {
+    "white": lambda n, rng: rng.standard_normal(n),
+    "ar 0.9": autoregressive(0.9),
+    "ar 0.98": autoregressive(0.98),
+    "ar 0.98 on white": on_top,
+    "zero-phase filtered": filtered,
+    "sine on white": disturbed,
+}
+
+
+def draws(count, n, p, pieces, noise, seed=0):
+    """Fits of a linear model to noise: residuals, what was found (the truth being zero), and how sure."""
+    rng = np.random.default_rng(seed)
+    J = np.concatenate([regressors(n, p, 3 + 2 * i) * (1 + 0.3 * i) for i in range(pieces)])
+    segments = [slice(i * n, i * n + n) for i in range(pieces)]
+    inverse = np.linalg.pinv(J)
+    for _ in range(count):
+        e = np.concatenate([noise(n, rng) for _ in segments])
+        theta = inverse @ e
+        yield theta, uncertainty(J, e - J @ theta, segments)
+
+
+def coverage(found):
+    hits = []
+    for theta, known in found:
+        low, high = intervals(theta, known.covariance, known.freedom)
+        hits.append((low < 0) & (high > 0))
+    return np.mean(hits)
+
+
+# ---- coverage
+
+
+@pytest.mark.parametrize(("n", "p", "pieces"), [(500, 1, 1), (500, 7, 1), (500, 5, 3), (3000, 5, 1)])
+@pytest.mark.parametrize("name", NOISES)
+def test_intervals_hold_the_truth_as_often_as_they_say(name, n, p, pieces):
+    share = coverage(draws(200, n, p, pieces, NOISES[name]))
+    assert share >= 0.90
+    assert share <= (1.0 if name == "sine on white" else 0.98)  # a sine is bounded; no interval of it errs
+
+
+def test_intervals_for_white_noise_would_be_far_too_short():
+    found = [(theta, known.white) for theta, known in draws(100, 500, 3, 1, NOISES["ar 0.98"])]
+    hits = [np.abs(theta) < 1.96 * np.sqrt(np.diag(white)) for theta, white in found]
+    assert np.mean(hits) < 0.5
+
+
+def test_quantised_residuals_of_a_dithered_signal():
+    rng, J = np.random.default_rng(0), regressors(2000, 5, 3)
+    inverse, step, hits = np.linalg.pinv(J), 0.01, []
+    for _ in range(200):
+        y = J @ [1.0, 0.3, -0.5, 0.1, 0.2] + rng.uniform(0, 1) + 0.5 * step * rng.standard_normal(len(J))
+        e = np.round(y / step) * step - y + 0.3 * step * rng.standard_normal(len(J))
+        theta = inverse @ e
+        known = uncertainty(J, e - J @ theta)
+        low, high = intervals(theta, known.covariance, known.freedom)
+        hits.append((low < 0) & (high > 0))
+    assert 0.90 <= np.mean(hits) <= 0.98
+
+
+def test_many_short_segments_share_one_colour():
+    share = coverage(draws(200, 30, 2, 20, NOISES["ar 0.9"]))
+    assert 0.90 <= share <= 0.98
+    _, known = next(draws(1, 30, 2, 20, NOISES["ar 0.9"]))
+    assert FEWEST > 30
+    assert {id(c.coefficients) for c in known.colours} == {id(known.colours[0].coefficients)}
+    assert known.colours[0].order > 0
+
+
+# ---- covariance
+
+
+def dense(colour, n):
+    return linalg.toeplitz(colour.autocovariance(n))
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**31), n=st.integers(45, 120), p=st.integers(1, 4), pieces=st.integers(1, 3))
+def test_the_covariance_is_the_sandwich_with_the_noise_found(seed, n, p, pieces):
+    rng = np.random.default_rng(seed)
+    J = rng.standard_normal((n * pieces, p)).cumsum(axis=0)
+    segments = [slice(i * n, i * n + n) for i in range(pieces)]
+    r = np.concatenate([autoregressive(0.8)(n, rng) for _ in segments])
+    r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
+    known = uncertainty(J, r, segments)
+    middle = sum(J[s].T @ dense(c, n) @ J[s] for s, c in zip(segments, known.colours, strict=True))
+    inverse = np.linalg.inv(J.T @ J)
+    np.testing.assert_allclose(
+        known.covariance, inverse @ middle @ inverse, rtol=1e-7, atol=1e-9 * np.abs(middle).max()
+    )
+    np.testing.assert_allclose(known.white, inverse * (r @ r) / (n * pieces - p), rtol=1e-7)
+
+
+def test_degrees_of_freedom_are_those_of_the_delta_method():
+    rng = np.random.default_rng(5)
+    J = regressors(600, 3, 4)
+    r = autoregressive(0.7)(600, rng)
+    r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
+    known = uncertainty(J, r)
+    noises = coloured(np.linalg.qr(J)[0].T.copy(), r, [slice(0, 600)])
+    gains = np.linalg.pinv(J)
+
+    def variances(a):
+        return np.diag(gains @ dense(Colour(a, noises.colours[0].variance), 600) @ gains.T)
+
+    a, k = noises.colours[0].coefficients, noises.colours[0].order
+    assert k >= 1
+    slopes = np.array([(variances(a + h) - variances(a - h)) / 2e-6 for h in 1e-6 * np.eye(k)])
+    v = variances(a)
+    doubt = 2 * v**2 / (600 - 3 - 2 * k) + np.einsum("ip,ij,jp->p", slopes, noises.uncertain[0], slopes)
+    np.testing.assert_allclose(known.freedom, 2 * v**2 / doubt, rtol=1e-3)
+
+
+def test_white_noise_leaves_the_classical_interval():
+    rng = np.random.default_rng(2)
+    J = rng.standard_normal((200, 2))
+    r = rng.standard_normal(200)
+    r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
+    known = uncertainty(J, r)
+    assert known.colours[0].order == 0
+    np.testing.assert_allclose(known.covariance, known.white, rtol=1e-3)
+    np.testing.assert_allclose(known.freedom, 198.0, rtol=1e-9)
+    middle = np.array([1.0, 2.0])
+    low, high = intervals(middle, known.covariance, known.freedom, level=0.9)
+    wide = stats.t(198).ppf(0.95) * known.errors
+    np.testing.assert_allclose([low, high], [middle - wide, middle + wide], rtol=1e-9)
+
+
+def test_without_degrees_of_freedom_an_interval_is_that_of_a_normal_distribution():
+    low, high = intervals(np.array([0.0]), np.array([[4.0]]))
+    np.testing.assert_allclose([low[0], high[0]], stats.norm.ppf([0.025, 0.975]) * 2, rtol=1e-12)
+
+
+def test_what_is_held_does_not_move():
+    rng = np.random.default_rng(3)
+    J, e = regressors(800, 3, 4), NOISES["ar 0.9"](800, rng)
+    two = J[:, [0, 2]]
+    r = e - two @ np.linalg.lstsq(two, e, rcond=None)[0]
+    known = uncertainty(J, r, held=np.array([[0.0, 5.0, 0.0]]))
+    alone = uncertainty(two, r)
+    np.testing.assert_array_equal(known.covariance[1], np.zeros(3))
+    np.testing.assert_allclose(known.covariance[np.ix_([0, 2], [0, 2])], alone.covariance, rtol=1e-8)
+    np.testing.assert_allclose(known.freedom[[0, 2]], alone.freedom, rtol=1e-6)
+    assert known.freedom[1] == math.inf
+    assert np.isnan(known.correlation[1, 0])
+
+
+def test_a_constraint_holds_its_combination():
+    rng = np.random.default_rng(3)
+    J, r = regressors(800, 3, 4), rng.standard_normal(800)
+    known = uncertainty(J, r, held=np.array([[1.0, 0.0, -2.0]]))
+    move = np.array([1.0, 0.0, -2.0])
+    assert known.covariance[0, 0] > 0
+    np.testing.assert_allclose(move @ known.covariance, 0.0, atol=1e-15)
+    np.testing.assert_allclose(known.correlation[0, 2], 1.0, rtol=1e-9)
+
+
+def test_all_held():
+    J, r = regressors(100, 2, 3), np.random.default_rng(0).standard_normal(100)
+    known = uncertainty(J, r, held=np.eye(2))
+    np.testing.assert_array_equal(known.covariance, np.zeros((2, 2)))
+
+
+def test_a_prior_is_one_more_measurement():
+    rng, sigma, deviation = np.random.default_rng(4), 0.5, 0.2
+    J, r = regressors(300, 2, 3), sigma * rng.standard_normal(300)
+    J[:, 1] *= 1e-3
+    r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
+    prior = np.diag([0.0, (sigma / deviation) ** 2])
+    known = uncertainty(J, r, prior=prior, noise=sigma)
+    stacked = np.linalg.inv(J.T @ J / sigma**2 + np.diag([0.0, deviation**-2]))
+    np.testing.assert_allclose(known.covariance, stacked, rtol=0.2, atol=1e-5)
+    np.testing.assert_allclose(known.errors[1], deviation, rtol=0.01)
+    assert uncertainty(J, r).errors[1] > 10 * deviation
+
+
+def test_what_the_data_leave_open_is_infinitely_uncertain():
+    rng = np.random.default_rng(6)
+    J = np.column_stack([regressors(400, 2, 3), np.zeros(400)])
+    J = np.column_stack([J, J[:, 0] * 3])
+    r = rng.standard_normal(400)
+    known = uncertainty(J, r)
+    assert list(np.isinf(known.errors)) == [True, False, True, True]
+    assert np.isnan(known.covariance[0, 1])
+    assert np.isfinite(known.covariance[1, 1])
+    low, high = intervals(np.zeros(4), known.covariance, known.freedom)
+    assert (low[0], high[0]) == (-math.inf, math.inf)
+    np.testing.assert_allclose(known.covariance[1, 1], uncertainty(J[:, :2], r).covariance[1, 1], rtol=1e-6)
+
+
+def test_parameters_of_very_different_size_are_no_trouble():
+    rng = np.random.default_rng(7)
+    J, r = regressors(400, 4, 3), autoregressive(0.9)(400, rng)
+    scale = np.array([1e9, 1.0, 1e-7, 1e3])
+    a, b = uncertainty(J, r), uncertainty(J * scale, r)
+    np.testing.assert_allclose(b.covariance * np.outer(scale, scale), a.covariance, rtol=1e-6)
+    np.testing.assert_allclose(b.freedom, a.freedom, rtol=1e-6)
+
+
+def test_a_perfect_fit_is_perfectly_sure():
+    known = uncertainty(regressors(100, 2, 3), np.zeros(100))
+    assert known.errors.max() < 1e-100
+
+
+@pytest.mark.parametrize("r", [np.ones(200), np.arange(200.0), np.eye(1, 200)[0], np.sin(0.3 * np.arange(200))])
+def test_residuals_that_are_no_noise_give_finite_figures(r):
+    known = uncertainty(regressors(200, 2, 3), r)
+    assert np.isfinite(known.covariance).all()
+    assert (known.errors > 0).all()
+    assert (known.freedom >= 2).all()
+
+
+def test_a_segment_of_few_samples_beside_a_long_one():
+    rng = np.random.default_rng(8)
+    J, r = rng.standard_normal((1003, 2)), rng.standard_normal(1003)
+    known = uncertainty(J, r, [slice(0, 1000), slice(1000, 1002), slice(1002, 1003), slice(1003, 1003)])
+    np.testing.assert_allclose(known.covariance, known.white, rtol=0.2, atol=1e-4)
+    assert len(known.colours) == 3
+
+
+@pytest.mark.parametrize(
+    ("J", "r", "segments", "message"),
+    [
+        (np.ones((3, 3)), np.ones(3), None,
+         "3 samples cannot tell how sure 3 parameters are: it takes more samples than parameters."),
+        (np.ones((9, 3)), np.ones(8), None,
+         "a Jacobian of shape (N, p) and N residuals are needed, got shapes (9, 3) and (8,)."),
+        (np.full((9, 3), np.nan), np.ones(9), None,
+         "residuals and their Jacobian must be finite to tell how sure a fit is."),
+        (np.ones((9, 3)), np.ones(9), [slice(0, 5)], "the segments must cover each of the 9 residuals once."),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_judged_is_refused(J, r, segments, message):
+    with pytest.raises(DataError) as caught:
+        uncertainty(J, r, segments)
+    assert str(caught.value) == message
+
+
+def test_correlation_is_that_of_numpy():
+    sample = np.random.default_rng(0).standard_normal((50, 3)).cumsum(axis=1)
+    np.testing.assert_allclose(correlation(np.cov(sample.T)), np.corrcoef(sample.T), rtol=1e-12)
+
+
+# ---- the colour of noise
+
+
+STABLE = st.lists(st.complex_numbers(max_magnitude=0.9), min_size=0, max_size=2)
+
+
+@settings(deadline=None)
+@given(roots=STABLE, n=st.integers(1, 400))
+def test_autocovariance_of_an_autoregression(roots, n):
+    a = -np.atleast_1d(np.real(np.poly([*roots, *np.conj(roots)])))[1:]
+    got = Colour(a, 2.0).autocovariance(n)
+    impulse = signal.lfilter([1], np.r_[1, -a], np.eye(1, 4000)[0])
+    wanted = 2.0 * signal.correlate(impulse, impulse, method="direct" if n < 3 else "fft")[3999 : 3999 + n]
+    np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-6 * wanted[0])  # roots may meet, which costs digits
+
+
+def test_autocovariance_of_noise_that_outlasts_the_record():
+    roots = [0.9999, 0.999 * np.exp(0.3j), 0.999 * np.exp(-0.3j), -0.5]
+    colour = Colour(-np.real(np.poly(roots))[1:], 1.0)
+    impulse = signal.lfilter([1], np.r_[1, -colour.coefficients], np.eye(1, 300_000)[0])
+    wanted = [impulse[k:] @ impulse[: len(impulse) - k] for k in (0, 1, 50, 199)]
+    np.testing.assert_allclose(colour.autocovariance(200)[[0, 1, 50, 199]], wanted, rtol=1e-6)
+
+
+def test_autocovariance_of_one_slow_pole():
+    got = Colour(np.array([0.999]), 3.0).autocovariance(5000)
+    np.testing.assert_allclose(got, 3.0 / (1 - 0.999**2) * 0.999 ** np.arange(5000), rtol=1e-9)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 60), m=st.integers(1, 3), k=st.integers(0, 8))
+def test_lag_products_are_sums_of_products(seed, n, m, k):
+    z = np.random.default_rng(seed).standard_normal((m, n))
+    wanted = np.zeros((k + 1, k + 1, m, m))
+    for i, j in itertools.product(range(k + 1), repeat=2):
+        for t in range(k, n):
+            wanted[i, j] += np.outer(z[:, t - i], z[:, t - j])
+    np.testing.assert_allclose(lag_products(z, k), wanted, rtol=1e-10, atol=1e-10)
+
+
+def test_the_best_order_is_that_of_separate_regressions():
+    rng = np.random.default_rng(1)
+    x = signal.lfilter([1], [1, -1.2, 0.5, 0.1, -0.3], rng.standard_normal(700))
+    most, scores = 12, []
+    for k in range(most + 1):
+        lags = np.column_stack([np.zeros(700 - most), *(x[most - i : 700 - i] for i in range(1, k + 1))])
+        left = x[most:] - lags @ np.linalg.lstsq(lags, x[most:], rcond=None)[0]
+        n = 700 - most
+        scores.append(n * np.log(left @ left) + 2 * (k + 1) * n / (n - k - 2))
+    assert best_order(lag_products(x[None], most)[:, :, 0, 0], 700 - most) == int(np.argmin(scores))
+
+
+def test_a_fit_does_not_hide_the_slowness_of_noise():
+    """Least squares on the residuals finds noise too quick: an offset and slow motions take the slow part away."""
+    plain, restricted, rng = [], [], np.random.default_rng(0)
+    basis = np.linalg.qr(regressors(400, 3, 2))[0]
+    for _ in range(100):
+        e = autoregressive(0.98)(400, rng)
+        r = e - basis @ (basis.T @ e)
+        for found, q in ((plain, 0), (restricted, 3)):
+            colour = coloured(np.ascontiguousarray(basis.T[:q]), r, [slice(0, 400)]).colours[0]
+            found.append(math.sqrt(colour.variance) / (1 - colour.coefficients.sum()))
+    truth = 50.0  # what noise of frequency zero amounts to
+    assert np.median(plain) < 0.75 * truth
+    assert abs(np.median(restricted) / truth - 1) < 0.2
+
+
+@settings(deadline=None)
+@given(m=st.integers(1, 40), n=st.integers(1, 40), q=st.integers(1, 40), long=st.sampled_from([0, 1]))
+def test_products_in_pieces(m, n, q, long):
+    rng = np.random.default_rng(m + 40 * n + 1600 * q)
+    m, n = (m, n + 3000) if long else (m + 3000, n)
+    a, b = rng.standard_normal((m, n)), rng.standard_normal((n, q))
+    np.testing.assert_allclose(product(a, b), a @ b, rtol=1e-9, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(n=st.integers(1, 10**6))
+def test_a_quick_length_is_even_and_no_longer_than_needed(n):
+    length = fast_length(n)
+    assert n <= length <= max(1.25 * n, 2)
+    assert length % 2 == 0
+    assert length in {f << k for f in (1, 3, 5, 9, 15) for k in range(1, 21)}
+
+
+# ---- what residuals tell
+
+
+def test_white_residuals_pass_as_white_as_often_as_they_should():
+    rng = np.random.default_rng(0)
+    found = [whiteness(rng.standard_normal(400))[0] for _ in range(400)]
+    assert 0.02 < np.mean([w.probability < 0.05 for w in found]) < 0.09
+    inside = [np.mean(np.abs(w.autocorrelation[1:]) < w.band) for w in found]
+    assert 0.94 < np.mean(inside) < 0.97
+    assert abs(np.mean([w.durbin_watson for w in found]) - 2) < 0.02
+
+
+def test_whiteness_against_the_formulas():
+    r = autoregressive(0.5)(300, np.random.default_rng(1))
+    first, second = whiteness(r, [slice(0, 200), slice(200, 300)], lags=10)
+    e = r[:200]
+    rho = np.correlate(e, e, "full")[199:210] / (e @ e)
+    np.testing.assert_allclose(first.autocorrelation, rho, rtol=EXACT)
+    statistic = 200 * 202 * sum(rho[k] ** 2 / (200 - k) for k in range(1, 11))
+    assert first.statistic == pytest.approx(statistic, rel=EXACT)
+    assert first.probability == pytest.approx(stats.chi2(10).sf(statistic), rel=1e-9)
+    assert first.durbin_watson == pytest.approx(sum((e[k] - e[k - 1]) ** 2 for k in range(1, 200)) / (e @ e))
+    assert first.band == pytest.approx(1.96 / math.sqrt(200), rel=1e-4)
+    assert (first.samples, second.samples) == (200, 100)
+
+
+def test_residuals_that_vanish_have_no_colour():
+    flat = whiteness(np.zeros(50))[0]
+    assert math.isnan(flat.probability)
+    assert math.isnan(flat.durbin_watson)
+    assert math.isnan(whiteness(np.ones(3))[0].probability)  # too short for a single lag
+
+
+def test_effective_samples():
+    rng = np.random.default_rng(0)
+    assert effective_samples(rng.standard_normal(1000)) == pytest.approx(1000, rel=0.02)
+    phi = 0.9
+    long = autoregressive(phi)(50_000, rng)
+    assert effective_samples(long) == pytest.approx(50_000 * (1 - phi**2) / (1 + phi**2), rel=0.1)
+    halves = effective_samples(long, [slice(0, 25_000), slice(25_000, 50_000)])
+    assert halves == pytest.approx(effective_samples(long), rel=0.1)
+    assert effective_samples(np.zeros(100)) == 100
+    assert 1 <= effective_samples(np.ones(100)) < 3
+
+
+def test_criteria_are_those_of_the_books():
+    assert bic(0.01, 3, 200.0) == pytest.approx(200 * math.log(0.01) + 3 * math.log(200))
+    k = 4  # the variance counts as well
+    assert aicc(0.01, 3, 200.0) == pytest.approx(200 * math.log(0.01) + 2 * k + 2 * k * (k + 1) / (200 - k - 1))
+    assert aicc(0.01, 3, 5.0) == math.inf
+
+
+def test_coloured_noise_does_not_buy_parameters():
+    rng, J = np.random.default_rng(3), regressors(1000, 7, 5)
+    small, large = (np.linalg.qr(J[:, :p])[0] for p in (3, 7))
+    fooled = {"all": 0, "effective": 0}
+    for _ in range(60):
+        e = autoregressive(0.95)(1000, rng)
+        a, b = (e - Q @ (Q.T @ e) for Q in (small, large))
+        for how, n in (("all", 1000.0), ("effective", effective_samples(b))):
+            fooled[how] += bic(np.mean(b**2), 7, n) < bic(np.mean(a**2), 3, n)
+    assert fooled["all"] > 20
+    assert fooled["effective"] <= 3
+
+
+# ---- what data leave open
+
+
+BOUC_WEN = ("tsm.alpha_x", "tsm.alpha_zeta", "tsm.A", "tsm.beta", "tsm.gamma", "tsm.n", "offset.bias")
+
+
+def bouc_wen(names, x, t, noise=1e-3, **changed):
+    """Jacobian and residuals of the symmetric Bouc-Wen diagram fitted to itself with noise."""
+    diagram = tsm.load("tendon_sheath_symmetric").with_parameters(changed.pop("parameters", {}))
+    run = tsm.sensitivities(diagram, names, outputs=["x_out"], stop=t[-1], step=t[1], inputs={"x_in": x})
+    J = run.jacobian[:, 0, :]
+    e = noise * np.random.default_rng(0).standard_normal(len(J))
+    r = e - J @ (np.linalg.pinv(J) @ e)
+    theta = np.array([diagram.parameters[name] for name in names])
+    return undetermined(J, r, names, theta, uncertainty(J, r), **changed)
+
+
+T = np.arange(2501) * 0.004
+TWO_TONES = 0.9 * np.sin(2 * np.pi * 0.3 * T) + 0.3 * np.sin(2 * np.pi * 0.71 * T)
+
+
+def test_the_state_of_bouc_wen_has_no_size_of_its_own():
+    (only,) = bouc_wen(BOUC_WEN, TWO_TONES, T)
+    assert only.kind == "combination"
+    assert only.names == ("tsm.alpha_zeta", "tsm.A", "tsm.beta", "tsm.gamma")
+    # alpha_zeta c, A / c, beta c^(n-1), gamma c^(n-1); A and gamma are negative
+    np.testing.assert_allclose(only.changes, [1.0, 1.0, 0.0217, -0.0217], rtol=1e-6)
+    assert only.effect < 1e-9
+    words, _, rest = only.words.partition(" changes the outputs by ")
+    assert words == ("tsm.alpha_zeta and tsm.A only matter through a combination: raising tsm.alpha_zeta by 1 % "
+                     "while raising tsm.A by 1 % (and tsm.beta and tsm.gamma by less than 0.05 %)")  # fmt: skip
+    assert rest.endswith(" of the residual.")
+
+
+def test_with_the_scale_fixed_bouc_wen_is_determined():
+    names = [name for name in BOUC_WEN if name != "tsm.alpha_zeta"]
+    assert bouc_wen(names, TWO_TONES, T) == ()
+
+
+def test_motion_in_one_direction_does_not_tell_how_unloading_goes():
+    names = [name for name in BOUC_WEN if name not in ("tsm.alpha_zeta", "tsm.n")]
+    (only,) = bouc_wen(names, 0.3 * T, T)
+    assert only.names == ("tsm.beta", "tsm.gamma")
+    np.testing.assert_allclose(only.changes, [2.272 / 4.206, 1.0], rtol=1e-6)  # beta + gamma is all that matters
+
+
+def test_both_at_once_are_told_apart():
+    first, second = bouc_wen(BOUC_WEN, 0.3 * T, T)
+    assert first.names == ("tsm.beta", "tsm.gamma")
+    assert second.names[:2] == ("tsm.alpha_zeta", "tsm.A")
+
+
+def test_what_does_not_reach_the_output_has_no_influence():
+    found = bouc_wen(BOUC_WEN, TWO_TONES, T, parameters={"tsm.alpha_zeta": 0.0})
+    assert [(u.kind, u.names, u.changes, u.effect) for u in found[:3]] == [
+        ("no influence", (name,), (1.0,), 0.0) for name in ("tsm.A", "tsm.beta", "tsm.gamma")
+    ]
+    assert found[0].words == "tsm.A has no influence on the outputs in these experiments."
+
+
+def test_noise_can_hide_what_data_could_tell():
+    names = [name for name in BOUC_WEN if name not in ("tsm.alpha_zeta", "offset.bias")]
+    found = bouc_wen(names, TWO_TONES, T, noise=1.0)
+    assert {u.kind for u in found} == {"combination", "uncertain"}
+    assert all("cannot be told apart" in u.words for u in found if u.kind == "combination")
+    assert "tsm.gamma" in {name for u in found for name in u.names}
+
+
+def test_one_uncertain_parameter_does_not_drag_others_in():
+    t = np.linspace(0, 1, 400)
+    J = np.column_stack([np.ones(400), 0.18 * (t + 5.0)])  # a tenth of the first makes up for the second
+    r = 1.5 * np.random.default_rng(1).standard_normal(400)
+    (only,) = undetermined(J, r, ["level", "slope"], np.array([10.0, 1.0]), uncertainty(J, r))
+    assert (only.kind, only.names) == ("uncertain", ("slope",))
+
+
+def test_a_perfect_fit_still_names_what_is_redundant():
+    (only,) = bouc_wen(BOUC_WEN[:5], TWO_TONES, T, noise=0.0)
+    assert only.effect == math.inf  # nothing to compare with
+    assert only.words.endswith("changes the outputs by no more than rounding.")
+
+
+def well_posed(seed, n, p):
+    rng = np.random.default_rng(seed)
+    J = rng.standard_normal((n, p)) * 10 ** rng.uniform(-4, 4, p)
+    theta = rng.uniform(0.5, 2, p) * np.where(rng.random(p) < 0.5, -1, 1) / np.linalg.norm(J, axis=0)
+    r = rng.standard_normal(n)
+    r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
+    return J, 1e-2 * r / np.linalg.norm(r), theta
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**31), n=st.integers(60, 300), p=st.integers(1, 7))
+def test_nothing_is_named_where_everything_is_determined(seed, n, p):
+    J, r, theta = well_posed(seed, n, p)
+    assert undetermined(J, r, [f"b.p{i}" for i in range(p)], theta, uncertainty(J, r)) == ()
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**31), n=st.integers(80, 300), p=st.integers(2, 6), data=st.data())
+def test_a_redundancy_put_in_is_the_one_named(seed, n, p, data):
+    J, r, theta = well_posed(seed, n, p)
+    i, j = data.draw(st.lists(st.integers(0, p - 1), min_size=2, max_size=2, unique=True))
+    J[:, j] = J[:, i] * theta[i] / theta[j]
+    (only,) = undetermined(J, r, [f"b.p{k}" for k in range(p)], theta, uncertainty(J, r))
+    assert set(only.names) == {f"b.p{i}", f"b.p{j}"}
+    np.testing.assert_allclose(np.abs(only.changes), 1.0, rtol=1e-6)
+    assert only.effect < 1e-6
+
+
+def test_a_single_parameter_that_noise_hides():
+    J, r, theta = well_posed(1, 200, 3)
+    J[:, 1] *= 1e-4
+    known = uncertainty(J, r)
+    (only,) = undetermined(J, r, ["a", "b", "c"], theta, known)
+    half = intervals(theta, known.covariance, known.freedom)[1][1] - theta[1]
+    assert only.kind == "uncertain"
+    assert only.words == (f"b is hardly determined: {theta[1]:.3g} ± {half:.2g}, an interval wider than "
+                          "the parameter itself.")  # fmt: skip
+    big = sizes(theta, 1e9 * theta, np.full(3, -np.inf), np.full(3, np.inf))
+    assert undetermined(J, r, ["a", "b", "c"], theta, known, scales=big) == ()
+
+
+def test_an_interval_wider_than_the_bounds():
+    J, r, theta = well_posed(1, 200, 2)
+    known = uncertainty(J, r)
+    half = intervals(theta, known.covariance, known.freedom)[1] - theta
+    room = half * [10, 0.9]
+    low, high = theta - room, theta + room
+    (only,) = undetermined(J, r, ["a", "b"], theta, known, low=low, high=high)
+    assert only.words == (f"b is hardly determined: {theta[1]:.3g} ± {half[1]:.2g}, an interval wider than "
+                          "its bounds are apart.")  # fmt: skip
+
+
+def test_priors_and_bounds_settle_what_data_cannot():
+    J, r, theta = well_posed(2, 200, 3)
+    J[:, 2] = 0.0
+    names = ["a", "b", "c"]
+    (open_,) = undetermined(J, r, names, theta, uncertainty(J, r))
+    assert open_.names == ("c",)
+    held = np.eye(3)[2:]
+    assert undetermined(J, r, names, theta, uncertainty(J, r, held=held), held=held) == ()
+    prior = np.diag([0.0, 0.0, np.mean(r**2) / (0.1 * theta[2]) ** 2])
+    assert undetermined(J, r, names, theta, uncertainty(J, r, prior=prior), prior=prior) == ()
+
+
+def test_a_constraint_settles_a_redundancy():
+    J, r, theta = well_posed(2, 200, 3)
+    J[:, 2] = J[:, 1]
+    assert len(undetermined(J, r, ["a", "b", "c"], theta, uncertainty(J, r))) == 1
+    held = np.array([[0.0, 1.0, -2.0]])
+    assert undetermined(J, r, ["a", "b", "c"], theta, uncertainty(J, r, held=held), held=held) == ()
+    along = np.array([[0.0, 1.0, 1.0]])  # says nothing of the difference, which is what is open
+    assert len(undetermined(J, r, ["a", "b", "c"], theta, uncertainty(J, r, held=along), held=along)) == 1
+
+
+def test_sizes():
+    theta, start = np.array([2.0, -1.0, 1e-4, 1e-4, 5.0]), np.array([1.0, -3.0, 0.0, 0.0, 0.0])
+    low, high = np.array([-np.inf, 0.0, -4.0, 0.0, -np.inf]), np.array([np.inf, 9.0, 4.0, np.inf, np.inf])
+    np.testing.assert_array_equal(sizes(theta, start, low, high), [2.0, 3.0, 4.0, 1.0, 5.0])

@@ -1,0 +1,123 @@
+"""Fit several models to the same recordings and rank them on parts held out.
+
+Without DIAGRAM every ready-made tendon-sheath model takes part. Each FILE is
+one experiment. A model has one set of numbers for all files; with --each it is
+fitted to every file by itself, and a table of models and files is printed.
+
+  tsmblocks compare --data sheath.csv --out best.toml --plot models.png
+  tsmblocks compare tendon_sheath_play my_model.toml --data bend*.csv --each
+"""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tsmblocks.cli import common
+
+if TYPE_CHECKING:
+    from tsmblocks.fitting.compare import Comparison
+
+HELP = "fit several models to the same recordings and rank them on held-out parts"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.usage = "%(prog)s [DIAGRAM ...] --data FILE [FILE ...] [options]"
+    parser.add_argument("models", metavar="DIAGRAM", nargs="*", help="diagram files, or names of ready-made ones")
+    common.data_arguments(parser.add_argument_group("measured data"), several=True)
+    add = parser.add_argument_group("what is fitted").add_argument
+    add("--train", metavar="PART", type=common.part, default=0.5,
+        help="share of each recording that is fitted, from its start (default 0.5; 1 holds nothing out), or its "
+        "times START:STOP in s")  # fmt: skip
+    add("--held-out", metavar="EXPERIMENT", nargs="+", action="extend", default=[],
+        help="experiments that are not fitted at all")  # fmt: skip
+    add("--each", action="store_true", help="fit every file by itself")
+    add("--starts", metavar="N", type=common.whole, default=8, help="starts of each fit (default 8)")
+    add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
+    add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    common.result_arguments(parser.add_argument_group("results"), "the best model, fitted (with --each one per file),")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    from tsmblocks.files import load
+    from tsmblocks.fitting.compare import ready_made
+    from tsmblocks.fitting.telling import by_file
+
+    if args.each and args.held_out:
+        raise common.UsageError("--each fits every file, so none can be held out; leave --held-out away.")
+    out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
+    models = {_label(name, args.models): load(name) for name in args.models or ready_made()}
+    records = common.read_experiments(args, *models.values())
+    groups = {name: {name: record} for name, record in records.items()} if args.each else {"": records}
+    found = _compared(args, models, groups)
+    if not args.json:
+        print(f"{_head(args)}\n\n{by_file(found) if args.each else found['']}")
+    written = _saved(found, out)
+    if plot:
+        _figure(found, args.each).savefig(plot, dpi=150)
+        written.append(str(plot))
+    facts = {"format": 1, "each": {name: one.to_dict() for name, one in found.items()}} if args.each else None
+    common.hand_over({**(facts or found[""].to_dict()), "data": common.told(records)}, written, args)
+    missing = [name for name in models if any(name not in [row.name for row in one] for one in found.values())]
+    missing += [name for name in groups if name not in found]
+    return common.ended(any(one.interrupted for one in found.values()), written, missing)
+
+
+def _label(name: str, given: Sequence[str]) -> str:
+    """The name of a model: that of its file, or as it was given where two files share it."""
+    from tsmblocks.fitting.compare import SHIPPED
+
+    stem = Path(name).stem
+    return name if sum(Path(other).stem == stem for other in given) > 1 else stem.removeprefix(SHIPPED)
+
+
+def _compared(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -> dict[str, Comparison]:
+    """One comparison for each group of recordings, until Ctrl-C ends one."""
+    from tsmblocks.fitting.compare import compare
+
+    found: dict[str, Comparison] = {}
+    tell = None if args.json else common.counter("fitting")
+    try:
+        for name, records in groups.items():
+            found[name] = compare(models, records, train=args.train, held_out=args.held_out, starts=args.starts,
+                                  seed=args.seed, step=args.step, progress=tell)  # fmt: skip
+            if found[name].interrupted:
+                break
+    finally:
+        common.clear_progress(tell)
+    return found
+
+
+def _head(args: argparse.Namespace) -> str:
+    """What was fitted and what was held out, in a sentence."""
+    if isinstance(args.train, tuple):
+        low, high = ("" if value is None else f"{value:g}" for value in args.train)
+        where = f"{low}:{high} s of each recording"
+    else:
+        where = "all samples" if args.train == 1 else f"the first {100 * args.train:g} % of each recording"
+    ranked = "" if args.train == 1 else ", ranked on the rest"
+    apart = f"; not fitted at all: {', '.join(args.held_out)}" if args.held_out else ""
+    return textwrap.fill(f"fitted to {where}{ranked}{apart}", 80)
+
+
+def _saved(found: Mapping[str, Comparison], out: Path | None) -> list[str]:
+    """Write the model that is best overall, with the numbers of each group; the paths."""
+    from tsmblocks.fitting.compare import overall
+
+    best, written = overall(found)[0][0], list[str]()
+    for name, one in found.items() if out else ():
+        fitted = next((row.fit for row in one if row.name == best), None)
+        if out and fitted is not None:
+            written.append(str(fitted.save(common.marked(out, name) if name else out)))
+    return written
+
+
+def _figure(found: Mapping[str, Comparison], each: bool) -> Any:
+    from tsmblocks.plots import plot_comparison, plot_each
+
+    return plot_each(found) if each else plot_comparison(found[""])

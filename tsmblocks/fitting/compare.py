@@ -1,0 +1,241 @@
+"""``compare``: several models fitted to the same recordings and ranked on parts none of them was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import Record
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import DataError, RunError, TsmError, in_words, near
+from tsmblocks.fitting import asking
+from tsmblocks.fitting.differences import Differences, score
+from tsmblocks.fitting.estimate import fit
+from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.setting_up import Data, recordings, windows
+from tsmblocks.fitting.trials import Window
+
+SHIPPED = "tendon_sheath_"
+"""Ready-made diagrams whose names begin so are compared when no models are given."""
+
+Models = Mapping[str, Any] | Iterable[Any] | None
+
+
+@attrs.frozen(eq=False)
+class Row:
+    """One model: its fit, what it leaves of the parts it was fitted to, and of those held out.
+
+    ``fault`` says why a model could not be fitted; the rest is then empty.
+    """
+
+    name: str
+    fit: Fit | None
+    train: Differences | None
+    held_out: Differences | None
+    fault: str = ""
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers were fitted, start values aside."""
+        return 0 if self.fit is None else sum(not e.is_start for e in self.fit.estimates)
+
+    @property
+    def figure(self) -> float:
+        """What models are ranked by: the rms held out, or that of the fit where nothing was; infinite on a fault."""
+        best = self.held_out or self.train
+        return np.inf if best is None else best.rms
+
+
+@attrs.frozen(eq=False)
+class Comparison:
+    """Models from best to worst, on held-out parts where there are any; by name, ``comparison["play"]``."""
+
+    rows: tuple[Row, ...]
+    unit: str
+    interrupted: bool = False
+
+    @property
+    def best(self) -> Row:
+        """The model that leaves least."""
+        return self.rows[0]
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, name: str) -> Row:
+        """Return a row by the model's name. Raises RunError with the near miss."""
+        found = next((row for row in self.rows if row.name == name), None)
+        if found is None:
+            raise RunError(f"no model '{name}' was compared.{near(name, [r.name for r in self.rows])}")
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the ranking as plain values, as ``tsmblocks compare --json`` prints it."""
+        return {"format": 1, "unit": self.unit, "interrupted": self.interrupted, "models": [
+            {"name": r.name, "parameters": r.parameters, "fault": r.fault or None,
+             "train": None if r.train is None else r.train.to_dict(),
+             "held_out": None if r.held_out is None else r.held_out.to_dict(),
+             "fit": None if r.fit is None else r.fit.to_dict()} for r in self.rows]}  # fmt: skip
+
+    def plot(self) -> Any:
+        """A figure of every model's error and the best one's loops. Needs matplotlib."""
+        from tsmblocks.plots import plot_comparison
+
+        return plot_comparison(self)
+
+    def __str__(self) -> str:
+        from tsmblocks.fitting.telling import ranking
+
+        return ranking(self)
+
+
+def compare(
+    models: Models, data: Data, *, train: Any = 0.5, held_out: Iterable[str] = (),
+    free: Mapping[str, Iterable[str]] | None = None, start_states: bool = True, outputs: Iterable[str] | None = None,
+    method: str = "gauss-newton", starts: int = 8, seed: int = 0, step: float | None = None, integrator: str = "rk4",
+    hold: str = "linear", progress: Callable[[str, int, float], None] | None = None, backend: str = "",
+) -> Comparison:  # fmt: skip
+    """Fit several models to the same recordings and rank them by what they leave of parts held out.
+
+    ``models`` maps names to diagrams, or lists diagrams, files and names of ready-made ones; None takes
+    those named ``tendon_sheath_...``. ``train`` is the share of each recording that is fitted, from its
+    start (0.5; 1 holds nothing out), or a window (start, stop) [s], what follows it being held out (where
+    nothing follows, what comes before it); experiments
+    in ``held_out`` are not fitted at all. Every simulation runs through from the start of its recording.
+    ``free`` says by model what may change (by default all but start values); with ``start_states`` the
+    start value of every state is found too, for each experiment. A model that cannot be fitted comes
+    last, with the reason. Other arguments as for ``fit``; ``progress(model, evaluations, rms)``.
+
+    Raises DataError for recordings or parts that cannot be used, RunError for models that are none.
+    """
+    candidates, records = _models(models), recordings(data)
+    fitted, tested = _parts(records, train, asking.names("held_out", held_out, "bend 60"))
+    given = asking.by_name("free", free, "'play': ['play.*']")
+    for name in given:
+        if name not in candidates:
+            raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
+    asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
+    asking.progress(progress)
+    rows, interrupted = list[Row](), False
+    for name, diagram in candidates.items():
+        tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
+        common = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
+        try:
+            found = fit(diagram, {k: records[k] for k in fitted}, window=fitted, free=given.get(name),
+                        start_states=start_states, method=method, starts=starts, seed=seed, progress=tell,
+                        **common)  # type: ignore[arg-type]  # fmt: skip
+            left = _held_out(found, records, tested, common) if tested else None
+            rows.append(Row(name, found, found.differences, left))
+            interrupted = found.status == "interrupted"
+        except TsmError as error:
+            if len(candidates) == 1:
+                raise
+            rows.append(Row(name, None, None, None, str(error)))
+        if interrupted:
+            break
+    if all(row.fault for row in rows):
+        reasons = {row.fault: row.name for row in rows}
+        said = [fault if len(reasons) == 1 else f"{name}: {fault}" for fault, name in reasons.items()]
+        raise RunError(f"none of the models could be fitted. {' '.join(said)}")
+    unit = next((row.train.unit for row in rows if row.train is not None), "")
+    return Comparison(tuple(sorted(rows, key=lambda row: row.figure)), unit, interrupted)
+
+
+def _held_out(found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Differences:
+    """What a fitted model leaves of the parts it was not fitted to."""
+    made = []
+    for name, window in parts.items():
+        diagram = found.diagrams.get(name, found.diagram)
+        made += list(score(diagram, {name: records[name]}, window={name: window}, **common))
+    return Differences(found.diagram.title, tuple(made))
+
+
+def _parts(
+    records: Mapping[str, Record], train: Any, without: list[str]
+) -> tuple[dict[str, Window], dict[str, Window]]:
+    """Windows that are fitted and windows that are held out, by experiment."""
+    for name in without:
+        if name not in records:
+            raise DataError(f"held_out: there is no experiment '{name}'.{near(name, records)}")
+    fitted: dict[str, Window] = {}
+    tested: dict[str, Window] = dict.fromkeys(without, (None, None))
+    for name, record in records.items():
+        if name not in without:
+            fitted[name], rest = _cut(name, record, train, records)
+            if rest is not None:
+                tested[name] = rest
+    if not fitted:
+        raise DataError("every experiment is held out, so there is nothing to fit.")
+    return fitted, tested
+
+
+def _cut(name: str, record: Record, train: Any, records: Mapping[str, Record]) -> tuple[Window, Window | None]:
+    """The part of a recording that is fitted, and the one that is held out (None: nothing)."""
+    start, stop = float(record.t[0]), float(record.t[-1])
+    if isinstance(train, (int, float)) and not isinstance(train, bool):
+        if not 0 < train <= 1:
+            raise DataError(f"train must be a share of each recording, above 0 and up to 1, or a window "
+                            f"(start, stop) in s, got {in_words(train)}.")  # fmt: skip
+        if train == 1:
+            return (None, None), None
+        cut = start + train * (stop - start)
+        return (None, cut), (float(np.nextafter(cut, np.inf)), None)
+    low, high = windows(train, records, "train")[name]
+    if high is not None and high < stop:
+        return (low, high), (float(np.nextafter(high, np.inf)), None)
+    if low is not None and low > start:
+        return (low, high), (None, float(np.nextafter(low, -np.inf)))
+    return (low, high), None
+
+
+def overall(found: Mapping[str, Comparison]) -> list[tuple[str, float]]:
+    """Models from best to worst over comparisons made file by file, with the root mean square of their figures.
+
+    Models that are missing in a file, or could not be fitted there, come last; theirs is over the other files.
+    """
+    ranked = []
+    for model in dict.fromkeys(row.name for one in found.values() for row in one):
+        figures = [row.figure for one in found.values() for row in one if row.name == model]
+        known = [value for value in figures if np.isfinite(value)]
+        rms = float(np.sqrt(np.mean(np.square(known)))) if known else np.inf
+        ranked.append((len(found) - len(known), rms, model))
+    return [(model, rms) for _, rms, model in sorted(ranked)]
+
+
+def ready_made() -> list[str]:
+    """Names of the diagrams that are compared when no models are given."""
+    from tsmblocks.shelf import names
+
+    return [name for name in names() if name.startswith(SHIPPED)]
+
+
+def _models(given: Models) -> dict[str, Diagram]:
+    """Models by name. Raises RunError for what is no diagram, or when there is none."""
+    from tsmblocks.files import load
+
+    if given is None:
+        given = ready_made()
+    if isinstance(given, (str, Path, Diagram)):
+        given = [given]
+    if not isinstance(given, Iterable):
+        raise RunError(f"models must be diagrams, a list or a mapping of them, got {in_words(given)}.")
+    pairs = given.items() if isinstance(given, Mapping) else [(None, one) for one in given]
+    made: dict[str, Diagram] = {}
+    for name, one in pairs:
+        if not isinstance(one, (str, Path, Diagram)):
+            raise RunError(f"a model must be a diagram, a diagram file or the name of one, got {in_words(one)}.")
+        diagram = one if isinstance(one, Diagram) else load(one)
+        label = str(name or (diagram.title if isinstance(one, Diagram) else Path(str(one)).stem)).removeprefix(SHIPPED)
+        if label in made:
+            raise RunError(f"two models are named '{label}'; give a mapping with names of their own.")
+        made[label] = diagram
+    if not made:
+        raise RunError("there are no models to compare.")
+    return made

@@ -1,0 +1,154 @@
+"""The workhorse: Gauss-Newton with Levenberg-Marquardt damping, in bounds and under constraints.
+
+Each step is a quadratic programme on the exact derivatives of the simulation, so bounds and
+constraints are part of the step and not a penalty beside it.
+"""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tsmblocks.fitting.problem import Problem
+from tsmblocks.fitting.quadratic import Infeasible, quadratic_step
+from tsmblocks.fitting.search import MISSED, Found, Tell, held, rows_of
+
+FIRST_DAMPING = 1e-3
+LEAST_DAMPING = 1e-13
+ENOUGH = 1e-8
+"""A step whose promise is below this share of one sample's variance moves no figure that is printed."""
+ROUNDING = 1e-14
+"""Promised improvement, as a share of the cost, that is lost in rounding."""
+COARSE = (1e-1, 1e-2)
+"""Shares of each unknown over which differences are taken where derivatives at a point lead nowhere."""
+FAR = 1e3
+"""A sensible change of an unknown is at most so many times its size."""
+TRIES = 16
+"""Dampings tried before a point counts as one from which nothing leads down."""
+
+
+@attrs.define(eq=False)
+class _State:
+    """Where the search is, with what is known there."""
+
+    theta: np.ndarray
+    cost: float
+    gradient: np.ndarray
+    matrix: np.ndarray
+    damping: float = FIRST_DAMPING
+    penalty: float = 0.0
+    evaluations: int = 2  # values with derivatives count as two runs
+    reach: np.ndarray | None = None
+
+
+@attrs.frozen(eq=False)
+class _Step:
+    """A step tried: where it leads and what it promises."""
+
+    theta: np.ndarray
+    promise: float
+
+
+def gauss_newton(problem: Problem, start: np.ndarray, *, iterations: int = 100, tell: Tell | None = None) -> Found:
+    """Search downhill from ``start``, which must be in the bounds and simulate to finite numbers.
+
+    Ends when a step promises less than ``ENOUGH`` of one sample's variance, which is far below any
+    standard error. After Ctrl-C the best so far is returned. Source: Nocedal and Wright, Numerical
+    Optimization (2006), 10.3 and 18; damping as Nielsen, IMM-REP-1999-05.
+    """
+    state = _State(start, *problem.normal(start))
+    history, status = [state.cost], "limit"
+    try:
+        status = _search(problem, state, history, iterations, tell)
+        for share in COARSE if status == "stalled" else ():
+            rough = attrs.evolve(
+                state, reach=share * np.maximum(np.abs(state.theta), np.abs(start)), damping=FIRST_DAMPING
+            )
+            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, rough.reach)
+            ended = _search(problem, rough, history, iterations, tell)
+            if rough.cost < state.cost * (
+                1 - 1e-6
+            ):  # what only such differences find is a slope that points do not have
+                state, status = rough, ended
+            else:
+                break
+    except KeyboardInterrupt:
+        status = "interrupted"
+    return Found(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.reach)
+
+
+def _search(problem: Problem, state: _State, history: list[float], iterations: int, tell: Tell | None) -> str:
+    """Iterate to an end; the word for it."""
+    for _ in range(iterations):
+        ended = _iterate(problem, state)
+        history.append(state.cost)
+        if tell is not None:
+            tell("gauss-newton", state.evaluations, state.cost)
+        if ended:
+            return ended
+    return "limit"
+
+
+def _iterate(problem: Problem, state: _State) -> str:
+    """One iteration; a word when the search is at its end."""
+    grow = 2.0
+    for _ in range(TRIES):
+        step = _step(problem, state, state.damping)
+        if step is None:
+            return "stalled"
+        if _small(problem, state, step):
+            whole = _step(problem, state, LEAST_DAMPING)  # damping alone may have made it small
+            return "converged" if whole is None or _small(problem, state, whole) else "stalled"
+        # Most steps are good, so derivatives are asked for at once; a step in doubt is only priced.
+        new = problem.normal(step.theta, state.reach) if grow == 2.0 else None
+        cost = new[0] if new is not None else problem.cost(step.theta)
+        state.evaluations += 2 if new is not None else 1
+        gained = _merit(problem, state, state.theta, state.cost) - _merit(problem, state, step.theta, cost)
+        if gained > 1e-4 * step.promise:
+            if new is None:
+                state.evaluations += 2
+            state.theta = step.theta
+            state.cost, state.gradient, state.matrix = new or problem.normal(step.theta, state.reach)
+            share = min(gained / step.promise, 2.0)
+            state.damping = max(state.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
+            return ""
+        state.damping, grow = max(state.damping, 1e-9) * grow, 2 * grow
+    return "stalled"
+
+
+def _step(problem: Problem, state: _State, damping: float) -> _Step | None:
+    """The step of the damped quadratic model, in variables scaled by what the outputs feel of them."""
+    feel = np.sqrt(np.diag(state.matrix))
+    if not np.isfinite(state.matrix).all():
+        return None
+    whole, begun = problem.size * np.sqrt(problem.samples) or 1.0, np.abs(problem.unknowns.start)
+    # What the outputs hardly feel must not wander off; a number that began at zero may go anywhere.
+    most = np.where(begun > 0, FAR * np.maximum(np.abs(state.theta), begun) / whole, np.inf)
+    size = np.where(feel > 1e-150, np.minimum(1 / np.maximum(feel, 1e-150), most), np.maximum(begun, 1e-6))
+    rows, bounds, equal = rows_of(problem, state.theta)
+    matrix = state.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
+    damped = matrix + damping * np.eye(len(size))
+    try:
+        scaled, force = quadratic_step(damped, state.gradient * size, rows * size, bounds, equal)
+    except (Infeasible, np.linalg.LinAlgError):
+        return None
+    count = len(problem.limits.names)
+    state.penalty = max(state.penalty, 2 * float(np.abs(force[len(force) - count :]).max(initial=0.0)))
+    d = scaled * size
+    promise = -float(state.gradient @ d + 0.5 * d @ state.matrix @ d)
+    missed = problem.violation(state.theta)
+    return _Step(held(problem, state.theta + d), promise + state.penalty * missed)
+
+
+def _small(problem: Problem, state: _State, step: _Step) -> bool:
+    """Whether nothing that could be seen is still to be gained."""
+    if problem.violation(state.theta) > MISSED:
+        return False
+    variance = 2 * state.cost / max(problem.samples, 1)
+    still = np.abs(step.theta - state.theta) <= 1e-12 * np.maximum(np.abs(state.theta), 1e-12)
+    return bool(step.promise <= max(ENOUGH * variance, ROUNDING * state.cost, problem.rounding) or still.all())
+
+
+def _merit(problem: Problem, state: _State, theta: np.ndarray, cost: float) -> float:
+    missed = problem.violation(theta)
+    return cost + state.penalty * missed if np.isfinite(cost) and np.isfinite(missed) else np.inf

@@ -1,0 +1,215 @@
+"""What the data cannot tell: parameters without effect, combinations without effect, and estimates all too wide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+import attrs
+import numpy as np
+
+from tsmblocks.fitting.colour import product
+from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals
+
+SILENT = 1e-10
+"""Effect of a parameter, beside that of the strongest, below which it is rounding."""
+SMALL = 0.05
+"""Share of a combination without effect below which a parameter is only mentioned in passing."""
+LEADING = 0.2
+"""The same for a combination that is only uncertain: else one uncertain parameter would drag all others in."""
+PASSING = 0.002
+"""Share of a combination below which a parameter is not mentioned at all."""
+MOST_TRIED = 400
+"""Choices of parameters to leave out that are tried for combinations of few parameters."""
+
+NO_INFLUENCE, COMBINATION, UNCERTAIN = "no influence", "combination", "uncertain"
+
+
+@attrs.frozen
+class Undetermined:
+    """Something the data leave open.
+
+    ``kind`` is ``"no influence"`` (a parameter that changes nothing), ``"combination"`` (parameters that only
+    matter together) or ``"uncertain"`` (an estimate whose interval is wider than the parameter itself).
+    ``names`` are the parameters, ``changes`` by which share of its size each moves along the combination, the
+    largest being 1; ``effect`` is what moving all of them by a hundredth of that changes, in rms values of
+    the residual. ``words`` says it in a sentence.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    changes: tuple[float, ...]
+    effect: float
+    words: str
+
+
+def sizes(theta: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Change of each parameter that counts as all of it, shape (p,).
+
+    It is the larger of what was found (``theta``) and where the search began (``start``). A parameter that
+    began at zero has no size of its own: half its bounds where there are two, else one unit.
+    """
+    theta, start, half = np.abs(theta), np.abs(start), (np.asarray(high) - np.asarray(low)) / 2
+    return np.maximum(theta, np.where(start > 0, start, np.where(np.isfinite(half), half, 1.0)))
+
+
+def undetermined(
+    J: np.ndarray, r: np.ndarray, names: Sequence[str], theta: np.ndarray, known: Uncertainty, *,
+    scales: np.ndarray | None = None, prior: np.ndarray | None = None, held: np.ndarray | None = None,
+    low: np.ndarray | None = None, high: np.ndarray | None = None, level: float = 0.95,
+) -> tuple[Undetermined, ...]:  # fmt: skip
+    """Name what the data cannot tell, the plainest first.
+
+    ``J`` (N, p), ``r`` (N,), ``prior`` and ``held`` are those of the ``uncertainty`` that is ``known``.
+    ``scales`` (p,) are the changes that count as all of a parameter (``sizes``; by default what was found,
+    one for zero); ``low`` and ``high`` (p,) are bounds.
+
+    Moving along a direction by all of its parameters' size must change the residuals by more than their noise
+    can hide, colour included: otherwise the direction is named. With the data as a whole, that is when
+    the interval of the direction at ``level`` is wider than the direction is long. Parameters that are
+    held are left out, and so is whatever a prior determines.
+    """
+    theta = np.asarray(theta, dtype=float)
+    scales = np.where(theta != 0, np.abs(theta), 1.0) if scales is None else np.asarray(scales, dtype=float)
+    rows = np.ascontiguousarray(np.asarray(J, dtype=float).T) * scales[:, None]
+    stiff = product(rows, rows.T) + (0.0 if prior is None else prior * np.outer(scales, scales))
+    told = _Teller(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))))
+    held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
+    silent = _silent(stiff, _free(held))
+    found = [told.without_influence(int(i)) for i in np.flatnonzero(silent)]
+    weak = _null(stiff, _free(np.vstack([held, np.eye(len(theta))[silent]])))
+    found += [told.combination(v, "only matter through a combination") for v in weak]
+    half = intervals(np.zeros(len(theta)), known.covariance, known.freedom, level)[1] / scales
+    vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
+    found += [told.combination(v, "cannot be told apart", LEADING) for v in vague]
+    named = {name for u in found for name in u.names}
+    box = np.full(len(theta), math.inf)
+    if low is not None and high is not None:
+        box = (np.asarray(high) - np.asarray(low)) / 2 / scales
+    for i in range(len(theta)):
+        if names[i] not in named and math.isfinite(half[i]) and half[i] > min(1.0, box[i]):
+            found.append(told.uncertain(i, theta[i], half[i] * scales[i], bool(half[i] > box[i])))
+    return tuple(found)
+
+
+def _free(held: np.ndarray) -> np.ndarray:
+    """Orthonormal directions (p, q), in shares of each parameter's size, that ``held`` (m, p) leaves free."""
+    if not held.size:
+        return np.eye(held.shape[1])
+    _, size, turn = np.linalg.svd(held / np.maximum(np.linalg.norm(held, axis=1, keepdims=True), 1e-300))
+    return turn[int((size > 1e-10).sum()) :].T
+
+
+def _silent(stiff: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Which parameters change nothing, whatever else holds them back."""
+    size = np.sqrt(np.diag(stiff))
+    loose = np.abs(np.linalg.norm(free, axis=1) - 1) < 1e-6
+    return loose & (size <= SILENT * size.max(initial=0.0))
+
+
+def _null(stiff: np.ndarray, free: np.ndarray) -> list[np.ndarray]:
+    """Combinations without any effect but rounding, in shares of each parameter's size."""
+    if not free.size:
+        return []
+    size = np.sqrt(np.diag(stiff))
+    size = np.where(size > 0, size, 1.0)
+    turned, _ = np.linalg.qr(size[:, None] * free)  # directions in which every parameter has the same effect
+    values, vectors = np.linalg.eigh(turned.T @ (stiff / np.outer(size, size)) @ turned)
+    weak = turned @ vectors[:, values <= RANK * max(values.max(), 1e-300)]
+    return _sparse(weak / size[:, None])
+
+
+def _vague(known: Uncertainty, scales: np.ndarray, half: np.ndarray) -> list[np.ndarray]:
+    """Combinations, in shares of each parameter's size, along which the interval is wider than they are long."""
+    fixed = np.isfinite(half) & (half > 0)
+    if not fixed.any():
+        return []
+    spread = (known.covariance / np.outer(scales, scales))[np.ix_(fixed, fixed)]
+    values, vectors = np.linalg.eigh(spread)
+    tail = (half[fixed] / np.sqrt(np.diag(spread))).max()
+    reach = tail * np.sqrt(np.maximum(values, 0.0)) * np.abs(vectors).max(axis=0)
+    made = np.zeros((len(scales), int((reach > 1.0).sum())))
+    made[fixed] = vectors[:, reach > 1.0]
+    return _sparse(made)
+
+
+def _sparse(basis: np.ndarray) -> list[np.ndarray]:
+    """Vectors that span the columns of ``basis``, of few parameters each, the largest entry being 1."""
+    p, q = basis.shape
+    if q == 0:
+        return []
+    basis = np.linalg.qr(basis)[0]
+    choices = list(combinations(range(p), q - 1))
+    found = [_leaving(basis, list(out)) for out in choices[:MOST_TRIED]] if len(choices) <= MOST_TRIED else []
+    found += [basis[:, k] for k in range(q)]
+    found = [v / v[np.argmax(np.abs(v) * (1 - 1e-9 * np.arange(p)))] for v in found]
+    found.sort(key=lambda v: (int((np.abs(v) >= SMALL).sum()), float(np.abs(v).sum())))
+    kept = _independent(found, q, 0.1)
+    return [v / np.abs(v).max() for v in (kept if len(kept) == q else _independent(found, q, 1e-6))]
+
+
+def _independent(found: list[np.ndarray], most: int, apart: float) -> list[np.ndarray]:
+    """The first vectors of which none is nearly a combination of those before it."""
+    kept: list[np.ndarray] = []
+    for v in found:
+        trial = [*kept, v / np.linalg.norm(v)]
+        if len(kept) < most and np.linalg.svd(np.array(trial), compute_uv=False)[-1] > apart:
+            kept = trial
+    return kept
+
+
+def _leaving(basis: np.ndarray, out: list[int]) -> np.ndarray:
+    """A vector of the span that leaves the parameters ``out`` alone."""
+    turn = np.linalg.svd(basis[out])[2]
+    made = basis @ turn[-1]
+    made[np.abs(made) < 1e-9 * np.abs(made).max()] = 0.0
+    return made
+
+
+@attrs.frozen(eq=False)
+class _Teller:
+    """Puts findings in words. ``rows`` (p, N) is what each parameter changes when moved by all of its size."""
+
+    names: tuple[str, ...]
+    rows: np.ndarray
+    rms: float
+
+    def effect(self, v: np.ndarray) -> float:
+        """What a hundredth of ``v`` changes, in rms values of the residual."""
+        change = 0.01 * float(np.sqrt(np.mean(np.square(v @ self.rows))))
+        return change / self.rms if self.rms > 0 else (math.inf if change > 0 else 0.0)
+
+    def without_influence(self, i: int) -> Undetermined:
+        """One parameter that changes nothing."""
+        name, v = self.names[i], np.eye(len(self.names))[i]
+        words = f"{name} has no influence on the outputs in these experiments."
+        return Undetermined(NO_INFLUENCE, (name,), (1.0,), self.effect(v), words)
+
+    def combination(self, v: np.ndarray, what: str, small: float = SMALL) -> Undetermined:
+        """Several parameters along ``v``, in the order given; those of ``small`` part are mentioned last."""
+        main = [i for i in range(len(v)) if abs(v[i]) >= small]
+        passing = [i for i in range(len(v)) if PASSING <= abs(v[i]) < small]
+        v = v * np.sign(v[main[0]])
+        moves = [f"{'raising' if v[i] > 0 else 'lowering'} {self.names[i]} by {abs(v[i]):.2g} %" for i in main]
+        steps = moves[0] if len(moves) == 1 else f"{moves[0]} while {_listed(moves[1:])}"
+        also = f" (and {_listed([self.names[i] for i in passing])} by less than {small:g} %)" if passing else ""
+        effect = self.effect(v)
+        amount = f"{effect:.1g} of the residual" if 0 < effect < math.inf else "no more than rounding"
+        subject = _listed([self.names[i] for i in main]) + (f" {what}" if len(main) > 1 else " hardly matters")
+        words = f"{subject}: {steps}{also} changes the outputs by {amount}."
+        named = [*main, *(passing if small == SMALL else [])]
+        return Undetermined(COMBINATION, tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named),
+                            effect, words)  # fmt: skip
+
+    def uncertain(self, i: int, value: float, half: float, beyond: bool) -> Undetermined:
+        """One parameter whose interval is wider than it, or (``beyond``) than its bounds."""
+        than = "its bounds are apart" if beyond else "the parameter itself"
+        words = f"{self.names[i]} is hardly determined: {value:.3g} ± {half:.2g}, an interval wider than {than}."
+        v = np.eye(len(self.names))[i]
+        return Undetermined(UNCERTAIN, (self.names[i],), (1.0,), self.effect(v), words)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,171 @@
+"""What a fit returns: the fitted diagram, the numbers with their intervals, and what the data leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import Record
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import ParameterError, near
+from tsmblocks.fitting.differences import Differences
+from tsmblocks.fitting.identifiability import Undetermined
+from tsmblocks.fitting.search import Found
+
+if TYPE_CHECKING:
+    from tsmblocks.run import Run
+
+STATUS = {
+    "converged": "converged",
+    "limit": "stopped at the limit of iterations; it may not have arrived",
+    "stalled": "ended where no step led down any more (a kink, or rounding)",
+    "interrupted": "interrupted; these are the best numbers so far",
+}
+
+
+@attrs.frozen
+class Estimate:
+    """One number found, with the interval it lies in at the level of the fit (95 % by default).
+
+    ``low`` and ``high`` are NaN where the data say nothing of it; ``verdict`` then says why
+    (``"no influence"``, ``"not determined"``), and ``"at its lower bound"`` where a bound holds it.
+    ``is_start`` marks the start value of a state.
+    """
+
+    name: str
+    value: float
+    error: float
+    low: float
+    high: float
+    unit: str = ""
+    about: str = ""
+    start: float = float("nan")
+    verdict: str = ""
+    is_start: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the estimate as plain values."""
+        return attrs.asdict(self)
+
+
+@attrs.frozen(eq=False)
+class Fit:
+    """A diagram fitted to recordings.
+
+    ``diagram`` has the numbers found (those that differ between experiments as in the first;
+    ``diagrams`` has one for each). ``estimates`` lists them with intervals, ``differences`` what is left
+    between simulation and measurement. ``covariance`` (unknowns, unknowns) is that of the estimates,
+    residuals being as coloured as they are; ``undetermined`` names what the data cannot tell, ``active``
+    the bounds and constraints that hold the result. ``searches`` are the ends of all starts, best
+    first, ``agreeing`` how many of them reached this optimum. ``step`` [s], ``integrator`` and ``hold`` are those
+    of the simulation, ``records`` what was fitted, by experiment.
+    """
+
+    diagram: Diagram
+    diagrams: Mapping[str, Diagram] = attrs.field(repr=False)
+    estimates: tuple[Estimate, ...]
+    differences: Differences = attrs.field(repr=False)
+    covariance: np.ndarray = attrs.field(repr=False)
+    undetermined: tuple[Undetermined, ...]
+    active: tuple[str, ...]
+    method: str
+    searches: tuple[Found, ...] = attrs.field(repr=False)
+    agreeing: int
+    step: float
+    integrator: str
+    hold: str
+    records: Mapping[str, Record] = attrs.field(repr=False)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def status(self) -> str:
+        """How the best search ended: converged, limit, stalled; interrupted when Ctrl-C ended any."""
+        ends = [s.status for s in self.searches]
+        return "interrupted" if "interrupted" in ends else ends[0]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what was found, in the order of ``covariance``."""
+        return tuple(e.name for e in self.estimates)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Numbers found, by name."""
+        return {e.name: e.value for e in self.estimates}
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of what is left, in the unit of ``differences``."""
+        return self.differences.rms
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the estimates, shape (unknowns, unknowns); NaN for those held or left open."""
+        spread = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.covariance / np.outer(spread, spread)
+
+    @property
+    def runs(self) -> dict[str, Run]:
+        """A run of each experiment with the numbers found, all signals kept."""
+        from tsmblocks.fitting.trials import inputs
+        from tsmblocks.simulate import simulate
+
+        made = {}
+        for name, diagram in self.diagrams.items():
+            record = self.records[name]
+            made[name] = simulate(diagram, start=float(record.t[0]), step=self.step, method=self.integrator,
+                                  inputs=inputs(record, diagram, self.hold))  # fmt: skip
+        return made
+
+    def __getitem__(self, name: str) -> Estimate:
+        """Return an estimate by name, or by its last part where that is clear. Raises ParameterError."""
+        hits = [e for e in self.estimates if e.name == name]
+        hits = hits or [e for e in self.estimates if e.name.rpartition(".")[2] == name]
+        if len(hits) != 1:
+            if hits:
+                raise ParameterError(f"'{name}' may be {' or '.join(e.name for e in hits)} in this fit. Say which.")
+            raise ParameterError(f"the fit has no estimate '{name}'.{near(name, self.names)}")
+        return hits[0]
+
+    def __iter__(self) -> Iterator[Estimate]:
+        return iter(self.estimates)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the fitted diagram as TOML; the path written."""
+        from tsmblocks.files import save
+
+        save(self.diagram, path)
+        return Path(path)
+
+    def plot(self) -> Any:
+        """A figure of time histories, loops, residuals and their autocorrelation. Needs matplotlib."""
+        from tsmblocks.plots import plot_fit
+
+        return plot_fit(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything but the signals as plain values, as ``tsmblocks fit --json`` prints it."""
+        return {
+            "format": 1, "diagram": self.diagram.title, "method": self.method, "status": self.status,
+            "step": self.step, "estimates": [e.to_dict() for e in self.estimates],
+            "correlation": self.correlation.tolist(),
+            "undetermined": [{"names": list(u.names), "words": u.words} for u in self.undetermined],
+            "active": list(self.active), "differences": self.differences.to_dict(),
+            "starts": {"tried": len(self.searches), "agreeing": self.agreeing,
+                       "rms": [float(np.sqrt(2 * s.cost / max(self._samples, 1))) for s in self.searches]},
+            "evaluations": sum(s.evaluations for s in self.searches), "notes": list(self.notes),
+        }  # fmt: skip
+
+    @property
+    def _samples(self) -> int:
+        return sum(len(d.t) for d in self.differences)
+
+    def __str__(self) -> str:
+        from tsmblocks.fitting.telling import in_words
+
+        return in_words(self)

@@ -1,0 +1,275 @@
+"""How sure a least-squares fit is of its parameters when the residuals are coloured, and what the residuals tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.errors import DataError
+from tsmblocks.fitting.colour import Colour, Coloured, coloured, fast_length, product
+from tsmblocks.fitting.sums import square
+
+RANK = 3e-14
+"""Square of the smallest relative effect of a direction on the residuals that rounding leaves visible."""
+LOOSE = 1e-3
+"""Share of a parameter in a direction without effect from which the parameter is left open by it."""
+LEAST_FREEDOM = 2.0
+"""Degrees of freedom are not taken below this: such wide tails would tell more of the method than of the data."""
+
+
+@attrs.frozen(eq=False)
+class Uncertainty:
+    """How sure a fit is of its parameters.
+
+    ``covariance`` (p, p) holds for noise as coloured as the residuals are, ``white`` (p, p) would hold for
+    white noise. ``freedom`` (p,) are the degrees of freedom of the Student distribution that the
+    intervals follow: how well the noise that matters to each parameter is itself known. ``colours`` is the
+    noise of each segment. A parameter that the data leave open has an infinite variance (its
+    covariances are NaN); one that is held has none.
+    """
+
+    covariance: np.ndarray
+    white: np.ndarray
+    freedom: np.ndarray
+    colours: tuple[Colour, ...]
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Standard deviation of each parameter, shape (p,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the parameters, shape (p, p); NaN for those that are held or open."""
+        return correlation(self.covariance)
+
+
+def uncertainty(
+    J: np.ndarray, r: np.ndarray, segments: Sequence[slice] | None = None, *, prior: np.ndarray | None = None,
+    noise: float | None = None, held: np.ndarray | None = None,
+) -> Uncertainty:  # fmt: skip
+    r"""Covariance of a least-squares estimate, robust to coloured residuals.
+
+    .. math:: \mathrm{cov} = H^{-1} S H^{-1}, \quad H = J^T J + P, \quad
+              S = \sum_s J_s^T \Gamma_s J_s + \sigma^2 P
+
+    ``J`` (N, p) is the Jacobian of the residuals ``r`` (N,) at the estimate. ``segments`` are the slices
+    within which residuals are evenly spaced in time and correlated, one per experiment and output;
+    :math:`\Gamma_s` is the covariance of the autoregressive noise found in a segment (``colour``). ``prior``
+    (p, p) is the matrix P that priors add to the normal equations and ``noise`` the :math:`\sigma` it was
+    scaled with (that of the residuals by default). ``held`` (m, p) are the gradients of active bounds and
+    constraints: the estimate does not move along them.
+
+    Degrees of freedom are those of Satterthwaite: the variance of a parameter is itself uncertain, by the
+    uncertainty of the noise's coefficients (delta method) and of its size. J is taken as exact, and the noise as
+    stationary and independent of the signals: what a model misses in every period, or the steps of a quantised
+    signal that rests where the model rests, is an error that no covariance of residuals shows.
+    Raises DataError when there are no more samples than parameters, or numbers that are not finite.
+    Sources: Söderström and Stoica, System Identification (1989), section 7.4; Ljung, System Identification
+    (1999), section 9.3; Satterthwaite, Biometrics Bulletin 2 (1946).
+    """
+    J, r = np.asarray(J, dtype=float), np.asarray(r, dtype=float)
+    segments = [slice(0, len(r))] if segments is None else [s for s in segments if s.stop > s.start]
+    _check(J, r, segments)
+    rows, p = np.ascontiguousarray(J.T), J.shape[1]
+    weight = np.zeros((p, p)) if prior is None else np.asarray(prior, dtype=float)
+    basis, open_ = _determined(product(rows, rows.T) + weight, held)
+    seen = product(np.ascontiguousarray(basis.T), rows)
+    noises = coloured(seen, r, segments)
+    gains = product(basis, seen)  # the error of the estimate is this matrix times the noise
+    covariance, freedom = _spread(gains, noises, segments, len(seen) / len(r))
+    left = square(r) / (len(r) - len(seen))
+    inverse = basis @ basis.T
+    from_prior = inverse @ weight @ inverse * (left if noise is None else noise**2)
+    white = left * product(gains, gains.T) + from_prior
+    return Uncertainty(_opened(covariance + from_prior, open_), _opened(white, open_), freedom, noises.colours)
+
+
+def _check(J: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> None:
+    if J.ndim != 2 or r.shape != J.shape[:1]:
+        raise DataError(f"a Jacobian of shape (N, p) and N residuals are needed, got shapes {J.shape} and {r.shape}.")
+    if len(r) <= J.shape[1]:
+        raise DataError(f"{len(r)} samples cannot tell how sure {J.shape[1]} parameters are: it takes more samples "
+                        "than parameters.")  # fmt: skip
+    if not (np.isfinite(r).all() and np.isfinite(J).all()):
+        raise DataError("residuals and their Jacobian must be finite to tell how sure a fit is.")
+    if sum(s.stop - s.start for s in segments) != len(r):
+        raise DataError(f"the segments must cover each of the {len(r)} residuals once.")
+
+
+def _determined(H: np.ndarray, held: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """B (p, q) with B'HB = 1 that spans what the data tell; and which parameters the rest leaves open."""
+    p = len(H)
+    scale = np.sqrt(np.diag(H))
+    scale = np.where(scale > 1e-150, scale, 1.0)
+    free = np.eye(p)
+    if held is not None and np.size(held):
+        _, size, turn = np.linalg.svd(np.asarray(held, dtype=float) / scale)
+        free = turn[int((size > 1e-10 * size.max()).sum()) :].T
+        free = np.where(np.abs(free) > 1e-13, free, 0.0)  # what is held has no error at all, not one of rounding
+    values, vectors = np.linalg.eigh(free.T @ (H / np.outer(scale, scale)) @ free)
+    seen = values > RANK * max(values.max(initial=0.0), 1e-300)
+    unseen = free @ vectors[:, ~seen]
+    basis = free @ vectors[:, seen] / np.sqrt(values[seen])
+    return basis / scale[:, None], (np.abs(unseen) > LOOSE).any(axis=1)
+
+
+def _opened(covariance: np.ndarray, open_: np.ndarray) -> np.ndarray:
+    made = (covariance + covariance.T) / 2
+    made[open_], made[:, open_] = np.nan, np.nan
+    made[open_, open_] = np.inf
+    return made
+
+
+def _spread(
+    gains: np.ndarray, noises: Coloured, segments: Sequence[slice], share: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (p, p) of ``gains`` (p, N) times the noise, and the degrees of freedom of its diagonal (p,)."""
+    p = len(gains)
+    total, doubt = np.zeros((p, p)), np.zeros(p)
+    for group in dict.fromkeys(noises.source):
+        mine = [i for i, s in enumerate(noises.source) if s == group]
+        colour = noises.colours[mine[0]]
+        v, slope = np.zeros(p), np.zeros((colour.order, p))
+        for i in mine:
+            part, more = _quadratic(gains[:, segments[i]], colour)
+            total += part
+            v += np.diag(part)
+            slope += more
+        known = max(noises.samples[mine[0]] * (1 - share) - 2 * colour.order, 1.0)
+        doubt += 2 * v**2 / known + np.sum(slope * (noises.uncertain[mine[0]] @ slope), axis=0)
+    v = np.diag(total)
+    return total, np.where(doubt > 0, np.maximum(2 * v**2 / np.where(doubt > 0, doubt, 1.0), LEAST_FREEDOM), math.inf)
+
+
+def _quadratic(rows: np.ndarray, colour: Colour) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance of ``rows`` (p, n) times the noise, and the slopes of its diagonal by the noise's coefficients."""
+    p, n = rows.shape
+    k = colour.order
+    if k == 0:
+        return colour.variance * product(rows, rows.T), np.zeros((0, p))
+    size = fast_length(2 * n)
+    around = np.zeros(size)
+    around[:n] = colour.autocovariance(n)
+    around[size - n + 1 :] = around[n - 1 : 0 : -1]
+    twice = np.full(size // 2 + 1, 2.0 / size)
+    twice[0] = twice[-1] = 1.0 / size
+    F = np.fft.rfft(rows, size)
+    weighted = F * (np.fft.rfft(around).real * twice)
+    total = product(weighted.view(float), F.view(float).T)
+    power = (F * F.conj()).real
+    turn = np.exp(2j * np.pi / size * np.arange(len(twice)))
+    A = np.fft.rfft(np.concatenate([[1.0], -colour.coefficients]), size)
+    now = 2 * twice * colour.variance / (A.real**2 + A.imag**2) / A
+    slopes = np.empty((k, p))
+    for j in range(k):
+        now *= turn.conj()
+        slopes[j] = power @ now.real
+    return total, slopes
+
+
+def correlation(covariance: np.ndarray) -> np.ndarray:
+    """Correlation matrix of a covariance matrix (p, p); NaN where a variance is zero or infinite."""
+    spread = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return covariance / np.outer(spread, spread)
+
+
+def intervals(
+    theta: np.ndarray, covariance: np.ndarray, freedom: np.ndarray | float = math.inf, level: float = 0.95
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper ends (p,) of the intervals that hold each parameter with probability ``level``.
+
+    ``covariance`` (p, p) and the degrees of ``freedom`` (one, or (p,)) are those of ``uncertainty``.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    tail = (1 + level) / 2
+    nu = np.broadcast_to(np.asarray(freedom, dtype=float), np.shape(theta))
+    wide = np.where(np.isfinite(nu), stdtrit(np.where(np.isfinite(nu), nu, 1.0), tail), ndtri(tail))
+    half = wide * np.sqrt(np.diag(covariance))
+    return theta - half, theta + half
+
+
+# ---- what the residuals tell ---------------------------------------------------------------------
+
+
+@attrs.frozen(eq=False)
+class Whiteness:
+    """How white the residuals of one segment are.
+
+    ``autocorrelation`` (lags + 1,) stays within plus and minus ``band`` at 19 of 20 lags where they are white.
+    ``statistic`` is that of Ljung and Box over all these lags, ``probability`` how often white noise has a
+    larger one. ``durbin_watson`` is 2 for white noise, 0 for noise that hardly changes between samples.
+    """
+
+    autocorrelation: np.ndarray
+    band: float
+    statistic: float
+    probability: float
+    durbin_watson: float
+    samples: int
+
+
+def whiteness(r: np.ndarray, segments: Sequence[slice] | None = None, lags: int = 25) -> tuple[Whiteness, ...]:
+    """Look for colour in the residuals ``r`` (N,) of each segment, up to ``lags`` samples apart.
+
+    Residuals are taken about zero, not about their mean: a mean is something the model has missed. Where a segment
+    is short, ``lags`` is at most a fifth of its samples; where it is all zeros, figures are NaN.
+    Sources: Ljung and Box, Biometrika 65 (1978); Durbin and Watson, Biometrika 38 (1951).
+    """
+    from scipy.special import chdtrc
+
+    made = []
+    for s in [slice(0, len(r))] if segments is None else segments:
+        e = np.asarray(r[s], dtype=float)
+        n, most = len(e), min(lags, len(e) // 5)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rho = np.array([np.einsum("i,i->", e[k:], e[: n - k]) for k in range(most + 1)]) / square(e)
+            watson = float(np.divide(square(np.diff(e)), square(e)))
+        q = float(n * (n + 2) * np.sum(rho[1:] ** 2 / (n - np.arange(1, most + 1))))
+        chance = float(chdtrc(most, q)) if most else math.nan
+        made.append(Whiteness(rho, 1.959964 / math.sqrt(max(n, 1)), q, chance, watson, n))
+    return tuple(made)
+
+
+def effective_samples(r: np.ndarray, segments: Sequence[slice] | None = None) -> float:
+    r"""Number of independent samples that would tell as much of the size of the residuals ``r`` (N,).
+
+    .. math:: n_e = \sum_s n_s \Big/ \Big(1 + 2 \sum_{k=1}^{n_s} (1 - k/n_s) \rho_s(k)^2\Big)
+
+    with the autocorrelation :math:`\rho_s` of the noise found in each segment (``colour``).
+    Source: Bayley and Hammersley, J. Roy. Statist. Soc. Suppl. 8 (1946).
+    """
+    r = np.asarray(r, dtype=float)
+    segments = [slice(0, len(r))] if segments is None else [s for s in segments if s.stop > s.start]
+    total = 0.0
+    for s, colour in zip(segments, coloured(np.empty((0, len(r))), r, segments).colours, strict=True):
+        n = s.stop - s.start
+        g = colour.autocovariance(n)
+        rho = g / g[0] if g[0] > 0 else np.eye(1, n)[0]
+        total += n / (2 * float(np.sum((1 - np.arange(n) / n) * rho**2)) - 1)
+    return total
+
+
+def bic(mean_square: float, parameters: int, samples: float) -> float:
+    """Bayes information criterion of a fit; the lowest is best.
+
+    ``mean_square`` is that of the residuals. With coloured residuals, ``samples`` is the effective number
+    (``effective_samples``), the same for all models compared: that of the residuals of the best of them.
+    With all samples counted, coloured noise makes useless parameters look useful.
+    Source: Schwarz, Ann. Statist. 6 (1978).
+    """
+    return samples * math.log(mean_square) + parameters * math.log(samples)
+
+
+def aicc(mean_square: float, parameters: int, samples: float) -> float:
+    """Akaike's information criterion, corrected for few samples; arguments as for ``bic``.
+
+    Infinite when there are too few samples for so many parameters. Source: Hurvich and Tsai, Biometrika 76 (1989).
+    """
+    left = samples - parameters - 2
+    return samples * math.log(mean_square) + 2 * (parameters + 1) * samples / left if left > 0 else math.inf

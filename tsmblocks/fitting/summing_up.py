@@ -1,0 +1,136 @@
+"""From the ends of searches to a result: intervals, what is held, what is left open, what to beware of."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from tsmblocks.data import Record, cautions
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.fitting.differences import Differences, between
+from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
+from tsmblocks.fitting.problem import Problem
+from tsmblocks.fitting.result import Estimate, Fit
+from tsmblocks.fitting.search import Found
+from tsmblocks.fitting.setting_up import Setup, step_note
+from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
+from tsmblocks.fitting.unknowns import is_start, numbers
+
+TOUCHING = 1e-7
+"""Distance from a bound, as a share of the parameter's size, that counts as none."""
+VERDICTS = {"no influence": "no influence", "combination": "not determined", "uncertain": "uncertain"}
+"""What a table says of a parameter that the data leave open, by kind."""
+SAME = 1.0
+"""Costs that differ by less than this many variances of a sample belong to one optimum."""
+
+
+def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found], chosen_step: bool) -> Fit:
+    """The result of a fit from the ends of its searches, best first."""
+    best, unknowns = found[0], problem.unknowns
+    theta = best.theta
+    differences = between(setup, [unknowns.parameters(theta, e) for e in range(len(setup.trials))])
+    r, jacobian = problem.jacobian(theta) if best.reach is None else problem.secants(theta, best.reach)
+    steep = ~np.isfinite(jacobian).all(axis=0)
+    if steep.any():
+        name = np.array(unknowns.names)[steep][0]
+        raise RunError(f"the search ended where the slope of the outputs along {name} is no number, as that of a "
+                       "square root at zero. Start elsewhere, or bound it away.")  # fmt: skip
+    where, rows = held(problem, theta)
+    prior = np.diag(problem.prior_slopes(theta)[1]) if len(problem.priors.which) else None
+    fixed = rows if len(rows) else None
+    known = uncertainty(jacobian, r, problem.segments, prior=prior, noise=None if prior is None else problem.noise,
+                        held=fixed)  # fmt: skip
+    scales = _sizes(problem, theta, jacobian)
+    open_ = undetermined(jacobian, r, unknowns.names, theta, known, scales=scales, prior=prior, held=fixed,
+                         low=unknowns.low, high=unknowns.high)  # fmt: skip
+    diagrams = {name: _fitted(setup.diagram, problem, theta, e) for e, name in enumerate(unknowns.experiments)}
+    variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
+    agreeing = sum(abs(f.cost - best.cost) <= SAME * variance for f in found)
+    notes = [*setup.notes, *(step_note(problem, setup, theta) if chosen_step else []), *_remarks(setup, differences)]
+    return Fit(
+        next(iter(diagrams.values())), diagrams, _estimates(problem, setup, theta, known, where, open_),
+        differences, known.covariance, open_, tuple(where.values()),
+        method, tuple(found), agreeing, setup.trials[0].times.h, setup.trials[0].rule.name, setup.trials[0].hold,
+        {trial.name: trial.record for trial in setup.trials}, tuple(notes),
+    )  # fmt: skip
+
+
+def _sizes(problem: Problem, theta: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """What counts as all of each unknown; of one that began at zero, what moves the outputs as far as they went."""
+    low, high, start = problem.unknowns.low, problem.unknowns.high, problem.unknowns.start
+    made, feel = sizes(theta, start, low, high), np.linalg.norm(jacobian, axis=0)
+    whole = problem.size * np.sqrt(problem.samples)
+    open_ = (start == 0) & ~np.isfinite(high - low) & (feel > 0) & (whole > 0)
+    natural = whole / np.where(open_, feel, 1.0)
+    return np.where(open_ & (natural < made), np.maximum(np.abs(theta), natural), made)
+
+
+def _fitted(diagram: Diagram, problem: Problem, theta: np.ndarray, e: int) -> Diagram:
+    """The diagram of an experiment. A block that refuses the numbers together says so."""
+    settings = problem.unknowns.settings(theta, e)
+    try:
+        return diagram.with_parameters(settings)
+    except ParameterError as error:
+        raise ParameterError(f"the fit ended where a block refuses its numbers: {error} "
+                             "A constraint would keep it away from there.") from None  # fmt: skip
+
+
+def held(problem: Problem, theta: np.ndarray) -> tuple[dict[int | str, str], np.ndarray]:
+    """What holds the result: words by unknown (or by name of a constraint), and the gradients (m, n)."""
+    words: dict[int | str, str] = {}
+    rows = []
+    for k, item in enumerate(problem.unknowns.items):
+        near = TOUCHING * max(abs(theta[k]), 1e-3)
+        for bound, side in ((item.low, "lower"), (item.high, "upper")):
+            if abs(theta[k] - bound) <= near:
+                words[k] = f"the {side} bound of {item.name} ({bound:.4g})"
+                rows.append(np.eye(len(theta))[k])
+    if problem.limits.names:
+        values, slopes = problem.limits.values(theta), problem.limits.slopes(theta)
+        for name, value, slope, equal in zip(problem.limits.names, values, slopes, problem.limits.equal, strict=True):
+            if equal or abs(value) <= TOUCHING * max(float(np.abs(slope * theta).max(initial=0.0)), 1e-3):
+                words[name] = f"the constraint {name}"
+                rows.append(slope)
+    return words, np.array(rows).reshape(len(rows), len(theta))
+
+
+def _estimates(
+    problem: Problem, setup: Setup, theta: np.ndarray, known: Uncertainty, where: dict[int | str, str],
+    open_: tuple[Undetermined, ...],
+) -> tuple[Estimate, ...]:  # fmt: skip
+    low, high = intervals(theta, known.covariance, known.freedom)
+    verdicts = {name: VERDICTS[u.kind] for u in open_ for name in u.names}
+    fields = numbers(setup.diagram)
+    made = []
+    for k, item in enumerate(problem.unknowns.items):
+        side = "lower" if theta[k] == item.low or abs(theta[k] - item.low) < abs(theta[k] - item.high) else "upper"
+        verdict = f"at its {side} bound" if k in where else verdicts.get(item.name, "")
+        said = k not in where and 0 < known.errors[k] < np.inf
+        verdict = verdict or ("held by a constraint" if known.errors[k] == 0 else "")
+        made.append(Estimate(
+            item.name, float(theta[k]), float(known.errors[k]) if said else float("nan"),
+            float(low[k]) if said else float("nan"), float(high[k]) if said else float("nan"), item.unit, item.about,
+            item.start, verdict, is_start(fields.get(item.parameter, [])),
+        ))  # fmt: skip
+    return tuple(made)
+
+
+@functools.lru_cache(maxsize=32)
+def _cautions(record: Record, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What to mind of inputs (kept, since one recording is fitted many times)."""
+    return cautions(record, names)
+
+
+def _remarks(setup: Setup, differences: Differences) -> list[str]:
+    """Inputs that never move or whose rate is mostly noise, and models that say less than a constant would."""
+    said = []
+    for trial in setup.trials:
+        still = [k for k in setup.diagram.inports if np.ptp(trial.record[k]) == 0]
+        said += [f"{trial.name}: the input {k} never changes, so it excites nothing." for k in still]
+        rates = {f.name.removeprefix("d/dt " * f.order): None for f in trial.eq.u if f.order and not f.block}
+        said += [f"{trial.name}: {text}" for text in _cautions(trial.record, tuple(rates))]
+    said += [f"{d.experiment}: the diagram explains {d.output} no better than its mean does." for d in differences
+             if d.fit_percent <= 0]  # fmt: skip
+    return said

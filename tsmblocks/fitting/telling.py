@@ -1,0 +1,200 @@
+"""Fits and comparisons in words: tables of numbers, what is left of the gap, and what to beware of."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tsmblocks import units
+from tsmblocks.fitting.differences import Differences
+from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
+from tsmblocks.tables import columns
+
+if TYPE_CHECKING:
+    from tsmblocks.fitting.compare import Comparison
+    from tsmblocks.fitting.result import Estimate, Fit
+
+CLOSE = 0.95
+"""Correlation from which two parameters are told as hard to tell apart."""
+MOST = 5
+"""Pairs of parameters, and names of a list, that are told; the rest is counted."""
+WIDTH = 80
+"""Columns that sentences are wrapped at."""
+LEAST, EXACT = 3, 7
+"""Significant digits that are shown of every number, and of the best known one."""
+
+
+# ---- a fit ---------------------------------------------------------------------------------------
+
+
+def in_words(fit: Fit) -> str:
+    """The whole result as a terminal shows it."""
+    from tsmblocks.fitting.result import STATUS
+
+    tried = len(fit.searches)
+    agree = f"; {fit.agreeing} of {tried} starts ended at this optimum" if tried > 1 else ""
+    head = [fit.diagram.title] if fit.diagram.title else []
+    head.append(textwrap.fill(f"{fit.method}: {STATUS[fit.status]}{agree}", WIDTH))
+    parts = ["\n".join(head), numbers(fit), left(fit.differences)]
+    warnings = cautions(fit)
+    if warnings:
+        parts.append("\n".join(["beware:", *map(_bullet, warnings)]))
+    return "\n\n".join(parts)
+
+
+def numbers(fit: Fit) -> str:
+    """The table of estimates: as many digits as the intervals leave, angles in degrees too."""
+    rows: list[Sequence[str]] = [("parameter", "value", "95 % from", "to", "unit", "", "")]
+    for e in fit.estimates:
+        show = _digits(e.value, e.low, e.high)
+        span = (show(e.low), show(e.high)) if np.isfinite(e.low) else ("", "")
+        rows.append((e.name, show(e.value), *span, e.unit, _in_degrees(e), e.verdict))
+    return columns(rows, left=(0, 4, 6))
+
+
+def left(differences: Differences) -> str:
+    """The table of what is left between simulation and measurement, angles in degrees."""
+    rows: list[Sequence[str]] = [("what is left", "rms", "largest", "unit", "fit", "samples")]
+    shown = [d.in_degrees() for d in differences]
+    rows += [(f"{d.experiment}, {d.output}", f"{d.rms:.4g}", f"{d.largest:.4g}", d.unit, _share(d.fit_percent),
+              str(len(d.t))) for d in shown]  # fmt: skip
+    if len(shown) > 1 and len({(d.output, d.unit) for d in shown}) == 1:
+        n = np.array([len(d.t) for d in shown])
+        rms = np.sqrt(n @ np.array([d.rms**2 for d in shown]) / n.sum())
+        rows.append((f"all, {shown[0].output}", f"{rms:.4g}", f"{max(d.largest for d in shown):.4g}", shown[0].unit,
+                     "", str(n.sum())))  # fmt: skip
+    return columns(rows, left=(0, 3))
+
+
+def _share(percent: float) -> str:
+    return f"{percent:.2f} %" if np.isfinite(percent) else ""
+
+
+def cautions(fit: Fit) -> list[str]:
+    """What to know before the numbers are believed, a sentence each."""
+    said = []
+    if fit.agreeing == 1 and len(fit.searches) > 1:
+        said.append(f"Only one of {len(fit.searches)} starts ended at this optimum: more starts may find a better one.")
+    silent = [name for u in fit.undetermined if u.kind == NO_INFLUENCE for name in u.names]
+    if silent:
+        said.append(f"{listed(silent, len(silent))} {'has' if len(silent) == 1 else 'have'} no influence on the "
+                    "outputs in these experiments.")  # fmt: skip
+    said += [u.words for u in fit.undetermined if u.kind != NO_INFLUENCE]
+    said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
+    together = [set(u.names) for u in fit.undetermined]
+    pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= names for names in together)]
+    said += [f"{a} and {b} are hard to tell apart (correlation {c:+.3f})." for a, b, c in pairs[:MOST]]
+    if len(pairs) > MOST:
+        said.append(f"So are {len(pairs) - MOST} more pairs, above a correlation of {CLOSE:g}.")
+    return [*said, *fit.notes]
+
+
+def tangled(fit: Fit) -> list[tuple[str, str, float]]:
+    """Pairs of parameters whose estimates move together, strongest first."""
+    c, n = fit.correlation, len(fit.names)
+    pairs = [(fit.names[j], fit.names[i], float(c[i, j])) for i in range(n) for j in range(i) if abs(c[i, j]) > CLOSE]
+    return sorted(pairs, key=lambda p: -abs(p[2]))
+
+
+def _digits(value: float, low: float, high: float) -> Callable[[float], str]:
+    """How to show an estimate and its interval: with two digits of the half width; four digits without interval."""
+    size, half = float(np.nanmax(np.abs([value, low, high]))), (high - low) / 2
+    if not (np.isfinite(half) and half > 0 and size > 0):
+        return lambda value: f"{value:.{LEAST + 1}g}"
+    first = int(np.floor(np.log10(size)))
+    digits = int(np.clip(first - np.floor(np.log10(half)) + 2, LEAST, EXACT))
+    if not -4 <= first < 6:
+        return lambda value: f"{value:.{digits - 1}e}"
+    return lambda value: f"{value:z.{max(digits - 1 - first, 0)}f}"
+
+
+def _in_degrees(e: Estimate) -> str:
+    """An angle in degrees, as many digits as in its own unit; nothing for anything else."""
+    if not e.unit or units.parse(e.unit) != units.parse("rad"):
+        return ""
+    value, low, high = np.degrees([e.value, e.low, e.high])
+    return f"{_digits(value, low, high)(value)} deg"
+
+
+# ---- a comparison --------------------------------------------------------------------------------
+
+
+def ranking(comparison: Comparison) -> str:
+    """The table of models from best to worst, what could not be fitted, and what to beware of."""
+    k, unit = for_people(comparison.unit)
+    whole = all(row.held_out is None for row in comparison)
+    head = ("model", "parameters", f"rms held out [{unit}]", f"rms fitted [{unit}]")
+    rows: list[Sequence[str]] = [(*head[:2], head[3]) if whole else head]
+    faults, warnings = list[str](), list[str]()
+    for row in comparison:
+        if row.fit is None or row.train is None:
+            faults.append(_bullet(f"{row.name}: {row.fault}"))
+            continue
+        fitted = f"{k * row.train.rms:.4g}"
+        figures = (fitted,) if whole else (f"{k * row.figure:.4g}", fitted)
+        rows.append((row.name, str(row.parameters), *figures))
+        warnings += [_bullet(f"{row.name}: {text}") for text in doubts(row.fit)]
+    parts = [columns(rows)] if len(rows) > 1 else []
+    parts += ["\n".join(["could not be fitted:", *faults])] if faults else []
+    parts += ["\n".join(["beware:", *warnings])] if warnings else []
+    return "\n\n".join(parts)
+
+
+def by_file(found: Mapping[str, Comparison]) -> str:
+    """A table of models and files, each fitted by itself; the best of a file has a star."""
+    from tsmblocks.fitting.compare import overall
+
+    k, unit = for_people(next(iter(found.values())).unit)
+    ranked = overall(found)
+    least = [*(min(row.figure for row in one) for one in found.values()), ranked[0][1]]
+    rows: list[Sequence[str]] = [("model", *(f"{name} " for name in (*found, "all")))]
+    for model, rms in ranked:
+        figures = [next((row.figure for row in one if row.name == model), np.inf) for one in found.values()]
+        rows.append((model, *(f"{k * y:.4g}{'*' if y == best else ' '}" if np.isfinite(y) else "- "
+                              for y, best in zip((*figures, rms), least, strict=True))))  # fmt: skip
+    text = columns(rows)
+    if max(map(len, text.split("\n"))) > WIDTH:
+        text = columns([["file", *(f"{row[0]} " for row in rows[1:])], *(
+            [rows[0][j].strip(), *(row[j] for row in rows[1:])] for j in range(1, len(rows[0])))])  # fmt: skip
+    what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held out"
+    parts = [f"{what} [{unit}], every file fitted by itself; * is the best", text]
+    best = ranked[0][0]
+    said = [_bullet(f"{best}, {name}: {words}") for name, one in found.items() for row in one if row.name == best
+            for words in ([row.fault] if row.fit is None else doubts(row.fit))]  # fmt: skip
+    return "\n\n".join([*parts, *(["\n".join(["beware:", *said])] if said else [])])
+
+
+def doubts(fit: Fit) -> list[str]:
+    """What to know of one fit among several before its figure is believed, briefly."""
+    from tsmblocks.fitting.result import STATUS
+
+    said = [] if fit.status == "converged" else [f"{STATUS[fit.status]}."]
+    open_ = {name for u in fit.undetermined if u.kind != UNCERTAIN for name in u.names}
+    names = [e.name for e in sorted(fit.estimates, key=lambda e: e.is_start) if e.name in open_]
+    if names:
+        said.append(f"the data do not determine {listed(names)}.")
+    return said
+
+
+def for_people(unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read an error: angles in degrees; no unit at all is a share."""
+    return (180 / np.pi, "deg") if unit == "rad" else (1.0, unit or "of the spread")
+
+
+# ---- sentences and tables ------------------------------------------------------------------------
+
+
+def listed(names: Sequence[str], most: int = MOST) -> str:
+    """``a``, ``a and b``, ``a, b and c``; beyond ``most`` the rest is counted."""
+    shown = [*names] if len(names) <= most + 1 else [*names[:most], f"{len(names) - most} more"]
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
+def _bullet(text: str) -> str:
+    """A sentence in lines that fit a terminal, after a dash; no percent sign stands alone."""
+    lines = textwrap.fill(text.replace(" %", "\xa0%"), WIDTH, initial_indent="- ", subsequent_indent="  ",
+                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return lines.replace("\xa0", " ")

@@ -1,0 +1,29 @@
+"""Figures. Angles are stored in rad and shown in deg, as the paper shows them.
+
+Every function draws on the axes it is given, or makes a figure, and returns the figure. Needs
+matplotlib, imported when a figure is made.
+"""
+
+from tsmblocks.plots.fits import (
+    plot_autocorrelation,
+    plot_comparison,
+    plot_each,
+    plot_fit,
+    plot_fitted_loop,
+    plot_history,
+    plot_residual,
+)
+from tsmblocks.plots.runs import plot_loop, plot_run, plot_tracking
+
+__all__ = [
+    "plot_autocorrelation",
+    "plot_comparison",
+    "plot_each",
+    "plot_fit",
+    "plot_fitted_loop",
+    "plot_history",
+    "plot_loop",
+    "plot_residual",
+    "plot_run",
+    "plot_tracking",
+]

@@ -1,0 +1,237 @@
+"""Figures of fits: how close the simulation comes, where it does not, and what the rest looks like.
+
+A whole fit is one figure; each of its four panels can also be drawn alone, on axes of one's own:
+
+    plot_residual(fit.differences["bend 60"], ax)
+
+Every function returns the figure. Angles are shown in deg. Needs matplotlib, imported when a figure is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.data import Record, heading, noise
+from tsmblocks.errors import DataError
+from tsmblocks.fitting.compare import Comparison, overall
+from tsmblocks.fitting.differences import Difference, Differences
+from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.statistics import whiteness
+from tsmblocks.plots.panels import COLOURS, INK, LEGEND, PALE, axes, dress, sheet, shown
+
+MOST = 8
+"""Experiments and outputs drawn; more would be too small to read."""
+LAGS = 500
+"""Samples up to which the autocorrelation is drawn."""
+MARKS = "osD^vPX*"
+"""Markers of files, beside their colours."""
+ABOVE: dict[str, Any] = {"loc": "outside upper right", "frameon": False, "fontsize": 9}
+"""Where the one legend of a figure with many panels stands."""
+
+
+def plot_fit(fit: Fit | Differences) -> Any:
+    """What was measured and simulated over time, what is left, the loop over the input, and the residual's colour.
+
+    One row per experiment and output, the first ``MOST`` of them. Returns the figure.
+    """
+    differences = fit.differences if isinstance(fit, Fit) else fit
+    rows = list(differences)[:MOST]
+    figure, panels = sheet(len(rows), 4, width=15.0, height=2.8, widths=(1.5, 1.3, 1.0, 0.8))
+    for row, one in zip(panels, rows, strict=True):
+        for panel, draw in zip(row, (_history, _residual, _loop, _colour), strict=True):
+            draw(panel, one)
+        row[0].set_title(f"{one.experiment}, {one.output}", loc="left", fontsize=10, fontweight="bold")
+        row[1].set_title(f"residual: {_in_figures(one)}", loc="left", fontsize=10)
+        row[3].set_title("autocorrelation", loc="left", fontsize=10)
+    for above, below in zip(panels[:-1].flat, panels[1:].flat, strict=True):
+        if above.get_xlabel() == below.get_xlabel():
+            above.set_xlabel("")
+    hidden = len(differences) - len(rows)
+    more = f" (the first {MOST} of {len(differences)})" if hidden else ""
+    figure.suptitle(f"{differences.title}{more}", x=0.01, ha="left", fontsize=11)
+    _legend(figure, panels[0])
+    return figure
+
+
+def plot_history(difference: Difference, ax: Any = None) -> Any:
+    """What was measured and what was simulated, over time. Returns the figure."""
+    return _alone(_history, difference, ax)
+
+
+def plot_residual(difference: Difference, ax: Any = None) -> Any:
+    """What is left over time, with the band of twice the measured signal's noise. Returns the figure.
+
+    The noise is that of ``tsm.noise``: a residual inside the band holds nothing a better model could explain.
+    """
+    return _alone(_residual, difference, ax)
+
+
+def plot_fitted_loop(difference: Difference, ax: Any = None) -> Any:
+    """What was measured and simulated over the input; with several inputs or none, one over the other."""
+    return _alone(_loop, difference, ax)
+
+
+def plot_autocorrelation(difference: Difference, ax: Any = None) -> Any:
+    """Autocorrelation of what is left over the lag in s; 19 of 20 lags of white noise stay in the band."""
+    return _alone(_colour, difference, ax)
+
+
+def _alone(draw: Any, one: Difference, ax: Any) -> Any:
+    (panel,) = axes(ax, 1, height=3.2)
+    draw(panel, one)
+    if any(panel.get_legend_handles_labels()[1]):
+        panel.legend(**LEGEND)
+    return panel.figure
+
+
+def _legend(figure: Any, panels: Any) -> None:
+    """One legend for all panels: what several of them show is named once."""
+    named: dict[str, Any] = {}
+    for panel in panels:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, handle)
+    figure.legend(named.values(), named.keys(), ncols=len(named), **ABOVE)
+
+
+def _in_figures(one: Difference) -> str:
+    d = one.in_degrees()
+    return f"rms {d.rms:.3g}, largest {d.largest:.3g} {d.unit}".rstrip()
+
+
+def _history(panel: Any, one: Difference) -> None:
+    measured, unit = shown(one.measured, one.unit)
+    panel.plot(one.t, measured, color=INK, lw=1.8, label="measured")
+    panel.plot(one.t, shown(one.simulated, one.unit)[0], color=COLOURS[0], lw=1.1, label="simulated")
+    panel.set_ylabel(heading(one.output, unit))
+    panel.set_xlabel("t [s]")
+    dress(panel, legend=False)
+
+
+def _residual(panel: Any, one: Difference) -> None:
+    left, unit = shown(one.residual, one.unit)
+    floor = _floor(one)
+    if floor:
+        band = 2 * float(shown(np.array([floor]), one.unit)[0][0])
+        panel.axhspan(-band, band, color=COLOURS[2], alpha=0.25, lw=0, label="noise (± 2 rms)")
+    panel.plot(one.t, left, color=COLOURS[1], lw=0.8, label="residual")
+    panel.axhline(0.0, color=INK, lw=0.6)
+    panel.set_ylabel(heading("residual", unit))
+    panel.set_xlabel("t [s]")
+    dress(panel, legend=False)
+
+
+def _floor(one: Difference) -> float | None:
+    """The noise of what was measured, in its unit; None where it cannot be told."""
+    signals = {one.output: one.measured, **{name: values for name, (values, _) in one.inputs.items()}}
+    try:
+        return noise(Record(one.experiment, one.t, signals, {one.output: one.unit}), one.output).floor
+    except DataError:
+        return None
+
+
+def _loop(panel: Any, one: Difference) -> None:
+    y, unit = shown(one.measured, one.unit)
+    simulated = shown(one.simulated, one.unit)[0]
+    if len(one.inputs) == 1:
+        ((name, (values, own)),) = one.inputs.items()
+        x, across = shown(values, own)
+        panel.plot(x, y, color=INK, lw=1.5, label="measured")
+        panel.plot(x, simulated, color=COLOURS[0], lw=0.9, label="simulated")
+        panel.set_xlabel(heading(name, across))
+        panel.set_ylabel(heading(one.output, unit))
+    else:
+        panel.plot(simulated, y, color=COLOURS[0], lw=0.9)
+        panel.axline((float(y.mean()), float(y.mean())), slope=1, color=INK, lw=0.6)
+        panel.set_xlabel(heading(f"{one.output} simulated", unit))
+        panel.set_ylabel(heading("measured", unit))
+    dress(panel, legend=False)
+
+
+def _colour(panel: Any, one: Difference) -> None:
+    (found,) = whiteness(one.residual, lags=LAGS)
+    lag = float(np.median(np.diff(one.t))) * np.arange(len(found.autocorrelation))
+    panel.axhspan(-found.band, found.band, color=PALE, lw=0, label="white noise")
+    panel.plot(lag, found.autocorrelation, color=COLOURS[1], lw=1.0, label="residual")
+    panel.axhline(0.0, color=INK, lw=0.6)
+    panel.set_ylim(-1.05, 1.05)
+    panel.set_xlabel("lag [s]")
+    dress(panel, legend=False)
+
+
+# ---- models beside each other -------------------------------------------------------------------
+
+
+def plot_comparison(comparison: Comparison) -> Any:
+    """The error of every model, best on top, and loop and residual of the best. Returns the figure."""
+    figure, panels = sheet(1, 3, width=15.0, height=4.0, widths=(1.2, 1.0, 1.3))
+    errors, loop, residual = panels[0]
+    _errors(errors, comparison)
+    best = next(iter(comparison.best.held_out or comparison.best.train or []), None)
+    if best is not None:
+        _loop(loop, best)
+        _residual(residual, best)
+        part = " (held out)" if comparison.best.held_out else ""
+        loop.set_title(f"{comparison.best.name}: {best.experiment}, {best.output}{part}", loc="left", fontsize=10)
+        residual.set_title(f"residual: {_in_figures(best)}", loc="left", fontsize=10)
+    _legend(figure, panels[0])
+    return figure
+
+
+def _errors(panel: Any, comparison: Comparison) -> None:
+    """A dot for each model, and an open one where the part that was fitted lies."""
+    rows = [row for row in comparison if row.train is not None][::-1]
+    k, unit = shown(np.ones(1), comparison.unit)
+    figures = k * np.array([row.figure for row in rows])
+    places = range(len(rows))
+    if _held_out([comparison]):
+        fitted = k * np.array([row.train.rms for row in rows if row.train is not None])
+        panel.plot(fitted, places, "D", color=INK, mfc="none", ms=6, label="rms fitted")
+    panel.plot(figures, places, "o", color=COLOURS[0], ms=8, label="rms held out" if _held_out([comparison]) else "rms")
+    panel.set_yticks(places, [f"{row.name}  {value:.3g}" for row, value in zip(rows, figures, strict=True)])
+    _over_models(panel, unit, [comparison])
+
+
+def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None) -> Any:
+    """What each model leaves of every file, when it is fitted to each by itself. Returns the figure.
+
+    ``comparisons`` has one for each file, by name. Models stand from best to worst over all files, each with a
+    mark per file and a line at the root mean square.
+    """
+    ranked = [(name, rms) for name, rms in overall(comparisons)[::-1] if np.isfinite(rms)]
+    (panel,) = axes(ax, 1, height=1.4 + 0.42 * len(ranked))
+    k, unit = shown(np.ones(1), next(iter(comparisons.values())).unit)
+    names = [name for name, _ in ranked]
+    for (file, one), colour, mark in zip(comparisons.items(), cycle(COLOURS), cycle(MARKS), strict=False):
+        known = {row.name: float(k[0]) * row.figure for row in one if np.isfinite(row.figure)}
+        panel.plot(list(known.values()), [names.index(name) for name in known], mark, color=colour, ms=6, label=file)
+    for place, (_, rms) in enumerate(ranked):
+        panel.plot([k[0] * rms] * 2, [place - 0.35, place + 0.35], color=INK, lw=1.6, label="" if place else "all")
+    panel.set_yticks(range(len(names)), [f"{name}  {k[0] * rms:.3g}" for name, rms in ranked])
+    _over_models(panel, unit, comparisons.values())
+    panel.legend(**LEGEND)
+    return panel.figure
+
+
+def _held_out(comparisons: Iterable[Comparison]) -> bool:
+    return any(row.held_out is not None for one in comparisons for row in one)
+
+
+def _over_models(panel: Any, unit: str, comparisons: Iterable[Comparison]) -> None:
+    """Errors across: on a scale on which the best models stay apart where the worst are ten times worse."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    dress(panel, legend=False)
+    drawn = np.concatenate([np.asarray(line.get_xdata(), dtype=float) for line in panel.lines])
+    if 0 < 10 * drawn.min() < drawn.max():
+        panel.set_xscale("log")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        panel.xaxis.set_minor_formatter(NullFormatter())
+        panel.margins(x=0.06)
+    else:
+        panel.set_xlim(0.0, 1.06 * drawn.max() or 1.0)
+    panel.set_xlabel(heading("rms held out" if _held_out(comparisons) else "rms", unit or "of the spread"))
