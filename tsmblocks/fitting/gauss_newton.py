@@ -23,6 +23,8 @@ COARSE = (1e-1, 1e-2)
 """Shares of each unknown over which differences are taken where derivatives at a point lead nowhere."""
 FAR = 1e3
 """A sensible change of an unknown is at most so many times its size."""
+GAIN = 1e-6
+"""Share of the cost that such differences must gain to be gone on with."""
 TRIES = 16
 """Dampings tried before a point counts as one from which nothing leads down."""
 
@@ -61,17 +63,13 @@ def gauss_newton(problem: Problem, start: np.ndarray, *, iterations: int = 100, 
     try:
         status = _search(problem, state, history, iterations, tell)
         for share in COARSE if status == "stalled" else ():
-            rough = attrs.evolve(
-                state, reach=share * np.maximum(np.abs(state.theta), np.abs(start)), damping=FIRST_DAMPING
-            )
-            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, rough.reach)
+            reach = share * np.maximum(np.abs(state.theta), np.abs(start))
+            rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
+            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
             ended = _search(problem, rough, history, iterations, tell)
-            if rough.cost < state.cost * (
-                1 - 1e-6
-            ):  # what only such differences find is a slope that points do not have
-                state, status = rough, ended
-            else:
+            if rough.cost >= state.cost * (1 - GAIN):  # differences see no more of a slope than points do
                 break
+            state, status = rough, ended
     except KeyboardInterrupt:
         status = "interrupted"
     return Found(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.reach)
