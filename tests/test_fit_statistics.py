@@ -518,6 +518,20 @@ def test_noise_can_hide_what_data_could_tell():
     assert "tsm.gamma" in {name for u in found for name in u.names}
 
 
+@pytest.mark.parametrize("ratio", [1e-3, 1e-6, 1e-9])
+def test_a_weak_direction_that_the_noise_does_not_hide_is_known(ratio):
+    """As of a plant that runs away: one direction is felt a thousand million times more than another."""
+    rng = np.random.default_rng(5)
+    Q, V = np.linalg.qr(rng.standard_normal((400, 2)))[0], np.array([[0.8, 0.6], [-0.6, 0.8]])
+    sizes = 1e6 / ratio * np.array([1.0, ratio])
+    noise = rng.standard_normal(400)
+    r = noise - Q @ (Q.T @ noise)
+    known = uncertainty(Q @ np.diag(sizes) @ V.T, r)
+    expected = (r @ r) / 398 * V @ np.diag(sizes**-2.0) @ V.T
+    np.testing.assert_allclose(known.white, expected, rtol=1e-15 / ratio + 1e-9)
+    assert undetermined(Q @ np.diag(sizes) @ V.T, r, ["a", "b"], np.ones(2), known) == ()
+
+
 def test_one_uncertain_parameter_does_not_drag_others_in():
     t = np.linspace(0, 1, 400)
     J = np.column_stack([np.ones(400), 0.18 * (t + 5.0)])  # a tenth of the first makes up for the second

@@ -9,8 +9,7 @@ from itertools import combinations
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.colour import product
-from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals
+from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals, spectrum
 
 SILENT = 1e-10
 """Effect of a parameter, beside that of the strongest, below which it is rounding."""
@@ -73,12 +72,13 @@ def undetermined(
     theta = np.asarray(theta, dtype=float)
     scales = np.where(theta != 0, np.abs(theta), 1.0) if scales is None else np.asarray(scales, dtype=float)
     rows = np.ascontiguousarray(np.asarray(J, dtype=float).T) * scales[:, None]
-    stiff = product(rows, rows.T) + (0.0 if prior is None else prior * np.outer(scales, scales))
+    weight = np.zeros((len(rows), len(rows))) if prior is None else prior * np.outer(scales, scales)
+    size = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
     told = _Teller(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))))
     held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
-    silent = _silent(stiff, _free(held))
+    silent = _silent(size, _free(held))
     found = [told.without_influence(int(i)) for i in np.flatnonzero(silent)]
-    weak = _null(stiff, _free(np.vstack([held, np.eye(len(theta))[silent]])))
+    weak = _null(rows, weight, size, _free(np.vstack([held, np.eye(len(theta))[silent]])))
     found += [told.combination(v, "only matter through a combination") for v in weak]
     half = intervals(np.zeros(len(theta)), known.covariance, known.freedom, level)[1] / scales
     vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
@@ -101,21 +101,19 @@ def _free(held: np.ndarray) -> np.ndarray:
     return turn[int((size > 1e-10).sum()) :].T
 
 
-def _silent(stiff: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Which parameters change nothing, whatever else holds them back."""
-    size = np.sqrt(np.diag(stiff))
+def _silent(size: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Which parameters, of effects ``size``, change nothing, whatever else holds them back."""
     loose = np.abs(np.linalg.norm(free, axis=1) - 1) < 1e-6
     return loose & (size <= SILENT * size.max(initial=0.0))
 
 
-def _null(stiff: np.ndarray, free: np.ndarray) -> list[np.ndarray]:
+def _null(rows: np.ndarray, weight: np.ndarray, size: np.ndarray, free: np.ndarray) -> list[np.ndarray]:
     """Combinations without any effect but rounding, in shares of each parameter's size."""
     if not free.size:
         return []
-    size = np.sqrt(np.diag(stiff))
     size = np.where(size > 0, size, 1.0)
     turned, _ = np.linalg.qr(size[:, None] * free)  # directions in which every parameter has the same effect
-    values, vectors = np.linalg.eigh(turned.T @ (stiff / np.outer(size, size)) @ turned)
+    values, vectors = spectrum(rows / size[:, None], weight / np.outer(size, size), turned)
     weak = turned @ vectors[:, values <= RANK * max(values.max(), 1e-300)]
     return _sparse(weak / size[:, None])
 

@@ -12,8 +12,12 @@ from tsmblocks.errors import DataError
 from tsmblocks.fitting.colour import Colour, Coloured, coloured, fast_length, product
 from tsmblocks.fitting.sums import square
 
-RANK = 3e-14
+RANK = 1e-24
 """Square of the smallest relative effect of a direction on the residuals that rounding leaves visible."""
+SUSPECT = 1e-10
+"""Ratio of eigenvalues below which a product of matrices is not trusted with the smaller ones."""
+PIECE = 1000
+"""Samples factorised at a time."""
 LOOSE = 1e-3
 """Share of a parameter in a direction without effect from which the parameter is left open by it."""
 LEAST_FREEDOM = 2.0
@@ -76,7 +80,7 @@ def uncertainty(
     _check(J, r, segments)
     rows, p = np.ascontiguousarray(J.T), J.shape[1]
     weight = np.zeros((p, p)) if prior is None else np.asarray(prior, dtype=float)
-    basis, open_ = _determined(product(rows, rows.T) + weight, held)
+    basis, open_ = _determined(rows, weight, held)
     seen = product(np.ascontiguousarray(basis.T), rows)
     noises = coloured(seen, r, segments)
     gains = product(basis, seen)  # the error of the estimate is this matrix times the noise
@@ -100,21 +104,37 @@ def _check(J: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> None:
         raise DataError(f"the segments must cover each of the {len(r)} residuals once.")
 
 
-def _determined(H: np.ndarray, held: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def _determined(rows: np.ndarray, weight: np.ndarray, held: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """B (p, q) with B'HB = 1 that spans what the data tell; and which parameters the rest leaves open."""
-    p = len(H)
-    scale = np.sqrt(np.diag(H))
+    p = len(rows)
+    scale = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
     scale = np.where(scale > 1e-150, scale, 1.0)
     free = np.eye(p)
     if held is not None and np.size(held):
         _, size, turn = np.linalg.svd(np.asarray(held, dtype=float) / scale)
         free = turn[int((size > 1e-10 * size.max()).sum()) :].T
         free = np.where(np.abs(free) > 1e-13, free, 0.0)  # what is held has no error at all, not one of rounding
-    values, vectors = np.linalg.eigh(free.T @ (H / np.outer(scale, scale)) @ free)
+    values, vectors = spectrum(rows / scale[:, None], weight / np.outer(scale, scale), free)
     seen = values > RANK * max(values.max(initial=0.0), 1e-300)
     unseen = free @ vectors[:, ~seen]
     basis = free @ vectors[:, seen] / np.sqrt(values[seen])
     return basis / scale[:, None], (np.abs(unseen) > LOOSE).any(axis=1)
+
+
+def spectrum(rows: np.ndarray, weight: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (q,), from the least, and eigenvectors (q, q) of T'(RR' + W)T, for rows R (p, N) and T (p, q).
+
+    Where some are so small that forming the product has lost them, they are found from factors instead.
+    """
+    values, vectors = np.linalg.eigh(turn.T @ (product(rows, rows.T) + weight) @ turn)
+    if not len(values) or values[0] > SUSPECT * values[-1]:
+        return values, vectors
+    sizes, own = np.linalg.eigh(weight)
+    factor = np.linalg.qr((own * np.sqrt(np.maximum(sizes, 0.0))).T @ turn, mode="r")
+    for first in range(0, rows.shape[1], PIECE):
+        factor = np.linalg.qr(np.vstack([factor, rows[:, first : first + PIECE].T @ turn]), mode="r")
+    _, sizes, turned = np.linalg.svd(factor)
+    return sizes[::-1] ** 2, turned[::-1].T
 
 
 def _opened(covariance: np.ndarray, open_: np.ndarray) -> np.ndarray:
