@@ -12,7 +12,7 @@ from scipy import linalg, signal, stats
 import tsmblocks as tsm
 from tests.tolerances import EXACT
 from tsmblocks.errors import DataError
-from tsmblocks.fitting.colour import FEWEST, Colour, best_order, coloured, fast_length, lag_products, product
+from tsmblocks.fitting.colour import FEWEST, Colour, best_order, coloured, fast_length, lag_products
 from tsmblocks.fitting.identifiability import sizes, undetermined
 from tsmblocks.fitting.statistics import (
     aicc,
@@ -23,6 +23,7 @@ from tsmblocks.fitting.statistics import (
     uncertainty,
     whiteness,
 )
+from tsmblocks.fitting.sums import product
 
 
 def regressors(n, p, cycles):

@@ -29,29 +29,30 @@ def given_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
     return dict(inputs or {})
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number; True and False are none."""
     plain = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
     return plain and abs(value) <= sys.float_info.max
 
 
 def number(what: str, value: Any, error: type[TsmError] = RunError) -> float:
     """A number, NaN and infinity excluded. Raises ``error``, ``what`` being its name."""
-    if not _is_number(value):
+    if not is_number(value):
         raise error(f"{what} must be a finite number, got {in_words(value)}.")
     return float(value)
 
 
 def positive(what: str, value: Any) -> float:
     """A time longer than zero, in s. Raises RunError."""
-    if not _is_number(value) or value <= 0:
+    if not is_number(value) or value <= 0:
         raise RunError(f"{what} must be a positive number of seconds, got {in_words(value)}.")
     return float(value)
 
 
-def every_nth(value: Any) -> int:
-    """How many instants lie between two that are kept, plus one. Raises RunError."""
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
-        raise RunError(f"every must be a whole number of at least 1, got {in_words(value)}.")
+def whole(what: str, value: Any, least: int) -> int:
+    """A whole number of at least ``least``. Raises RunError, ``what`` being its name."""
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
+        raise RunError(f"{what} must be a whole number of at least {least}, got {in_words(value)}.")
     return int(value)
 
 
@@ -60,10 +61,10 @@ def whole_steps(start: float, stop: float, h: float) -> int:
     if not start < stop:
         raise RunError(f"the run must end after it starts, got start={start:g} s and stop={stop:g} s.")
     steps = (stop - start) / h
-    whole = round(steps) if math.isclose(steps, round(steps), rel_tol=1e-9) else math.floor(steps)
-    if whole < 1:
+    count = round(steps) if math.isclose(steps, round(steps), rel_tol=1e-9) else math.floor(steps)
+    if count < 1:
         raise RunError(f"the step of {h:g} s is longer than the run of {stop - start:g} s.")
-    return whole
+    return count
 
 
 def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
@@ -100,6 +101,6 @@ class Times:
 
 def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any) -> Times:
     """The instants asked for; without ``stop``, to the end of the inputs. Raises RunError."""
-    begin, h, spacing = number("start", start), positive("step", step), every_nth(every)
+    begin, h, spacing = number("start", start), positive("step", step), whole("every", every, 1)
     end = resolve_stop(inputs, begin, h) if stop is None else number("stop", stop)
     return Times(begin, h, whole_steps(begin, end, h), spacing)

@@ -23,6 +23,9 @@ from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, in_words, near
 from tsmblocks.simulate import equations, parameter_vector
 
+MOST_DIRECTIONS = 32
+"""Derivative directions side by side in one run."""
+
 Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
 
 
@@ -149,7 +152,7 @@ def sensitivities(
     eq = equations(diagram)
     base, known = parameter_vector(eq, diagram), [_index(eq, name, diagram) for name in names]
     shown = list(outputs) if outputs is not None else list(eq.aliases)
-    chosen, lanes = _columns(eq, shown), min(32, _power_of_two(len(known)))
+    chosen, lanes = _columns(eq, shown), directions(len(known))
     kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)
     whole = _whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)
     columns = [chosen.index(k) for k in _positions(eq, shown)]
@@ -306,6 +309,11 @@ def _lane_columns(y: np.ndarray, kernel: Kernel, k: int, lanes: int) -> np.ndarr
     """One logged signal as (N, lanes), whether or not it differs between lanes."""
     part = y[:, kernel.layout_y.span(k)]
     return part if part.shape[1] == lanes else np.broadcast_to(part, (len(part), lanes))
+
+
+def directions(count: int) -> int:
+    """Lanes for so many derivative directions; beyond ``MOST_DIRECTIONS`` they take several runs."""
+    return min(MOST_DIRECTIONS, _power_of_two(count))
 
 
 def _power_of_two(n: int) -> int:

@@ -1,4 +1,4 @@
-"""What a fit is asked for: names, pairs by name, whole numbers. Each kind is checked here, with one wording."""
+"""What a fit is asked for: names, pairs by name, flags. Each kind is checked here, with one wording."""
 
 from __future__ import annotations
 
@@ -33,13 +33,6 @@ def by_name(what: str, given: Any, example: str) -> dict[str, Any]:
         if not isinstance(name, str):
             raise ParameterError(f"{what} takes names, such as {{{example}}}, got {in_words(name)}.")
     return dict(given)
-
-
-def whole(what: str, value: Any, least: int) -> int:
-    """A whole number of at least ``least``. Raises RunError."""
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
-        raise RunError(f"{what} must be a whole number of at least {least}, got {in_words(value)}.")
-    return int(value)
 
 
 def flag(what: str, value: Any) -> bool:

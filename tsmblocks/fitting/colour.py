@@ -18,10 +18,8 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.sums import square
+from tsmblocks.fitting.sums import product, square
 
-BLOCK = 250_000
-"""Multiplications of one matrix product: larger ones wake the threads of the matrix library, which costs more."""
 LONGEST = 10_000
 """Numbers of one dot product, for the same reason."""
 FEWEST = 40
@@ -99,21 +97,6 @@ def _first_covariances(a: np.ndarray, variance: float) -> np.ndarray:
 def fast_length(n: int) -> int:
     """An even length of at least ``n`` whose Fourier transform is quick."""
     return min(f << max(math.ceil(math.log2(n / f)), 1) for f in (1, 3, 5, 9, 15))
-
-
-def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """``a @ b`` of two matrices, in pieces of at most ``BLOCK`` multiplications along the longest side."""
-    (m, n), q = a.shape, b.shape[1]
-    if m * n * q <= BLOCK:
-        return a @ b
-    if n > m:
-        size = max(BLOCK // (m * q), 1)
-        made = np.zeros((m, q))
-        for first in range(0, n, size):
-            made += a[:, first : first + size] @ b[first : first + size]
-        return made
-    size = max(BLOCK // (n * q), 1)
-    return np.concatenate([a[first : first + size] @ b for first in range(0, m, size)])
 
 
 def lag_products(rows: np.ndarray, order: int) -> np.ndarray:

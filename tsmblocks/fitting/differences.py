@@ -106,14 +106,19 @@ class Differences:
     @property
     def rms(self) -> float:
         """Root mean square over all experiments, when all outputs have one unit; else of shares of their spread."""
-        if len({d.unit for d in self.items}) == 1 and len({d.output for d in self.items}) == 1:
+        if self._alike:
             return _rms([d.residual for d in self.items])
         return _rms([d.residual / (d.measured.std() or 1.0) for d in self.items])
 
     @property
     def unit(self) -> str:
         """Unit of ``rms``; ``""`` when it is a share."""
-        return self.items[0].unit if len({(d.unit, d.output) for d in self.items}) == 1 else ""
+        return self.items[0].unit if self._alike else ""
+
+    @property
+    def _alike(self) -> bool:
+        """Whether all are of one output in one unit, so that their residuals may be pooled as they are."""
+        return len({(d.unit, d.output) for d in self.items}) == 1
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as plain values."""

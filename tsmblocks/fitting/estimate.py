@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.arguments import whole
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError, in_words, near
 from tsmblocks.fitting import asking
@@ -67,8 +68,8 @@ def fit(
     NotFinite when no start can be simulated.
     """
     _check(method, segments)
-    starts, seed = asking.whole("starts", starts, 1), asking.whole("seed", seed, 0)
-    iterations = iterations if iterations is None else asking.whole("iterations", iterations, 0)
+    starts, seed = whole("starts", starts, 1), whole("seed", seed, 0)
+    iterations = iterations if iterations is None else whole("iterations", iterations, 0)
     asking.progress(progress)
     problem, setup = pose(
         diagram, data, free=free, bounds=bounds, start=start, local=local, start_states=start_states,
@@ -91,7 +92,7 @@ def fit(
 def _check(method: str, segments: Any) -> None:
     if not isinstance(method, str) or method not in METHODS:
         raise RunError(f"there is no method {in_words(method)} of fitting.{near(method, METHODS)}")
-    if asking.whole("segments", segments, 1) > 1 and method != "ipopt":
+    if whole("segments", segments, 1) > 1 and method != "ipopt":
         raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
 
 

@@ -14,8 +14,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine.kernels import Kernel, Memory
-from tsmblocks.fitting.colour import BLOCK
-from tsmblocks.fitting.sums import square
+from tsmblocks.fitting.sums import products, square
 from tsmblocks.fitting.trials import Trial
 from tsmblocks.fitting.unknowns import Limits, Unknowns
 
@@ -23,8 +22,6 @@ LANES = 32
 """Parameter sets side by side in one run."""
 ROUNDING = 1e-12
 """Rounding of simulated outputs, as a share of what was measured."""
-ROWS = 2000
-"""Rows multiplied at a time: larger products wake the threads of the matrix library, which costs more."""
 
 
 @attrs.frozen(eq=False)
@@ -112,17 +109,15 @@ class Problem:
         """
         low = np.maximum(theta - reach, self.unknowns.low)
         high = np.minimum(theta + reach, self.unknowns.high)
-        sets = [
-            theta,
-            *(np.where(np.arange(len(theta)) == k, side, theta) for k in range(len(theta)) for side in (low, high)),
-        ]
+        unknowns = range(len(theta))
+        sets = [np.where(np.arange(len(theta)) == k, side, theta) for k in unknowns for side in (low, high)]
         made, first = np.zeros((self.samples, len(theta))), 0
         for e, trial in enumerate(self.trials):
             columns, many = self.unknowns.columns(e), self._outputs(sets, e)
             for i, weight in enumerate(self.weights):
                 rows = slice(first, first + len(trial.t))
                 for k in columns:
-                    rise = many[:, i, 2 * k + 2] - many[:, i, 2 * k + 1]
+                    rise = many[:, i, 2 * k + 1] - many[:, i, 2 * k]
                     made[rows, k] = weight * rise / (high[k] - low[k])
                 first = rows.stop
         return self.residuals(theta), made
@@ -133,7 +128,7 @@ class Problem:
         vary, parts = frozenset(self.unknowns.changed(e)), []
         for k in range(0, len(sets), LANES):
             part = p[:, k : k + LANES]
-            lanes = next((few for few in (8, 16) if part.shape[1] <= few), LANES)
+            lanes = lanes_for(part.shape[1])
             padded = np.pad(part, ((0, 0), (0, lanes - part.shape[1])), mode="edge")
             parts.append(self.trials[e].many(padded, vary)[:, :, : part.shape[1]])
         return np.concatenate(parts, axis=2)
@@ -169,7 +164,7 @@ class Problem:
     def costs(self, thetas: np.ndarray) -> np.ndarray:
         """Cost of many sets at once, shape (sets,), run side by side in lanes and threads."""
         count = len(thetas)
-        lanes = next((few for few in (8, 16) if count <= few), LANES)
+        lanes = lanes_for(count)
         groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
         jobs = [(trial, *trial.lanes(self.unknowns.sets(group, e), frozenset(self.unknowns.changed(e))))
                 for group in groups for e, trial in enumerate(self.trials)]  # fmt: skip
@@ -216,12 +211,6 @@ def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001 - what the one
     return ThreadPoolExecutor(os.cpu_count() or 1)
 
 
-def products(jacobian: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``J'r`` and ``J'J``, a few rows at a time."""
-    n = jacobian.shape[1]
-    gradient, matrix, size = np.zeros(n), np.zeros((n, n)), max(min(ROWS, BLOCK // max(n, 1) ** 2), 1)
-    for first in range(0, len(r), size):
-        part = jacobian[first : first + size]
-        matrix += part.T @ part
-        gradient += part.T @ r[first : first + size]
-    return gradient, matrix
+def lanes_for(count: int) -> int:
+    """Lanes for so many parameter sets; beyond ``LANES`` they take several runs."""
+    return next((few for few in (8, 16) if count <= few), LANES)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import positive, prepared
+from tsmblocks.arguments import is_number, positive, prepared
 from tsmblocks.data import Record, read
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine.methods import method_named
@@ -272,7 +271,7 @@ def _weights(setup: Setup, sigma: Any) -> np.ndarray:
         for name, value in given.items():
             if name not in setup.outputs:
                 raise ParameterError(f"sigma: '{name}' is not compared here.{near(name, setup.outputs)}")
-            if not _is_number(value) or not 0 < value <= sys.float_info.max:
+            if not is_number(value) or value <= 0:
                 raise ParameterError(f"sigma of '{name}' must be a positive number, got {in_words(value)}.")
         missing = [k for k in setup.outputs if k not in given]
         if missing:
@@ -282,10 +281,6 @@ def _weights(setup: Setup, sigma: Any) -> np.ndarray:
         return np.ones(1)
     spread = np.sqrt(np.mean([trial.measured.var(axis=0) for trial in setup.trials], axis=0))
     return 1 / np.where(spread > 0, spread, 1.0)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def _in_range(setup: Setup, weights: np.ndarray) -> None:

@@ -6,10 +6,12 @@ useful differences from the first iteration on. Source: Bock, Springer Ser. Chem
 
 from __future__ import annotations
 
+from typing import Any
+
 import attrs
 import numpy as np
 
-from tsmblocks.batch import tangent_kernel
+from tsmblocks.batch import MOST_DIRECTIONS, directions, tangent_kernel
 from tsmblocks.engine.kernels import Kernel, Memory
 from tsmblocks.engine.plan import Layout
 from tsmblocks.engine.session import spread
@@ -17,13 +19,11 @@ from tsmblocks.engine.tangents import tangent_memory
 from tsmblocks.errors import RunError
 from tsmblocks.fitting.interior import bending, sizes
 from tsmblocks.fitting.ipopt import Box, Point, solve
-from tsmblocks.fitting.problem import Problem, products
+from tsmblocks.fitting.problem import Problem
 from tsmblocks.fitting.search import Found, Tell
-from tsmblocks.fitting.sums import square
+from tsmblocks.fitting.sums import products, square
 from tsmblocks.fitting.trials import Trial
 
-LANES = 32
-"""Directions side by side in one run."""
 FAR = 10.0
 """Multiples of the measured range beyond which a first guess counts as run away."""
 
@@ -59,7 +59,7 @@ def multiple_shooting(
     Raises RunError for diagrams with transport delays, whose past does not fit into a start state, and
     when the pieces cannot be joined.
     """
-    target = _Pieces(problem, cut(problem, segments))
+    target = _Pieces(problem, cut(problem, segments), bending(problem))
     begin = target.first_guess(start)
     point = target.point(begin)
     states = target.state_sizes(begin)
@@ -104,6 +104,7 @@ class _Pieces:
 
     problem: Problem
     pieces: list[Segment]
+    bend: Any  # (unknowns, forces) -> second derivatives of the constraints
 
     def point(self, z: np.ndarray) -> Point:
         n, problem, total = len(self.problem.unknowns.items), self.problem, len(z)
@@ -139,7 +140,7 @@ class _Pieces:
         """Only the constraints on the unknowns bend; the joints are taken as straight (Gauss-Newton)."""
         n, m = len(self.problem.unknowns.items), len(self.problem.limits.names)
         made = np.zeros((len(z), len(z)))
-        made[:n, :n] = np.asarray(bending(self.problem)(z[:n], forces[:m]))
+        made[:n, :n] = np.asarray(self.bend(z[:n], forces[:m]))
         return made
 
     def _columns(self, piece: Segment) -> np.ndarray:
@@ -169,8 +170,9 @@ class _Pieces:
         seed_p[:, :own] = slopes
         seed_x[:, own:] = np.eye(states, width - own)
         state = z[piece.place : piece.place + states] if piece.place >= 0 else None
-        parts = [_run_lanes(trial, piece, p, seed_p[:, k : k + LANES], state, seed_x[:, k : k + LANES])
-                 for k in range(0, max(width, 1), LANES)]  # fmt: skip
+        parts = [_run_lanes(trial, piece, p, seed_p[:, k : k + MOST_DIRECTIONS], state,
+                            seed_x[:, k : k + MOST_DIRECTIONS])
+                 for k in range(0, max(width, 1), MOST_DIRECTIONS)]  # fmt: skip
         return Ran(parts[0].outputs, np.concatenate([q.slopes for q in parts], axis=2), parts[0].end,
                    np.concatenate([q.end_slopes for q in parts], axis=1))  # fmt: skip
 
@@ -220,7 +222,7 @@ def _run_lanes(
 ) -> Ran:
     """Simulate a piece with one direction per lane."""
     width = seed_p.shape[1]
-    lanes = min(LANES, max(2, 1 << (width - 1).bit_length()))
+    lanes = directions(width)
     room = ((0, 0), (0, lanes - width))
     kernel = tangent_kernel(trial.eq, trial.rule, trial.columns, lanes, trial.backend)
     memory = tangent_memory(trial.eq, kernel, p, np.pad(seed_p, room), trial.times.h)

@@ -9,8 +9,8 @@ import attrs
 import numpy as np
 
 from tsmblocks.errors import DataError
-from tsmblocks.fitting.colour import Colour, Coloured, coloured, fast_length, product
-from tsmblocks.fitting.sums import square
+from tsmblocks.fitting.colour import Colour, Coloured, coloured, fast_length
+from tsmblocks.fitting.sums import product, square
 
 RANK = 1e-24
 """Square of the smallest relative effect of a direction on the residuals that rounding leaves visible."""

@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.arguments import Times
-from tsmblocks.batch import batch_kernel, lane_memory, tangent_kernel
+from tsmblocks.batch import batch_kernel, directions, lane_memory, tangent_kernel
 from tsmblocks.block import Samples
 from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
@@ -69,7 +69,7 @@ class Trial:
         Shapes (samples, outputs), and (samples, directions) for each output.
         """
         count, width, parts = len(self.columns), seeds.shape[1], list[list[np.ndarray]]()
-        lanes = min(32, max(2, 1 << (width - 1).bit_length()))
+        lanes = directions(width)
         kernel = tangent_kernel(self.eq, self.rule, self.columns, lanes, self.backend)
         for first in range(0, max(width, 1), lanes):
             part = seeds[:, first : first + lanes]
@@ -84,13 +84,13 @@ class Trial:
 
     def many(self, p: np.ndarray, vary: frozenset[int]) -> np.ndarray:
         """Outputs for many parameter sets at once: ``p`` (parameters, lanes) gives (samples, outputs, lanes)."""
-        kernel = batch_kernel(self.eq, self.rule, self.columns, p.shape[1], vary, self.backend)
-        y = self._run(kernel, lane_memory(self.eq, kernel, p, self.times.h))
+        kernel, memory = self.lanes(p, vary)
+        y = self._run(kernel, memory)
         wide = [y[:, kernel.layout_y.span(i)] for i in range(len(self.columns))]
         return np.stack([np.broadcast_to(v, (len(y), p.shape[1])) for v in wide], axis=1)
 
     def lanes(self, p: np.ndarray, vary: frozenset[int]) -> tuple[Kernel, Memory]:
-        """What ``squares`` needs to run many parameter sets ``p`` (parameters, lanes), places ``vary`` differing."""
+        """What it takes to run many parameter sets ``p`` (parameters, lanes), places ``vary`` differing."""
         kernel = batch_kernel(self.eq, self.rule, self.columns, p.shape[1], vary, self.backend)
         return kernel, lane_memory(self.eq, kernel, p, self.times.h)
 

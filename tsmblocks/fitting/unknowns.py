@@ -58,6 +58,7 @@ class Unknowns:
     tied: tuple[int, ...] = ()
     tie: Any = None  # p -> (tied numbers, their derivatives), a CasADi function
     _columns: tuple[np.ndarray, ...] = attrs.field(init=False)
+    _places: tuple[np.ndarray, ...] = attrs.field(init=False)  # in ``p``, of the unknowns of ``columns(e)``
 
     @_columns.default
     def _found_columns(self) -> tuple[np.ndarray, ...]:
@@ -65,6 +66,11 @@ class Unknowns:
             np.array([k for k, item in enumerate(self.items) if item.experiment in ("", name)], dtype=int)
             for name in self.experiments
         )
+
+    @_places.default
+    def _found_places(self) -> tuple[np.ndarray, ...]:
+        at = {name: k for k, name in enumerate(self.order)}
+        return tuple(np.array([at[self.items[k].parameter] for k in c], dtype=int) for c in self._columns)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,14 +98,12 @@ class Unknowns:
 
     def changed(self, e: int) -> list[int]:
         """Places in ``p`` that differ from ``base`` in experiment ``e``."""
-        places = [self.order.index(self.items[k].parameter) for k in self.columns(e)]
-        return sorted({*places, *self.tied})
+        return sorted({*self._places[e].tolist(), *self.tied})
 
     def parameters(self, theta: np.ndarray, e: int) -> np.ndarray:
         """Parameters ``p`` of experiment ``e``, shape (parameters,)."""
         p = self.base.copy()
-        for k in self.columns(e):
-            p[self.order.index(self.items[k].parameter)] = theta[k]
+        p[self._places[e]] = theta[self.columns(e)]
         if self.tie is not None:
             p[list(self.tied)] = np.asarray(self.tie(p)[0]).ravel()
         return p
@@ -109,15 +113,14 @@ class Unknowns:
         if self.tie is not None:
             return np.stack([self.parameters(theta, e) for theta in thetas], axis=1)
         p = np.repeat(self.base[:, None], len(thetas), axis=1)
-        p[[self.order.index(self.items[k].parameter) for k in self.columns(e)]] = thetas[:, self.columns(e)].T
+        p[self._places[e]] = thetas[:, self.columns(e)].T
         return p
 
     def slopes(self, p: np.ndarray, e: int) -> np.ndarray:
         """Derivatives of ``p`` with respect to the unknowns of ``columns(e)``, shape (parameters, columns)."""
-        columns = self.columns(e)
-        made = np.zeros((len(p), len(columns)))
-        for j, k in enumerate(columns):
-            made[self.order.index(self.items[k].parameter), j] = 1.0
+        places = self._places[e]
+        made = np.zeros((len(p), len(places)))
+        made[places, np.arange(len(places))] = 1.0
         if self.tie is not None:
             made[list(self.tied)] = np.asarray(self.tie(p)[1]) @ made
         return made
@@ -127,8 +130,8 @@ class Unknowns:
         import casadi as ca
 
         p = ca.SX(self.base)
-        for k in self.columns(e):
-            p[self.order.index(self.items[k].parameter)] = theta[int(k)]
+        for k, place in zip(self.columns(e), self._places[e], strict=True):
+            p[int(place)] = theta[int(k)]
         if self.tie is not None:
             tied = self.tie.call([p])[0]
             for i, place in enumerate(self.tied):
