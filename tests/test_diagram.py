@@ -19,6 +19,7 @@ from tsmblocks.blocks import (
     Integrator,
     MotorTransferFunction,
     Play,
+    PositionDependentLoop,
     Product,
     Saturation,
     Sine,
@@ -201,6 +202,56 @@ def test_insert_with_more_wires():
         "motor.v -> model.v",
         "model.y -> tsm.x",
     }
+
+
+def reading():
+    """A block on a wire, and an input of the diagram that it is to read besides."""
+    return Diagram(
+        blocks=dict(a=Gain(), b=Gain()), wires=["a -> b"], inputs={"x": Inlet("a", unit="rad", about="angle")},
+        outputs={"y": "b"},
+    )  # fmt: skip
+
+
+def test_insert_with_a_wire_from_an_input_of_the_diagram():
+    diagram = reading().insert("both", Sum(signs="++"), after="b", wires=["x -> both.plus2"])
+    assert diagram.inputs["x"] == Inlet(("a.u", "both.plus2"), unit="rad", about="angle")
+    assert {str(link) for link in diagram.links} == {"a.y -> b.u", "b.y -> both.plus1"}
+    assert diagram.outputs == {"y": "both.y"}
+    x = np.linspace(0, 1, 11)
+    assert simulate(diagram, inputs={"x": (x, x)}, stop=1.0, step=0.1)["y"] == pytest.approx(2 * x)
+
+
+def test_insert_with_a_wire_from_an_input_to_several_ports():
+    three = Diagram(
+        title="three", blocks=dict(s=Sum(signs="+++")), inputs={"u": "s.plus1", "v": "s.plus2", "w": "s.plus3"},
+        outputs={"y": "s"},
+    )  # fmt: skip
+    diagram = reading().insert("more", three, after="a", wires=["x -> more.v, more.w"])
+    assert diagram.inputs["x"].ports == ("a.u", "more.v", "more.w")
+    assert {str(link) for link in diagram.links} == {"a.y -> more.u", "more.y -> b.u"}
+
+
+def test_insert_after_the_input_that_is_read_as_well():
+    """The block takes the place of what was driven, and reads the input itself."""
+    one = Diagram(blocks=dict(a=Gain()), inputs={"x": "a"}, outputs={"y": "a"})
+    diagram = one.insert("both", PositionDependentLoop(), after="x", wires=["x -> both.x"])
+    assert diagram.inputs["x"].ports == ("both.u", "both.x")
+    assert [str(link) for link in diagram.links] == ["both.y -> a.u"]
+
+
+def test_a_wire_from_an_input_keeps_to_the_rules():
+    with pytest.raises(DiagramError) as caught:
+        reading().insert("both", Gain(), after="b", wires=["x -> both.v"])
+    assert "both (Gain) has no input 'v'" in str(caught.value)
+    with pytest.raises(DiagramError) as caught:
+        reading().insert("both", Sum(signs="++"), after="b", wires=["x -> both.plus2", "a -> both.plus2"])
+    assert "both.plus2" in str(caught.value)
+
+
+def test_a_wire_whose_block_is_no_input_stays_a_wire():
+    diagram = reading().insert("both", Sum(signs="++"), after="b", wires=["a -> both.plus2"])
+    assert diagram.inputs["x"].ports == ("a.u",)
+    assert "a.y -> both.plus2" in {str(link) for link in diagram.links}
 
 
 def test_edits_reach_into_diagrams():

@@ -8,7 +8,16 @@ import warnings
 
 import pytest
 
-from tests.mistakes import editing, equations, filing, fitting, parameters, running, wiring  # noqa: F401 - fill the table
+from tests.mistakes import (  # noqa: F401 - fill the table
+    diagnosing,
+    editing,
+    equations,
+    filing,
+    fitting,
+    parameters,
+    running,
+    wiring,
+)
 from tests.mistakes.table import TABLE, position_loop, said
 from tsmblocks import errors
 from tsmblocks.batch import simulate_batch

@@ -36,7 +36,10 @@ ANSWERS = {
     ],
 }  # fmt: skip
 FIGURES = {"06_identify_the_paper": ["generalised.png", "proposed.png", "symmetric.png"]}
-MEASURED = ("07_measured_tendon_sheath", "08_emps")
+MEASURED = (
+    "07_measured_tendon_sheath", "08_emps", "11_tendon_sheath_diagnosed", "12_emps_diagnosed", "13_tanks",
+    "14_silverbox",
+)  # fmt: skip
 BEFORE = {
     "linear": [12.12, 11.53, 10.32, 8.42, 6.59],
     "play": [1.12, 1.36, 1.25, 0.95, 0.75],

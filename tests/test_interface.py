@@ -12,7 +12,16 @@ from pathlib import Path
 import pytest
 
 import tsmblocks
-from tests.mistakes import editing, equations, filing, fitting, parameters, running, wiring  # noqa: F401 - fill the table
+from tests.mistakes import (  # noqa: F401 - fill the table
+    diagnosing,
+    editing,
+    equations,
+    filing,
+    fitting,
+    parameters,
+    running,
+    wiring,
+)
 from tests.mistakes.table import TABLE
 
 SOURCE = Path(tsmblocks.__file__).parent

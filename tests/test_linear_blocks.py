@@ -21,6 +21,8 @@ CONTINUOUS = {
     "LeadLag": (b.LeadLag(gain=2.0, lead=0.1, lag=0.02), 2 * (0.1 * S + 1) / (0.02 * S + 1)),
     "PID": (b.PID(kp=1.5, ki=2.0, kd=0.3, tau=0.05), 1.5 + 2 / S + 0.3 * S / (0.05 * S + 1)),
     "MotorTransferFunction": (b.MotorTransferFunction(), 2 / (S * (0.02 * S + 1))),
+    "Creep": (b.Creep(share=0.3, time_constant=0.4), 1 + 0.3 / (0.4 * S + 1)),
+    "Resonance": (b.Resonance(share=0.6, omega=7.0, zeta=0.3), 0.4 + 0.6 * 49 / (S**2 + 2 * 0.3 * 7 * S + 49)),
     "Derivative": (b.Derivative(), None),
 }
 SAMPLED = {
@@ -73,8 +75,8 @@ def test_no_linear_block_is_left_out():
     from tests.linearity import is_linear
 
     linear = {n for n in b.__all__ if isinstance(getattr(b, n), type) and is_linear(getattr(b, n)())}
-    arithmetic = {"Sum", "Convert", "Bias", "ViscousFriction", "SensorNoise"}
-    elsewhere = {"Delay"}  # held against its closed form in test_engine
+    arithmetic = {"Sum", "Convert", "Bias", "ViscousFriction", "SensorNoise", "Drift", "Jump", "Disturbance"}
+    elsewhere = {"Delay", "DeadTime"}  # held against closed forms in test_engine and test_lateness
     steps = {"Sign", "Quantiser", "Encoder"}  # flat between jumps, so without slopes; not linear
     limited = {"Integrator"}  # linear between its limits, which are infinite here
     assert linear - arithmetic - elsewhere - steps == (set(CONTINUOUS) | set(SAMPLED)) - limited

@@ -16,9 +16,11 @@ _HOME = {
     "Batch": "batch",
     "Block": "block",
     "Comparison": "fitting.compare",
+    "Diagnosis": "diagnosis.result",
     "Diagram": "diagram",
     "Differences": "fitting.differences",
     "Fit": "fitting.result",
+    "Effect": "effects.effect",
     "Inlet": "diagram",
     "Input": "block",
     "Noise": "data",
@@ -34,6 +36,7 @@ _HOME = {
     "block": "block",
     "cautions": "data",
     "compare": "fitting.compare",
+    "diagnose": "diagnosis.diagnose",
     "dumps": "files",
     "equations": "simulate",
     "fit": "fitting.estimate",
@@ -104,11 +107,14 @@ if TYPE_CHECKING:
     from tsmblocks.data import from_pandas as from_pandas
     from tsmblocks.data import noise as noise
     from tsmblocks.data import read as read
+    from tsmblocks.diagnosis.diagnose import diagnose as diagnose
+    from tsmblocks.diagnosis.result import Diagnosis as Diagnosis
     from tsmblocks.diagram import Diagram as Diagram
     from tsmblocks.diagram import Inlet as Inlet
     from tsmblocks.draw import to_mermaid as to_mermaid
     from tsmblocks.draw import to_png as to_png
     from tsmblocks.draw import to_svg as to_svg
+    from tsmblocks.effects.effect import Effect as Effect
     from tsmblocks.errors import TsmError as TsmError
     from tsmblocks.files import dumps as dumps
     from tsmblocks.files import load as load

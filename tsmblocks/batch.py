@@ -169,7 +169,7 @@ def sensitivities(
     return Sensitivities(times.grid[:: times.every], values, jacobian, tuple(shown), tuple(names))
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=256)
 def batch_kernel(
     eq: Equations, method: Method, y: tuple[int, ...], lanes: int, vary: frozenset[int], backend: str
 ) -> Kernel:
@@ -177,7 +177,7 @@ def batch_kernel(
     return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend)
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=256)
 def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int, backend: str) -> Kernel:
     """A kernel with one seed direction per lane (kept)."""
     return kernel_for(tangent_plan(eq, method, y, lanes), backend)

@@ -50,13 +50,17 @@ class Tape:
 class Past:
     """The value that port ``of`` had, ``by`` seconds ago (``by`` names a parameter).
 
-    Before the run began the port is taken to have had the value of the parameter ``initial``.
+    Before the run began the port is taken to have had the value of the parameter ``initial``, or with
+    ``first`` its first value. ``by`` may not be shorter than a step, unless ``now``: then the present value
+    takes part, any time from 0 on will do, and the block passes the port on at the same instant.
     """
 
     about: str
     of: str
     by: str
     initial: str
+    now: bool = False
+    first: bool = False
 
 
 @attrs.frozen

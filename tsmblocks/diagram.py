@@ -257,9 +257,10 @@ class Diagram:
 
         ``after="motor"`` (or ``"motor.y"``, or an input's name) puts it on that signal: everything
         that listened, outputs included, now listens to the new block. ``before="tsm.x"`` (or an
-        output's name) puts it in front of that one receiver. The block's usual input and output are
-        used; ``wires`` connects any others. A dotted ``name`` (``"motor.slack"``) edits the diagram
-        inside block ``motor``, where ``after``, ``before`` and ``wires`` are then read.
+        output's name) puts it in front of that one receiver. The block's usual input (of several, the one
+        named ``u``) and output are used; ``wires`` connects any others, from inputs of the diagram too.
+        A dotted ``name`` (``"motor.slack"``) edits the diagram inside block ``motor``, where ``after``,
+        ``before`` and ``wires`` are then read.
         """
         inner = self._inside(name, "insert", block, after=after, before=before, wires=wires)
         if inner is not None:

@@ -18,10 +18,13 @@ def _fail(diagram: Diagram, text: str) -> DiagramError:
     return DiagramError(diagram.title, [text], diagram.where)
 
 
-def _usual(diagram: Diagram, name: str, block: Any, side: str) -> str:
-    """The one port of a block that stands on a wire."""
+def _usual(diagram: Diagram, name: str, block: Any, side: str, wires: tuple[str, ...]) -> str:
+    """The port of a block that stands on a wire: the only one that no other wire has, or the input named u."""
     ports = block.inports if side == "input" else block.outports
-    usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
+    taken = {end.strip() for wire in wires for stage in wire.split("->") for end in stage.split(",")}
+    usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "") and f"{name}.{k}" not in taken]
+    if side == "input" and "u" in usual:
+        return "u"
     if len(usual) != 1:
         raise _fail(
             diagram,
@@ -44,13 +47,29 @@ def inserted(
     wrong = [*name_faults({name: block}, "block")]
     if wrong:
         raise _fail(diagram, wrong[0])
-    enter, leave = ((name, _usual(diagram, name, block, side)) for side in ("input", "output"))
+    enter, leave = ((name, _usual(diagram, name, block, side, wires)) for side in ("input", "output"))
     blocks = {**diagram.blocks, name: block}
     if after:
         links, inputs, outputs = _after(diagram, after, enter, leave)
     else:
         links, inputs, outputs = _before(diagram, before, enter, leave)
-    return diagram._with(blocks=blocks, wires=[*links, *wires], inputs=inputs, outputs=outputs)
+    more, inputs = _from_inputs(diagram, wires, inputs)
+    return diagram._with(blocks=blocks, wires=[*links, *more], inputs=inputs, outputs=outputs)
+
+
+def _from_inputs(
+    diagram: Diagram, wires: tuple[str, ...], inputs: dict[str, Inlet]
+) -> tuple[list[str], dict[str, Inlet]]:  # fmt: skip
+    """Wires that begin at an input of the diagram become ports of that input; the others stay wires."""
+    kept, made = list[str](), dict(inputs)
+    for wire in wires:
+        head, _, rest = (part.strip() for part in wire.partition("->"))
+        if head in diagram.inputs and rest and "->" not in rest:
+            more = [port.strip() for port in rest.split(",")]
+            made[head] = attrs.evolve(made[head], ports=[*made[head].ports, *more])
+        else:
+            kept.append(wire)
+    return kept, made
 
 
 Edited = tuple[list[Link], dict[str, Inlet], dict[str, str]]

@@ -8,6 +8,13 @@ from typing import Any
 import attrs
 import numpy as np
 
+KEPT = 4
+"""Instants of a delayed signal that are read at a time."""
+
+PER_DELAY = KEPT + 3
+"""Numbers in ``q`` for one delay: its values at four instants a step apart, oldest first; the newest of these
+instants [s]; steps per second; how many instants there have been up to that one. What lies before the start is void."""
+
 
 @attrs.frozen
 class Feed:
@@ -28,11 +35,11 @@ class Feed:
 class Equations:
     """A diagram as x' = f(t, x, d, u, q, p) with outputs y, ready for an engine that knows no blocks.
 
-    ``x`` continuous states, ``d`` memory and held outputs, ``u`` sampled inputs, ``q`` delayed signals
-    (each with its slope), ``p`` parameters. ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being
+    ``x`` continuous states, ``d`` memory and held outputs, ``u`` sampled inputs, ``q`` what is kept of delayed
+    signals (``PER_DELAY`` numbers each), ``p`` parameters. ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being
     the signals that are delayed. ``update(t, x, d, u, q, p, hit)`` gives ``(d, x)`` after an instant at
     which the rate groups with ``hit`` = 1 act (None when nothing is updated). ``start(p)`` gives
-    ``(x, d, s)`` before the run, ``lag(p)`` the delays in s.
+    ``(x, d, s)`` before the run, ``lag(p)`` the delays in s, ``least`` the fewest steps each may take (1, or 0).
     """
 
     title: str
@@ -42,6 +49,7 @@ class Equations:
     p: tuple[str, ...]
     y: tuple[str, ...]
     q: tuple[str, ...]
+    least: tuple[int, ...]
     p_default: np.ndarray
     rhs: Any
     update: Any

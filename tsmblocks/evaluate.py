@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.block import signals
-from tsmblocks.equation_set import Feed
+from tsmblocks.equation_set import PER_DELAY, Feed
 from tsmblocks.errors import AlgebraicLoop, DiagramError
 from tsmblocks.flatten import Flat, Node
 from tsmblocks.structure import call
@@ -31,13 +31,10 @@ class Evaluator:
             self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
             self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
             self.u: dict[tuple[Any, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
-            self.q = [(ca.SX.sym(k), ca.SX.sym(f"rate of {k}")) for k in flat.q_names]
+            self.q = [ca.vertsplit(ca.SX.sym(k, PER_DELAY)) for k in map(".".join, flat.past_keys)]
             self.owner: dict[int, tuple[Any, ...]] = {}
             for kind, table in (("x", self.x), ("d", self.d)):
                 self.owner |= {s.element_hash(): (kind, k) for k, s in table.items()}
-            for k, (value, slope) in enumerate(self.q):
-                self.owner[value.element_hash()] = ("q", k)
-                self.owner[slope.element_hash()] = ("slope", flat.q_names[k])
             self.owner[flat.t.element_hash()] = ("t",)
             for name in flat.inputs:
                 self._feed(("u", name, 0))
@@ -46,7 +43,7 @@ class Evaluator:
         for name in flat.inputs:
             self.value["u", name] = self.u["u", name, 0]
         self.hit = ca.SX.sym("hit", len(flat.periods))
-        self.past = {name: k for k, name in enumerate(flat.q_names)}
+        self.past = {key: k for k, key in enumerate(flat.past_keys)}
 
     # ---- what compile asks for
 
@@ -118,8 +115,8 @@ class Evaluator:
         return list(self.u.values())
 
     def q_symbols(self) -> list[Any]:
-        """Symbols of the delayed signals, each followed by its slope."""
-        return [s for pair in self.q for s in pair]
+        """Symbols of what is kept of the delayed signals, in order."""
+        return [s for kept in self.q for s in kept]
 
     # ---- the walk
 
@@ -145,6 +142,8 @@ class Evaluator:
         """Nodes still missing before this one can be formed; forms it when there is none."""
         if node[0] == "rate":
             return self._form_rate(node)
+        if node[0] == "past":
+            return self._form_past(node)
         kind, path, name = node
         flat, shape = self.flat, self.flat.structures[path]
         if kind == "y" and self.held and (path, name) in flat.held:
@@ -176,6 +175,17 @@ class Evaluator:
                     value = ca.if_else(self.hit[flat.group[path]], value, self.d[path, name, "held"])
                 self.value[kind, path, name] = value
 
+    def _form_past(self, node: Node) -> Iterable[Node]:
+        """A signal as it was; where the present value takes part, that is formed first."""
+        flat, k = self.flat, self.past[node[1], node[2]]
+        source, past = flat.past_source[k], flat.pasts[k]
+        if past.now and source not in self.value:
+            return (source,)
+        first = None if past.first else flat.first_past[k]
+        now = self.value[source] if past.now else None
+        self.value[node] = recalled(self.q[k], flat.t, flat.delays[k], first, now)
+        return ()
+
     def _form_rate(self, node: Node) -> Iterable[Node]:
         """The time derivative of a signal: along the rates of the states it depends on, and of its inputs."""
         source: Node = node[1:]
@@ -206,13 +216,6 @@ class Evaluator:
         if kind == "feed":
             *name, order = owner[1]
             return self._feed((*name, order + 1))
-        if kind == "q":
-            return self.q[owner[1]][1]
-        if kind == "slope":
-            self._refuse(
-                f"{self._wanted(source)}, which is formed from the derivative of a delayed signal "
-                f"({owner[1]}); a second derivative is not known there. Differentiate before the delay."
-            )
         if kind == "d" and len(owner[1]) == 3:
             self._refuse(
                 f"{self._wanted(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
@@ -248,11 +251,11 @@ class Evaluator:
         return self.u[key]
 
     def _source(self, path: str, name: str, strict: bool = True) -> Any:
-        """The node an input reads: a signal, its rate, or ``("read", …)`` for tapes and past values."""
+        """The node an input reads: a signal, its rate, a past value, or ``("read", …)`` for a tape."""
         flat = self.flat
         port = flat.twins[path].inports.get(name)
         if port is None:
-            return ("read", path, name)
+            return ("past" if (path, name) in self.past else "read", path, name)
         if (path, name) in flat.driver:
             return flat.driver[path, name]
         driver = flat.driver.get((path, port.rate_of))
@@ -263,8 +266,6 @@ class Evaluator:
     def _read(self, path: str, name: str, node: Node) -> Any:
         if node[0] != "read":
             return self.value[node]
-        if f"{path}.{name}" in self.past:
-            return self.q[self.past[f"{path}.{name}"]][0]
         return self._feed(("tape", path, name, 0))
 
     def _states(self, path: str) -> Any:
@@ -278,7 +279,7 @@ class Evaluator:
         for node in reversed(nodes):
             signal = self.flat.signal_name(node[1:]) if node[0] == "rate" else f"{node[1]}.{node[2]}"
             signal = f"d/dt {signal}" if node[0] == "rate" else signal
-            if node[0] != "dx" and (not path or path[-1] != signal):
+            if node[0] not in ("dx", "past") and (not path or path[-1] != signal):
                 path.append(signal)
         if len(path) == 1 or path[0] != path[-1]:
             path.append(path[0])
@@ -301,3 +302,35 @@ class Evaluator:
             "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a "
             "sampled block."
         )
+
+
+def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any) -> Any:
+    """The value a signal had ``delay`` s before ``t``: along the cubic through four instants, fewer at the start.
+
+    ``kept`` holds what the engine keeps of the signal (``PER_DELAY`` numbers). ``first`` is the value before
+    the start (None: the first that was kept). ``now`` is the present value (None: it may not take part); it
+    is the newest point where the instant asked for lies after all that are kept.
+    """
+    *values, newest, per_second, count = kept
+    y0, y1, y2, y3 = values
+    since = (t - delay - newest) * per_second
+
+    def there(n: int, value: Any) -> Any:
+        """A difference that needs so many instants, and counts as zero without."""
+        return ca.if_else(count >= n, value, 0.0)
+
+    d1, d2 = y3 - y2, y3 - 2 * y2 + y1
+    d3 = there(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
+    value = y3 + since * (there(2, d1) + (since + 1) / 2 * (there(3, d2) + (since + 2) * d3))
+    early = ca.logic_and(count <= 1, since < -1e-9)
+    before = y3 if first is None else first
+    if now is None:
+        return ca.if_else(early, before, value)
+    back, away = -delay * per_second, ca.if_else(count >= 1, (t - newest) * per_second, 1.0)
+    e1 = there(1, (now - y3) / away)
+    e2 = there(2, (e1 - d1) / (away + 1))
+    e3 = there(3, (e2 - d2 / 2) / (away + 2))
+    recent = now + back * (e1 + (back + away) * (e2 + (back + away + 1) * e3))
+    value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
+    before = ca.if_else(count < 1, now, y3) if first is None else first
+    return ca.if_else(early, before, value)

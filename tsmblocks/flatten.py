@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, is_reference
+from tsmblocks.block import Block, Past, is_reference
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import AlgebraicLoop, DiagramError, EquationError
 from tsmblocks.structure import Structure, structure_of
@@ -119,10 +119,11 @@ class Flat:
         self.resets: list[Key] = []
         self.periods: list[float] = []
         self.group: dict[str, int] = {}
-        self.q_names: list[str] = []
+        self.past_keys: list[Key] = []
         self.delays: list[Any] = []
         self.first_past: list[Any] = []
         self.past_source: list[Node] = []
+        self.pasts: list[Past] = []
         held: list[Key] = []
         for path, block in self.blocks.items():
             shape = self.structures[path]
@@ -140,16 +141,17 @@ class Flat:
         self.held = set(held)
         self.d += [(*key, "held") for key in held]
 
-    def _past(self, path: str, name: str, past: Any) -> None:
+    def _past(self, path: str, name: str, past: Past) -> None:
         source = self.driver.get((path, past.of))
         if source is None:
             raise DiagramError(
                 self.title, [f"{path}.{past.of} is delayed inside {path} and must be wired."], self.where
             )
-        self.q_names.append(f"{path}.{name}")
+        self.past_keys.append((path, name))
         self.delays.append(getattr(self.twins[path], past.by))
         self.first_past.append(getattr(self.twins[path], past.initial))
         self.past_source.append(source)
+        self.pasts.append(past)
 
     # ---- words
 

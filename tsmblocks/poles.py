@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session
-from tsmblocks.equation_set import Equations
+from tsmblocks.equation_set import KEPT, Equations
 
 DENSE = 120
 """Up to so many states all eigenvalues are found; above, the diagonal of the Jacobian is looked at."""
@@ -23,7 +23,7 @@ def fastest_unstable(
     """The fastest decaying pole that grows under the method, with the state it belongs to; None if all is well."""
     if not eq.x:
         return None
-    q = np.zeros(2 * len(eq.q))
+    q = np.tile([*np.zeros(KEPT), session.start, 1 / h, 0.0], len(eq.q))  # nothing is kept yet
     u = np.array([s.at(np.array([session.start]), order, "right", 1e-6 * h)[0] for s, order in session.signals])
     jacobian = _jacobian(eq)(session.start, session.memory.x, session.memory.d, u, q, p)
     if len(eq.x) <= DENSE:

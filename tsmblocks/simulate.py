@@ -40,7 +40,7 @@ class StepWarning(UserWarning):
 
 
 _COMPILED: dict[Any, Equations] = {}
-_KEPT = 64
+_KEPT = 256
 
 
 def signature(diagram: Diagram) -> Any:

@@ -13,6 +13,7 @@ from tsmblocks.blocks.arithmetic import (
     Gain,
     Maximum,
     Minimum,
+    Power,
     Product,
     Sign,
     Square,
@@ -34,6 +35,7 @@ NUMBERS = [-1e6, -2.5, -1.0, -1e-9, 0.0, 1e-9, 0.3, 1.0, 4.0, 1e6]
         Minimum(),
         Product(n=3),
         Sign(),
+        Power(),
         Square(),
         Sum(),
         Switch(),
@@ -124,3 +126,13 @@ def test_refuses_bad_values():
     refuses("Convert: 'rad' does not convert to 'V'.", Convert, target_unit="V")
     refuses("Convert: 'radd' is not a unit known here. Did you mean 'rad'?", Convert, source_unit="radd")
     refuses("Gain.gain must be a number, got nan. It is: factor from input to output.", Gain, gain=np.nan)
+
+
+@pytest.mark.parametrize("exponent", [0.3, 0.5, 1.0, 2.0, 3.5])
+def test_power_keeps_the_sign_and_is_straight_at_zero(exponent):
+    block = Power(exponent=exponent, gain=1.5, smoothing=1e-4)
+    for u in (-40.0, -1.0, -0.1, 0.1, 2.0, 1e3):
+        assert value(block, u=u)["y"] == pytest.approx(1.5 * np.sign(u) * abs(u) ** exponent, rel=1e-5)
+    assert value(block, u=0.0)["y"] == 0.0
+    slope = value(block, u=1e-9)["y"] / 1e-9
+    assert slope == pytest.approx(1.5 * 1e-4 ** (exponent - 1), rel=1e-6)

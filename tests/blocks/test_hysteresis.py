@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import tsmblocks as tsm
 from tests.blocks.helpers import Bench, assert_sound, flat, rates, refuses, simulate, value
 from tsmblocks.blocks.hysteresis import (
     AsymmetricBoucWen,
@@ -425,3 +426,20 @@ def test_rate_of_displacement_may_be_left_open():
 )
 def test_bad_values(message, cls, values):
     refuses(message, cls, **values)
+
+
+@pytest.mark.parametrize("step", [1e-2, 1e-3])
+def test_the_rate_behind_a_play_is_that_of_its_output(step):
+    """A sheath behind a gap moves at the speed of what the gap lets through, from the first to the last sample."""
+    sheath = AsymmetricBoucWen()
+    chain = tsm.Diagram(
+        blocks=dict(gap=Play(half_width=0.2), tsm=sheath), wires=["gap -> tsm.x"], inputs={"x": "gap.u"},
+        outputs={"y": "tsm"},
+    )  # fmt: skip
+    t = np.arange(0.0, 1.0 + step / 2, step)
+    y = tsm.simulate(chain, inputs={"x": (t, t)}, stop=1.0, step=step, hold="linear")["y"]
+    travel = np.maximum(t - 0.2, 0.0)
+    zeta = (sheath.A + sheath.delta) / sheath.theta * (1 - np.exp(-sheath.theta * travel))
+    slope = (sheath.alpha1 + sheath.alpha2 + np.tanh(1.0) * (sheath.alpha1 - sheath.alpha2)) / 2
+    moving = t > 0.2 + 2 * step
+    assert y[moving] == pytest.approx((slope * travel + zeta)[moving], abs=0.2 * step)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.blocks.helpers import assert_sound, refuses, simulate, value
 from tsmblocks.block import signals
-from tsmblocks.blocks.limits import DeadZone, LookupTable, Quantiser, RateLimit, Relay, Saturation
+from tsmblocks.blocks.limits import DeadZone, LookupTable, Quantiser, RateLimit, Relay, Saturation, SoftSaturation
 
 NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
 
@@ -24,6 +24,8 @@ NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
         RateLimit(start="last"),
         Relay(),
         Saturation(),
+        SoftSaturation(),
+        SoftSaturation(low=-0.5, high=0.5, softness=0.01),
     ],
     ids=lambda block: type(block).__name__,
 )
@@ -47,6 +49,43 @@ def test_saturation():
 def test_saturation_on_one_side_or_none(low, high):
     for u in NUMBERS:
         assert value(Saturation(low=low, high=high), u=u)["y"] == np.clip(u, low, high)
+
+
+@pytest.mark.parametrize("softness", [0.05, 0.3])
+def test_soft_saturation(softness):
+    def softplus(x):
+        return softness * np.logaddexp(0.0, x / softness)
+
+    block = SoftSaturation(low=-1.0, high=2.0, softness=softness)
+    for u in NUMBERS:
+        expected = u - softplus(u - 2.0) + softplus(-1.0 - u)
+        assert value(block, u=u)["y"] == pytest.approx(expected, abs=1e-9 * max(abs(u), 1))
+    for u in NUMBERS[:-2]:
+        assert value(block, u=u)["y"] == pytest.approx(np.clip(u, -1.0, 2.0), abs=0.7 * softness)
+
+
+def test_soft_saturation_tends_to_the_hard_one():
+    for u in NUMBERS:
+        y = value(SoftSaturation(low=-1.0, high=2.0, softness=1e-6), u=u)["y"]
+        assert y == pytest.approx(np.clip(u, -1.0, 2.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("softness", [1e-3, 1.0, 1e3])
+def test_soft_saturation_without_limits_passes_to_the_bit(softness):
+    for u in NUMBERS:
+        assert value(SoftSaturation(low=-np.inf, high=np.inf, softness=softness), u=u)["y"] == u
+
+
+@pytest.mark.parametrize(("low", "high"), [(-np.inf, 0.5), (-0.5, np.inf)])
+def test_soft_saturation_on_one_side(low, high):
+    """Far within the limits the signal passes, and the order of signals stays."""
+    block = SoftSaturation(low=low, high=high, softness=0.1)
+    y = [value(block, u=u)["y"] for u in NUMBERS[:-2]]
+    assert np.all(np.diff(y) >= 0)
+    assert min(y) > low
+    assert max(y) < high
+    free = -3.0 if low == -np.inf else 3.0
+    assert value(block, u=free)["y"] == pytest.approx(free, abs=1e-9)
 
 
 def test_quantiser():
@@ -118,6 +157,13 @@ def test_lookup_table():
 
 def test_refuses_what_does_not_go_together():
     refuses("Saturation needs low < high, got low=1, high=1.", Saturation, low=1, high=1)
+    refuses("SoftSaturation needs low < high, got low=1, high=1.", SoftSaturation, low=1, high=1)
+    refuses(
+        "SoftSaturation.softness must lie in (0, inf), got 0. "
+        "It is: distance s from a limit at which it begins to show.",
+        SoftSaturation,
+        softness=0,
+    )
     refuses("DeadZone needs low <= high, got low=0.2, high=0.05.", DeadZone, low=0.2)
     refuses("Relay needs off <= on, got off=1, on=0.01.", Relay, off=1)
     refuses(

@@ -252,7 +252,7 @@ def a_period_shorter_than_the_step():
 
 @mistake(
     RunError,
-    "the delay of delay.past is 0.0005 s, shorter than the step of 0.001 s. Take a smaller step, or leave the delay out.",
+    "the delay of delay.past is 0.0005 s, shorter than the step of 0.001 s. Take a smaller step, or a DeadTime in its place.",
 )
 def a_delay_shorter_than_the_step():
     d = Diagram(title="delays", blocks=dict(ref=Sine(), delay=Delay(time=0.0005)), wires=["ref -> delay"])

@@ -720,22 +720,6 @@ def the_derivative_of_a_sampled_output():
 @mistake(
     DiagramError,
     """
-diagram 'delays' (HERE) has 1 problem:
-  1. d2.rate is the derivative of d1.y, which is formed from the derivative of a delayed signal (delay.past); a second derivative is not known there. Differentiate before the delay.
-""",
-)
-def the_second_derivative_of_a_delayed_signal():
-    d = Diagram(
-        title="delays",
-        blocks=dict(ref=Sine(), delay=Delay(), d1=Derivative(), d2=Derivative()),
-        wires=["ref -> delay -> d1 -> d2"],
-    )
-    compile_diagram(d)
-
-
-@mistake(
-    DiagramError,
-    """
 diagram 'quotients' (HERE) has 1 problem:
   1. q.den (Divide) is driven by nothing. It is: denominator, which must not pass zero. Wire it, list it under inputs, or drive it with a Constant.
 """,

@@ -179,6 +179,31 @@ class Square(Block):
 
 
 @block
+class Power(Block):
+    r"""A signal raised to a power, its sign kept: flow through an opening (1/2), drag (2).
+
+    .. math:: y = K u \left(u^2 + u_0^2\right)^{(n - 1)/2}
+
+    Away from zero it is :math:`K |u|^n \operatorname{sgn} u`; below :math:`u_0` it is straight, as flow in a narrow
+    gap is.
+    """
+
+    source = "definition; for n = 1/2 Torricelli's law"
+    symbol = "uⁿ"
+
+    exponent: float = parameter(default=0.5, about="power n", at_least=0.1, at_most=10.0)
+    gain: float = parameter(default=1.0, about="factor K")
+    smoothing: float = parameter(default=1e-3, about="value u0 below which it is straight", unit="?u", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal raised to the power")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        square = u.u * u.u + self.smoothing * self.smoothing
+        return dict(y=self.gain * (u.u * square ** ((self.exponent - 1) / 2)))
+
+
+@block
 class Tanh(Block):
     r"""Hyperbolic tangent, a smooth change from -1 to 1.
 

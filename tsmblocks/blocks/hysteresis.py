@@ -40,8 +40,13 @@ def state_rate(zeta: Any, v: Any, A: Any, theta: Any, delta: Any) -> Any:
 
 
 def play(u: Any, half_width: Any, memory: Any) -> Any:
-    """Output of a play operator: the memory, pushed along where the input's band leaves it."""
-    return ca.fmax(u - half_width, ca.fmin(u + half_width, memory))
+    """Output of a play operator: the memory, pushed along where the input's band leaves it.
+
+    At an edge of the band, where every step begins while the slack is taken up, the slope is that of the input; a
+    maximum would take the mean of both sides there, and what follows would be told half the rate.
+    """
+    low, high = u - half_width, u + half_width
+    return ca.if_else(low >= memory, low, ca.if_else(high <= memory, high, memory))
 
 
 def _reduced_power(zeta: Any, n: Any) -> Any:
@@ -190,7 +195,9 @@ class DahlHysteresis(Block):
     symbol = "Dahl"
 
     alpha_x: float = parameter(default=0.92295, about="slope of the transmission, stretch apart")
-    rho: float = parameter(default=0.8745, about="share of the travel lost just after rest", above=0.0)
+    rho: float = parameter(
+        default=0.8745, about="share of the travel lost just after rest; 0 for no loop at all", at_least=0.0
+    )
     half_width: float = parameter(default=0.17372, about="stretch after long travel one way", unit="rad", above=0.0)
 
     x = Input("displacement at the motor end", unit="rad")

@@ -39,6 +39,42 @@ class Saturation(Block):
 
 
 @block
+class SoftSaturation(Block):
+    r"""Limit of an actuator or a spring that is reached gradually.
+
+    .. math::
+
+        y = u - s \ln\left(1 + e^{(u - h)/s}\right) + s \ln\left(1 + e^{(l - u)/s}\right)
+
+    It tends to the hard limits l and h as s falls; with infinite limits the signal passes as it is.
+    """
+
+    source = "definition; Dugas and others, NIPS 13 (2000), the softplus function"
+    symbol = "soft sat"
+
+    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
+    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
+    softness: float = parameter(default=1.0, about="distance s from a limit at which it begins to show", unit="?u",
+                                above=0.0)  # fmt: skip
+
+    u = Input("wanted value", unit="?u")
+    y = Output("value the actuator can give", unit="?u")
+
+    def check(self) -> None:
+        if self.low >= self.high:
+            raise ParameterError(f"SoftSaturation needs low < high, got low={self.low:g}, high={self.high:g}.")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        above, below = u.u - self.high, self.low - u.u
+        return dict(y=u.u - _softened(above, self.softness) + _softened(below, self.softness))
+
+
+def _softened(away: Any, softness: Any) -> Any:
+    """The positive part of a signal, rounded; no exponential of a large number is ever formed."""
+    return ca.fmax(away, 0.0) + softness * ca.log1p(ca.exp(-ca.fabs(away) / softness))
+
+
+@block
 class DeadZone(Block):
     r"""Slack: nothing comes out until the input leaves the zone.
 
@@ -95,7 +131,8 @@ class RateLimit(Block):
     def _limited(self, t: Any, x: Any, u: Any) -> Any:
         passed = t - x.time
         slowest, fastest = x.last + self.falling * passed, x.last + self.rising * passed
-        return ca.fmin(ca.fmax(u.u, slowest), fastest)
+        # As each step begins all three are equal, and it is the slope of the input that goes on.
+        return ca.if_else(u.u > fastest, fastest, ca.if_else(u.u < slowest, slowest, u.u))
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(last=self._limited(t, x, u), time=t)

@@ -301,6 +301,19 @@ def ended(interrupted: bool, written: Sequence[str], missing: Sequence[str] = ()
     return INTERRUPTED if interrupted else 0
 
 
+def as_typed(error: TsmError, typed: Iterable[tuple[str, str]]) -> TsmError:
+    """The same complaint with arguments as they are typed here, not as they stand in a script.
+
+    ``typed`` has pairs of a pattern and what stands in its place.
+    """
+    if len(error.args) == 1:
+        text = str(error)
+        for script, command in typed:
+            text = re.sub(script, command, text)
+        error.args = (text,)
+    return error
+
+
 def told(records: dict[str, Any]) -> list[dict[str, Any]]:
     """What is said of recordings in JSON: where they come from and what was repaired."""
     return [{"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}

@@ -14,11 +14,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from tsmblocks import __version__
-from tsmblocks.cli import blocks, check, compare, demo, draw, fit, run
+from tsmblocks.cli import blocks, check, compare, demo, diagnose, draw, fit, run
 from tsmblocks.cli.common import INTERRUPTED, Parser, UsageError, complain
 from tsmblocks.errors import TsmError, near
 
-COMMANDS = {"run": run, "fit": fit, "compare": compare, "draw": draw, "check": check, "blocks": blocks, "demo": demo}
+COMMANDS = {
+    "run": run, "fit": fit, "compare": compare, "diagnose": diagnose, "draw": draw, "check": check, "blocks": blocks,
+    "demo": demo,
+}  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

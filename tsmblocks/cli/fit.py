@@ -15,7 +15,6 @@ the best numbers so far. Without --out and --plot nothing is written.
 from __future__ import annotations
 
 import argparse
-import re
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -95,7 +94,7 @@ def execute(args: argparse.Namespace) -> int:
             seed=args.seed, step=args.step, progress=tell,
         )  # fmt: skip
     except TsmError as error:
-        raise _as_typed(error) from None
+        raise common.as_typed(error, TYPED) from None
     finally:
         common.clear_progress(tell)
     if not args.json:
@@ -106,16 +105,6 @@ def execute(args: argparse.Namespace) -> int:
         written.append(str(plot))
     common.hand_over({**found.to_dict(), "data": common.told(records)}, written, args)
     return common.ended(found.status == "interrupted", written)
-
-
-def _as_typed(error: TsmError) -> TsmError:
-    """The same complaint with arguments as they are typed here, not as they stand in a script."""
-    if len(error.args) == 1:
-        text = str(error)
-        for script, typed in TYPED:
-            text = re.sub(script, typed, text)
-        error.args = (text,)
-    return error
 
 
 def _saved(found: Fit, out: Path | None, *, each: bool) -> list[str]:

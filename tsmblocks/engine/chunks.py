@@ -14,6 +14,7 @@ from tsmblocks.engine.ir import Writer, number
 from tsmblocks.engine.kernel import CONSTANT, Frame, grades_of
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
+from tsmblocks.equation_set import PER_DELAY
 
 PIECE = 200
 """Operations in one function."""
@@ -284,7 +285,8 @@ class ChunkKernel:
             tau = w.load(w.at("%tau", f.s.offset[k]), wide)
             delay = w.emit(f"fdiv {w.type(wide)} {tau}, {w.widen('%h') if wide else '%h'}")
             for i, value in enumerate(f.recall(k, delay, wide, offset)):
-                w.store(value, w.at("%q", f.q.offset[2 * k + i]), wide)
+                place = PER_DELAY * k + i
+                w.store(value, w.at("%q", f.q.offset[place]), f.q.wide[place])
 
     def _stages(self) -> None:
         f, w, method = self.f, self.w, self.plan.method

@@ -12,6 +12,7 @@ import numpy as np
 from tsmblocks.engine.kernel import HAIR, Frame
 from tsmblocks.engine.kernels import Kernel, Memory
 from tsmblocks.engine.plan import Layout, Plan
+from tsmblocks.equation_set import KEPT, PER_DELAY
 
 
 class InterpretedKernel(Kernel):
@@ -47,7 +48,7 @@ class InterpretedKernel(Kernel):
         plan = self.plan
         x, d, p = (_open(a, lay) for a, lay in ((memory.x, self.layout_x), (memory.d, self.layout_d),
                                                 (memory.p, self.layout_p)))  # fmt: skip
-        past = _Past(self, memory, p, h) if plan.wide_s else None
+        past = _Past(self, memory, p, t0, h) if plan.wide_s else None
         row, left = 0, skip
         for k in range(count):
             t, kg = t0 + (k0 + k) * h, k0 + k
@@ -81,10 +82,12 @@ class InterpretedKernel(Kernel):
         """One step with delays, which are read anew at each stage."""
         method, slopes = self.plan.method, [first]
         for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
-            ahead = x + h * sum(a * s for a, s in zip(row, slopes, strict=True) if a)
+            ahead = x
+            for a, s in zip(row, slopes, strict=True):
+                ahead = ahead + h * a * s if a else ahead  # summed in the order of _one_step, to the same bits
             inputs = u[method.instants.index(offset)][:, None]
             slopes.append(self.rhs(_at(t, h, offset, self.jumps), ahead, d, inputs, past.at(k, offset), p)[0])
-        return np.asarray(x + h * sum(b * s for b, s in zip(method.weights, slopes, strict=True)))
+        return np.asarray(x + sum(h * b * s for b, s in zip(method.weights, slopes, strict=True)))
 
 
 class _Quick:
@@ -129,8 +132,8 @@ class _Quick:
 class _Past:
     """The ring of delayed signals, read and written as the compiled kernels do."""
 
-    def __init__(self, kernel: InterpretedKernel, memory: Memory, p: np.ndarray, h: float) -> None:
-        self.layout, self.ring, self.mask, self.h = kernel.layout_s, memory.ring, memory.mask, h
+    def __init__(self, kernel: InterpretedKernel, memory: Memory, p: np.ndarray, t0: float, h: float) -> None:
+        self.layout, self.ring, self.mask, self.t0, self.h = kernel.layout_s, memory.ring, memory.mask, t0, h
         self.lanes = kernel.lanes
         (tau,) = _Call(kernel.plan.lag, kernel.lanes)(p)
         self.delay = tau / h
@@ -147,19 +150,16 @@ class _Past:
 
     def at(self, k: int, offset: float) -> np.ndarray:
         last = k - 1 if offset == 0 else k
-        made = np.empty((2 * len(self.parts), self.lanes))
+        made = np.empty((PER_DELAY * len(self.parts), self.lanes))
         for j, part in enumerate(self.parts):
-            place = k + offset - self.delay[j]
-            m = np.floor(place).astype(int)
-            b = np.where(m < 0, np.minimum(m - 1, -4), np.maximum(m - 1, 0))
-            b = np.minimum(b, last - 3)
-            w = place - b
+            m = np.floor(k + offset - self.delay[j]).astype(int)
+            n = np.minimum(np.where(m < 0, 0, np.maximum(m + 2, KEPT - 1)), last)
+            newest = np.maximum(n, 0)
             columns = np.arange(self.lanes) if part.shape[1] > 1 else np.zeros(self.lanes, dtype=int)
-            y = [part[(b + i) & self.mask, columns] for i in range(4)]
-            d1, c1 = y[1] - y[0], y[2] - 2 * y[1] + y[0]
-            e = y[3] - 3 * y[2] + 3 * y[1] - y[0]
-            made[2 * j] = y[0] + w * d1 + w * (w - 1) / 2 * c1 + w * (w - 1) * (w - 2) / 6 * e
-            made[2 * j + 1] = (d1 + (w - 0.5) * c1 + (w * w / 2 - w + 1 / 3) * e) / self.h
+            kept = [part[(newest - back) & self.mask, columns] for back in reversed(range(KEPT))]
+            made[PER_DELAY * j : PER_DELAY * (j + 1)] = [
+                *kept, self.t0 + newest * self.h, np.full(self.lanes, 1 / self.h), n + 1.0
+            ]  # fmt: skip
         return made
 
 

@@ -19,7 +19,6 @@ LIBM = {
     "FMOD": "fmod", "REMAINDER": "remainder", "ATAN2": "atan2", "HYPOT": "hypot",
 }  # fmt: skip
 _INTRINSIC = {"SQRT": "sqrt", "FABS": "fabs", "FLOOR": "floor", "CEIL": "ceil", "COPYSIGN": "copysign"}
-_ARITHMETIC = {"ADD": "fadd", "SUB": "fsub", "MUL": "fmul", "DIV": "fdiv"}
 _COMPARE = {"LT": "olt", "LE": "ole", "EQ": "oeq", "NE": "une"}
 
 
@@ -36,7 +35,8 @@ class Writer:
         self.lines: list[str] = []
         self.declared: dict[str, str] = {}
         self.functions: dict[str, str] = {}
-        self.contract = "contract " if fused else ""
+        self.fused = fused
+        self.products: dict[str, tuple[str, str]] = {}
         self.vector = f"<{lanes} x double>"
         self._count = 0
         self._splats: dict[str, str] = {}
@@ -99,12 +99,33 @@ class Writer:
     # ---- arithmetic
 
     def add(self, a: str, b: str, wide: bool = False) -> str:
-        """The sum of two values."""
-        return self.emit(f"fadd {self.contract}{self.type(wide)} {a}, {b}")
+        """The sum of two values; a product among them is not rounded first.
+
+        Which one is settled here, by their order. Left to LLVM, it would hang on how often each product is
+        used, and the same equations would round differently in a diagram with one more block.
+        """
+        if b in self.products:
+            return self.intrinsic("fmuladd", [*self.products[b], a], wide)
+        if a in self.products:
+            return self.intrinsic("fmuladd", [*self.products[a], b], wide)
+        return self.emit(f"fadd {self.type(wide)} {a}, {b}")
+
+    def sub(self, a: str, b: str, wide: bool = False) -> str:
+        """The difference of two values, rounded as ``add``."""
+        t = self.type(wide)
+        if b in self.products:
+            x, y = self.products[b]
+            return self.intrinsic("fmuladd", [self.emit(f"fneg {t} {x}"), y, a], wide)
+        if a in self.products:
+            return self.intrinsic("fmuladd", [*self.products[a], self.emit(f"fneg {t} {b}")], wide)
+        return self.emit(f"fsub {t} {a}, {b}")
 
     def mul(self, a: str, b: str, wide: bool = False) -> str:
         """The product of two values."""
-        return self.emit(f"fmul {self.contract}{self.type(wide)} {a}, {b}")
+        made = self.emit(f"fmul {self.type(wide)} {a}, {b}")
+        if self.fused:
+            self.products[made] = (a, b)
+        return made
 
     def intrinsic(self, name: str, args: list[str], wide: bool) -> str:
         """What a function of LLVM itself gives; it is declared when first used."""
@@ -116,8 +137,10 @@ class Writer:
     def operation(self, name: str, a: list[str], wide: bool) -> str:
         """One CasADi operation on values that are all wide or all single."""
         t = self.type(wide)
-        if name in _ARITHMETIC:
-            return self.emit(f"{_ARITHMETIC[name]} {self.contract}{t} {a[0]}, {a[1]}")
+        if name in ("ADD", "SUB", "MUL"):
+            return getattr(self, name.lower())(*a, wide)
+        if name == "DIV":
+            return self.emit(f"fdiv {t} {a[0]}, {a[1]}")
         if name == "NEG":
             return self.emit(f"fneg {t} {a[0]}")
         if name == "SQ":

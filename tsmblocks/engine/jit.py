@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import itertools
 import os
 import stat
 import sys
@@ -20,6 +21,9 @@ KEPT_BYTES = 200_000_000
 _LOCK = threading.Lock()
 _LOADED: dict[str, tuple[Any, Any]] = {}
 _MAGIC = b"tsmblocks machine code 1\n"
+PRUNED_EVERY = 200
+"""Files written by a process between two looks at how much is kept; the first is looked after at once."""
+_WRITES = itertools.count()
 
 
 def available() -> bool:
@@ -109,14 +113,16 @@ def _write(path: Path, body: bytes) -> None:
         with os.fdopen(handle, "wb") as file:
             file.write(_MAGIC + hashlib.sha256(body).digest() + body)
         Path(name).replace(path)
-        _prune(path.parent)
+        if next(_WRITES) % PRUNED_EVERY == 0:  # looking at thousands of files takes longer than making one
+            _prune(path.parent)
     except OSError:
         return  # a full or read-only disk costs time, not the result
 
 
 def _prune(directory: Path) -> None:
     """Delete the oldest files above the limit."""
-    files = [(f.stat().st_mtime, f.stat().st_size, f) for f in directory.iterdir() if f.is_file()]
+    with os.scandir(directory) as found:
+        files = [(f.stat().st_mtime, f.stat().st_size, Path(f.path)) for f in found if f.is_file()]
     total = sum(size for _, size, _ in files)
     for _, size, file in sorted(files, key=lambda row: row[0]):
         if total <= KEPT_BYTES:

@@ -20,6 +20,7 @@ from collections.abc import Iterable
 from tsmblocks.engine.ir import Writer, number
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
+from tsmblocks.equation_set import KEPT, PER_DELAY
 
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
 CONSTANT, TIME, HELD, MOVING = range(4)
@@ -130,9 +131,10 @@ class Frame:
         w.do("%tn = " + self._time("%kg"))
 
     def _time(self, k: str) -> str:
-        w = self.w
-        steps = w.emit(f"sitofp i64 {k} to double")
-        return f"fadd contract double {w.emit(f'fmul contract double {steps}, %h')}, %t0"
+        return self._time_of(self.w.emit(f"sitofp i64 {k} to double"))
+
+    def _time_of(self, steps: str) -> str:
+        return f"fadd contract double {self.w.emit(f'fmul contract double {steps}, %h')}, %t0"
 
     def time_at(self, offset: float) -> str:
         """The time at a fraction of the present step; at its end, exactly that of the next one.
@@ -212,52 +214,51 @@ class Frame:
         place = w.emit(f"mul i64 {slot}, {self.plan.lanes if wide else 1}")
         w.store(value, w.emit(f"getelementptr double, ptr {self.ring_of(k)}, i64 {place}"), wide)
 
-    def recall(self, k: int, delay: str, wide_delay: bool, offset: float) -> tuple[str, str]:
-        """Value and slope (per second) that the k-th signal had ``delay`` steps before a stage."""
+    def recall(self, k: int, delay: str, wide_delay: bool, offset: float) -> list[str]:
+        """What is kept of the k-th signal around the instant ``delay`` steps before a stage, as ``q`` holds it."""
         w, wide = self.w, self.s.wide[k]
         w.functions["tsm_past"] = _PAST
         w.declared["llvm.floor.f64"] = "declare double @llvm.floor.f64(double)"
         now = w.emit(f"fadd double {w.emit('sitofp i64 %kg to double')}, {number(offset)}")
         last = w.emit(f"add i64 %kg, {-1 if offset == 0 else 0}")
         ring, stride = self.ring_of(k), self.plan.lanes if wide else 1
-        values = ["poison", "poison"]
+        parts = PER_DELAY - 1  # all but the steps per second
+        values = ["poison"] * parts
         for lane in range(self.plan.lanes if wide else 1):
             one = w.emit(f"extractelement {w.vector} {delay}, i32 {lane}") if wide_delay else delay
             place = w.emit(f"fsub double {now}, {one}")
             base = w.at(ring, lane)
-            pair = w.emit(
-                f"call {{double, double}} @tsm_past(ptr {base}, i64 %mask, i64 {stride}, double {place}, i64 {last})"
+            found = w.emit(
+                f"call [6 x double] @tsm_past(ptr {base}, i64 %mask, i64 {stride}, double {place}, i64 {last})"
             )
-            both = [w.emit(f"extractvalue {{double, double}} {pair}, {i}") for i in (0, 1)]
-            both[1] = w.emit(f"fdiv double {both[1]}, %h")
+            each = [w.emit(f"extractvalue [6 x double] {found}, {i}") for i in range(parts)]
+            each[KEPT] = w.emit(self._time_of(each[KEPT]))
             if not wide:
-                return both[0], both[1]
-            values = [w.emit(f"insertelement {w.vector} {v}, double {b}, i32 {lane}")
-                      for v, b in zip(values, both, strict=True)]  # fmt: skip
-        return values[0], values[1]
+                values = each
+                break
+            values = [w.emit(f"insertelement {w.vector} {v}, double {e}, i32 {lane}")
+                      for v, e in zip(values, each, strict=True)]  # fmt: skip
+        return [*values[: KEPT + 1], w.emit(f"fdiv double {number(1.0)}, %h"), values[-1]]
 
 
 _PAST = """
-; value and slope (per step) at ``pos``, by the cubic through four kept instants; before instant 0 the start value
-define internal {double, double} @tsm_past(ptr %ring, i64 %mask, i64 %stride, double %pos, i64 %last) {
+; what is kept around ``pos``: four values, the newest one's instant and how many instants there have been up to it
+define internal [6 x double] @tsm_past(ptr %ring, i64 %mask, i64 %stride, double %pos, i64 %last) {
   %f = call double @llvm.floor.f64(double %pos)
   %m = fptosi double %f to i64
-  %b0 = sub i64 %m, 1
+  %m2 = add i64 %m, 2
+  %few = icmp slt i64 %m2, 3
+  %n0 = select i1 %few, i64 3, i64 %m2
   %early = icmp slt i64 %m, 0
-  %small = icmp slt i64 %b0, -4
-  %be = select i1 %small, i64 %b0, i64 -4
-  %neg = icmp slt i64 %b0, 0
-  %bl = select i1 %neg, i64 0, i64 %b0
-  %b1 = select i1 %early, i64 %be, i64 %bl
-  %top = sub i64 %last, 3
-  %over = icmp sgt i64 %b1, %top
-  %b = select i1 %over, i64 %top, i64 %b1
-  %bd = sitofp i64 %b to double
-  %w = fsub double %pos, %bd
-  %i1 = add i64 %b, 1
-  %i2 = add i64 %b, 2
-  %i3 = add i64 %b, 3
-  %s0 = and i64 %b, %mask
+  %n1 = select i1 %early, i64 0, i64 %n0
+  %over = icmp sgt i64 %n1, %last
+  %n = select i1 %over, i64 %last, i64 %n1
+  %none = icmp slt i64 %n, 0
+  %i3 = select i1 %none, i64 0, i64 %n
+  %i2 = sub i64 %i3, 1
+  %i1 = sub i64 %i3, 2
+  %i0 = sub i64 %i3, 3
+  %s0 = and i64 %i0, %mask
   %s1 = and i64 %i1, %mask
   %s2 = and i64 %i2, %mask
   %s3 = and i64 %i3, %mask
@@ -273,34 +274,14 @@ define internal {double, double} @tsm_past(ptr %ring, i64 %mask, i64 %stride, do
   %y1 = load double, ptr %p1
   %y2 = load double, ptr %p2
   %y3 = load double, ptr %p3
-  %a1 = fsub double %y1, %y0
-  %a2 = fsub double %y2, %y1
-  %a3 = fsub double %y3, %y2
-  %c1 = fsub double %a2, %a1
-  %c2 = fsub double %a3, %a2
-  %e = fsub double %c2, %c1
-  %w1 = fsub double %w, 1.0
-  %w2 = fsub double %w, 2.0
-  %ww = fmul double %w, %w1
-  %g2 = fmul double %ww, 0.5
-  %ww3 = fmul double %ww, %w2
-  %g3 = fdiv double %ww3, 6.0
-  %t1 = fmul double %w, %a1
-  %t2 = fmul double %g2, %c1
-  %t3 = fmul double %g3, %e
-  %v1 = fadd double %y0, %t1
-  %v2 = fadd double %v1, %t2
-  %v = fadd double %v2, %t3
-  %h2 = fsub double %w, 0.5
-  %r2 = fmul double %h2, %c1
-  %sq = fmul double %w, %w
-  %q1 = fmul double %sq, 0.5
-  %q2 = fsub double %q1, %w
-  %q3 = fadd double %q2, 0x3FD5555555555555
-  %r3 = fmul double %q3, %e
-  %d1 = fadd double %a1, %r2
-  %d = fadd double %d1, %r3
-  %z0 = insertvalue {double, double} poison, double %v, 0
-  %z1 = insertvalue {double, double} %z0, double %d, 1
-  ret {double, double} %z1
+  %at = sitofp i64 %i3 to double
+  %c = add i64 %n, 1
+  %count = sitofp i64 %c to double
+  %z0 = insertvalue [6 x double] poison, double %y0, 0
+  %z1 = insertvalue [6 x double] %z0, double %y1, 1
+  %z2 = insertvalue [6 x double] %z1, double %y2, 2
+  %z3 = insertvalue [6 x double] %z2, double %y3, 3
+  %z4 = insertvalue [6 x double] %z3, double %at, 4
+  %z5 = insertvalue [6 x double] %z4, double %count, 5
+  ret [6 x double] %z5
 }"""

@@ -7,6 +7,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.engine.methods import Method
+from tsmblocks.equation_set import KEPT, PER_DELAY
 
 
 @attrs.frozen(eq=False)
@@ -40,8 +41,8 @@ class Plan:
 
     @property
     def wide_q(self) -> tuple[bool, ...]:
-        """Delayed values and slopes come in pairs, one pair per delay."""
-        return tuple(w for w in self.wide_s for _ in range(2))
+        """For each delay its values, an instant, steps per second (one for all lanes) and a count."""
+        return tuple(w and k != KEPT + 1 for w in self.wide_s for k in range(PER_DELAY))
 
 
 @attrs.frozen

@@ -74,14 +74,14 @@ def _shorter_step(periods: tuple[float, ...], period: float, h: float) -> str:
 
 
 def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
-    """Delays in steps. Raises RunError for one shorter than a step."""
+    """Delays in steps. Raises RunError for one shorter than a step where it may not be."""
     if not eq.q:
         return np.empty(0)
     tau = np.asarray(eq.lag(p)).ravel() / h
-    for name, steps in zip(eq.q, tau, strict=True):
-        if not steps >= 1 - 1e-9:
+    for name, steps, least in zip(eq.q, tau, eq.least, strict=True):
+        if not steps >= least - 1e-9:
             raise RunError(f"the delay of {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
-                           "Take a smaller step, or leave the delay out.")  # fmt: skip
+                           "Take a smaller step, or a DeadTime in its place.")  # fmt: skip
     return tau
 
 

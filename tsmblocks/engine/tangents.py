@@ -20,7 +20,7 @@ from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, spread
-from tsmblocks.equation_set import Equations
+from tsmblocks.equation_set import KEPT, PER_DELAY, Equations
 
 
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
@@ -28,7 +28,8 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
     f, n = eq.rhs, len(eq.y)
     t, x, d, u, q, p = f.sx_in()
     xs, ds, qs, ps = (ca.SX.sym(f"d{k}", v.shape[0]) for k, v in zip("xdqp", (x, d, q, p), strict=True))
-    q_seed = _delayed_seed(eq, q, qs, p, ps)
+    # Of what is kept of a delayed signal only its values have derivatives, not the instants.
+    q_seed = ca.vertcat(*(qs[i] if i % PER_DELAY < KEPT else 0 for i in range(q.shape[0]))) if eq.q else qs
     values = f.call([t, x, d, u, q, p])
     moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, q_seed, ps)
     tangents = [ca.jtimes(v, moving, along) for v in values]
@@ -52,17 +53,6 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
                 every_step=eq.every_step, lanes=lanes, wide_x=both(len(eq.x)), wide_d=both(len(eq.d)),
                 wide_p=both(len(eq.p)), wide_s=both(len(eq.q)), inputs=len(eq.u),
                 jumps=time_jumps(Program(eq.rhs)))  # fmt: skip
-
-
-def _delayed_seed(eq: Equations, q: Any, qs: Any, p: Any, ps: Any) -> Any:
-    """Derivative of a delayed value: that of its past, less slope times that of the delay."""
-    if not eq.q:
-        return qs
-    tau_seed = ca.jtimes(eq.lag.call([p])[0], p, ps)
-    parts = []
-    for k in range(len(eq.q)):
-        parts += [qs[2 * k] - q[2 * k + 1] * tau_seed[k], qs[2 * k + 1]]
-    return ca.vertcat(*parts)
 
 
 @functools.lru_cache(maxsize=64)

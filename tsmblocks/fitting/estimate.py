@@ -81,7 +81,7 @@ def fit(
         search = _searcher(method, seed, segments, iterations, _told(progress, problem, asked))
         for noise in _noises(problem, sigma):
             problem = attrs.evolve(problem, noise=noise(found))
-            found = search(problem, [begin] if segments > 1 else _begins(problem, setup, begin, starts, seed))
+            found = search(problem, [begin] if segments > 1 else begins(problem, setup, begin, starts, seed))
             begin = found[0].theta
             if asked.stop or any(f.status == "interrupted" for f in found):
                 found[0] = attrs.evolve(found[0], status="interrupted")
@@ -166,7 +166,7 @@ def ranges(problem: Problem) -> list[Range]:
     return [search_range(item.start, item.low, item.high) for item in problem.unknowns.items]
 
 
-def _begins(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed: int) -> list[np.ndarray]:
+def begins(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed: int) -> list[np.ndarray]:
     """The diagram's own numbers, and the best of many random sets; only such as simulate to finite numbers."""
     begins = [begin] if np.isfinite(problem.cost(begin)) else []
     if starts > 1:

@@ -41,6 +41,7 @@ class _State:
     penalty: float = 0.0
     evaluations: int = 2  # values with derivatives count as two runs
     reach: np.ndarray | None = None
+    enough: float = ENOUGH
 
 
 @attrs.frozen(eq=False)
@@ -51,14 +52,16 @@ class _Step:
     promise: float
 
 
-def gauss_newton(problem: Problem, start: np.ndarray, *, iterations: int = 100, tell: Tell | None = None) -> Found:
+def gauss_newton(
+    problem: Problem, start: np.ndarray, *, iterations: int = 100, tell: Tell | None = None, enough: float = ENOUGH
+) -> Found:  # fmt: skip
     """Search downhill from ``start``, which must be in the bounds and simulate to finite numbers.
 
-    Ends when a step promises less than ``ENOUGH`` of one sample's variance, which is far below any
+    Ends when a step promises less than ``enough`` of one sample's variance, by default far below any
     standard error. After Ctrl-C the best so far is returned. Source: Nocedal and Wright, Numerical
     Optimization (2006), 10.3 and 18; damping as Nielsen, IMM-REP-1999-05.
     """
-    state = _State(start, *problem.normal(start))
+    state = _State(start, *problem.normal(start), enough=enough)
     history, status = [state.cost], "limit"
     try:
         status = _search(problem, state, history, iterations, tell)
@@ -144,7 +147,7 @@ def _small(problem: Problem, state: _State, step: _Step) -> bool:
         return False
     variance = 2 * state.cost / max(problem.samples, 1)
     still = np.abs(step.theta - state.theta) <= 1e-12 * np.maximum(np.abs(state.theta), 1e-12)
-    return bool(step.promise <= max(ENOUGH * variance, ROUNDING * state.cost, problem.rounding) or still.all())
+    return bool(step.promise <= max(state.enough * variance, ROUNDING * state.cost, problem.rounding) or still.all())
 
 
 def _merit(problem: Problem, state: _State, theta: np.ndarray, cost: float) -> float:

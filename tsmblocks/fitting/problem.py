@@ -113,7 +113,7 @@ class Problem:
         sets = [np.where(np.arange(len(theta)) == k, side, theta) for k in unknowns for side in (low, high)]
         made, first = np.zeros((self.samples, len(theta))), 0
         for e, trial in enumerate(self.trials):
-            columns, many = self.unknowns.columns(e), self._outputs(sets, e)
+            columns, many = self.unknowns.columns(e), self.outputs(sets, e)
             for i, weight in enumerate(self.weights):
                 rows = slice(first, first + len(trial.t))
                 for k in columns:
@@ -122,7 +122,7 @@ class Problem:
                 first = rows.stop
         return self.residuals(theta), made
 
-    def _outputs(self, sets: list[np.ndarray], e: int) -> np.ndarray:
+    def outputs(self, sets: list[np.ndarray], e: int) -> np.ndarray:
         """Outputs of an experiment for several sets, shape (samples, outputs, sets)."""
         p = np.stack([self.unknowns.parameters(theta, e) for theta in sets], axis=1)
         vary, parts = frozenset(self.unknowns.changed(e)), []

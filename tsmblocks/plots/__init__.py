@@ -4,6 +4,7 @@ Every function draws on the axes it is given, or makes a figure, and returns the
 matplotlib, imported when a figure is made.
 """
 
+from tsmblocks.plots.diagnosis import plot_coordinate, plot_diagnosis, plot_disagreement, plot_gap
 from tsmblocks.plots.fits import (
     plot_autocorrelation,
     plot_comparison,
@@ -18,9 +19,13 @@ from tsmblocks.plots.runs import plot_loop, plot_run, plot_tracking
 __all__ = [
     "plot_autocorrelation",
     "plot_comparison",
+    "plot_coordinate",
+    "plot_diagnosis",
+    "plot_disagreement",
     "plot_each",
     "plot_fit",
     "plot_fitted_loop",
+    "plot_gap",
     "plot_history",
     "plot_loop",
     "plot_residual",

@@ -1,0 +1,43 @@
+"""What does a model of a real instrument lack?  Five bends of a measured tendon sheath, two models, one question.
+
+A straight line lacks a gap, on every bend. The paper's model has a loop of its own, but without the flat tops of a gap;
+what it lacks looks like a gap, a saturation or a memory, and one slow sine cannot tell which. The diagnosis judges by
+blocks of time that were not fitted. For the line there is a harder proof: all numbers, those of the new blocks too, are
+found anew from the first of two cycles, and the second is foretold. Measured data: the repository
+nhoyh/hysteresis_compensation_ROS (Nho, Baek and others, IEEE RA-L 2021), in the folder tendon_sheath/ of the one
+that TSMBLOCKS_DATA names.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import tsmblocks as tsm
+
+if "TSMBLOCKS_DATA" not in os.environ:
+    sys.exit("Set TSMBLOCKS_DATA to a folder that holds tendon_sheath/ (of nhoyh/hysteresis_compensation_ROS).")
+folder = Path(os.environ["TSMBLOCKS_DATA"]) / "tendon_sheath/calib"
+bends = {"tendon_sheath_linear": (0, 60, 120, 180, 240), "tendon_sheath_asymmetric": (0, 120)}
+
+
+def foretold(diagram, record):
+    """Rms [deg] in the second cycle, all numbers fitted to the first."""
+    middle = (record.t[0] + record.t[-1]) / 2
+    fitted = tsm.fit(diagram, record, window=(None, middle)).diagram
+    return 57.29578 * tsm.score(fitted, record, window=(middle, None))["x_out"].rms
+
+
+for model, chosen in bends.items():
+    print(f"\n{model}\n{'rms [deg]':10} {'fitted':^16}   {'held-out blocks':^16}   what is missing")
+    for bend in chosen:
+        record = tsm.read(folder / f"{bend}.txt", columns="t, x_in [deg],, x_out [deg],,,,")
+        found = tsm.diagnose(tsm.load(model), record)
+        (gap,) = found.worst.gaps
+        pairs = [f"{57.29578 * rms[0]:5.2f} -> {57.29578 * rms[-1]:5.2f}" for rms in (gap.train, gap.held_out)]
+        names = ", ".join(effect.name for effect in found.effects) or found.verdict
+        print(f"{bend:4} deg   ", "     ".join(pairs), f"    {names}")
+        for effect in found.effects[:1]:
+            print(f"{'':9} instead of the first, also possible:", ", ".join(effect.also_possible) or "none")
+        if model == "tendon_sheath_linear":
+            before, after = (foretold(diagram, record) for diagram in (found.base, found.augmented))
+            print(f"{'':9} second cycle foretold from the first: {before:5.2f} -> {after:5.2f}")

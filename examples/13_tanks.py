@@ -1,0 +1,67 @@
+"""What does the plant do that no catalogue knows?  Two tanks that run over, and an effect of one's own.
+
+A pump fills an upper tank, which empties into a lower one, whose level is measured. Linear tanks are half a volt off.
+A catalogue of friction and backlash has no rim of a tank; an effect of one's own takes part like any other. It stands
+on one wire, reads the level of a tank, and part of what is spilt above is caught below. Measured data: Schoukens and
+others (nonlinearbenchmark.org), in the folder cascaded_tanks/ of the one that TSMBLOCKS_DATA names.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Overflow, Sum
+from tsmblocks.effects import Effect, Trials, registered
+
+if "TSMBLOCKS_DATA" not in os.environ:
+    sys.exit(
+        "Set TSMBLOCKS_DATA to a folder that holds cascaded_tanks/ with dataBenchmark.csv of nonlinearbenchmark.org."
+    )
+
+
+def recorded(name):
+    """Voltage of the pump and of the level gauge, 4 s apart: ``name`` is Est or Val."""
+    path = Path(os.environ["TSMBLOCKS_DATA"]) / "cascaded_tanks/dataBenchmark.csv"
+    return tsm.read(path, step=4.0, map={"u": f"u{name}", "y": f"y{name}"}, only=["u", "y"])
+
+
+def rims(scales):
+    """Rims worth trying, seen from the levels of the tank: most of the way up."""
+    level = scales.other
+    return Trials({}, tuple({"rim": level.middle + share * level.reach} for share in (0.95, 0.8, 0.6)))
+
+
+def shared_rims(scales):
+    """The same, with nothing or half of what is spilt caught below."""
+    return Trials({}, tuple({**rim, "caught": share} for rim in rims(scales).shapes for share in (0.0, 0.5)))
+
+
+def caught(diagram, name):
+    """The diagram in which what is spilt above, and caught, runs into the lower tank."""
+    return diagram.insert("inflow", Sum(signs="++"), before="lower_flow.plus", wires=[f"{name}.spilt -> inflow.plus2"])
+
+
+null = {"rim": float("inf")}
+upper = Effect(
+    "overflow", "vessel", "an overflow of the upper tank", "pump -> upper_flow.plus", Overflow(), null,
+    ("rim", "caught"), shared_rims, reads="upper", adds=caught, variant="upper", excites="high levels",
+)  # fmt: skip
+lower = Effect(
+    "overflow", "vessel", "an overflow of the lower tank", "upper_outlet -> lower_flow.plus", Overflow(), null,
+    ("rim",), rims, reads="lower", variant="lower", excites="high levels",
+)  # fmt: skip
+tanks = tsm.load(Path(__file__).with_suffix(".toml"))
+held = {"hold": "zero", "step": 0.5}
+with registered(upper, lower):
+    found = tsm.diagnose(
+        tanks, recorded("Est"), free=["pump.gain", "*_outlet.gain", "gauge.bias"], noise_floor=0.05, **held
+    )
+
+print(found.sentence)
+(gap,) = found.worst.gaps
+print("V, fitted  ", *(f"{rms:6.3f}" for rms in gap.train))
+print("V, held out", *(f"{rms:6.3f}" for rms in gap.held_out))
+for words, diagram in {"base": found.base, "augmented": found.augmented}.items():
+    start = tsm.fit(diagram, recorded("Val"), free=["upper.integral", "lower.integral"], window=(0.0, 200.0), **held)
+    print(f"V, validation, {words}: {tsm.score(start.diagram, recorded('Val'), **held)['y'].rms:.3f}")

@@ -1,0 +1,231 @@
+"""The command diagnose as a user meets it: what is printed and written, refusals, Ctrl-C."""
+# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
+
+import json
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.cli import diagnose, main
+
+T = np.arange(0.0, 6.0, 0.02)
+X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
+NOISE = 0.2
+BASE = ("tendon_sheath_linear", "--data", "full.csv", "half.csv", "--noise-floor", "0.2deg")
+FEW = ("--effects", "backlash", "drift", "dead_time")
+
+
+def played(x, half_width=1.5, gain=0.92, seed=1):
+    """Play as the textbook has it, in degrees, behind a gain, with noise."""
+    middle, y = 0.0, []
+    for u in gain * x:
+        middle = max(u - half_width, min(u + half_width, middle))
+        y.append(middle)
+    return np.array(y) + np.random.default_rng(seed).normal(0.0, NOISE, len(x))
+
+
+def write(name, x, y, head="t [s],x_in [deg],x_out [deg]\n", t=T):
+    rows = "".join(f"{a:.6g},{b:.6g},{c:.6g}\n" for a, b, c in zip(t, x, y, strict=True))
+    with open(name, "w", encoding="utf-8") as file:
+        file.write(head + rows)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run `diagnose` beside full.csv and half.csv; its exit status, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    write("full.csv", X, played(X))
+    write("half.csv", X / 2, played(X / 2, seed=2))
+
+    def go(*words):
+        status = main(["diagnose", *(str(word) for word in words)])
+        told = capsys.readouterr()
+        return status, told.out, told.err
+
+    return go
+
+
+def test_the_text_begins_with_what_was_found(run):
+    status, out, err = run(*BASE, *FEW)
+    assert (status, err) == (0, "")
+    assert out.startswith(
+        "Tendon sheath: a gain and an offset: 2 experiments\n\n"
+        "NAMED. Between x_in and x_out the model misses a backlash gap (backlash on\n"
+        "offset.y -> x_out, half_width 1."
+    )
+    assert "wrote" not in out
+
+
+def test_three_files_are_written_into_a_new_folder(run, tmp_path):
+    status, out, _ = run(*BASE, *FEW, "--out", "a/found")
+    assert status == 0
+    assert out.endswith("\n\nwrote a/found/diagnosis.json\nwrote a/found/augmented.toml\nwrote a/found/report.html\n")
+    facts = json.loads((tmp_path / "a/found/diagnosis.json").read_text(encoding="utf-8"))
+    assert facts["verdict"] == "named"
+    assert facts["experiments"] == ["full", "half"]
+    assert [e["name"] for e in facts["effects"]] == ["backlash"]
+    augmented = tsm.load(tmp_path / "a/found/augmented.toml")
+    run_ = tsm.simulate(augmented, inputs={"x_in": (T, np.radians(X))}, stop=5.0, step=0.01)
+    assert augmented.blocks["backlash"].half_width == pytest.approx(np.radians(1.5), rel=0.1)
+    assert np.isfinite(run_["x_out"]).all()
+    assert (tmp_path / "a/found/report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_json_is_what_the_file_holds_and_where_the_data_are_from(run, tmp_path):
+    status, out, err = run(*BASE, *FEW, "--out", "found", "--json")
+    facts = json.loads(out)
+    assert (status, err) == (0, "")
+    assert facts.pop("written") == [f"found/{name}" for name in ("diagnosis.json", "augmented.toml", "report.html")]
+    assert [d["experiment"] for d in facts.pop("data")] == ["full", "half"]
+    assert facts == json.loads((tmp_path / "found/diagnosis.json").read_text(encoding="utf-8"))
+
+
+def test_the_same_seed_gives_the_same_bytes(run, tmp_path):
+    for name in ("one", "two"):
+        assert run(*BASE, *FEW, "--seed", 5, "--out", name)[0] == 0
+    for name in ("diagnosis.json", "augmented.toml", "report.html"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_a_figure_is_drawn_on_request(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    status, out, _ = run(*BASE, "--effects", "drift", "--plot", "found.png")
+    assert (status, out[-len("wrote found.png\n") :]) == (0, "wrote found.png\n")
+    assert (tmp_path / "found.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "words", [("0.2deg",), ("x_out=0.2deg",), ("x_out = 0.2 deg",), (str(np.radians(0.2)),), ("x_out=3.490658504mrad",)]
+)
+def test_a_floor_may_have_a_unit_and_an_output(run, words):
+    _, out, _ = run(*BASE[:4], "--effects", "drift", "--noise-floor", *words, "--json", "--no-condition")
+    gap = json.loads(out)["gap"]
+    assert gap["noise_floor"] == pytest.approx(np.radians(0.2), rel=1e-5)
+    assert gap["noise_floor_from"] == "given"
+
+
+def test_a_floor_without_an_output_goes_to_those_it_measures():
+    diagram = tsm.Diagram(
+        title="two",
+        blocks={"a": tsm.blocks.Gain(), "b": tsm.blocks.Gain()},
+        inputs={"u": tsm.Inlet("a.u", unit="V"), "x": tsm.Inlet("b.u", unit="rad")},
+        outputs={"i": "a", "y": "b"},
+    )
+    signals = {"u": T, "x": T, "i": T, "y": T}
+    records = {"e": tsm.Record("e", T, signals, {"u": "V", "x": "rad", "i": "V", "y": "rad"})}
+    assert diagnose._floors([diagnose.floor("2mV")], diagram, records) == {"i": 0.002}
+    both = [diagnose.floor("2mV"), diagnose.floor("y=1deg")]
+    assert diagnose._floors(both, diagram, records) == {"i": 0.002, "y": pytest.approx(np.radians(1))}
+    assert diagnose._floors([diagnose.floor("0.5")], diagram, records) == {"i": 0.5, "y": 0.5}
+    assert diagnose._floors([], diagram, records) is None
+
+
+def test_names_of_effects_are_patterns(run):
+    _, out, _ = run(*BASE, "--effects", "dr*", "jump", "--json")
+    assert {r["name"] for r in json.loads(out)["ranking"]} == {"drift", "jump"}
+
+
+def test_inputs_are_left_alone_on_request(run):
+    notes = [
+        json.loads(run(*BASE, "--effects", "drift", "--json", *more)[1])["notes"] for more in ((), ("--no-condition",))
+    ]
+    assert any("x_in" in text for text in notes[0])
+    assert not any("x_in" in text for text in notes[1])
+
+
+def test_only_what_is_free_is_fitted(run, tmp_path):
+    assert run(*BASE, "--effects", "drift", "--free", "offset.*", "--out", "found")[0] == 0
+    augmented, base = tsm.load(tmp_path / "found/augmented.toml"), tsm.load("tendon_sheath_linear")
+    assert augmented.parameters["gain.gain"] == base.parameters["gain.gain"]
+    assert augmented.parameters["offset.bias"] != base.parameters["offset.bias"]
+
+
+# ---- refusals
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "the following arguments are required: DIAGRAM. Name it before the options. 'tsmblocks diagnose --help' shows what it takes."),
+        (("tendon_sheath_linear",), "give --data FILE with the signals x_in, x_out."),
+        (("tendon_sheath_linaer", "--data", "full.csv"), None),
+        ((*BASE, "--effects", "drfit"), "--effects: 'drfit' names no effect of the catalogue. Did you mean 'drift'?"),
+        ((*BASE[:4], "--noise-floor", "0.2V"), "--noise-floor 0.2V: 'V' does not convert to that of x_out [rad]."),
+        ((*BASE[:4], "--noise-floor", "0.2dge"), "--noise-floor 0.2dge: 'dge' is not a unit known here. Did you mean 'deg'?"),
+        ((*BASE[:4], "--noise-floor", "x_uot=0.2deg"), "--noise-floor x_uot=…: 'x_uot' is no measured output. Did you mean 'x_out'?"),
+        ((*BASE, "0.3deg"), "--noise-floor gives x_out two values; name each output once."),
+        ((*BASE[:4], "--noise-floor", "much"), "argument --noise-floor: 'much' is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg. 'tsmblocks diagnose --help' shows what it takes."),
+        ((*BASE[:4], "--noise-floor", "0"), "argument --noise-floor: '0' is not more than 0. 'tsmblocks diagnose --help' shows what it takes."),
+        ((*BASE[:4], "--noise-floor", "1e999"), "argument --noise-floor: '1e999' is not a number. 'tsmblocks diagnose --help' shows what it takes."),
+        ((*BASE, "--seed", "-1"), "argument --seed: '-1' is not a whole number of at least 0. 'tsmblocks diagnose --help' shows what it takes."),
+        ((*BASE, "--out", "full.csv"), "'full.csv' is a file; --out takes a folder."),
+        ((*BASE, "--plot", "found.gif"), "'found.gif' must end in .png, .svg or .pdf."),
+        ((*BASE, "--outputs", "x_uot"), "diagram 'Tendon sheath: a gain and an offset' has no output 'x_uot'. Did you mean 'x_out'?"),
+        ((*BASE, "--rows", "1:81"), "a diagnosis takes at least 200 samples of all experiments together, and there are 160: with fewer, no effect can be told from chance."),
+        ((*BASE, "--noise-flor", "1"), "diagnose takes no option '--noise-flor'. Did you mean '--noise-floor'?"),
+    ],
+)  # fmt: skip
+def test_refusals_say_what_to_do(run, words, message):
+    status, out, err = run(*words)
+    assert (status, out) == (2, "")
+    if message is not None:
+        assert err == f"tsmblocks: {message}\n"
+
+
+def test_an_output_without_noise_asks_for_the_floor(run):
+    write("full.csv", X, 0 * X)
+    status, out, err = run("tendon_sheath_linear", "--data", "full.csv", *FEW)
+    assert (status, out) == (2, "")
+    assert err == (
+        "note: full.csv: x_out never changes (it is 0 throughout).\n"
+        "tsmblocks: no noise was found in x_out, so nothing says what counts as a difference. Give the noise floor: "
+        "--noise-floor ….\n"
+    )
+
+
+# ---- Ctrl-C, and the line of progress
+
+
+def stops(monkeypatch, stage, after=0):
+    """Let Ctrl-C come with a stage of the search, when it was told of it often enough."""
+    told = []
+
+    def tell(name, done, of):
+        told.append(name)
+        if told.count(stage) > after:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(diagnose, "_counter", lambda: tell)
+    return told
+
+
+def test_ctrl_c_before_anything_was_found_says_so(run, monkeypatch, tmp_path):
+    stops(monkeypatch, "calibrated")
+    assert run(*BASE, *FEW, "--out", "found") == (130, "", "\r\x1b[Ktsmblocks: stopped before everything was done.\n")
+    assert list((tmp_path / "found").iterdir()) == []
+
+
+def test_ctrl_c_keeps_what_was_found(run, monkeypatch, tmp_path):
+    told = stops(monkeypatch, "never")
+    run(*BASE, *FEW)
+    last = len([name for name in told if name == "tried"])
+    stops(monkeypatch, "tried", last - 1)
+    status, out, err = run(*BASE, *FEW, "--out", "found")
+    assert status == 130
+    assert "interrupted; this is what was found until then." in out
+    assert err.endswith(
+        "tsmblocks: stopped before the search was over; what you see and what was written is the best so far.\n"
+    )
+    facts = json.loads((tmp_path / "found/diagnosis.json").read_text(encoding="utf-8"))
+    assert facts["status"] == "interrupted"
+    assert {r["name"] for r in facts["ranking"]} == {"backlash", "drift", "dead_time"}
+
+
+def test_a_terminal_is_told_how_far_the_search_is(monkeypatch, capsys):
+    assert diagnose._counter() is None
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    tell = diagnose._counter()
+    tell("fitted", 2, 5)
+    tell("calibrated", 0, 1)
+    assert capsys.readouterr().err == "\r\x1b[Kdiagnosing: fitted, 2 of 5\r\x1b[Kdiagnosing: calibrated"

@@ -1,0 +1,348 @@
+"""The diagnosis from end to end on data in which the effect is hidden, and what it says, keeps and refuses."""
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tests.hidden import Spec, cases
+from tests.hidden_bases import base_of, diagnosed, floor_of, recordings
+from tsmblocks.blocks import Bias
+from tsmblocks.diagnosis.conditioning import conditioned
+from tsmblocks.effects import Effect, Trials, catalogue, registered
+from tsmblocks.errors import DataError, ParameterError
+
+EVERY = 3
+"""Every third sample is kept: a third of the time, and the same verdicts."""
+STEP = 2e-3
+"""Of the generator [s]: coarser than in the benchmark, far finer than the samples."""
+FEW = ("sine", "two_sines", "odd_multisine", "offset_multisine")
+"""Experiments of motor and chain that are kept: those whose references have no corners between samples."""
+SPECS = {
+    "nothing": Spec("null", seed=1, protocol="paper"),
+    "backlash": Spec("single", "backlash", amplitude=0.6, seed=3, protocol="paper"),
+    "lag": Spec("single", "first_order_lag", amplitude=15.0, seed=3, protocol="paper"),
+    "jump": Spec("single", "jump", amplitude=0.6, seed=3, protocol="paper"),
+    "ripple": Spec("single", "position_ripple", amplitude=0.4, seed=3, protocol="paper"),
+    "outside": Spec("outside", "telegraph", amplitude=0.2, seed=3, protocol="paper"),
+    "two": Spec("two", "backlash+jump", amplitude=0.6, seed=3, protocol="paper"),
+    "unexcited": Spec("unexcited", "dead_zone", seed=3, protocol="paper"),
+    "line": Spec("base_line", "hysteresis", amplitude=0.05, seed=4, protocol="paper"),
+    "motor": Spec("motor_closed", "coulomb_friction", amplitude=0.05, seed=3),
+    "chain": Spec("chain", "sheath:backlash", amplitude=0.4, seed=3),
+}
+SOME = ("backlash", "hysteresis", "dead_time", "jump", "position_ripple", "coulomb_friction", "resonance")
+"""Effects looked for where the whole catalogue would take too long."""
+
+
+def thin(case, kept=None):
+    """A case with every third sample, and some of its experiments."""
+    records = {n: e for n, e in case.experiments.items() if kept is None or n in kept}
+    return replace(case, experiments={n: {k: v[::EVERY] for k, v in e.items()} for n, e in records.items()})
+
+
+@cache
+def hidden(name):
+    (made,) = cases([SPECS[name]], step=STEP)
+    return thin(made, FEW if name in ("motor", "chain") else None)
+
+
+@cache
+def found(name, **more):
+    return diagnosed(hidden(name), **more)
+
+
+def names(diagnosis):
+    return [e.name for e in diagnosis.effects]
+
+
+# ---- what is hidden is named
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "family"),
+    [("backlash", "backlash", "loop"), ("lag", "first_order_lag", "delay"), ("jump", "jump", "time"),
+     ("ripple", "position_ripple", "map"), ("line", "hysteresis", "loop")],
+)  # fmt: skip
+def test_one_effect_is_named(name, effect, family):
+    said = found(name)
+    assert said.verdict == "named"
+    assert names(said) == [effect]
+    assert said.effects[0].family == family
+    assert said.effects[0].share_removed > 0.85
+    assert len(said.effects[0].also_possible) <= 2
+    gap = said.segments[0].gaps[0]
+    assert gap.held_out[-1] < 1.1 * gap.noise_floor < gap.held_out[0]
+
+
+@pytest.mark.parametrize("name", ["nothing", "unexcited"])
+def test_where_nothing_is_to_be_seen_nothing_is_said(name):
+    said = found(name)
+    assert said.verdict == "none"
+    assert said.effects == ()
+    assert said.augmented == said.base
+    assert said.sentence.startswith("Between x_in and x_out nothing is missing that these data could show")
+
+
+def test_what_these_motions_do_not_reach_has_no_detection_limit():
+    limits = {m.name: m for m in found("nothing").segments[0].limits}
+    assert {e.name for e in catalogue()} == set(limits)
+    assert limits["backlash"].value == pytest.approx(math.radians(0.5), rel=0.9)
+    assert limits["coulomb_friction"].value is None
+
+
+def test_what_is_in_no_catalogue_is_not_given_a_name():
+    said = found("outside")
+    assert said.verdict == "unknown"
+    assert said.effects == ()
+    assert "the model misses something that no block of the catalogue explains" in said.sentence
+
+
+def test_two_effects_are_both_named():
+    assert sorted(names(found("two"))) == ["backlash", "jump"]
+
+
+def test_friction_in_a_position_loop_is_told_from_position_and_voltage():
+    said = diagnosed(hidden("motor"), effects=SOME)
+    assert names(said) == ["coulomb_friction"]
+    assert said.effects[0].wire == "drive.y -> motor.u"
+    assert said.segments[0].outputs == ("u", "x_in")
+
+
+def test_in_a_chain_the_segment_is_found():
+    said = diagnosed(hidden("chain"), effects=SOME)
+    assert {s.name: s.verdict for s in said.segments} == {"r -> u, x_in": "none", "x_in -> x_out": "named"}
+    assert names(said) == ["backlash"]
+    assert said.effects[0].segment == "x_in -> x_out"
+    assert said.augmented.wires != said.base.wires
+
+
+# ---- nothing is known beforehand
+
+
+def test_names_order_and_units_of_the_recordings_change_nothing():
+    plain = found("backlash")
+    case = hidden("backlash")
+    order = dict(zip(("b7", "zz", "a"), (2, 0, 1), strict=True))
+    given = list(recordings(case).values())
+    turned = {}
+    for name, k in order.items():
+        r = given[k]
+        turned[name] = tsm.Record(name, r.t, {s: np.deg2rad(r[s]) for s in ("x_out", "x_in")},
+                                  {"x_in": "rad", "x_out": "rad"})  # fmt: skip
+    said = tsm.diagnose(base_of(case), turned, noise_floor=floor_of(case))
+    assert said.verdict == plain.verdict
+    assert names(said) == names(plain)
+    assert said.effects[0].also_possible == plain.effects[0].also_possible
+    assert said.effects[0].share_removed == pytest.approx(plain.effects[0].share_removed, abs=0.02)
+    for k, q in plain.effects[0].parameters.items():
+        assert said.effects[0].parameters[k].value == pytest.approx(q.value, rel=1e-3, abs=1e-6)
+    assert said.segments[0].gaps[0].train == pytest.approx(plain.segments[0].gaps[0].train, rel=1e-4)
+
+
+def test_same_data_same_seed_same_bytes():
+    again = diagnosed(hidden("jump"))
+    assert again.to_json() == found("jump").to_json()
+    assert again.augmented == found("jump").augmented
+
+
+def test_other_seeds_name_the_same():
+    said = found("jump", seed=5)
+    assert said.seed == 5
+    assert names(said) == ["jump"]
+
+
+# ---- what was added
+
+
+def after(differences, seconds):
+    """Rms of the first output of each experiment once the loop has forgotten where it began."""
+    each = []
+    for d in differences.items:
+        late = d.t > d.t[0] + seconds
+        each.append((d.simulated - d.measured)[late])
+    return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
+
+
+def test_the_augmented_diagram_loads_runs_and_has_the_errors_that_were_told(tmp_path):
+    said, case = found("ripple"), hidden("ripple")
+    tsm.save(said.augmented, tmp_path / "augmented.toml")
+    loaded = tsm.load(tmp_path / "augmented.toml")
+    assert loaded == said.augmented
+    assert set(loaded.blocks) - set(said.base.blocks) == {"position_ripple"}
+    quiet = {n: conditioned(r, ["x_in"]) for n, r in recordings(case).items()}
+    gap = said.segments[0].gaps[0]
+    for diagram, k in ((said.base, 0), (loaded, -1)):
+        rms = after(tsm.score(diagram, quiet, hold="cubic"), 5.0)
+        assert rms == pytest.approx(gap.train[k], rel=0.06)
+        assert rms == pytest.approx(gap.held_out[k], rel=0.06)
+
+
+def test_the_gap_shrinks_on_an_experiment_that_was_never_seen():
+    case = hidden("ripple")
+    *seen, unseen = recordings(case).values()
+    said = tsm.diagnose(base_of(case), seen, noise_floor=floor_of(case))
+    assert names(said) == ["position_ripple"]
+    quiet = {unseen.name: conditioned(unseen, ["x_in"])}
+    base, augmented = (after(tsm.score(d, quiet, hold="cubic"), 5.0) for d in (said.base, said.augmented))
+    floor = floor_of(case)["x_out"]
+    assert augmented < 1.1 * floor
+    assert base > 3 * floor
+
+
+def test_the_interval_of_what_is_hidden_holds_it():
+    q = found("jump").effects[0].parameters
+    assert q["size"].unit == "rad"
+    assert q["size"].low < math.radians(0.6) < q["size"].high
+    true = hidden("jump").numbers["jump.at"]
+    assert q["time"].value == pytest.approx(true, abs=0.05)
+
+
+def test_a_users_own_effect_takes_part_and_is_named():
+    """A gain that is off by its own rule: nothing in the catalogue scales an input."""
+
+    def trials(scales):
+        return Trials({"bias": 0.1 * scales.wire.reach})
+
+    shift = Effect(
+        "loose_belt", "belt", "a belt that jumped", "input", Bias(bias=0.0), {"bias": 0.0}, ("bias",), trials,
+        excites="any motion",
+    )  # fmt: skip
+    records = {}
+    for name, r in recordings(hidden("nothing")).items():
+        x = r["x_in"] + 8.0
+        records[name] = tsm.Record(name, r.t, {"x_in": x, "x_out": r["x_out"]}, dict(r.units))
+    base = tsm.load("tendon_sheath_play")
+    with registered(shift):
+        said = tsm.diagnose(base, records, free=["play.*"], effects=["loose_belt", "backlash"])
+    assert names(said) == ["loose_belt"]
+    assert "loose_belt" not in {e.name for e in catalogue()}
+
+
+# ---- what is written
+
+
+def test_the_json_is_what_other_programs_rely_on():
+    said = found("jump")
+    told = json.loads(said.to_json())
+    assert told["format"] == 1
+    assert (told["diagram"], told["seed"], told["status"]) == (said.diagram, 0, "done")
+    assert told["experiments"] == ["sine", "two_sines", "two_sines_apart"]
+    assert told["verdict"] == "named"
+    (effect,) = told["effects"]
+    text = ("name", "family", "words", "wire", "block", "separating_experiment")
+    assert all(isinstance(effect[k], str) for k in text)
+    assert isinstance(effect["also_possible"], list)
+    assert 0 <= effect["share_removed"] <= 1
+    for q in effect["parameters"].values():
+        assert set(q) == {"value", "low", "high", "unit"}
+        assert q["low"] <= q["value"] <= q["high"]
+    gap = told["gap"]
+    assert gap["unit"] == "rad"
+    assert gap["noise_floor"] > 0
+    for k in ("train", "held_out"):
+        assert gap[k]["after"] < gap[k]["before"]
+    assert {"coordinate", "share", "words"} == set(told["where"][0])
+    assert {"name", "wire", "held_out_gain", "statistic", "line", "in_set"} <= set(told["ranking"][0])
+    assert {r["name"] for r in told["ranking"]} <= {e.name for e in catalogue()}
+    assert set(told["detection_limits"]) == {e.name for e in catalogue()}
+    assert all(v is None or v > 0 for v in told["detection_limits"].values())
+    assert len(told["ranking"]) > 25
+
+
+@pytest.mark.parametrize("name", ["nothing", "outside"])
+def test_the_json_is_whole_where_nothing_is_named(name):
+    told = json.loads(found(name).to_json())
+    assert told["effects"] == []
+    assert told["gap"]["held_out"]["before"] == told["gap"]["held_out"]["after"]
+    assert not any(r["named"] for r in told["ranking"])
+
+
+# ---- stopped, or refused
+
+
+def stopping(stage, count):
+    """A progress that presses Ctrl-C when a stage begins for the ``count``-th time."""
+    begun = []
+
+    def progress(now, done, of):
+        assert 0 <= done <= of
+        if not begun or begun[-1] != now:
+            begun.append(now)
+        if begun.count(stage) == count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_ctrl_c_keeps_what_was_found():
+    said = diagnosed(hidden("jump"), effects=SOME, progress=stopping("tried", 2))
+    assert said.status == "interrupted"
+    assert names(said) == ["jump"]
+    assert json.loads(said.to_json())["status"] == "interrupted"
+
+
+@pytest.mark.parametrize("stage", ["conditioned", "calibrated", "tried", "fitted"])
+def test_ctrl_c_before_anything_was_found_is_passed_on(stage):
+    with pytest.raises(KeyboardInterrupt):
+        diagnosed(hidden("jump"), effects=SOME, progress=stopping(stage, 1))
+
+
+TITLE = "'Tendon sheath: symmetric Bouc-Wen and an offset'"
+FAULTS = {
+    "too short": (
+        dict(short=True), DataError,
+        "a diagnosis takes at least 200 samples of all experiments together, and there are 51: with fewer, no effect "
+        "can be told from chance.",
+    ),
+    "no output": (
+        dict(signals=("x_in",)), DataError,
+        f"sine: none of the outputs of {TITLE} (x_out) was measured; the recording has x_in. Map one when reading "
+        "(x_out=COLUMN), or give the diagram an output of that name.",
+    ),
+    "no input": (
+        dict(signals=("x_out",)), DataError,
+        f"sine: {TITLE} needs its input 'x_in', and the recording has no such signal. Known here: x_out. If it has "
+        "another name there, map it when reading (x_in=COLUMN).",
+    ),
+    "no recordings": (
+        dict(none=True), DataError,
+        "there are no recordings to compare with: give a Record (tsm.read), a list, or a mapping.",
+    ),
+    "floor of nan": (
+        dict(noise_floor=math.nan), ParameterError, "noise_floor of 'x_out' must be a positive number, got nan.",
+    ),
+    "floor of nothing measured": (
+        dict(noise_floor={"x_uot": 1.0}), ParameterError,
+        "noise_floor: 'x_uot' is no measured output. Did you mean 'x_out'?",
+    ),
+    "unknown effect": (
+        dict(effects=["baklash"]), ParameterError,
+        "effects: 'baklash' names no effect of the catalogue. Did you mean 'backlash'?",
+    ),
+    "unknown parameter": (
+        dict(free=["tsm.alpa"], noise_floor=1e-3), ParameterError,
+        f"free 'tsm.alpa' names no parameter of {TITLE}. Did you mean 'tsm.alpha_x'?",
+    ),
+    "unknown output": (
+        dict(outputs=["x_uot"]), DataError, f"diagram {TITLE} has no output 'x_uot'. Did you mean 'x_out'?",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_cannot_be_diagnosed_is_said_in_one_message(fault):
+    more, kind, text = FAULTS[fault]
+    more = dict(more)
+    case = hidden("jump")
+    records = recordings(case, more.pop("signals", None))
+    r = records["sine"]
+    given = r.part(r.t[0], r.t[0] + 1.5) if more.pop("short", False) else r
+    given = {} if more.pop("none", False) else given
+    with pytest.raises(kind) as caught:
+        tsm.diagnose(base_of(case), given, **more)
+    assert str(caught.value) == text

@@ -1,0 +1,606 @@
+"""The parts of a diagnosis against references: places, blocks held out, decisions, promises, noise of inputs."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import lstsq
+from scipy.optimize import least_squares
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Bias, DCMotor, Gain, Integrator, Lag, Play, Sum, TransferFunction, ZeroOrderHold
+from tsmblocks.diagnosis.candidates import candidates, lines, surroundings
+from tsmblocks.diagnosis.conditioning import all_conditioned, conditioned
+from tsmblocks.diagnosis.deciding import ALIKE, BEYOND, MATERIAL, Tried, decide, max_t_line, mean, student
+from tsmblocks.diagnosis.floor import carried
+from tsmblocks.diagnosis.folds import BLOCKS, FEWEST, FOLDS, Parts, held_out, parts, settled
+from tsmblocks.diagnosis.model import Asked, calibrated, posed_as, searched
+from tsmblocks.diagnosis.places import driven, reaches, sites
+from tsmblocks.diagnosis.screening import absorbing, promise
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects import Effect, Trials, catalogue, registered
+from tsmblocks.simulate import equations
+
+STEP, SIGMA = 0.01, 0.01
+T = np.arange(0.0, 12.0, STEP)
+
+
+def one(block, entry="u"):
+    return Diagram(title="one", blocks={"b": block}, inputs={"u": f"b.{entry}"}, outputs={"y": "b.y"})
+
+
+def motion(k):
+    return 0.6 * np.sin((1.1 + 0.3 * k) * T) + 0.2 * np.sin(4.3 * T + k)
+
+
+def recordings(plant="tendon_sheath_linear", count=2, more=lambda t, y: y, seed=0):
+    """Experiments on a plant, with noise on the output."""
+    rng, made = np.random.default_rng(seed), {}
+    for k in range(count):
+        x = motion(k)
+        y = tsm.simulate(tsm.load(plant), inputs={"x_in": (T, x)}, stop=T[-1], step=STEP, hold="cubic")["x_out"]
+        y = more(T, y) + SIGMA * rng.standard_normal(len(T))
+        made[f"e{k}"] = tsm.Record(f"e{k}", T, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+    return made
+
+
+def asked(**more):
+    return Asked(None, {"x_out": SIGMA}, ("x_out",), **more)
+
+
+def fitted(plant="tendon_sheath_linear", records=None, **more):
+    return calibrated(tsm.load(plant), records or recordings(plant), asked(**more))
+
+
+def offered(model, records, effects, outputs=("x_out",)):
+    places = sites(model.fitted, outputs)
+    around = surroundings(model, places)
+    return candidates(model, effects, around, places), around
+
+
+def effect(name, variant=""):
+    return next(e for e in catalogue() if (e.name, e.variant) == (name, variant))
+
+
+# ---- integrations between a wire and an output
+
+
+@pytest.mark.parametrize(
+    ("diagram", "output", "degree"),
+    [
+        (tsm.load("motor_linear"), "x", 2),
+        (one(DCMotor()), "y", 3),
+        (one(Gain()), "y", 0),
+        (one(Integrator()), "y", 1),
+        (one(Play()), "y", 0),
+        (one(Lag()), "y", 0),
+        (one(ZeroOrderHold(period=0.1)), "y", 1),
+        (tsm.load("fig07_observer"), "zeta_hat", 1),
+        *((tsm.load(f"tendon_sheath_{k}"), "x_out", 0) for k in ("linear", "symmetric", "asymmetric", "generalized",
+                                                                 "play", "prandtl_ishlinskii")),
+    ],
+    ids=lambda value: getattr(value, "title", value),
+)  # fmt: skip
+def test_integrations_by_hand(diagram, output, degree):
+    (name,) = diagram.inputs
+    assert reaches(diagram, output, before="", after=name) == degree
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.floats(0.1, 2), min_size=1, max_size=4), st.lists(st.floats(0.1, 2), min_size=1, max_size=5))
+def test_integrations_against_markov_parameters(num, den):
+    """The relative degree is the place of the first Markov parameter that is not zero."""
+    if len(num) > len(den):
+        num, den = den, num
+    system = control.tf2ss(control.tf(num, den))
+    A, B, C, D = (np.atleast_2d(m) for m in (system.A, system.B, system.C, system.D))
+    markov = [D, *(C @ np.linalg.matrix_power(A, k) @ B for k in range(len(A)))] if A.size else [D]
+    expected = next(k for k, m in enumerate(markov) if abs(m[0, 0]) > 1e-12)
+    if len(num) == len(den) == 1:
+        return
+    assert reaches(one(TransferFunction(num=tuple(num), den=tuple(den))), "y", before="", after="u") == expected
+
+
+def test_a_chain_adds_up_and_what_does_not_reach_is_told():
+    chain = Diagram(
+        blocks={"a": Integrator(), "b": Gain(), "c": Integrator(), "d": Integrator()},
+        wires=["a -> b -> c", "b -> d"], inputs={"u": "a"}, outputs={"y": "c", "z": "d"},
+    )  # fmt: skip
+    assert [reaches(chain, "y", before=port, after="") for port in ("a.u", "b.u", "c.u", "d.u")] == [2, 1, 1, -1]
+    assert reaches(chain, "z", before="d", after="") == 1
+    assert reaches(chain, "y", before="nothing.u", after="") == -1
+    assert reaches(chain, "y", before="", after="c.y") == 0
+
+
+# ---- wires
+
+
+def where(diagram, outputs):
+    return [(s.place, s.output, s.signal, s.other, s.words(diagram)) for s in sites(diagram, outputs)]
+
+
+def test_wires_of_a_sheath():
+    assert where(tsm.load("tendon_sheath_asymmetric"), ["x_out"]) == [
+        ("output", "x_out", "offset.y", "", "offset.y -> x_out"),
+        ("across", "x_out", "offset.y", "x_in", "offset.y -> x_out"),
+        ("input", "x_out", "x_in", "", "x_in -> tsm.x"),
+    ]
+
+
+def test_wires_of_a_motor():
+    assert where(tsm.load("motor_linear"), ["x"]) == [
+        ("output", "x", "motor.y", "", "motor.y -> x"),
+        ("drive", "x", "u", "", "u -> motor.u"),
+        ("load", "x", "u", "motor.y", "u -> motor.u"),
+        ("input", "x", "u", "", "u -> motor.u"),
+    ]
+
+
+def test_wires_of_a_closed_loop():
+    """No wire stands twice, and a measured voltage is the wire that drives, not one of its own."""
+    assert where(tsm.load("fig16_feedforward_feedback"), ["x_in", "x_out", "u"]) == [
+        ("output", "x_in", "motor.y", "", "motor.y -> error.minus, tsm.x, x_in"),
+        ("drive", "x_in", "drive.y", "", "drive.y -> motor.u"),
+        ("load", "x_in", "drive.y", "motor.y", "drive.y -> motor.u"),
+        ("output", "x_out", "tsm.y", "", "tsm.y -> tip_error.minus, x_out"),
+    ]
+    assert ("output", "u", "drive.y", "", "drive.y -> motor.u, u") in where(
+        tsm.load("fig16_feedforward_feedback"), ["u"]
+    )
+
+
+def test_the_wire_that_drives_is_the_nearest_of_them():
+    twice = Diagram(
+        blocks={"amplifier": Gain(), "push": Sum(signs="+-"), "motor": DCMotor(), "load": Gain()},
+        wires=["amplifier -> push.plus", "push -> motor", "motor.y -> load -> push.minus"],
+        inputs={"u": "amplifier"}, outputs={"x": "motor.y"},
+    )  # fmt: skip
+    assert driven(twice, "x") == "motor.u"
+    assert driven(tsm.load("tendon_sheath_linear"), "x_out") == ""
+    assert [s.place for s in sites(tsm.load("tendon_sheath_linear"), ["x_out"])] == ["output", "across", "input"]
+
+
+def test_an_output_that_shows_an_input_has_no_wire_between():
+    through = Diagram(blocks={"k": Gain()}, inputs={"x": "k"}, outputs={"x_in": "x", "y": "k"})
+    assert {s.output for s in sites(through, ["x_in", "y"]) if s.place == "output"} == {"y"}
+
+
+def test_wires_of_a_diagram_that_is_a_block():
+    plant = tsm.load("motor_linear")
+    outer = Diagram(
+        blocks={"amplifier": Gain(unit="V"), "plant": plant, "tip": Gain(unit="rad")},
+        wires=["amplifier -> plant.u", "plant.x -> tip"], inputs={"u": "amplifier"},
+        outputs={"x": "plant.x", "y": "tip"},
+    )  # fmt: skip
+    assert where(outer, ["x"]) == [
+        ("output", "x", "plant.x", "", "plant.x -> tip.u, x"),
+        ("drive", "x", "amplifier.y", "", "amplifier.y -> plant.u"),
+        ("load", "x", "amplifier.y", "plant.x", "amplifier.y -> plant.u"),
+        ("input", "x", "u", "", "u -> amplifier.u"),
+    ]
+    output, _, load, _ = sites(outer, ["x"])
+    friction = effect("coulomb_friction")
+    for site, block in ((output, Bias()), (load, friction.block)):
+        assert equations(site.put(outer, "more", block)).y
+
+
+def test_a_block_that_reads_is_wired_to_what_it_reads():
+    site = next(s for s in sites(tsm.load("tendon_sheath_linear"), ["x_out"]) if s.place == "across")
+    made = site.put(tsm.load("tendon_sheath_linear"), "more", effect("asymmetric_hysteresis").block)
+    assert made.inputs["x_in"].ports == ("gain.u", "more.x")
+    assert made.outputs["x_out"] == "more.y"
+
+
+# ---- candidates
+
+
+def test_each_block_gets_a_name_of_its_own():
+    records = recordings()
+    model = fitted(records=records)
+    gap = effect("backlash")
+    (first,), _ = offered(model, records, [gap])
+    assert first.block == "backlash"
+    assert first.free == ("backlash.half_width",)
+    problem, setup = posed_as(model, first.diagram, first.free, records, asked())
+    again = searched(problem, setup, problem.unknowns.start)
+    (second,), _ = offered(again, records, [gap])
+    assert second.block == "backlash_2"
+    assert {"backlash", "backlash_2"} <= set(second.diagram.blocks)
+    assert second.key == ("backlash", "", "backlash.y>")
+
+
+def test_a_candidate_that_makes_no_diagram_is_none():
+    """An effect whose output is in another unit than the wire, or in none that is known; or that has nothing to try."""
+    volts = Effect("volts", "own", "volts", "output", Gain(unit="V"), {"gain": 1.0}, ("gain",),
+                   lambda scales: Trials({}, ({"gain": 1.1},)))  # fmt: skip
+    bare = Effect("bare", "own", "a gain", "output", Gain(), {"gain": 1.0}, ("gain",), volts.trials)
+    silent = Effect("silent", "own", "silence", "output", Gain(), {"gain": 1.0}, ("gain",), lambda scales: None)
+    records = recordings()
+    assert offered(fitted(records=records), records, [volts, bare, silent])[0] == []
+
+
+def test_an_effect_of_ones_own_is_among_the_candidates():
+    own = Effect("stuck", "own", "a sensor that sticks", "output", Play(half_width=0.0), {"half_width": 0.0},
+                 ("half_width",), lambda scales: Trials({}, ({"half_width": 0.1},)))  # fmt: skip
+    records = recordings()
+    model = fitted(records=records)
+    before, _ = offered(model, records, catalogue())
+    with registered(own):
+        after, _ = offered(model, records, catalogue())
+    assert [c.key for c in after] == [*(c.key for c in before), ("stuck", "", "offset.y>")]
+
+
+def test_what_wires_carry_is_what_the_simulation_shows():
+    records = recordings()
+    model = fitted(records=records)
+    _, around = offered(model, records, [])
+    for k, record in enumerate(records.values()):
+        run = tsm.simulate(model.fitted, inputs={"x_in": (T, record["x_in"])}, stop=T[-1], step=STEP, hold="cubic")
+        assert around.signals["offset.y"][k] == pytest.approx(run["x_out"], abs=1e-12)
+        assert around.signals["x_in"][k] == pytest.approx(record["x_in"], abs=1e-12)
+    site = next(s for s in sites(model.fitted, ["x_out"]) if s.place == "across")
+    scales = around.scales(site)
+    assert (scales.wire, scales.other) == (around.span("offset.y"), around.span("x_in"))
+    assert (scales.start, scales.stop, scales.step) == pytest.approx((0.0, T[-1], STEP))
+    assert around.first("x_in") == pytest.approx([r["x_in"][0] for r in records.values()])
+
+
+@pytest.mark.parametrize("frequency", [0.71, 3.37, 11.3])
+def test_the_frequency_of_what_is_left(frequency):
+    records = recordings(more=lambda t, y: y + 0.02 * np.sin(2 * np.pi * frequency * t))
+    assert lines(fitted(records=records))[0] == pytest.approx(frequency, abs=0.02)
+
+
+# ---- blocks held out
+
+
+@pytest.mark.parametrize("plant", ["tendon_sheath_linear", "tendon_sheath_symmetric"])
+def test_blocks_cover_everything_once(plant):
+    model = fitted(plant)
+    part = parts(model.problem)
+    n = model.problem.samples
+    assert len(part.block) == len(part.fold) == len(part.experiment) == n == 2 * len(T)
+    assert part.sizes.sum() == n
+    assert part.sizes.min() >= FEWEST * 0.75
+    assert len(part.sizes) <= BLOCKS
+    assert set(part.fold) == set(range(min(FOLDS, len(part.sizes))))
+    for block in range(len(part.sizes)):
+        rows = np.flatnonzero(part.block == block)
+        assert np.array_equal(rows, np.arange(rows[0], rows[-1] + 1))
+        assert len(set(part.experiment[rows])) == 1
+    r = np.random.default_rng(0).standard_normal(n)
+    assert part.losses(r) == pytest.approx([np.mean(r[part.block == b] ** 2) for b in range(len(part.sizes))])
+    assert mean(part.losses(r), part) == pytest.approx(np.mean(r**2))
+
+
+def refitted(model, part, pull, null):
+    """What a linear model leaves of each part, fitted to all others by least squares, exactly."""
+    J, theta, made = model.J, model.theta, np.empty_like(model.r)
+    for g in np.unique(part):
+        held = part == g
+        rows = np.vstack([J[~held], np.diag(np.sqrt(pull))])
+        goal = np.concatenate([-model.r[~held], np.sqrt(pull) * (null - theta)])
+        made[held] = model.r[held] + J[held] @ lstsq(rows, goal)[0]
+    return made
+
+
+@pytest.mark.parametrize("pull", [(0.0, 0.0), (3e4, 0.0), (1e3, 2e5)])
+def test_held_out_is_the_exact_refit_of_a_linear_model(pull):
+    model = fitted()
+    part, pull, null = parts(model.problem), np.array(pull), np.array([1.0, 0.02])
+    for groups in (part.fold, part.experiment, part.block):
+        got = held_out(model, groups, pull, null)
+        assert got == pytest.approx(refitted(model, groups, pull, null), abs=1e-7)
+        assert np.abs(got - model.r).max() > 1e-3
+
+
+def test_held_out_is_close_to_the_refit_of_the_paper_model():
+    model = fitted("tendon_sheath_asymmetric", start_states=False)
+    part, n = parts(model.problem), len(model.theta)
+    got = part.losses(held_out(model, part.fold, np.zeros(n), model.theta))
+    made = np.empty_like(model.r)
+    for g in range(3):
+        held = part.fold == g
+        found = least_squares(
+            lambda theta, kept=~held: model.problem.residuals(theta)[kept], model.theta,
+            jac=lambda theta, kept=~held: model.problem.jacobian(theta)[1][kept], x_scale=np.abs(model.theta) + 0.01,
+            xtol=1e-10,
+        )  # fmt: skip
+        made[held] = model.problem.residuals(found.x)[held]
+    some = np.isin(np.arange(len(part.sizes)) % FOLDS, range(3))
+    assert got[some] == pytest.approx(part.losses(made)[some], rel=0.02)
+
+
+def test_start_values_are_never_held_out():
+    """What they take up in their experiment is taken off the slopes of all others, as least squares does."""
+    model = fitted("tendon_sheath_asymmetric")
+    local, trials = model.local, model.problem.trials
+    assert local.sum() == len(trials) == 2
+    made = settled(model)
+    assert made.shape == (model.problem.samples, (~local).sum())
+    for e, segment in enumerate(model.problem.segments):
+        own = [k for k in model.problem.unknowns.columns(e) if local[k]]
+        J = model.J[segment]
+        taken = J[:, own] @ lstsq(J[:, own], J[:, ~local])[0]
+        assert made[segment] == pytest.approx(J[:, ~local] - taken, abs=1e-9 * np.abs(J).max())
+        assert np.abs(made[segment].T @ J[:, own]).max() < 1e-9 * np.abs(J).max() ** 2 * len(T)
+        assert np.abs(taken).max() > 1e-3
+
+
+def test_what_one_part_alone_determines_does_not_explode():
+    """A column that is zero outside one block, with and without a pull to its null."""
+    model = fitted()
+    part = parts(model.problem)
+    spike = np.where(part.block == 5, 10.0, 0.0)
+    J = np.column_stack([model.J, spike])
+    items = (*model.problem.unknowns.items, SimpleNamespace(experiment="", parameter="own", name="own"))
+    wide = SimpleNamespace(
+        J=J,
+        r=model.r - 3 * spike,
+        theta=np.append(model.theta, 1.0),
+        local=np.zeros(3, bool),
+        bound=np.zeros(3, bool),
+        problem=SimpleNamespace(
+            trials=model.problem.trials,
+            segments=model.problem.segments,
+            unknowns=SimpleNamespace(items=items, columns=lambda e: range(3)),
+        ),
+    )
+    free = held_out(wide, part.fold, np.zeros(3), wide.theta)
+    drawn = held_out(wide, part.fold, np.array([0, 0, 1.0]), np.zeros(3))
+    assert np.isfinite(free).all()
+    assert np.abs(free - model.r).max() < 1e3
+    assert drawn[part.block == 5] == pytest.approx(wide.r[part.block == 5] - 10.0, abs=0.5)
+
+
+# ---- decisions
+
+
+def even(blocks, size=50):
+    return Parts(np.repeat(np.arange(blocks), size), np.repeat(np.arange(blocks) % 10, size),
+                 np.zeros(blocks * size, dtype=int), np.full(blocks, float(size)))  # fmt: skip
+
+
+def uneven(sizes):
+    block = np.repeat(np.arange(len(sizes)), sizes)
+    return Parts(block, block % 10, 0 * block, np.array(sizes, dtype=float))
+
+
+@given(st.integers(2, 40), st.integers(0, 1000))
+def test_student_of_even_blocks(blocks, seed):
+    gains = np.random.default_rng(seed).normal(0.3, 1.0, (3, blocks))
+    expected = gains.mean(1) / (gains.std(1, ddof=1) / np.sqrt(blocks))
+    assert student(gains, even(blocks)) == pytest.approx(expected)
+
+
+def test_student_weighs_blocks_by_their_samples():
+    """A block of twice the length counts as much as two that are alike, in the mean."""
+    sizes = [50, 100, 50, 80]
+    gain = np.array([0.3, 0.1, -0.2, 0.4])
+    part = uneven(sizes)
+    w = np.array(sizes) / sum(sizes)
+    centre = float(w @ gain)
+    error = np.sqrt(sum((w_k * (g - centre)) ** 2 for w_k, g in zip(w, gain, strict=True)) * 4 / 3)
+    assert student(gain[None], part)[0] == pytest.approx(centre / error)
+    assert mean(gain, part) == pytest.approx(np.repeat(gain, sizes).mean())
+
+
+def test_the_line_is_that_of_all_signs():
+    """With few blocks every draw of signs can be listed."""
+    gains, part = np.random.default_rng(3).normal(0, 1, (4, 9)), even(9)
+    highest = [student(gains * np.array(s), part).max() for s in itertools.product([-1.0, 1.0], repeat=9)]
+    line = max_t_line(gains, part, 0)
+    assert np.mean(np.array(highest) > line) == pytest.approx(0.05, abs=0.02)
+    assert max_t_line(gains, part, 0) == line
+
+
+def test_chance_passes_the_line_one_time_in_twenty():
+    rng, passed = np.random.default_rng(5), 0
+    part = even(30)
+    for seed in range(200):
+        gains = rng.normal(0, 1, (6, 30))
+        passed += student(gains, part).max() > max_t_line(gains, part, seed)
+    assert 2 <= passed <= 20
+
+
+def stand_in(losses, count=2, edge=np.inf):
+    """A candidate by its losses alone; its first unknown is zero, and its lowest value ``-edge``."""
+    items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf) for k in range(count)]
+    model = SimpleNamespace(theta=np.zeros(count), problem=SimpleNamespace(unknowns=SimpleNamespace(items=items)))
+    candidate = SimpleNamespace(effect=SimpleNamespace(within=("p0",)), block="b", free=("b.p0", "b.p1"))
+    return Tried(candidate, model, losses, losses, float(np.mean(losses)), np.zeros(count, bool))
+
+
+NOISE = np.random.default_rng(8).normal(0, 0.05, (4, 60))
+
+
+def test_the_one_that_removes_most_is_named():
+    part, base = even(60), 3.0 + NOISE[0]
+    worse, best = stand_in(2.0 + NOISE[1]), stand_in(1.0 + NOISE[2])
+    verdict = decide(base, [worse, best], part, 1.0, 0)
+    assert verdict.named is best
+    assert verdict.alike == (best,)
+    assert verdict.ranking == (best, worse)
+    assert list(verdict.t) == pytest.approx(list(student(np.array([base - best.losses, base - worse.losses]), part)))
+    assert verdict.t[0] > verdict.line
+
+
+def test_of_those_alike_the_simplest_is_named():
+    part, base = even(60), 3.0 + NOISE[0]
+    best, simple = stand_in(1.0 + NOISE[1], 5), stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 3)
+    far = stand_in(2.2 + NOISE[2], 2)
+    verdict = decide(base, [far, best, simple], part, 1.0, 0)
+    assert verdict.named is simple
+    assert verdict.alike == (simple, best)
+
+
+def test_a_better_one_by_more_than_scatter_stands_alone():
+    part, base = even(60), 3.0 + NOISE[0]
+    best, second = stand_in(1.0 + NOISE[1]), stand_in(1.0 + NOISE[1] + 0.2 + 0.1 * NOISE[2])
+    assert decide(base, [best, second], part, 1.0, 0).alike == (best,)
+    unsure = stand_in(1.0 + NOISE[1] + 0.2 + 60 * NOISE[2] * np.sign(NOISE[2].mean()))
+    if unsure.loss > best.loss:
+        assert unsure in decide(base, [best, unsure], part, 1.0, 0).alike
+
+
+@pytest.mark.parametrize(
+    ("base", "left", "named"),
+    [
+        (3.0, 3.0 - 0.9 * MATERIAL, False),  # not worth a name
+        (3.0, 3.0 - 1.1 * MATERIAL, True),
+        (1.04, 0.9, False),  # nothing was left to explain
+        (1.06, 0.9, True),
+    ],
+)
+def test_what_is_worth_a_name(base, left, named):
+    small = 0.01 * NOISE[0]
+    verdict = decide(base + small, [stand_in(left + 0.01 * NOISE[1])], even(60), 1.0, 0)
+    assert (verdict.named is not None) == named
+
+
+def test_what_scatters_is_not_named():
+    scatter = stand_in(2.5 + 60 * NOISE[1])
+    assert decide(3.0 + NOISE[0], [scatter], even(60), 1.0, 0).named is None
+    assert decide(3.0 + NOISE[0], [], even(60), 1.0, 0).named is None
+
+
+def test_what_ran_into_the_bound_of_its_name_is_not_named():
+    """At its bound it would be another effect; then one that removes nearly as much is named, or none."""
+    part, base = even(60), 3.0 + NOISE[0]
+    out = stand_in(1.0 + NOISE[1], edge=0.0)
+    near, far = (stand_in(1.0 + NOISE[1] + share * BEYOND * 2.0) for share in (0.5, 1.5))
+    assert (out.outside, near.outside) == (("p0",), ())
+    verdict = decide(base, [out, near], part, 1.0, 0)
+    assert verdict.named is near
+    assert verdict.alike == (near,)
+    assert verdict.ranking == (near, out)
+    assert decide(base, [out, far], part, 1.0, 0).named is None
+    assert decide(base, [far], part, 1.0, 0).named is far
+    assert decide(base, [out], part, 1.0, 0).named is None
+
+
+def test_what_ran_away_is_left_out():
+    part, base = even(60), 3.0 + NOISE[0]
+    away, sound = stand_in(np.full(60, np.nan)), stand_in(1.5 + NOISE[2])
+    assert decide(base, [away, sound], part, 1.0, 0).ranking == (sound,)
+    assert decide(base, [away], part, 1.0, 0).named is None
+
+
+def test_what_shows_now_and_then_is_named():
+    """Three blocks of sixty gain much, and the others nothing: their t is one of chance, and yet it is none."""
+    gain = 0.001 * NOISE[1]
+    gain[[7, 8, 31]] += 12.0
+    verdict = decide(3.0 + NOISE[0], [stand_in(3.0 + NOISE[0] - gain)], even(60), 1.0, 0)
+    assert verdict.t[0] < 1.01 * verdict.line
+    assert verdict.named is not None
+
+
+# ---- promises
+
+
+def exact_fall(model, columns):
+    """How much the sum of squares falls when these columns (N, k) are fitted beside the base."""
+    wide = np.column_stack([model.J, columns])
+    return model.r @ model.r - np.sum((model.r + wide @ lstsq(wide, -model.r)[0]) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "hidden", "columns"),
+    [
+        ("drift", lambda t, y: y + 0.01 * t, lambda t, y: [t, t**2]),
+        ("even_nonlinearity", lambda t, y: y + 0.05 * y**2, lambda t, y: [(y - y[1]) ** 2, (y - y[1]) ** 4]),
+        ("odd_nonlinearity", lambda t, y: y + 0.05 * y**3, None),
+    ],
+)  # fmt: skip
+def test_what_an_effect_that_is_linear_in_its_size_promises(name, hidden, columns):
+    records = recordings(more=hidden)
+    model = fitted(records=records)
+    found, around = offered(model, records, [effect(name)])
+    got = promise(found[0], model, records, asked(), around, absorbing(model), 1.0)
+    outputs = [y / SIGMA for y in around.signals["offset.y"]]
+    middle = around.span("offset.y").middle
+    away = np.concatenate(around.signals["offset.y"]) - middle
+    t = np.concatenate([T] * len(outputs))
+    powers = {"drift": [t, t**2], "even_nonlinearity": [away**2, away**4], "odd_nonlinearity": [away**3, away**5]}
+    used = powers[name][: len(found[0].trials.strengths)]
+    fall = exact_fall(model, np.column_stack(used) / SIGMA)
+    if columns is not None:
+        assert got.gain == pytest.approx(fall, rel=1e-4)
+        left = got.problem.residuals(got.starts[0])
+        assert left @ left == pytest.approx(model.r @ model.r - fall, rel=1e-2)
+    assert got.gain >= 0.98 * fall
+    assert got.gain > 100
+    assert np.abs(absorbing(model).basis.T @ got.z).max() < 1e-6 * np.sqrt(got.z @ got.z)
+
+
+def test_what_the_base_absorbs_promises_nothing():
+    """Another gain and another offset are the base's own."""
+    records = recordings()
+    model = fitted(records=records)
+    again = Effect("again", "own", "an offset", "output", Bias(bias=0.0), {"bias": 0.0}, ("bias",),
+                   lambda scales: Trials({"bias": 0.1}))  # fmt: skip
+    (one_more,), around = offered(model, records, [again])
+    got = promise(one_more, model, records, asked(), around, absorbing(model), 1.0)
+    assert abs(got.gain) < 1e-3
+    fit = absorbing(model)
+    assert fit.basis.T @ fit.basis == pytest.approx(np.eye(fit.basis.shape[1]), abs=1e-9)
+    assert fit.basis == pytest.approx(model.J @ fit.back, abs=1e-9)
+
+
+def test_a_promise_is_kept():
+    """A hidden gap: what was promised, beside what the fit reaches."""
+    plant = tsm.load("tendon_sheath_linear").insert("gap", Play(half_width=0.05), after="offset")
+    rng = np.random.default_rng(1)
+    records = {}
+    for name, record in recordings().items():
+        y = tsm.simulate(plant, inputs={"x_in": (T, record["x_in"])}, stop=T[-1], step=STEP, hold="cubic")["x_out"]
+        records[name] = record.with_signal("x_out", y + SIGMA * rng.standard_normal(len(T)), "rad")
+    model = fitted(records=records)
+    (gap,), around = offered(model, records, [effect("backlash")])
+    got = promise(gap, model, records, asked(), around, absorbing(model), 1.0)
+    end = searched(got.problem, got.setup, got.starts[0])
+    fall = model.r @ model.r - end.r @ end.r
+    assert 0.5 * fall < got.gain < 1.5 * fall
+    assert end.values["backlash.half_width"] == pytest.approx(0.05, rel=0.05)
+    assert end.mean_square == pytest.approx(1.0, abs=0.06)
+
+
+# ---- noise of inputs
+
+
+@pytest.mark.parametrize("plant", ["tendon_sheath_linear", "tendon_sheath_asymmetric", "tendon_sheath_play"])
+def test_carried_noise_against_many_draws(plant):
+    size, rng = 0.02, np.random.default_rng(4)
+    clean = recordings(plant)
+
+    def with_noise():
+        noise = {k: size * rng.standard_normal(len(T)) for k in clean}
+        return {k: r.with_signal("x_in", r["x_in"] + noise[k], "rad") for k, r in clean.items()}
+
+    raw = with_noise()
+    model = fitted(plant, all_conditioned(raw, ["x_in"]))
+    diagram = model.fitted
+
+    def out(x):
+        return tsm.simulate(diagram, inputs={"x_in": (T, x)}, stop=T[-1], step=STEP, hold="cubic")["x_out"]
+
+    true, draws = {k: out(r["x_in"]) for k, r in clean.items()}, []
+    for _ in range(24):
+        for name, record in with_noise().items():
+            change = out(conditioned(record, ["x_in"])["x_in"]) - true[name]
+            draws.append(np.mean(change**2) / SIGMA**2)
+    told = np.mean([carried(model, raw, ["x_in"], seed) for seed in range(24)])
+    assert told == pytest.approx(np.mean(draws), rel=0.35)
+    assert carried(model, raw, ["x_in"], 1) == carried(model, raw, ["x_in"], 1)
+
+
+def test_clean_inputs_carry_nothing():
+    records = recordings()
+    assert carried(fitted(records=records), records, ["x_in"], 0) == pytest.approx(0.0, abs=1e-9)
+    assert carried(fitted(records=records), records, [], 0) == 0.0

@@ -1,0 +1,343 @@
+"""The catalogue: at its null each effect gives the diagram back bit for bit, and everything that is tried shows."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from importlib import import_module
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import tsmblocks as tsm
+from tests.mistakes import diagnosing
+from tests.mistakes.table import TABLE, said
+from tsmblocks.block import leaves
+from tsmblocks.blocks import AsymmetricBoucWen, Bias, Gain
+from tsmblocks.diagnosis.places import sites
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, span_of
+from tsmblocks.effects.effect import PLACES
+from tsmblocks.errors import ParameterError, TsmError
+from tsmblocks.simulate import equations
+
+CONTRACT = {
+    "friction": {"coulomb_friction", "asymmetric_friction", "stribeck_friction", "presliding_friction",
+                 "quadratic_drag"},
+    "loop": {"backlash", "hysteresis", "asymmetric_hysteresis", "nonlocal_memory", "position_dependent_friction"},
+    "delay": {"dead_time", "first_order_lag", "resonance", "rate_dependence"},
+    "map": {"dead_zone", "saturation", "even_nonlinearity", "odd_nonlinearity", "position_ripple"},
+    "time": {"drift", "jump", "parameter_change", "creep", "periodic_disturbance"},
+    "limit": {"rate_limit"},
+    "load": {"load_offset"},
+}  # fmt: skip
+SHEATHS = (
+    "tendon_sheath_linear", "tendon_sheath_symmetric", "tendon_sheath_asymmetric", "tendon_sheath_generalized",
+    "tendon_sheath_play", "tendon_sheath_backlash", "tendon_sheath_elastic_backlash",
+    "tendon_sheath_prandtl_ishlinskii",
+)  # fmt: skip
+LOOPS = ("fig09a_without_feedforward", "fig09b_elementary", "fig16_feedforward_feedback", "sampled_position_loop")
+BACKENDS = ("llvm", "casadi")
+STEP = 0.01
+T = np.arange(0.0, 6.0, STEP)
+TURNS = 0.5 * np.sin(1.3 * T) + 0.3 * np.sin(3.7 * T + 0.4) + 0.1 * np.sin(11 * T)
+RICH = np.where(T < 1, 0.1 * T, np.where(T > 5, TURNS[500], TURNS))
+"""Slow, fast and at rest."""
+REFUSED = {"fig16_feedforward_feedback": {("rate_dependence", "x_out"), ("rate_dependence", "x_in")}}
+"""Around a closed loop without a lag, the rate of a signal would need itself."""
+
+
+def run(diagram, backend="llvm", parameters=None):
+    more = dict(backend=backend, parameters=parameters or {})
+    if not diagram.inputs:
+        return tsm.simulate(diagram, stop=0.6, step=1e-3, **more)
+    (name,) = diagram.inputs
+    step = STEP if name == "x_in" else STEP / 5  # of a motor, dry friction makes fast poles
+    return tsm.simulate(diagram, inputs={name: (T, RICH)}, stop=T[-1], step=step, hold="cubic", **more)
+
+
+@cache
+def base(name, backend="llvm"):
+    return run(tsm.load(name), backend)
+
+
+def scales(diagram, site, done):
+    step = done.t[1] - done.t[0]
+
+    def span(signal):
+        return span_of([RICH], [STEP]) if signal in diagram.inputs else span_of([done[signal]], [step])
+
+    wire = span(site.signal)
+    return Scales(wire, span(site.other) if site.other else wire, 0.0, done.t[-1], step, done.t[-1], (0.7, 3.1))
+
+
+def edits(name):
+    """Every effect on every wire of a shipped diagram: the effect, its site, what is tried, and the diagram at null."""
+    diagram, refused = tsm.load(name), set()
+    outputs = [k for k in diagram.outputs if k != "x_ref"]
+    for site in sites(diagram, outputs):
+        for effect in catalogue():
+            if effect.place != site.place:
+                continue
+            trials = effect.trials(scales(diagram, site, base(name)))
+            if trials is None:
+                continue
+            try:
+                made = site.put(diagram, "effect", effect.block)
+                equations(made)
+            except TsmError:
+                refused.add((effect.name, site.output))
+                continue
+            shape = {k: v for k, v in trials.shapes[0].items() if k not in effect.null}
+            numbers = {f"effect.{k}": v for k, v in {**trials.fixed, **shape}.items()}
+            yield effect, site, trials, made.with_parameters(numbers)
+    assert refused == REFUSED.get(name, set())
+
+
+def sets(trials, shapes=None):
+    """Numbers that are tried."""
+    for shape in trials.shapes if shapes is None else shapes:
+        for strength in [{k: v} for k, v in trials.strengths.items()] or [{}]:
+            yield {**shape, **strength}
+
+
+def numbers(block):
+    if isinstance(block, Diagram):
+        return dict(block.parameters)
+    return {leaf: value for key, given in block.parameters.items() for leaf, value in leaves(given, key)}
+
+
+# ---- names and words
+
+
+def test_names_and_families_are_those_that_programs_rely_on():
+    found = {}
+    for effect in catalogue():
+        found.setdefault(effect.family, set()).add(effect.name)
+    assert found == CONTRACT
+
+
+def test_variants_of_one_name_can_be_told_apart():
+    keys = [(e.name, e.variant, e.place) for e in catalogue()]
+    assert len(set(keys)) == len(keys)
+    words = {}
+    for e in catalogue():
+        words.setdefault(e.words, set()).add(e.name)
+    assert [names for names in words.values() if len(names) > 1] == []
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name}-{e.variant}")
+def test_what_is_said_of_an_effect(effect):
+    assert effect.place in PLACES
+    assert effect.words
+    assert effect.words == effect.words.strip(" .")
+    assert effect.excites
+    assert effect.separates
+    assert effect.confused
+    assert set(effect.confused) <= {e.name for e in catalogue()} - {effect.name}
+    assert len(set(effect.confused)) == len(effect.confused)
+    assert effect.free
+    assert set(effect.settled) <= set(states(effect.block))
+    assert set(effect.within) <= set(effect.free)
+
+
+def states(block):
+    if isinstance(block, Diagram):
+        return [f"{k}.{s}" for k, inner in block.blocks.items() for s in states(inner)]
+    return list(block.states)
+
+
+def test_the_order_is_always_the_same():
+    assert [id(e) for e in catalogue()] == [id(e) for e in catalogue()]
+
+
+# ---- what is tried
+
+SPANS = st.builds(
+    lambda middle, reach, rms, speed, fastest: Span(
+        middle - reach, middle + reach, rms * reach, speed * reach, fastest * speed * reach
+    ),
+    st.floats(-10, 10), st.floats(1e-3, 1e3), st.floats(0.2, 1.5), st.floats(0.1, 100), st.floats(1, 10),
+)  # fmt: skip
+SCALES = st.builds(
+    lambda wire, other, start, length, step, share, lines: Scales(
+        wire, other, start, start + length, step, share * length, tuple(lines)
+    ),
+    SPANS, SPANS, st.floats(0, 100), st.floats(5, 1e4), st.floats(1e-3, 0.02), st.floats(0.3, 1),
+    st.lists(st.floats(0.3, 20), max_size=6),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name}-{e.variant}")
+@settings(max_examples=15, deadline=None)
+@given(scales=SCALES)
+def test_what_is_tried_fits_the_block_and_its_bounds(effect, scales):
+    trials = effect.trials(scales)
+    if trials is None:
+        assert effect.name == "periodic_disturbance"
+        assert not scales.lines
+        return
+    shaped = set().union(*trials.shapes)
+    assert set(trials.strengths) | shaped == set(effect.free)
+    assert set(trials.strengths) <= set(effect.null) | set(effect.free)
+    assert not set(trials.fixed) & set(effect.free)
+    assert set(trials.bounds) <= {*effect.free, *states(effect.block)}
+    assert set(trials.strengths) or set(effect.null) <= shaped, "what is null must be tried"
+    assert all(not shaped or set(shape) == shaped for shape in trials.shapes)
+    for low, high in trials.bounds.values():
+        assert (-math.inf if low is None else low) < (math.inf if high is None else high)
+    for made in sets(trials):
+        told = {**trials.fixed, **made}
+        assert all(math.isfinite(v) for v in told.values())
+        for name, value in made.items():
+            low, high = trials.bounds.get(name, (None, None))
+            inside = np.clip(value, -np.inf if low is None else low, np.inf if high is None else high)
+            assert inside == pytest.approx(value, rel=1e-9), name
+        holder = effect.block if isinstance(effect.block, Diagram) else alone(effect.block)
+        prefix = "" if isinstance(effect.block, Diagram) else "effect."
+        holder.with_parameters({f"{prefix}{k}": v for k, v in told.items()})  # within the block's own bounds
+
+
+def alone(block):
+    return Diagram(blocks={"effect": block}, inputs={k: f"effect.{k}" for k in block.inports
+                                                     if not block.inports[k].rate_of})  # fmt: skip
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name}-{e.variant}")
+def test_nulls_are_the_numbers_of_the_block(effect):
+    known = numbers(effect.block)
+    assert {k: known[k] for k in effect.null} == dict(effect.null)
+    assert effect.null
+
+
+# ---- a null is nothing, and a trial is something
+
+QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulate.StepWarning")
+"""A drive that jumps turns a loop round at once, which is too fast for any step, and harmless."""
+
+
+@QUICK
+@pytest.mark.parametrize("name", [*SHEATHS, "motor_linear", *LOOPS])
+def test_at_its_null_an_effect_gives_the_diagram_back(name):
+    seen = 0
+    for effect, site, _, made in edits(name):
+        for backend in BACKENDS:
+            done = run(made, backend)
+            for output in made.outputs:
+                assert np.array_equal(done[output], base(name, backend)[output]), (effect, site, backend, output)
+        seen += 1
+    assert seen >= 25
+
+
+@QUICK
+@pytest.mark.parametrize("name", [*SHEATHS, "motor_linear", *LOOPS[2:]])
+def test_every_trial_shows_and_stays_finite(name):
+    for effect, site, trials, made in edits(name):
+        some = trials.shapes[:: max(len(trials.shapes) // 6, 1)]
+        for tried in sets(trials, some):
+            done = run(made, parameters={f"effect.{k}": v for k, v in tried.items()})
+            assert all(np.isfinite(done[k]).all() for k in made.outputs), (effect, tried)
+            changed = any(not np.array_equal(done[k], base(name)[k]) for k in made.outputs)
+            assert changed, (effect, site, tried)
+
+
+def test_every_effect_finds_a_place():
+    found = {(e.name, e.variant, e.place) for name in ("tendon_sheath_linear", "motor_linear") for e, *_ in edits(name)}
+    assert found == {(e.name, e.variant, e.place) for e in catalogue()}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", ["backlash", "rate_limit"])
+def test_at_null_the_rate_passes_too(name, backend):
+    """A sheath behind reads the rate of what it is given."""
+    effect = next(e for e in catalogue() if e.name == name)
+    plain = Diagram(blocks={"tsm": AsymmetricBoucWen()}, inputs={"x_in": "tsm.x"}, outputs={"x_out": "tsm"})
+    before = run(plain.insert("effect", effect.block, after="x_in"), backend)
+    assert np.array_equal(before["x_out"], run(plain, backend)["x_out"])
+
+
+# ---- sizes of signals
+
+
+@given(
+    st.lists(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=20), min_size=1, max_size=4), st.floats(1e-3, 1),
+)  # fmt: skip
+def test_the_span_of_signals(signals, step):
+    span = span_of([np.array(y) for y in signals], [step] * len(signals))
+    every = np.concatenate(signals)
+    assert (span.low, span.high) == (every.min(), every.max())
+    assert span.rms == pytest.approx(math.sqrt(sum(v * v for v in every) / len(every)))
+    rates = [abs(b - a) / step for y in signals for a, b in pairwise(y)]
+    assert span.fastest == pytest.approx(max(rates))
+    assert span.speed == pytest.approx(math.sqrt(sum(v * v for v in rates) / len(rates)))
+    assert span.middle == pytest.approx((span.low + span.high) / 2)
+    assert span.reach == pytest.approx((span.high - span.low) / 2)
+
+
+def test_no_rate_is_formed_from_one_experiment_to_the_next():
+    assert span_of([np.zeros(5), np.full(5, 9.0)], [0.1, 0.1]).fastest == 0
+
+
+def test_bounds_are_added():
+    trials = Trials({"a": 1.0}, bounds={"a": (0.0, 1.0)})
+    more = trials.with_bounds({"b": (None, 2.0), "a": (0.0, 3.0)})
+    assert more.bounds == {"a": (0.0, 3.0), "b": (None, 2.0)}
+    assert trials.bounds == {"a": (0.0, 1.0)}
+
+
+# ---- users' own
+
+
+def own(**changes):
+    given = dict(
+        name="louder", family="map", words="a gain that is off", place="output", block=Gain(), null={"gain": 1.0},
+        free=("gain",), trials=lambda scales: Trials({}, ({"gain": 1.1},)),
+    )  # fmt: skip
+    return Effect(**{**given, **changes})
+
+
+def test_a_registered_effect_takes_part_until_it_is_taken_out():
+    before = catalogue()
+    mine = own()
+    with registered(mine, own(variant="twin")):
+        assert catalogue()[: len(before)] == before
+        assert catalogue()[len(before)] is mine
+        assert len(catalogue()) == len(before) + 2
+    assert catalogue() == before
+
+
+def test_an_error_within_takes_it_out_as_well():
+    before = catalogue()
+    with pytest.raises(ZeroDivisionError), registered(own()):
+        raise ZeroDivisionError
+    assert catalogue() == before
+
+
+def test_of_several_of_which_one_is_refused_none_stays():
+    before = catalogue()
+    with pytest.raises(ParameterError), registered(own(), own()):
+        pass
+    assert catalogue() == before
+
+
+def test_register_gives_the_effect_back(monkeypatch):
+    monkeypatch.setattr(import_module("tsmblocks.effects.catalogue"), "_OWN", [])
+    mine = own()
+    assert register(mine) is mine
+    assert catalogue()[-1] is mine
+
+
+def test_an_effect_may_be_a_diagram():
+    inner = Diagram(blocks={"k": Bias(bias=0.0)}, inputs={"u": "k"}, outputs={"y": "k"})
+    effect = own(block=inner, null={"k.bias": 0.0}, free=("k.bias",))
+    assert effect.block is inner
+
+
+@pytest.mark.parametrize("row", [r for r in TABLE if r.make.__module__ == diagnosing.__name__], ids=str)
+def test_what_is_refused(row):
+    with pytest.raises(row.error) as caught:
+        row.make()
+    assert said(caught.value) == row.text

@@ -1,0 +1,118 @@
+"""Measured machines diagnosed: what the literature says is missing is named first, and unseen data are foretold."""
+
+import contextlib
+import io
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "examples"
+
+
+def said_by(name):
+    """What an example prints, run by itself."""
+    said, before = io.StringIO(), sys.argv
+    sys.argv = [name]
+    try:
+        with contextlib.redirect_stdout(said):
+            found = runpy.run_path(str(FOLDER / name))
+    finally:
+        sys.argv = before
+    return said.getvalue(), found
+
+
+def numbers(text):
+    return [float(x) for x in re.findall(r"\d+\.\d+", text)]
+
+
+@pytest.fixture(scope="module")
+def sheath(measured):
+    return said_by("11_tendon_sheath_diagnosed.py")[0]
+
+
+@pytest.fixture(scope="module")
+def axis(measured):
+    return said_by("12_emps_diagnosed.py")
+
+
+@pytest.fixture(scope="module")
+def tanks(measured):
+    return said_by("13_tanks.py")
+
+
+@pytest.fixture(scope="module")
+def oscillator(measured):
+    return said_by("14_silverbox.py")
+
+
+def rows(sheath, model):
+    """Bend, rms fitted before and after, held out before and after, and the names, of one model."""
+    part = next(p for p in sheath.split("\n\n") if p.strip().startswith(model))
+    return [
+        (int(bend), numbers(figures), names.split(", "), also)
+        for bend, figures, names, also in re.findall(
+            r"^ *(\d+) deg +([\d. >-]+[\d])  +([a-z].*)\n +instead of the first, also possible: (.*)$", part, re.M
+        )
+    ]
+
+
+def test_a_gap_is_named_first_on_every_bend_and_foretells_the_second_cycle(sheath):
+    found = rows(sheath, "tendon_sheath_linear")
+    assert [bend for bend, _, _, _ in found] == [0, 60, 120, 180, 240]
+    known = [1.12, 1.36, 1.25, 0.95, 0.75]  # play fitted by earlier work, on the first of the rows that repeat a time
+    for (_, (before, after, held_before, held_after), names, _), best in zip(found, known, strict=True):
+        assert names[0] == "backlash"
+        assert after <= best
+        assert held_after < 1.4 < 6.0 < before < held_before
+    later = [numbers(line) for line in re.findall(r"second cycle foretold.*", sheath)]
+    assert all(after < 1.25 and before > 7.0 for before, after in later)
+    assert len(later) == 5
+
+
+def test_the_model_of_the_paper_lacks_what_looks_like_a_gap(sheath):
+    found = rows(sheath, "tendon_sheath_asymmetric")
+    assert [bend for bend, _, _, _ in found] == [0, 120]
+    for _, (before, after, held_before, held_after), names, also in found:
+        assert "backlash" in (names[0], *also.split(", "))
+        assert after < before / 2
+        assert held_after < held_before / 2
+
+
+def test_the_axis_rubs_as_published(axis):
+    said, found = axis
+    assert [e.name for e in found["found"].effects][:2] == ["coulomb_friction", "asymmetric_friction"]
+    base, augmented = (numbers(line) for line in re.findall(r"^(?:base|augmented) .*$", said, re.M))
+    assert base == pytest.approx([17.12, 17.14, 16.48], abs=0.05)
+    strokes, second, pulses = augmented
+    assert strokes < 3.5  # published for asymmetric friction, fitted to both strokes: 3.11
+    assert second < 3.6
+    assert pulses < 4.6  # published for symmetric friction: 5.98
+
+
+def test_friction_of_the_axis_is_the_published_one(axis):
+    """In the diagram it stands as an acceleration; times the mass it is the force."""
+    diagram = axis[1]["found"].augmented
+    level = diagram.parameters["coulomb_friction.friction.level"] * diagram.parameters["mass.value"]
+    assert level == pytest.approx(20.4, abs=0.6)
+
+
+def test_the_tanks_run_over_first(tanks):
+    said, found = tanks
+    effects = found["found"].effects
+    assert [(e.name, e.family) for e in effects[:2]] == [("overflow", "vessel")] * 2
+    assert "inflow" in found["found"].augmented.blocks  # what is spilt above is caught below
+    before, after = numbers("".join(re.findall(r"validation, \w+: [\d.]+\n", said)))
+    assert before == pytest.approx(0.589, abs=0.002)
+    assert after < 0.27  # published: linear 0.75, black boxes 0.33 to 0.45
+
+
+def test_a_cubic_spring_is_named_first_and_foretells_the_arrow(oscillator):
+    said, found = oscillator
+    first = found["found"].effects[0]
+    assert (first.name, first.words) == ("odd_nonlinearity", "a cubic spring")
+    before, after = numbers(re.search(r"arrow(.*)\(", said)[1])
+    assert before == pytest.approx(14.18, abs=0.05)
+    assert after < 0.45  # published: 2.4 to 2.8 mV

@@ -1,0 +1,551 @@
+"""The report of a diagnosis: its text to the letter, its page, its charts, its figures, the files that are written."""
+# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
+
+import json
+import re
+from html.parser import HTMLParser
+
+import attrs
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tsmblocks as tsm
+from tests.diagnoses import BACKLASH, DEG, NAMED, NOISE, NONE, NOTES, UNKNOWN, diagnosis, ranked, trace
+from tsmblocks.blocks import Gain, Play
+from tsmblocks.diagnosis import showing, telling
+from tsmblocks.diagnosis.difference import difference, in_code
+from tsmblocks.diagnosis.result import Quantity
+from tsmblocks.errors import TsmError
+from tsmblocks.report import charts, page, written
+from tsmblocks.report.style import CSS
+
+TOLD = """\
+Tendon sheath: a gain and an offset: 2 experiments
+
+NAMED. Between x_in and x_out the model misses a backlash gap (backlash on
+offset.y -> x_out, half_width 0.500 ± 0.020 deg). With it, the error of x_out on
+data held out falls from 0.520 to 0.104 deg rms (noise 0.100), which is 98 % of
+what can be explained. Also possible: hysteresis.
+
+rms of x_out held out [deg]  before  + backlash  fit before  fit after
+all                           0.520       0.104       0.500      0.100
+full                          0.530       0.105       0.505     0.0914
+half                          0.510       0.103       0.510      0.101
+noise floor                   0.100  (given)
+
+where they disagree:
+- 90 % of the excess: the error has one sign forwards and the other backwards.
+
+candidates, round 1 (* named, ~ cannot be told from it):
+   candidate   on                 removes  new exp.  t (2)
+*  backlash    offset.y -> x_out     98 %      98 %    9.5
+~  hysteresis  offset.y -> x_out     98 %      98 %    9.5
+   dead_time   offset.y -> x_out    < 0 %      10 %    9.5
+Other candidates, which promised or removed less: 1.
+
+candidates, round 2 (* named, ~ cannot be told from it):
+  candidate  on                 removes  new exp.  t (2)
+  dead_time  offset.y -> x_out     20 %      20 %    9.5
+
+backlash (backlash):
+  half_width  0.500 ± 0.020 deg
+
+what was added to the diagram:
++ backlash = Play(half_width=0.00872665)
+- offset => x_out
++ offset -> backlash.u
++ backlash => x_out
+~ gain.gain  0.92 -> 0.91
+~ offset.bias  0 -> 0.01 deg
+
+in a script:
+  diagram = diagram.insert('backlash', Play(half_width=0.00872665), after='offset.y')
+
+what may be confused:
+- backlash cannot be told from hysteresis with these data. To separate them: two
+  amplitudes, minor loops, or an odd multisine.
+
+the smallest sizes that would have been seen:
+  backlash  half_width 0.02 deg
+  drift     rate 1e-05
+
+not excited by these experiments, or without a place in the diagram, so not
+looked for: coulomb_friction.
+
+tracking full [deg]             peak to peak    rms
+without compensation                    20.0   7.00
+compensated with the base               2.00  0.600
+compensated with the new model          1.00  0.300
+
+notes:
+- all experiments: x_in was filtered with zero phase, cut-off 9.5 to 12 Hz
+  (chosen from its spectrum).
+- half: x_in was held still where it rests (3 % of the samples).
+- the plant was started anew.
+- Seed 3; done."""
+
+
+# ---- in words
+
+
+def test_a_diagnosis_is_told_in_this_order():
+    assert str(diagnosis()) == TOLD
+
+
+def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
+    assert telling.verdict(UNKNOWN) == (
+        "Between x_in and x_out the model misses something that no block of the catalogue explains: the best removes "
+        "24 % of the error. Where it is: the error has one sign forwards and the other backwards. The error of x_out on "
+        "data held out is 0.520 deg rms, its noise 0.100."
+    )
+
+
+def test_the_verdict_none_says_how_close_the_noise_is():
+    assert telling.verdict(NONE) == (
+        "Between x_in and x_out nothing is missing that these data could show. The error of x_out on data held out is "
+        "0.103 deg rms, its noise 0.100. There is a weak excess, below what these data can name."
+    )
+    assert telling.verdict(attrs.evolve(NONE, excess=0.01)).endswith("its noise 0.100.")
+
+
+def test_nothing_is_said_of_where_when_no_coordinate_foretells_the_error():
+    assert "Where it is: it follows none of the coordinates looked at." in telling.verdict(
+        attrs.evolve(UNKNOWN, where=())
+    )
+
+
+def test_several_segments_are_told_apart_with_those_that_miss_something_first():
+    motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
+    text = str(diagnosis(motor, NAMED))
+    assert text.index("NAMED. ") < text.index("NONE. Between r and u, x_in nothing is missing")
+    assert text.index("== r -> u, x_in ==") < text.index("== x_in -> x_out ==")
+    assert "the smallest sizes that would have been seen in r -> u, x_in:" in text
+
+
+def test_two_effects_of_one_name_are_told_by_their_blocks():
+    second = attrs.evolve(BACKLASH, block="backlash_2", wire="backlash.y -> x_out", also_possible=())
+    found = telling.verdict(attrs.evolve(NAMED, effects=(BACKLASH, second)))
+    assert found.startswith(
+        "Between x_in and x_out the model misses a backlash gap (backlash on offset.y -> x_out, half_width 0.500 ± 0.020 "
+        "deg) and a backlash gap (backlash as block backlash_2 on backlash.y -> x_out, half_width 0.500 ± 0.020 deg). "
+        "With them, the error"
+    )
+
+
+def test_the_output_furthest_above_its_noise_is_the_one_told():
+    (gap,) = NAMED.gaps
+    other = attrs.evolve(gap, output="u", unit="V", noise_floor=0.01, held_out=(2.0, 0.02), train=(2.0, 0.02))
+    assert "the error of u on data held out falls from 2.00 to 0.0200 V rms (noise 0.0100)" in telling.verdict(
+        attrs.evolve(NAMED, gaps=(gap, other))
+    )
+
+
+def test_an_interrupted_search_says_so():
+    assert str(diagnosis(status="interrupted")).endswith("- Seed 3; interrupted; this is what was found until then.")
+
+
+def test_lines_fit_a_terminal_but_for_code():
+    lines = str(diagnosis()).split("\n")
+    assert [line for line in lines if len(line) > 80 and "Play(" not in line] == []
+
+
+@pytest.mark.parametrize(
+    ("share", "shown"),
+    [(0.976, "98 %"), (0.0, "0 %"), (-0.004, "0 %"), (-5.0, "< 0 %"), (1e9, ""), (float("nan"), "")],
+)
+def test_shares_in_percent(share, shown):
+    assert telling.percent(share) == shown
+
+
+def test_one_experiment_says_nothing_of_new_ones():
+    assert np.isnan(telling.across(ranked("drift", 0.5), 1))
+    assert telling.across(ranked("drift", 0.5, across=4.0), 2) == pytest.approx(0.2)
+
+
+def test_notes_of_several_experiments_are_gathered():
+    assert telling.gathered(NOTES, ("full", "half"))[0] == (
+        "all experiments: x_in was filtered with zero phase, cut-off 9.5 to 12 Hz (chosen from its spectrum)."
+    )
+    same = ["a: kept 3 of 5.", "b: kept 3 of 5.", "other: kept 3 of 5."]
+    assert telling.gathered(same, ("a", "b", "c")) == ["a and b: kept 3 of 5.", "other: kept 3 of 5."]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "shown"),
+    [
+        (Quantity(0.00872665, 0.0085, 0.00895, "rad"), "0.500 ± 0.013 deg"),
+        (Quantity(1234.0, 1200.0, 1268.0, "V"), "1234 ± 34 V"),
+        (Quantity(123400.0, 120000.0, 126800.0, "V"), "1.23e+05 ± 3.4e+03 V"),
+        (Quantity(2.0, -np.inf, np.inf, ""), "2"),
+        (Quantity(2.0, 2.0, 2.0, "s"), "2 s"),
+        (Quantity(0.17453292519943295, 0.1, 0.25, "rad/s"), "10.0 ± 4.3 deg/s"),
+    ],
+)
+def test_numbers_with_intervals(quantity, shown):
+    assert showing.with_interval(quantity) == shown
+
+
+# ---- what is shown
+
+
+def test_pieces_of_an_experiment_are_put_together():
+    pieces = (trace("full#1", 0.8), trace("full#2", 0.8, piece=8.0), trace("half", 0.4))
+    whole, other = showing.histories(attrs.evolve(NAMED, traces=pieces), "x_out")
+    assert (whole.experiment, other.experiment) == ("full", "half")
+    assert np.array_equal(whole.t, np.concatenate([pieces[0].t, pieces[1].t]))
+    assert len(whole.excess) == len(pieces[0].excess) + len(pieces[1].excess)
+    assert showing.histories(NAMED, "u") == ()
+
+
+def test_strips_scale_the_excess_by_what_is_left():
+    one = trace("full", 0.8)
+    rows = showing.strips(one)
+    inside = (one.t >= rows[3, 0]) & (one.t <= rows[3, 1])
+    left = np.mean((one.after - one.measured)[inside] ** 2)
+    assert rows[3, 3] == pytest.approx(left / NOISE**2, rel=1e-12)
+    assert rows[:, 2].min() > 10
+    assert 0.4 < rows[:, 3].min() < rows[:, 3].max() < 2
+
+
+def test_a_profile_shows_the_error_that_is_there():
+    found = showing.profile(NAMED, "x_out", "direction", tsm.load("tendon_sheath_linear"))
+    assert found is not None
+    assert found.x.tolist() == [-1.0, 1.0]
+    assert found.before == pytest.approx([-0.5 * DEG, 0.5 * DEG], abs=0.05 * DEG)
+    assert found.explained == pytest.approx([-0.5 * DEG, 0.5 * DEG], abs=0.03 * DEG)
+    assert np.abs(found.after).max() < 4 * found.error_after.max()
+    assert found.unit == ""
+    assert found.error_unit == "rad"
+
+
+def test_standard_errors_of_a_profile_are_those_of_white_noise():
+    parts = tuple(trace(f"e{k}", 0.8, seed=k) for k in range(40))
+    found = showing.profile(attrs.evolve(NAMED, traces=parts), "x_out", "direction", tsm.load("tendon_sheath_linear"))
+    assert found is not None
+    assert found.error_after == pytest.approx(NOISE / np.sqrt(8000), rel=0.3)
+
+
+def test_the_unit_of_a_coordinate_follows_from_the_motion():
+    base = tsm.load("tendon_sheath_linear")
+    units = {k: showing.profile(NAMED, "x_out", k, base).unit for k in ("position", "speed", "session time")}
+    assert units == {"position": "rad", "speed": "rad/s", "session time": "s"}
+
+
+def test_too_few_blocks_say_nothing_of_how_sure_a_mean_is():
+    short = attrs.evolve(trace("full", 0.8), excess=np.array([[0.0, 8.0, 20.0]]))
+    base = tsm.load("tendon_sheath_linear")
+    found = showing.profile(attrs.evolve(NAMED, traces=(short,)), "x_out", "direction", base)
+    assert found is not None
+    assert np.isnan(found.error_before).all()
+    assert found.before == pytest.approx([-0.5 * DEG, 0.5 * DEG], abs=0.05 * DEG)
+
+
+def test_a_coordinate_that_does_not_vary_makes_no_profile():
+    assert (
+        showing.profile(attrs.evolve(NAMED, traces=NAMED.traces[:1]), "x_out", "experiment", diagnosis().base) is None
+    )
+
+
+# ---- the difference of two diagrams
+
+
+def test_a_diagram_does_not_differ_from_itself():
+    sheath = tsm.load("tendon_sheath_symmetric")
+    assert difference(sheath, sheath).lines == []
+
+
+def test_what_was_added_is_what_goes_when_it_is_taken_back():
+    before = tsm.load("tendon_sheath_symmetric")
+    after = before.insert("gap", Play(half_width=0.1), before="tsm.x").with_parameters({"tsm.n": 2.0})
+    there, back = difference(before, after), difference(after, before)
+    assert there.lines == [
+        ("+", "gap = Play(half_width=0.1)"),
+        ("-", "x_in -> tsm.x"),
+        ("+", "x_in -> gap.u"),
+        ("+", "gap -> tsm.x"),
+        ("~", "tsm.n  1.02 -> 2"),
+    ]
+    assert (back.added, back.removed) == (there.removed, there.added)
+    assert (back.wires_added, back.wires_removed) == (there.wires_removed, there.wires_added)
+    assert [(c.before, c.after) for c in back.numbers] == [(c.after, c.before) for c in there.numbers]
+
+
+def test_blocks_in_code_make_the_same_blocks():
+    from tsmblocks import blocks
+
+    for block in (Play(half_width=0.25), Gain(), blocks.LookupTable(points=(0.0, 1.0), values=(2.0, 3.0))):
+        assert eval(in_code(block), vars(blocks).copy()) == block
+
+
+# ---- the page
+
+
+class Page(HTMLParser):
+    """Tags that are open, and what a browser would fetch."""
+
+    VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.fetched, self.seen, self.heads, self._take = [], [], set(), [], False
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        self.seen.add(tag)
+        self.fetched += [v for k, v in attributes if k in ("src", "href", "xlink:href", "data", "action")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self._take = tag == "h2"
+
+    def handle_startendtag(self, tag, attributes):
+        self.seen.add(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open[-1:] == [tag], f"{tag} closes {self.open[-3:]}"
+        self.open.pop()
+
+    def handle_data(self, text):
+        if self._take:
+            self.heads.append(text)
+        self._take = False
+
+
+EVERY = {
+    "named": diagnosis(),
+    "unknown": diagnosis(UNKNOWN),
+    "none": diagnosis(NONE),
+    "two": diagnosis(attrs.evolve(NONE, name="r -> u"), NAMED),
+    "interrupted": diagnosis(NONE, status="interrupted", notes=()),
+}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_page_is_whole_and_fetches_nothing(name):
+    text = page(EVERY[name])
+    found = Page(text)
+    assert found.open == []
+    assert found.fetched == []
+    assert not found.seen & {"script", "link", "iframe", "img", "object"}
+    assert "url(" not in text
+    assert "@import" not in text
+    assert set(re.findall(r"https?://[^\"' )<]+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+def test_a_page_has_its_parts_in_this_order():
+    assert Page(page(diagnosis())).heads == [
+        "How the gap shrinks",
+        "Where model and data disagree",
+        "What was tried",
+        "The diagram, before and after",
+        "What may be confused",
+        "What could have been seen",
+        "What it means for control",
+        "Notes",
+    ]
+    assert Page(page(EVERY["none"])).heads == [
+        "How the gap shrinks",
+        "Where model and data disagree",
+        "What was tried",
+        "The diagram",
+        "What could have been seen",
+        "Notes",
+    ]
+
+
+def test_the_page_begins_with_the_verdict():
+    text = page(diagnosis())
+    body = text[text.index("<body>") :]
+    assert body.index("half_width") < body.index("<svg") < body.index("What was tried")
+    assert '<div class="verdict named"><p><b class="word">Found.</b> Between x_in and x_out' in body
+
+
+def test_nothing_is_drawn_of_a_model_that_there_is_not():
+    same = tuple(attrs.evolve(one, after=one.before) for one in NAMED.traces)
+    text = page(diagnosis(attrs.evolve(NONE, traces=same)))
+    assert 'class="line before"' in text
+    assert 'class="line after' not in text
+    assert 'class="fill after"' not in text
+    assert "with what was named" not in text
+
+
+def test_what_was_added_is_highlighted_in_the_second_diagram():
+    text = page(diagnosis())
+    marked = tsm.to_svg(diagnosis().augmented, highlight=["backlash"])
+    plain = tsm.to_svg(diagnosis().base)
+    assert text.index(plain) < text.index(marked)
+
+
+def test_effects_that_are_not_excited_are_grey():
+    (row,) = re.findall(r'<tr class="blind">(.*?)</tr>', page(diagnosis()))
+    assert "coulomb_friction" in row
+    assert "reversals of the motion" in row
+
+
+def test_names_cannot_change_the_page():
+    bad = '<b>&"x'
+    gap = attrs.evolve(NAMED.gaps[0], experiments={bad: (0.01, 0.002)})
+    odd = attrs.evolve(NAMED, gaps=(gap,), traces=(trace(bad, 0.8),))
+    text = page(diagnosis(odd, experiments=(bad,), notes=(f"{bad}: odd.",), diagram=bad))
+    assert Page(text).open == []
+    assert "<b>&" not in text
+    assert "&lt;b&gt;&amp;" in text
+
+
+def test_a_page_of_eight_long_experiments_stays_small():
+    names = [f"e{k}" for k in range(8)]
+    gap = attrs.evolve(NAMED.gaps[0], experiments=dict.fromkeys(names, (0.01, 0.002)))
+    traces = tuple(trace(name, 0.8, n=2500, seed=k) for k, name in enumerate(names))
+    text = page(diagnosis(attrs.evolve(NAMED, gaps=(gap,), traces=traces), experiments=tuple(names)))
+    assert len(text.encode()) < 1_500_000
+
+
+def luminance(colour):
+    """Relative luminance of a colour of sRGB, as the accessibility guidelines define it."""
+    digits = colour.lstrip("#")
+    digits = "".join(2 * c for c in digits) if len(digits) == 3 else digits[:6]
+    parts = [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
+@pytest.mark.parametrize(
+    ("name", "least"), [("ink", 7), ("soft", 4.5), ("floor", 4.5), ("add", 4.5), ("gone", 4.5), ("before", 4.5),
+                    ("after", 4.5), ("between", 2.5), ("measured", 7)],
+)  # fmt: skip
+@pytest.mark.parametrize("paper", ["paper", "panel"])
+def test_colours_stand_out_from_the_paper(scheme, name, least, paper):
+    colours = dict(re.findall(r"--(\w+):(#\w+)", re.findall(r":root\{(.*?)\}", CSS, re.DOTALL)[scheme]))
+    light, dark = sorted([luminance(colours[name]), luminance(colours[paper])], reverse=True)
+    assert (light + 0.05) / (dark + 0.05) >= least
+
+
+# ---- charts
+
+
+signals = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=300).map(np.array)
+
+
+@given(signals, st.integers(2, 60))
+def test_thinned_signals_keep_their_extremes(y, count):
+    t = np.arange(len(y)) * 0.1
+    kept_t, kept = charts.thinned(t, y, count)
+    assert len(kept) <= max(count, 2)
+    assert np.all(np.diff(kept_t) > 0)
+    assert (kept.min(), kept.max()) == (y.min(), y.max())
+    assert np.array_equal(kept, y[np.searchsorted(t, kept_t)])
+
+
+@given(st.floats(-100, 100), st.floats(1e-3, 1e5), st.integers(3, 8))
+def test_ticks_are_even_few_and_inside(low, size, most):
+    high = low + size
+    found = charts.ticks(low, high, most)
+    assert len(found) <= most + 1
+    assert all(low - 1e-6 * size <= v <= high + 1e-6 * size for v in found)
+    if len(found) > 2:
+        steps = np.diff(found)
+        assert np.allclose(steps, steps[0], rtol=1e-6)
+        assert round(steps[0] / 10 ** np.floor(np.log10(steps[0] * 1.0001)), 6) in (1, 2, 5, 10)
+
+
+@given(signals)
+def test_a_range_holds_its_signals_with_room(y):
+    low, high = charts.spread(y)
+    assert low < y.min() <= y.max() < high or (y.min() == y.max() and low < high)
+    assert charts.spread(y, zero=True)[0] <= 0 <= charts.spread(y, zero=True)[1]
+
+
+def test_a_line_breaks_where_a_number_is_missing():
+    frame = charts.Frame(0, 0, 100, 100, (0.0, 4.0), (0.0, 1.0))
+    drawn = charts.line(frame, np.arange(5.0), np.array([0.0, 0.5, np.nan, 0.5, 1.0]), "before")
+    assert drawn == '<path class="line before" d="M0 100 25 50M75 50 100 0"/>'
+
+
+def test_bars_are_as_long_as_their_numbers():
+    text = page(diagnosis())
+    bars = re.findall(r'<rect class="fill (before|after)" x="([\d.]+)" y="[\d.]+" width="([\d.]+)" height="7.5"', text)
+    lengths = np.array([float(width) for _, _, width in bars])
+    values = [0.52, 0.104, 0.53, 0.105, 0.51, 0.103]
+    assert [kind for kind, _, _ in bars] == ["before", "after"] * 3
+    assert lengths / lengths[0] == pytest.approx(np.array(values) / values[0], abs=0.002)
+
+
+# ---- files
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_three_files_are_written_and_can_be_read_again(name, tmp_path):
+    found = EVERY[name]
+    assert written(found, tmp_path / "a" / "b") == tmp_path / "a" / "b"
+    folder = tmp_path / "a" / "b"
+    assert sorted(p.name for p in folder.iterdir()) == ["augmented.toml", "diagnosis.json", "report.html"]
+    assert json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")) == found.to_dict()
+    assert tsm.load(folder / "augmented.toml") == found.augmented
+    assert (folder / "report.html").read_text(encoding="utf-8") == page(found)
+
+
+def test_the_same_diagnosis_gives_the_same_bytes(tmp_path):
+    for name in ("one", "two"):
+        diagnosis().save(tmp_path / name)
+    for name in ("augmented.toml", "diagnosis.json", "report.html"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_a_file_is_no_folder(tmp_path):
+    (tmp_path / "found").write_text("mine")
+    with pytest.raises(TsmError) as told:
+        written(diagnosis(), tmp_path / "found")
+    assert str(told.value) == (
+        f"'{tmp_path / 'found'}' is a file; name a folder for diagnosis.json, augmented.toml and report.html."
+    )
+    assert (tmp_path / "found").read_text() == "mine"
+
+
+# ---- figures
+
+
+@pytest.fixture
+def plots():
+    pytest.importorskip("matplotlib")
+    from tsmblocks import plots
+
+    return plots
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_diagnosis_is_one_figure_with_a_row_for_each_segment(name, plots, tmp_path):
+    figure = plots.plot_diagnosis(EVERY[name])
+    assert len(figure.axes) == 4 * len(EVERY[name].segments)
+    figure.savefig(tmp_path / "found.svg")
+    assert (tmp_path / "found.svg").stat().st_size > 1000
+
+
+def test_bars_of_the_gap_are_drawn_in_degrees_on_axes_of_ones_own(plots):
+    from matplotlib.figure import Figure
+
+    own = Figure().subplots()
+    assert plots.plot_gap(diagnosis(), own) is own.figure
+    widths = [bar.get_width() for bar in own.containers[0]]
+    assert widths == pytest.approx([0.52, 0.53, 0.51])
+    (noise,) = (line.get_xdata()[0] for line in own.lines)
+    assert noise == pytest.approx(0.1)
+    assert own.get_xlabel() == "rms of x_out held out [deg]"
+
+
+def test_what_is_left_can_be_drawn_for_any_experiment(plots):
+    figure = plots.plot_disagreement(diagnosis(), "half")
+    before = next(line for line in figure.axes[0].lines if line.get_label() == "before")
+    one = NAMED.traces[1]
+    assert before.get_ydata() == pytest.approx((one.measured - one.before) / DEG)
+    with pytest.raises(TsmError) as told:
+        plots.plot_disagreement(diagnosis(), "hlaf")
+    assert str(told.value) == "there is no experiment 'hlaf' in this diagnosis. Did you mean 'half'?"
+
+
+def test_the_error_along_a_coordinate_says_when_there_is_none(plots):
+    figure = plots.plot_coordinate(EVERY["none"])
+    assert [text.get_text() for text in figure.axes[0].texts] == ["no coordinate foretells the error"]
+    assert plots.plot_coordinate(diagnosis()).axes[0].get_xlabel() == "direction"

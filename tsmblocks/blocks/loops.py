@@ -1,0 +1,151 @@
+"""Blocks that stand on a wire and add a loop, or change one; at strength zero the signal passes bit for bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.block import Block, Input, Output, State, block, parameter, state
+from tsmblocks.blocks.hysteresis import play
+from tsmblocks.blocks.transmission import after
+from tsmblocks.errors import ParameterError
+
+
+def side_rate(v: Any, z: Any, distance: Any) -> Any:
+    r"""Rate of a state that tends to 1 while travelling forwards and to -1 backwards (Dahl's law).
+
+    .. math:: \dot z = \frac{v - |v| z}{d}
+    """
+    return (v - ca.fabs(v) * z) / distance
+
+
+@block
+class LoopChange(Block):
+    r"""A loop that comes at one instant and stays: friction in the sheath after it is bent anew.
+
+    .. math:: y = u + H(t) (g u + c z), \qquad \dot z = \frac{v - |v| z}{d}, \qquad
+        H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
+
+    with :math:`v = \dot u`. The state z runs from -1 to 1 with the direction of travel, so c is the
+    half width of the loop that comes; with c < 0 the output trails the signal, with c > 0 it leads. With
+    the loop the gain may change, by g.
+    """
+
+    source = "definition; the loop is that of Dahl, AIAA J. 14 (1976) 1675"
+    symbol = "loop(t)"
+
+    change: float = parameter(default=0.0, about="what is added while travelling forwards, after the change", unit="?u")
+    gain: float = parameter(default=0.0, about="change g of the gain")
+    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?u", above=0.0)
+    time: float = parameter(default=1.0, about="instant of the change", unit="s")
+    width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    v = Input("its rate", unit="?u/s", rate_of="u")
+    y = Output("the signal with the loop on it", unit="?u")
+    z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(z=side_rate(u.v, x.z, self.distance))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + after(t, self.time, self.width) * (self.gain * u.u + self.change * x.z))
+
+
+@block
+class LoopAsymmetry(Block):
+    r"""What makes the two branches of a loop differ: unequal slopes, and a state that prefers one side.
+
+    .. math::
+
+        y &= u + \frac{\Delta\alpha}{2} \tanh\!\left(\frac{v}{v_0}\right) x + z \\
+        \dot z &= |v| (\delta - \vartheta z), \qquad v = \dot x
+
+    Added to a symmetric transmission of x these are the unequal slopes and the :math:`\delta` of the
+    paper's model.
+    """
+
+    source = "Paper, Eqs (8) and (9), the asymmetric terms alone"
+    symbol = "± slopes"
+
+    slope_difference: float = parameter(default=0.0, about="slope while x grows less that while it falls")
+    delta: float = parameter(default=0.0, about="asymmetry of the loop, in output per travel")
+    theta: float = parameter(default=5.0, about="decay of the state, per unit of travel", above=0.0)
+    speed: float = parameter(default=1.0, about="rate over which the slope changes", unit="?x/s", above=0.0)
+
+    u = Input("output of the symmetric transmission", unit="?u")
+    x = Input("the displacement that drives it", unit="?x")
+    v = Input("rate of the displacement", unit="?x/s", rate_of="x")
+    y = Output("output with unequal branches", unit="?u")
+    z: float = state(default=0.0, about="part of the output that delta makes", unit="?u")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(z=ca.fabs(u.v) * (self.delta - self.theta * x.z))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.slope_difference * (ca.tanh(u.v / self.speed) * u.x / 2) + x.z)
+
+
+@block
+class PositionDependentLoop(Block):
+    r"""A loop that widens to one side: friction that depends on how far the tool is bent.
+
+    .. math:: y = u + g\, x z, \qquad \dot z = \frac{v - |v| z}{d}, \qquad v = \dot x
+    """
+
+    source = "definition; the loop is that of Dahl, AIAA J. 14 (1976) 1675"
+    symbol = "+ g x z"
+
+    gain: float = parameter(default=0.0, about="half width that the loop gains per unit of x")
+    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?x", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    x = Input("the displacement that the width depends on", unit="?x")
+    v = Input("rate of the displacement", unit="?x/s", rate_of="x")
+    y = Output("the signal with the loop on it", unit="?u")
+    z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(z=side_rate(u.v, x.z, self.distance))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.gain * (u.x * x.z))
+
+
+@block
+class NonlocalMemory(Block):
+    r"""Several plays beside the signal, so that inner loops remember where they began.
+
+    .. math:: y = u + \sum_i w_i \left(P_i[u] - u\right), \qquad P_i = \max(u - r_i, \min(u + r_i, m_i))
+
+    The memory :math:`m_i` is the play's value a step ago.
+    """
+
+    source = "Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989)"
+    symbol = "+ Σ play"
+
+    weights: tuple[float, ...] = parameter(default=(0.0, 0.0, 0.0), about="share of the signal behind each play")
+    radii: tuple[float, ...] = parameter(
+        default=(0.05, 0.15, 0.4), about="half of the slack of each play", unit="?u", at_least=0.0
+    )
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal, shares of it behind plays", unit="?u")
+
+    def check(self) -> None:
+        if len(self.weights) != len(self.radii):
+            raise ParameterError(
+                f"NonlocalMemory needs as many weights as radii, got {len(self.weights)} and {len(self.radii)}."
+            )
+
+    @property
+    def states(self) -> dict[str, State]:
+        return {f"m{k}": State(0.0, f"play {k}, a step ago", "?u") for k in range(1, len(self.radii) + 1)}
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return {name: play(u.u, r, m) for name, r, m in zip(x._fields, self.radii, x, strict=True)}
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        behind = [w * (play(u.u, r, m) - u.u) for w, r, m in zip(self.weights, self.radii, x, strict=True)]
+        return dict(y=u.u + sum(behind))

@@ -1,0 +1,289 @@
+"""Blocks that stand on a wire and add one effect to the signal, which passes bit for bit at strength zero.
+
+Every output is the input plus the strength times something finite, and every strength is zero by
+default. Put on a wire of a diagram that works, such a block therefore changes nothing until its
+strength is set or fitted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.block import Block, Input, Output, block, option, parameter, state
+
+
+def after(t: Any, time: Any, width: Any) -> Any:
+    r"""Share of a change that has come by time ``t`` [s], from 0 long before ``time`` to 1 long after it.
+
+    .. math:: H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
+    """
+    return (1 + ca.tanh((t - time) / width)) / 2
+
+
+@block
+class Slack(Block):
+    r"""A signal that grows more slowly beyond an edge: a tendon that goes slack.
+
+    .. math::
+
+        y = u - s \min(u - e, 0) \quad \text{(low)}, \qquad y = u - s \max(u - e, 0) \quad \text{(high)}
+
+    Beyond the edge the slope is 1 - s: at 1 nothing passes there, at 0 everything does.
+    """
+
+    source = "definition; the dead zone of one side, with the share that is lost as a number"
+    symbol = "slack"
+
+    share: float = parameter(
+        default=0.0, about="share of the slope that is lost beyond the edge", at_least=0.0, at_most=1.0
+    )
+    edge: float = parameter(default=0.0, about="value at which the signal begins to be lost", unit="?u")
+    side: str = option(default="low", about="on which side of the edge it is lost", choices=("low", "high"))
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal, less what is lost beyond the edge", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        beyond = ca.fmin(u.u - self.edge, 0.0) if self.side == "low" else ca.fmax(u.u - self.edge, 0.0)
+        return dict(y=u.u - self.share * beyond)
+
+
+@block
+class Bend(Block):
+    r"""A characteristic that is bent: powers two to five on top of the straight line.
+
+    .. math:: y = u + k_2 e^2 + k_3 e^3 + k_4 e^4 + k_5 e^5, \qquad e = u - c
+    """
+
+    source = "definition; Taylor series of a static characteristic"
+    symbol = "bend"
+
+    quadratic: float = parameter(default=0.0, about="k2, per unit of the signal: bends both ends to one side")
+    cubic: float = parameter(default=0.0, about="k3, per unit of the signal squared: bends the ends apart")
+    quartic: float = parameter(default=0.0, about="k4, per unit of the signal cubed: bends both ends more sharply")
+    quintic: float = parameter(default=0.0, about="k5, per unit to the fourth: bends the ends apart more sharply")
+    centre: float = parameter(default=0.0, about="value c about which it is bent", unit="?u")
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal along the bent line", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        away = u.u - self.centre
+        square = away * away
+        even = self.quadratic * square + self.quartic * (square * square)
+        odd = self.cubic * (square * away) + self.quintic * (square * square * away)
+        return dict(y=u.u + even + odd)
+
+
+@block
+class Bow(Block):
+    r"""A characteristic that is steeper, or flatter, about one point than at both ends.
+
+    .. math:: y = u + a \tanh\left(\frac{u - c}{d}\right)
+    """
+
+    source = "definition"
+    symbol = "bow"
+
+    size: float = parameter(default=0.0, about="what is added far from the centre", unit="?u")
+    width: float = parameter(default=0.3, about="distance d over which it is added", unit="?u", above=0.0)
+    centre: float = parameter(default=0.0, about="value c about which the slope differs", unit="?u")
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal along the bowed line", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.size * ca.tanh((u.u - self.centre) / self.width))
+
+
+@block
+class Ripple(Block):
+    r"""An error that repeats with the signal itself: eccentricity, cogging, teeth.
+
+    .. math:: y = u + a \cos n u + b \sin n u + a_2 \cos 2 n u + b_2 \sin 2 n u
+    """
+
+    source = "definition; first two harmonics of an error that is periodic in the position"
+    symbol = "ripple"
+
+    cosine: float = parameter(default=0.0, about="amplitude a of the cosine", unit="?u")
+    sine: float = parameter(default=0.0, about="amplitude b of the sine", unit="?u")
+    cosine2: float = parameter(default=0.0, about="amplitude a2 of the second harmonic's cosine", unit="?u")
+    sine2: float = parameter(default=0.0, about="amplitude b2 of the second harmonic's sine", unit="?u")
+    cycles: float = parameter(
+        default=1.0, about="phase n in rad per unit of the signal; for angles in rad, periods per turn", above=0.0
+    )
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal with the ripple on it", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        phase = self.cycles * u.u
+        first = self.cosine * ca.cos(phase) + self.sine * ca.sin(phase)
+        return dict(y=u.u + first + (self.cosine2 * ca.cos(2 * phase) + self.sine2 * ca.sin(2 * phase)))
+
+
+@block
+class Drift(Block):
+    r"""An error that grows with time, faster or slower as it goes on: a sensor that warms up.
+
+    .. math:: y = u + r t + c t^2
+    """
+
+    source = "definition"
+    symbol = "+ rt"
+
+    rate: float = parameter(default=0.0, about="what is added in each second", unit="?u/s")
+    curve: float = parameter(default=0.0, about="what is added in each second squared", unit="?u/s^2")
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal that drifts away", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.rate * t + self.curve * (t * t))
+
+
+@block
+class Jump(Block):
+    r"""An error that comes at one instant and stays: lost counts, a tendon that slips.
+
+    .. math:: y = u + s H(t), \qquad H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
+    """
+
+    source = "definition; a step rounded over a short time, so that its instant can be fitted"
+    symbol = "jump"
+
+    size: float = parameter(default=0.0, about="height of the jump", unit="?u")
+    time: float = parameter(default=1.0, about="instant of the jump", unit="s")
+    width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal that has jumped", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.size * after(t, self.time, self.width))
+
+
+@block
+class GainChange(Block):
+    r"""A gain that changes at one instant and stays: a tendon that is bent anew.
+
+    .. math:: y = u \left[1 + c H(t)\right], \qquad H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
+    """
+
+    source = "definition"
+    symbol = "gain(t)"
+
+    change: float = parameter(default=0.0, about="gain after the change less that before, which is 1")
+    time: float = parameter(default=1.0, about="instant of the change", unit="s")
+    width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal, times the gain of the time", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.change * (after(t, self.time, self.width) * u.u))
+
+
+@block
+class Disturbance(Block):
+    r"""An oscillation from outside that does not follow the signal: breathing, mains, a fan.
+
+    .. math:: y = u + a \cos 2 \pi f t + b \sin 2 \pi f t
+    """
+
+    source = "definition"
+    symbol = "+ sin ft"
+
+    cosine: float = parameter(default=0.0, about="amplitude a of the cosine", unit="?u")
+    sine: float = parameter(default=0.0, about="amplitude b of the sine", unit="?u")
+    frequency: float = parameter(default=1.0, about="frequency f", unit="Hz", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal with the oscillation on it", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        phase = 2 * math.pi * self.frequency * t
+        return dict(y=u.u + self.cosine * ca.cos(phase) + self.sine * ca.sin(phase))
+
+
+@block
+class Creep(Block):
+    r"""A share of the signal that arrives late: a sheath or a tendon that goes on giving way.
+
+    .. math:: T \dot z = u - z, \qquad y = u + s z
+    """
+
+    source = "Findley, Lai and Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials (1976), chapter 5"
+    symbol = "creep"
+
+    share: float = parameter(default=0.0, about="what comes late, as a share of what came at once")
+    time_constant: float = parameter(default=10.0, about="time to 63 % of it", unit="s", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal and what creeps after it", unit="?u")
+    late: float = state(default=0.0, about="the signal, lagging", unit="?u")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(late=(u.u - x.late) / self.time_constant)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.share * x.late)
+
+
+@block
+class RateDependence(Block):
+    r"""A part of the signal that follows its rate, straight or along a power: viscous loss on the way.
+
+    .. math:: y = u + c\, v \left(v^2 + v_0^2\right)^{(n - 1)/2}, \qquad v = \dot u
+
+    With :math:`n = 1` it is :math:`u + c v`, with another exponent :math:`c |v|^n` away from rest. The
+    rate is formed exactly where nothing drives its port.
+    """
+
+    source = "definition; the power law of viscous fluids, rounded at rest"
+    symbol = "+ c|v|ⁿ"
+
+    coefficient: float = parameter(default=0.0, about="c; for n = 1 a time in s, negative for a part that lags")
+    exponent: float = parameter(default=1.0, about="power n of the rate", at_least=0.2, at_most=4.0)
+    smoothing: float = parameter(default=1e-3, about="rate below which the power is straight", unit="?u/s", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    v = Input("its rate", unit="?u/s", rate_of="u")
+    y = Output("the signal and the part that follows its rate", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        square = u.v * u.v + self.smoothing * self.smoothing
+        return dict(y=u.u + self.coefficient * (u.v * square ** ((self.exponent - 1) / 2)))
+
+
+@block
+class Resonance(Block):
+    r"""A share of the signal that swings: an elastic tendon with a load at its end.
+
+    .. math:: \ddot z = \omega^2 (u - z) - 2 \zeta \omega \dot z, \qquad y = u + s (z - u)
+
+    At s = 0 the signal passes, at 1 it is the oscillator's.
+    """
+
+    source = "definition"
+    symbol = "resonance"
+
+    share: float = parameter(default=0.0, about="share of the signal that swings", at_least=0.0, at_most=1.0)
+    omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
+    zeta: float = parameter(default=0.2, about="damping ratio", at_least=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal, a share of it swinging", unit="?u")
+    swing: float = state(default=0.0, about="the oscillator", unit="?u")
+    rate: float = state(default=0.0, about="its rate", unit="?u/s")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        pull = self.omega * self.omega * (u.u - x.swing)
+        return dict(swing=x.rate, rate=pull - 2 * self.zeta * self.omega * x.rate)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.share * (x.swing - u.u))

@@ -1,0 +1,188 @@
+r"""Find what a model misses: name the effect, add it to the diagram, show how the gap to recordings shrinks.
+
+Each FILE is one experiment; its columns are matched by name to the diagram's
+inputs and outputs. Several with different amplitudes and frequencies tell more
+than one. With --out a folder gets the report (report.html, one page that needs
+no network), the numbers (diagnosis.json) and the diagram with what was found in
+place (augmented.toml); without it only the text is printed. Ctrl-C ends the
+search with what was found so far.
+
+  tsmblocks diagnose tendon_sheath_symmetric --data bend*.csv --out found
+  tsmblocks diagnose tendon_sheath_symmetric --data a.csv b.csv \
+      --noise-floor 0.05deg --effects 'backlash' 'dead_*'
+  tsmblocks diagnose my_drive.toml --data run.csv --noise-floor u=20mV x=0.01deg
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tsmblocks.cli import common
+from tsmblocks.errors import near
+
+if TYPE_CHECKING:
+    from tsmblocks.data import Record
+    from tsmblocks.diagnosis.result import Diagnosis
+    from tsmblocks.diagram import Diagram
+
+HELP = "find what a model misses, name it, add it, and show how the gap shrinks"
+FLOOR = re.compile(
+    r"(?:(?P<name>[A-Za-z_]\w*)\s*=)?\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*)"
+)
+TYPED = (
+    (r"noise_floor=… \[[^]]*\]", "--noise-floor …"),
+    (r"start=\{'([^']+)': …\}", r"another number of \1 in the diagram"),
+    (r"\bfree=\['([^']+)'\]", r"--free '\1'"),
+    (r"^(free|effects)\b", r"--\1"),
+)
+"""Arguments as messages name them, and as they are typed."""
+FORM = "VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg"
+
+Floor = tuple[str, float, str]
+"""Output (empty for all), number, unit (empty for the output's own)."""
+
+
+def floor(text: str) -> Floor:
+    """A noise floor: a number, perhaps with its unit, perhaps for one output."""
+    from tsmblocks import units
+
+    found = FLOOR.fullmatch(text.strip())
+    if not found:
+        raise argparse.ArgumentTypeError(f"'{text}' is not {FORM}")
+    value, unit = common.number(found["value"]), found["unit"].strip()
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not more than 0")
+    try:
+        units.parse(unit)
+    except units.UnitError as error:
+        raise common.UsageError(f"--noise-floor {text}: {error}") from None
+    return found["name"] or "", value, unit
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
+    parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+    common.data_arguments(parser.add_argument_group("measured data"), several=True)
+    add = parser.add_argument_group("search").add_argument
+    add("--noise-floor", metavar="VALUE", type=floor, nargs="+", action="extend", default=[],
+        help="rms noise of the outputs, in their unit or with one of its own: 0.05deg, x_out=0.05deg (default: looked "
+        "for in the recordings)")  # fmt: skip
+    add("--free", metavar="PATTERN", nargs="+", action="extend",
+        help="parameters of the diagram that may change, such as 'tsm.*' (default: all)")  # fmt: skip
+    add("--effects", metavar="PATTERN", nargs="+", action="extend",
+        help="effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)")  # fmt: skip
+    add("--outputs", metavar="NAME", nargs="+", action="extend",
+        help="outputs that are compared (default: all that were measured)")  # fmt: skip
+    add("--no-condition", dest="condition", action="store_false",
+        help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)")  # fmt: skip
+    add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
+    add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    results = parser.add_argument_group("results").add_argument
+    results("--out", metavar="DIR", help="write report.html, diagnosis.json and augmented.toml into a folder")
+    results("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
+    results("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    from tsmblocks.diagnosis.diagnose import diagnose
+    from tsmblocks.errors import TsmError
+    from tsmblocks.files import load
+
+    folder, plot = _folder(args.out), common.figure_path(args.plot)
+    diagram = load(args.diagram)
+    records = common.read_experiments(args, diagram)
+    tell = None if args.json else _counter()
+    try:
+        found = diagnose(
+            diagram, records, free=args.free, noise_floor=_floors(args.noise_floor, diagram, records),
+            effects=args.effects, outputs=args.outputs, condition=args.condition, seed=args.seed, step=args.step,
+            progress=tell,
+        )  # fmt: skip
+    except TsmError as error:
+        raise common.as_typed(error, TYPED) from None
+    finally:
+        common.clear_progress(tell)
+    if not args.json:
+        print(found)
+    written = _saved(found, folder)
+    if plot:
+        from tsmblocks.plots import plot_diagnosis
+
+        plot_diagnosis(found).savefig(plot, dpi=150)
+        written.append(str(plot))
+    common.hand_over({**found.to_dict(), "data": common.told(records)}, written, args)
+    return common.ended(found.status == "interrupted", written)
+
+
+def _folder(text: str | None) -> Path | None:
+    """The folder to write into, made before the long work and not after it."""
+    if text is None:
+        return None
+    folder = Path(text)
+    if folder.exists() and not folder.is_dir():
+        raise common.UsageError(f"'{text}' is a file; --out takes a folder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _saved(found: Diagnosis, folder: Path | None) -> list[str]:
+    """Write the three files; their paths."""
+    from tsmblocks.report import NAMES
+
+    if folder is None:
+        return []
+    found.save(folder)
+    return [str(folder / name) for name in NAMES]
+
+
+def _floors(given: Sequence[Floor], diagram: Diagram, records: Mapping[str, Record]) -> dict[str, float] | None:
+    """The noise floors by output, in the diagram's units (of the recordings, where the diagram leaves that open)."""
+    measured = [k for k in diagram.outputs if k not in diagram.inputs and any(k in r for r in records.values())]
+    made: dict[str, float] = {}
+    for name, value, unit in given:
+        if name and name not in measured:
+            raise common.UsageError(f"--noise-floor {name}=…: '{name}' is no measured output.{near(name, measured)}")
+        own = {k: _converted(value, unit, k, diagram, records) for k in ([name] if name else measured)}
+        fitting = {k: v for k, v in own.items() if v is not None}
+        if not fitting:
+            wanted = ", ".join([f"{k} [{diagram.unit(k)}]" for k in own])
+            raise common.UsageError(f"--noise-floor {value:g}{unit}: '{unit}' does not convert to that of {wanted}.")
+        twice = [k for k in fitting if k in made]
+        if twice:
+            raise common.UsageError(f"--noise-floor gives {twice[0]} two values; name each output once.")
+        made |= fitting
+    return made or None
+
+
+def _converted(
+    value: float, unit: str, name: str, diagram: Diagram, records: Mapping[str, Record]
+) -> float | None:  # fmt: skip
+    """A floor in the unit of an output; None where it measures something else."""
+    from tsmblocks import units
+
+    wanted = diagram.unit(name) or next((r.unit(name) for r in records.values() if name in r), "")
+    if not unit or not wanted:
+        return value
+    try:
+        return value * units.factor(unit, wanted)
+    except units.UnitError:
+        return None
+
+
+def _counter() -> Callable[[str, int, int], None] | None:
+    """A line that says how far the search has come; none when standard error is no terminal."""
+    if not sys.stderr.isatty():
+        return None
+
+    def tell(stage: str, done: int, of: int) -> None:
+        far = f", {done} of {of}" if of > 1 else ""
+        print(f"\r\x1b[Kdiagnosing: {stage}{far}", end="", file=sys.stderr, flush=True)
+
+    return tell

@@ -1,0 +1,65 @@
+"""Rests of a measured signal: where it does not move, its noise must not move what it drives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SHORTEST = 0.25
+"""Time [s] that a rest lasts at least; turning points of a motion are shorter."""
+TUBE = 4.0
+"""Width of the band that a resting signal stays in, in rms values of its noise."""
+SLOW = 0.5
+"""Distance between the means of thirds of a stretch, in the same, above which it is slow motion and no rest."""
+AGAIN = 8
+"""Part of a stretch of slow motion after which a rest is looked for again."""
+FEWEST = 8
+"""Samples of a rest at least."""
+BLEND = 3
+"""Samples of motion over which the offset of a rest that was held fades out."""
+
+
+def held_still(x: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, float]:
+    """The signal (n,) with its rests held at their means, and the share of samples that rest.
+
+    ``step`` [s] is the time between samples, ``noise`` the rms value of the noise. Hysteresis and friction integrate
+    the path of their input, so noise at rest would move what has come to rest.
+    """
+    found = rests(x, noise, max(round(SHORTEST / step), FEWEST)) if noise > 0 else []
+    made, moving = x.copy(), np.ones(len(x), dtype=bool)
+    for rest in found:
+        made[rest], moving[rest] = x[rest].mean(), False
+    for rest in found:
+        for edge, way in ((rest.start, -1), (rest.stop - 1, 1)):
+            for k in range(1, BLEND + 1):
+                at = edge + way * k
+                if 0 <= at < len(x) and moving[at]:
+                    made[at] += (made[edge] - x[edge]) * (1 - k / (BLEND + 1))
+    return made, float(1 - moving.mean())
+
+
+def rests(x: np.ndarray, noise: float, shortest: int) -> list[slice]:
+    """Stretches of at least ``shortest`` samples in which a signal (n,) with noise of this rms value stays where it is.
+
+    A signal that stays in a narrow band only because it moves slowly does not rest.
+    """
+    found, first = list[slice](), 0
+    while first + shortest <= len(x):
+        window = x[first : first + shortest]
+        if np.ptp(window) > TUBE * noise:
+            first += 1
+            continue
+        low, high, last = window.min(), window.max(), first + shortest
+        while last < len(x) and max(high, x[last]) - min(low, x[last]) <= TUBE * noise:
+            low, high, last = min(low, x[last]), max(high, x[last]), last + 1
+        if _moves(x[first:last]) <= SLOW * noise:
+            found.append(slice(first, last))
+            first = last
+        else:
+            first += max((last - first) // AGAIN, 1)
+    return found
+
+
+def _moves(x: np.ndarray) -> float:
+    """How far the means of three parts of a stretch lie apart."""
+    cut = len(x) // 3
+    return float(np.ptp([x[:cut].mean(), x[cut:-cut].mean(), x[-cut:].mean()]))

@@ -1,0 +1,191 @@
+"""From effects and wires to candidates: diagrams that have one block more, and what to try with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.places import Site
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
+from tsmblocks.errors import AlgebraicLoop, DiagramError
+from tsmblocks.simulate import equations
+
+LINES = 6
+"""Frequencies handed to effects that have one of their own."""
+
+
+@attrs.frozen(eq=False)
+class Candidate:
+    """An effect on a wire: ``diagram`` is the model's with ``block`` added, standing at the effect's null."""
+
+    effect: Effect
+    site: Site
+    block: str
+    diagram: Diagram
+    trials: Trials
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Full names of the effect's parameters that are fitted."""
+        return tuple(f"{self.block}.{k}" for k in self.effect.free)
+
+    @property
+    def settled(self) -> tuple[str, ...]:
+        """Full names of the states that begin at the value of the wire."""
+        return tuple(f"{self.block}.{k}" for k in self.effect.settled)
+
+    @property
+    def transition(self) -> float:
+        """Time over which a change at one instant is rounded [s]."""
+        prefix = self.trials.refine.rpartition(".")[0]
+        return self.diagram.parameters[".".join(filter(None, (self.block, prefix, "width")))]
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What tells candidates of one round apart."""
+        return self.effect.name, self.effect.variant, f"{self.site.after}>{self.site.before}"
+
+
+@attrs.frozen(eq=False)
+class Surroundings:
+    """What the wires of a fitted model carry: signals by name, one array for each experiment."""
+
+    signals: dict[str, list[np.ndarray]]
+    steps: list[float]
+    start: float
+    stop: float
+    step: float
+    shortest: float
+    lines: tuple[float, ...]
+
+    def scales(self, site: Site) -> Scales:
+        """The sizes that an effect at a site sees."""
+        wire = self.span(site.signal)
+        return Scales(wire, self.span(site.other) if site.other else wire, self.start, self.stop, self.step,
+                      self.shortest, self.lines)  # fmt: skip
+
+    def span(self, signal: str) -> Span:
+        """How a signal moved."""
+        return span_of(self.signals[signal], self.steps)
+
+    def first(self, signal: str) -> list[float]:
+        """The value of a signal at the start of each experiment."""
+        return [float(y[0]) for y in self.signals[signal]]
+
+
+def surroundings(model: Model, places: Sequence[Site]) -> Surroundings:
+    """Simulate a model once more and look at all wires of interest."""
+    names = list(dict.fromkeys(k for site in places for k in (site.signal, site.other) if k))
+    eq = model.setup.eq
+    place = {k: eq.y.index(_inside(model.diagram, k)) for k in names}
+    columns = tuple(dict.fromkeys(place.values()))
+    signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
+    for e, trial in enumerate(model.setup.trials):
+        y = attrs.evolve(trial, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
+        for k in names:
+            signals[k].append(y[:, columns.index(place[k])])
+    times = [trial.t for trial in model.setup.trials]
+    steps = [float(np.median(np.diff(t))) for t in times]
+    return Surroundings(
+        signals, steps, min(float(t[0]) for t in times), max(float(t[-1]) for t in times), max(steps),
+        min(float(t[-1] - t[0]) for t in times), lines(model),
+    )  # fmt: skip
+
+
+def _inside(diagram: Diagram, signal: str) -> str:
+    """The name a signal has in the equations: that of the block inside, where a diagram stands as a block."""
+    head, _, port = signal.partition(".")
+    block = diagram.blocks.get(head)
+    if not isinstance(block, Diagram):
+        return signal
+    return f"{head}.{_inside(block, '.'.join(filter(None, block.shown[port])))}"
+
+
+def lines(model: Model) -> tuple[float, ...]:
+    """Frequencies [Hz] of the strongest lines in what a model leaves, over the whole session, strongest first."""
+    trials, segments = model.setup.trials, model.problem.segments
+    count, step = trials[0].measured.shape[1], min(float(np.median(np.diff(t.t))) for t in trials)
+    begin, end = min(float(t.t[0]) for t in trials), max(float(t.t[-1]) for t in trials)
+    size = int((end - begin) / step) + 1
+    if size > 4_000_000:
+        return ()
+    power = np.zeros(1)
+    for k in range(count):
+        row = np.zeros(size)
+        for e, trial in enumerate(trials):
+            part = model.r[segments[e * count + k]]
+            row[np.minimum(((trial.t - begin) / step + 0.5).astype(int), size - 1)] = part - part.mean()
+        padded = 1 << int(4 * size - 1).bit_length()
+        power = power + np.abs(np.fft.rfft(row, padded)) ** 2
+    frequency = np.arange(len(power)) / (padded * step)
+    inside = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+    peaks = np.flatnonzero(inside) + 1
+    peaks = peaks[(frequency[peaks] > 2 / (end - begin)) & (frequency[peaks] < 0.4 / step)]
+    best = peaks[np.argsort(-power[peaks], kind="stable")]
+    chosen: list[float] = []
+    for k in best:
+        f = float(frequency[k])
+        if all(abs(f - other) > 2 / (end - begin) for other in chosen):
+            chosen.append(f)
+        if len(chosen) == LINES:
+            break
+    return tuple(chosen)
+
+
+def candidates(
+    model: Model, effects: Sequence[Effect], around: Surroundings, places: Sequence[Site]
+) -> list[Candidate]:
+    """Every effect on every wire where it can stand. An edit that makes no diagram (a loop without a delay) is none."""
+    found: list[Candidate] = []
+    base = model.fitted
+    for effect in effects:
+        for site in places:
+            if (site.place, site.adds) != (effect.place, effect.adds):
+                continue
+            trials = effect.trials(around.scales(site))
+            if trials is None:
+                continue
+            made = _edited(base, effect, site, trials)
+            if made is not None:
+                found.append(Candidate(effect, site, _name(base, effect.name), made, trials))
+    return found
+
+
+def _name(diagram: Diagram, wanted: str) -> str:
+    """A name that no block has yet."""
+    count = 1
+    while (name := wanted if count == 1 else f"{wanted}_{count}") in diagram.blocks:
+        count += 1
+    return name
+
+
+def _inside_bounds(made: Diagram, name: str, effect: Effect, trials: Trials) -> dict[str, float]:
+    """Numbers of an effect that would begin outside its bounds, moved to the nearest bound: a start value of zero, say,
+    where the signal never is zero. Its null stays.
+    """
+    moved = {}
+    for key, (low, high) in trials.bounds.items():
+        value = made.parameters[f"{name}.{key}"]
+        nearest = min(max(value, -math.inf if low is None else low), math.inf if high is None else high)
+        if key not in effect.null and nearest != value:
+            moved[f"{name}.{key}"] = nearest
+    return moved
+
+
+def _edited(base: Diagram, effect: Effect, site: Site, trials: Trials) -> Diagram | None:
+    name = _name(base, effect.name)
+    try:
+        made = site.put(base, name, effect.block)
+        numbers = {**trials.fixed, **trials.shapes[0]}  # where no strength is, shapes are no null; they can be freed
+        made = made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
+        made = made.with_parameters(_inside_bounds(made, name, effect, trials))
+        equations(made)
+    except (AlgebraicLoop, DiagramError):  # a wire on which this block cannot stand
+        return None
+    same = all(made.unit(k) == base.unit(k) for k in (*base.inputs, *base.outputs))
+    return made if same else None  # a block for angles is none for volts: recordings could not be read any more

@@ -1,0 +1,204 @@
+"""Which candidate is named, and which others it cannot be told from, by losses on blocks of time held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.folds import Parts, held_out
+from tsmblocks.diagnosis.model import Model
+
+MATERIAL = 0.10
+"""Fall of the mean square, in variances of the noise, below which an effect is not worth a name."""
+RARE = 2.0
+"""How much more than that an effect removes which shows in a few blocks only, so that no t can speak for it."""
+QUIET = 0.05
+"""Excess over the noise, as a share of it, below which nothing is looked for."""
+TOUCHING = 1e-3
+"""Distance from a bound, as a share of its size, that counts as lying on it."""
+FAR = 1e9
+"""A null beyond this is no number to be drawn to: a limit that never acts."""
+BEYOND = 0.1
+"""Share of what it removes by which an effect that left its bounds may be better than any other, and none is named."""
+FLIPS = 999
+"""Random signs from which the line is found that chance does not pass."""
+LEVEL = 0.05
+"""Probability that any candidate passes the line by chance."""
+ALIKE_T = 2.0
+"""Two candidates are alike where the paired t of their losses is below this ..."""
+ALIKE = 0.02
+"""... or their difference is below this share of the noise's variance ..."""
+CLOSE = 0.005
+"""... or of what the better one removes ..."""
+APART = 0.2
+"""... unless one leaves more than this share of what the other removes: a few blocks may then say it all."""
+
+
+@attrs.frozen(eq=False)
+class Tried:
+    """A candidate fitted together with the base, and what it leaves held out.
+
+    ``losses`` (B,) by blocks, ``across`` (B,) with whole experiments held out; ``loss`` is their mean over all samples.
+    """
+
+    candidate: Candidate
+    model: Model
+    losses: np.ndarray = attrs.field(repr=False)
+    across: np.ndarray = attrs.field(repr=False)
+    loss: float
+    own: np.ndarray = attrs.field(repr=False)
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """Parameters on a bound beyond which the effect would be another, so that its name does not hold."""
+        return tuple(k for k in self.at_bounds if k in self.candidate.effect.within)
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Parameters of the effect that lie on a bound."""
+        unknowns, block, found = self.model.problem.unknowns, self.candidate.block, []
+        for item, value in zip(unknowns.items, self.model.theta, strict=True):
+            if item.parameter in self.candidate.free:
+                near = TOUCHING * max(abs(item.low) if abs(item.low) < FAR else 0.0, abs(value), 1e-12)
+                if min(abs(value - item.low), abs(item.high - value)) <= near:
+                    found.append(item.parameter.removeprefix(f"{block}."))
+        return tuple(found)
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns, start values in each experiment among them."""
+        return len(self.model.theta)
+
+
+def base_losses(
+    model: Model, parts: Parts, named: dict[str, tuple[float, float]]
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Losses of a model by blocks (B,), held out by folds and by experiments; ``named`` as for ``tried``."""
+    pull, null, _ = weights(named, {}, model)
+    return (parts.losses(held_out(model, parts.fold, pull, null)),
+            parts.losses(held_out(model, parts.experiment, pull, null)))  # fmt: skip
+
+
+def tried(candidate: Candidate, model: Model, parts: Parts, also: dict[str, tuple[float, float]]) -> Tried:
+    """A fitted candidate with its losses. ``also`` maps parameters of effects named before to (null, size)."""
+    mine = sizes_of(candidate)
+    pull, null, own = weights({**also, **mine}, mine, model)
+    losses = parts.losses(held_out(model, parts.fold, pull, null))
+    across = parts.losses(held_out(model, parts.experiment, pull, null))
+    return Tried(candidate, model, losses, across, mean(losses, parts), own)
+
+
+def mean(losses: np.ndarray, parts: Parts) -> float:
+    """Mean over all samples of losses by blocks."""
+    return float(losses @ parts.sizes / parts.sizes.sum())
+
+
+def sizes_of(candidate: Candidate) -> dict[str, tuple[float, float]]:
+    """For each free parameter of an effect, by full name: its null (NaN where it has none) and a size worth trying."""
+    trials, effect = candidate.trials, candidate.effect
+    made = {}
+    for name in effect.free:
+        shape = [abs(s[name]) for s in trials.shapes if name in s]
+        size = trials.strengths.get(name) or (float(np.mean(shape)) if shape else 1.0)
+        if name == trials.refine:  # found by trials, so it must not wander when its few samples are held out
+            size = candidate.transition
+        null = effect.null.get(name, np.nan)
+        made[f"{candidate.block}.{name}"] = (null if abs(null) < FAR else np.nan, abs(size))
+    return made
+
+
+def weights(
+    known: dict[str, tuple[float, float]], mine: dict[str, tuple[float, float]], model: Model
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """How the unknowns are drawn to where effects are nothing: weights (n,), nulls (n,), and which are one's own.
+
+    ``known`` maps parameters of effects to their null and size, ``mine`` those of the candidate looked at.
+    """
+    n = len(model.theta)
+    pull, null, own = np.zeros(n), model.theta.copy(), np.zeros(n, dtype=bool)
+    for k, item in enumerate(model.problem.unknowns.items):
+        if item.parameter in known:
+            zero, size = known[item.parameter]
+            pull[k] = 1 / (size if np.isnan(zero) else max(size, abs(model.theta[k]))) ** 2
+            null[k] = model.theta[k] if np.isnan(zero) else zero
+            own[k] = item.parameter in mine
+    return pull, null, own
+
+
+@attrs.frozen(eq=False)
+class Verdict:
+    """Candidates from best to worst by held-out loss, each with its t, beside the line that chance does not pass.
+
+    ``named`` is the one to name (None where none passes), ``alike`` those that it cannot be told from, itself first.
+    """
+
+    ranking: tuple[Tried, ...]
+    t: tuple[float, ...]
+    line: float
+    named: Tried | None
+    alike: tuple[Tried, ...]
+
+
+def decide(base: np.ndarray, found: Sequence[Tried], parts: Parts, floor: float, seed: int) -> Verdict:
+    """Name the candidate that removes most, if it removes enough, more than chance does, and more than others.
+
+    ``base`` (B,) are the losses without any candidate, ``floor`` the mean square of the noise.
+    """
+    finite = [one for one in found if np.isfinite(one.losses).all()]
+    if not finite:
+        return Verdict((), (), float("inf"), None, ())
+    ranking = sorted(finite, key=lambda one: (bool(one.outside), one.loss))
+    gains = np.array([base - one.losses for one in ranking])
+    t, line = student(gains, parts), max_t_line(gains, parts, seed)
+    before, best = mean(base, parts), ranking[0]
+    rare = _concentrated(gains[0]) and before - best.loss >= RARE * MATERIAL * floor
+    shown = t[0] > line or rare
+    beyond = min((one.loss for one in ranking if one.outside), default=np.inf)
+    wants_more = beyond < best.loss - BEYOND * (before - beyond)  # an effect that is none explains more than any
+    if best.outside or wants_more or not _passes(before - best.loss, before, shown, floor):
+        return Verdict(tuple(ranking), tuple(t), line, None, ())
+    apart = max(APART * (before - best.loss), ALIKE * floor)
+    near = max(ALIKE * floor, CLOSE * (before - best.loss))
+    inside = [one for one in ranking if not one.outside and one.loss - best.loss < apart]
+    alike = [one for one in inside if _alike(one, best, parts, near)]
+    named = min(alike, key=lambda one: (one.count, one.loss))
+    others = [one for one in alike if one is not named]
+    return Verdict(tuple(ranking), tuple(t), line, named, (named, *others))
+
+
+def _passes(removed: float, before: float, shown: bool, floor: float) -> bool:
+    """Whether what is removed is worth a name, and there was something to remove."""
+    return shown and removed >= MATERIAL * floor and before >= (1 + QUIET) * floor
+
+
+def student(gains: np.ndarray, parts: Parts) -> np.ndarray:
+    """Mean over standard error of gains by blocks (C, B), blocks weighed by their samples, shape (C,)."""
+    weight = parts.sizes / parts.sizes.sum()
+    centre = gains @ weight
+    spread = np.sqrt(((gains - centre[:, None]) ** 2 * weight**2).sum(axis=1) * len(weight) / max(len(weight) - 1, 1))
+    return centre / np.maximum(spread, 1e-12)
+
+
+def max_t_line(gains: np.ndarray, parts: Parts, seed: int) -> float:
+    """What the largest t of all candidates stays below in 19 of 20 draws of random signs for the blocks."""
+    draw = np.random.default_rng(seed)
+    signs = draw.choice([-1.0, 1.0], size=(FLIPS, gains.shape[1]))
+    highest = [float(student(gains * sign, parts).max()) for sign in signs]
+    return float(np.quantile(highest, 1 - LEVEL))
+
+
+def _concentrated(gain: np.ndarray) -> bool:
+    """Whether a few blocks gain far more than the others scatter: an effect that shows only now and then."""
+    scatter = 1.4826 * float(np.median(np.abs(gain - np.median(gain)))) + 0.02
+    largest = np.sort(gain)
+    return bool(largest[-1] > 10 * scatter and largest[-1] > 5 * -min(largest[0], 0.0))
+
+
+def _alike(one: Tried, best: Tried, parts: Parts, near: float) -> bool:
+    if one is best:
+        return True
+    difference = (one.losses - best.losses)[None, :]
+    return bool(student(difference, parts)[0] < ALIKE_T or mean(difference[0], parts) < near)

@@ -1,0 +1,216 @@
+"""``diagnose``: find where a model and recordings disagree, name what is missing, add it, and show the gap shrink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.arguments import prepared, whole
+from tsmblocks.data import Record
+from tsmblocks.diagnosis.conditioning import all_conditioned
+from tsmblocks.diagnosis.consequence import consequence
+from tsmblocks.diagnosis.floor import carried
+from tsmblocks.diagnosis.folds import parts
+from tsmblocks.diagnosis.model import Asked, calibrated
+from tsmblocks.diagnosis.restarts import pieces, remembers
+from tsmblocks.diagnosis.result import Diagnosis, Segment
+from tsmblocks.diagnosis.rounds import Round, Search, counted, forward, reconsidered
+from tsmblocks.diagnosis.segments import Part, in_whole, parted
+from tsmblocks.diagnosis.sensors import Floors, floors
+from tsmblocks.diagnosis.summing import Work, summed
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects import Effect, catalogue
+from tsmblocks.errors import DataError, ParameterError, near
+from tsmblocks.fitting import asking
+from tsmblocks.fitting.interrupt import Asked as Stop
+from tsmblocks.fitting.interrupt import kept
+from tsmblocks.fitting.setting_up import Data, recordings
+from tsmblocks.fitting.trials import compared
+from tsmblocks.fitting.unknowns import chosen
+
+ENOUGH = 200
+"""Samples of all experiments together that a diagnosis takes at least."""
+
+Tell = Callable[[str, int, int], None]
+
+
+def diagnose(
+    diagram: Diagram, experiments: Data, *, free: Iterable[str] | None = None, noise_floor: Any = None,
+    effects: Iterable[str] | None = None, outputs: Sequence[str] | None = None, start_states: bool = True,
+    condition: bool = True, seed: int = 0, step: float | None = None, integrator: str = "rk4", hold: str = "cubic",
+    progress: Tell | None = None,
+) -> Diagnosis:  # fmt: skip
+    """Find what a model misses, name it, add it to the diagram, and show how the gap shrinks on data held out.
+
+    ``experiments`` is a recording, a list of them or a mapping by name, as for ``tsm.fit``; several with different
+    amplitudes and frequencies tell more than one. Signals are matched by name to the diagram's inputs and outputs.
+
+    First the diagram is cut at its measured signals (a closed loop stays whole) and its own numbers are fitted:
+    ``free`` names them (patterns; by default all but start values), and with ``start_states`` states start anew in
+    each experiment. Then each effect of the catalogue (``effects`` names some, patterns allowed) is tried on
+    every wire where it can stand, fitted together with the base, and judged by what it leaves on blocks of time
+    held out: it is named where it removes at least a tenth of the noise's variance, more than chance does, and half
+    of what can be explained. What cannot be told from it with these data is listed beside it.
+
+    ``noise_floor`` is the rms noise of the outputs [their units], one number or by output; by default it is looked
+    for in the recordings (repeats, periods, rests). ``condition`` takes the noise out of measured inputs (zero
+    phase, held still at rest), since it would move hysteresis. ``seed`` makes the random parts repeatable: same data,
+    same seed, same result. ``progress(stage, done, of)`` is called now and then. Ctrl-C ends the search; what was
+    found is returned with ``status`` ``"interrupted"``.
+
+    Raises DataError (signals, samples), ParameterError (names, floors), and what ``tsm.fit`` raises.
+    """
+    asking.progress(progress)
+    records, diagram = recordings(experiments), prepared(diagram)
+    measured = _measured(records, diagram, outputs)
+    effects_chosen, seed = _chosen(effects), whole("seed", seed, 0)
+    if free is not None:
+        chosen(diagram, free)  # names nobody has are told before any work
+    floors(records, diagram, measured, noise_floor)
+    asked = Asked(None if free is None else tuple(asking.names("free", free, "tsm.*")), {}, (),
+                  asking.flag("start_states", start_states), step, integrator, hold, seed=seed)  # fmt: skip
+    done, stopped = list[Work](), False
+    notes = [f"{name}: {text}" for name, r in records.items() for text in r.notes]
+    with kept() as stop, np.errstate(over="ignore", invalid="ignore"):  # trials that run away are left out
+        tell = _told(progress, stop)
+        for part in parted(diagram, measured):
+            try:
+                work = _work(part, records, asked, effects_chosen, noise_floor, condition, tell, notes)
+            except _Stopped as one:
+                work, stopped = one.work, True
+            if work is not None:
+                done.append(work)
+            if stopped:
+                break
+    if not done:
+        raise KeyboardInterrupt
+    return _result(diagram, records, done, seed, notes, "interrupted" if stopped else "done")
+
+
+class _Stopped(Exception):
+    """Ctrl-C came; ``work`` is what was found for the part until then."""
+
+    def __init__(self, work: Work | None) -> None:
+        super().__init__()
+        self.work = work
+
+
+def _told(progress: Tell | None, stop: Stop) -> Tell:
+    def tell(stage: str, count: int, of: int) -> None:
+        stop.check()
+        if progress is not None:
+            progress(stage, count, of)
+
+    return tell
+
+
+def _measured(records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str] | None) -> tuple[str, ...]:
+    """The outputs that were measured. Raises DataError where there are too few samples to judge by."""
+    asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
+    names = compared(records, diagram, asked)
+    total = sum(len(r) for r in records.values())
+    if total < ENOUGH:
+        raise DataError(f"a diagnosis takes at least {ENOUGH} samples of all experiments together, and there are "
+                        f"{total}: with fewer, no effect can be told from chance.")  # fmt: skip
+    found = tuple(k for k in names if diagram.shown[k][0])
+    if not found:
+        raise DataError(f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
+                        "itself: there is nothing in between to diagnose.")  # fmt: skip
+    return found
+
+
+def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
+    """The effects asked for. Raises ParameterError for a pattern that names none."""
+    every = catalogue()
+    if names is None:
+        return every
+    known, kept_names = {e.name for e in every}, set[str]()
+    for pattern in asking.names("effects", names, "backlash"):
+        hits = {k for k in known if fnmatchcase(k, pattern)}
+        if not hits:
+            raise ParameterError(f"effects: '{pattern}' names no effect of the catalogue.{near(pattern, known)}")
+        kept_names |= hits
+    return tuple(e for e in every if e.name in kept_names)
+
+
+def _work(
+    part: Part, raw: Mapping[str, Record], asked: Asked, effects: tuple[Effect, ...], noise_floor: Any,
+    condition: bool, tell: Tell, notes: list[str],
+) -> Work | None:  # fmt: skip
+    """Everything that is done for one part."""
+    names = tuple(part.diagram.inputs)
+    tell("conditioned", 0, 1)
+    records = all_conditioned(raw, names) if condition else dict(raw)
+    notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
+    found = _floors(raw, part, noise_floor)
+    own = attrs.evolve(asked, sigma=found.sigma, outputs=part.outputs, free=_free(asked, part.diagram))
+    rounds: list[Round] = []
+    search: Search | None = None
+    try:
+        if remembers(part.diagram, records, own):
+            records, raw = pieces(records), pieces(raw)
+            notes.append(f"{part.name}: the plant never forgets where it began, so it is started anew every second.")
+        tell("calibrated", 0, 1)
+        base = calibrated(part.diagram, records, own, lambda *_: tell("calibrated", 0, 1))
+        floor = 1 + (carried(base, raw, names, asked.seed) if condition else 0.0)
+        search = Search(records, own, effects, parts(base.problem), floor, tell)
+        forward(base, search, rounds)
+        rounds = reconsidered(rounds, search)
+    except KeyboardInterrupt:
+        if search is None or not rounds:
+            raise _Stopped(None) from None
+        raise _Stopped(Work(part, search, found, rounds, counted(rounds, search))) from None
+    return Work(part, search, found, rounds, counted(rounds, search))
+
+
+def _free(asked: Asked, diagram: Diagram) -> tuple[str, ...] | None:
+    """The patterns that name something in this part; None for all."""
+    if asked.free is None:
+        return None
+    known = list(diagram.parameters)
+    return tuple(p for p in asked.free if any(fnmatchcase(k, p) for k in known))
+
+
+def _floors(records: Mapping[str, Record], part: Part, given: Any) -> Floors:
+    mine = {k: v for k, v in given.items() if k in part.outputs} if isinstance(given, Mapping) else given
+    return floors(records, part.diagram, part.outputs, mine)
+
+
+def _result(
+    diagram: Diagram, records: Mapping[str, Record], done: Sequence[Work], seed: int, notes: list[str], status: str
+) -> Diagnosis:  # fmt: skip
+    segments = tuple(summed(work, diagram) for work in done)
+    order = {"named": 2, "unknown": 1, "none": 0}
+    verdict = max((s.verdict for s in segments), key=lambda v: order[v])
+    said = [s.sentence for s in sorted(segments, key=lambda s: -order[s.verdict]) if s.verdict == verdict]
+    base, augmented = _whole(diagram, done, False), _whole(diagram, done, True)
+    return Diagnosis(
+        diagram.title, tuple(records), seed, verdict, " ".join(said), tuple(e for s in segments for e in s.effects),
+        segments, base, augmented, _consequence(done, segments), tuple(dict.fromkeys(notes)), status,
+    )  # fmt: skip
+
+
+def _whole(diagram: Diagram, done: Sequence[Work], with_effects: bool) -> Diagram:
+    """The whole diagram with the numbers found, and with the named blocks in place."""
+    made = diagram
+    for work in done:
+        last = work.models[-1 if with_effects else 0]
+        for one in work.named if with_effects else ():
+            c = one.candidate
+            made = in_whole(c.site, work.part).put(made, c.block, last.fitted.blocks[c.block])
+        items = last.problem.unknowns.items
+        own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
+        made = made.untied(own).with_parameters(own)
+    return made
+
+
+def _consequence(done: Sequence[Work], segments: Sequence[Segment]) -> Any:
+    """What the effects named mean for control, for the last part with one input and one output that has any."""
+    for work, segment in zip(reversed(done), reversed(segments), strict=True):
+        if segment.effects:
+            return consequence(work.models[0], work.models[-1])
+    return None

@@ -1,0 +1,156 @@
+"""A diagram beside recordings, fitted: a diagnosis compares such models, the base and the base with effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import Record
+from tsmblocks.diagram import Diagram
+from tsmblocks.fitting.estimate import begins
+from tsmblocks.fitting.gauss_newton import gauss_newton
+from tsmblocks.fitting.problem import Problem
+from tsmblocks.fitting.search import Found, feasible_start, held
+from tsmblocks.fitting.setting_up import Setup, pose
+from tsmblocks.simulate import equations
+
+STEPS = 40
+"""Iterations of one search at most; an effect that needs more is not determined by these data."""
+
+TOUCHING = 1e-6
+"""Distance from a bound, as a share of the number's size, that counts as lying on it."""
+ROUGH = 0.3
+"""Promised fall of the sum of squares, in variances of a sample, at which a candidate is fitted well enough to be
+compared: a thousandth of what decides between candidates."""
+
+FINE = 1e-3
+"""The same for models that further ones are built on, and that are shown."""
+
+
+@attrs.frozen
+class Asked:
+    """How models are set beside recordings: the same for the base and for every candidate.
+
+    ``free`` are patterns of the base's parameters (None for all but start values); ``sigma`` is the noise of each
+    output, in whose units everything is counted; ``step`` [s] is that of the simulation, None where it is still to
+    be found; ``seed`` that of random starts.
+    """
+
+    free: tuple[str, ...] | None
+    sigma: Mapping[str, float]
+    outputs: tuple[str, ...]
+    start_states: bool = True
+    step: float | None = None
+    integrator: str = "rk4"
+    hold: str = "cubic"
+    starts: int = 6
+    seed: int = 0
+
+
+@attrs.frozen(eq=False)
+class Model:
+    """A diagram with numbers found, and what it leaves.
+
+    ``theta`` (n,) are the unknowns of ``problem``; ``r`` (N,) what is left, in units of the noise, ``J`` (N, n) its
+    derivatives. ``scales`` (n,) are positive for unknowns that belong to effects: sizes that pull them to ``null``.
+    """
+
+    diagram: Diagram
+    problem: Problem = attrs.field(repr=False)
+    setup: Setup = attrs.field(repr=False)
+    theta: np.ndarray = attrs.field(repr=False)
+    r: np.ndarray = attrs.field(repr=False)
+    J: np.ndarray = attrs.field(repr=False)
+    status: str = ""
+
+    @property
+    def mean_square(self) -> float:
+        """Mean square of what is left, in units of the noise's."""
+        return float(np.mean(self.r**2))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Each unknown by name (``parameter`` or ``parameter@experiment``)."""
+        return dict(zip(self.problem.unknowns.names, self.theta.tolist(), strict=True))
+
+    @property
+    def local(self) -> np.ndarray:
+        """Which unknowns belong to one experiment alone, shape (n,)."""
+        return np.array([bool(item.experiment) for item in self.problem.unknowns.items], dtype=bool)
+
+    @property
+    def bound(self) -> np.ndarray:
+        """Which unknowns lie on a bound, shape (n,): what is left would fall beyond it, where they must not go."""
+        low, high = self.problem.unknowns.low, self.problem.unknowns.high
+        near = TOUCHING * np.maximum(np.abs(self.theta), 1e-12)
+        return (self.theta - low <= near) | (high - self.theta <= near)
+
+    @property
+    def fitted(self) -> Diagram:
+        """The diagram with the numbers that hold for all experiments."""
+        items = self.problem.unknowns.items
+        own = {i.parameter: float(v) for i, v in zip(items, self.theta, strict=True) if not i.experiment}
+        return self.diagram.with_parameters(own)
+
+
+def calibrated(diagram: Diagram, records: Mapping[str, Record], asked: Asked, tell: Any = None) -> Model:
+    """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises."""
+    problem, setup = posed(diagram, records, asked, asked.free)
+    begin = feasible_start(problem, problem.unknowns.start)
+    ends = [gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
+            for one in begins(problem, setup, begin, asked.starts, asked.seed)]  # fmt: skip
+    best = min(ends, key=lambda found: found.cost)
+    return at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
+
+
+def posed(
+    diagram: Diagram, records: Mapping[str, Record], asked: Asked, free: Iterable[str] | None,
+    bounds: Mapping[str, Any] | None = None, local: Iterable[str] | None = None,
+) -> tuple[Problem, Setup]:  # fmt: skip
+    """The problem of fitting a diagram, weighed by the noise; ``local`` names what belongs to one experiment."""
+    return pose(
+        diagram, dict(records), free=free, bounds=bounds, start=None, local=local or (),
+        start_states=asked.start_states and local is None,
+        constraints=None, ties=None, priors=None, sigma=dict(asked.sigma), outputs=asked.outputs, window=None,
+        step=asked.step, integrator=asked.integrator, hold=asked.hold, backend="",
+    )  # fmt: skip
+
+
+def posed_as(
+    model: Model, diagram: Diagram, more: Iterable[str], records: Mapping[str, Record], asked: Asked,
+    bounds: Mapping[str, Any] | None = None, begins: Iterable[str] = (),
+) -> tuple[Problem, Setup]:  # fmt: skip
+    """The problem of a diagram that has more blocks than a model: the model's unknowns, and ``more`` of its own.
+
+    States of the added blocks, and the memories named in ``begins``, start free in each experiment, as those of the
+    model do.
+    """
+    items = model.problem.unknowns.items
+    free = [item.parameter for item in items if not item.experiment]
+    local = list(dict.fromkeys(item.parameter for item in items if item.experiment))
+    if asked.start_states:
+        states = [*(k for k in equations(diagram).x if k not in model.setup.eq.x), *begins]
+        local += [k for k in dict.fromkeys(states) if k not in local]
+    kept = {i.name: (i.low, i.high) for i in items if not i.experiment}
+    asked = attrs.evolve(asked, step=model.setup.trials[0].times.h)
+    return posed(diagram, records, asked, [*free, *more], {**kept, **(bounds or {})}, local)
+
+
+def searched(problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH) -> Model:
+    """The model at the end of a search downhill from ``start``."""
+    return at(problem, setup, gauss_newton(problem, held(problem, start), iterations=STEPS, enough=enough))
+
+
+def polished(model: Model) -> Model:
+    """The same model, searched to its end."""
+    return searched(model.problem, model.setup, model.theta, FINE)
+
+
+def at(problem: Problem, setup: Setup, found: Found) -> Model:
+    """The model where a search ended."""
+    theta = found.theta
+    r, J = problem.jacobian(theta) if found.reach is None else problem.secants(theta, found.reach)
+    return Model(setup.diagram, problem, setup, theta, r, np.where(np.isfinite(J), J, 0.0), found.status)

@@ -1,0 +1,171 @@
+"""Where effects may stand in a diagram: the wires of what was measured, and the wire that sets it in motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+import attrs
+
+from tsmblocks.block import Block
+from tsmblocks.blocks import Bias
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects import Effect
+from tsmblocks.equation_set import Equations
+from tsmblocks.errors import TsmError
+from tsmblocks.simulate import equations
+from tsmblocks.wires import Fault, resolve
+
+PROBE = "probe_of_the_wire"
+MOTION = 2
+"""Integrations between a force and the position it moves, at least."""
+
+
+@attrs.frozen
+class Site:
+    """One wire on which a block may be put.
+
+    ``before`` is the port, ``after`` the signal or input of the diagram that is cut (one of both is empty).
+    ``signal`` names what runs on the wire, ``other`` what a block there may read besides: a signal, or an input of
+    the diagram. ``output`` is the measured output behind it.
+    """
+
+    place: str
+    output: str
+    signal: str
+    other: str = ""
+    after: str = ""
+    before: str = ""
+    adds: Callable[[Diagram, str], Diagram] | None = None
+
+    def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
+        """The diagram with ``block`` on this wire under ``name``."""
+        wires = [f"{self.other} -> {name}.x"] if "x" in block.inports else []
+        if (
+            "y" in block.outports and len(block.outports) > 1
+        ):  # on a wire goes a block of one output, so a stand-in first
+            made = diagram.insert(name, Bias(), after=self.after, before=self.before)
+            made = made.rewire(blocks={**made.blocks, name: block}, add=wires)
+        else:
+            made = diagram.insert(name, block, after=self.after, before=self.before, wires=wires)
+        return made if self.adds is None else self.adds(made, name)
+
+    def same(self, other: Site) -> bool:
+        """Whether a block stands on the same wire there."""
+        return all(getattr(self, k) == getattr(other, k) for k in ("place", "after", "before", "other", "adds"))
+
+    def words(self, diagram: Diagram) -> str:
+        """The wire in wire notation, as it was before."""
+        if self.before:
+            return f"{self.signal} -> {self.before}"
+        ends = [".".join(e) for e in diagram.inlets.get(self.after, ())]
+        ends += [".".join(x.target) for x in diagram.links if ".".join(x.source) == self.after]
+        ends += [k for k, end in diagram.shown.items() if ".".join(filter(None, end)) == self.after]
+        return f"{self.signal} -> {', '.join(dict.fromkeys(ends))}"
+
+
+def sites(diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = ()) -> list[Site]:
+    """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
+
+    A measured drive (the voltage in a position loop) is a wire that moves another output, not one of its own.
+    Those that ``effects`` made for this diagram name themselves are among them.
+    """
+    found: list[Site] = []
+    for name in outputs:
+        head, port = diagram.shown[name]
+        if not head:
+            continue  # the output shows an input: there is nothing in between
+        source = f"{head}.{port}"
+        found.append(Site("output", name, source, after=source))
+        reading = [k for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0]
+        found += [Site("across", name, source, other=k, after=source) for k in reading]
+        drive = driven(diagram, name)
+        signal = _source(diagram, drive) if drive else source
+        if signal != source:  # an output that drives is set in motion by nothing but itself
+            found.append(Site("drive", name, signal, before=drive))
+            found.append(Site("load", name, signal, other=source, before=drive))
+    drives = {site.signal for site in found if site.place == "drive"}
+    found = [site for site in found if site.place not in ("output", "across") or site.signal not in drives]
+    found += [Site("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
+    found += [one for effect in effects if effect.receiver and (one := own_site(diagram, outputs[0], effect))]
+    return [one for k, one in enumerate(found) if not any(one.same(other) for other in found[:k])]
+
+
+def own_site(diagram: Diagram, output: str, effect: Effect) -> Site | None:
+    """The wire that an effect names itself; None in a diagram that has no such port, or no signal that it reads."""
+    try:
+        port = ".".join(resolve(effect.receiver, diagram.blocks, "input"))
+        reads = effect.reads
+        if reads and reads not in diagram.inputs:
+            reads = ".".join(resolve(reads, diagram.blocks, "output"))
+    except Fault:
+        return None
+    return Site(effect.place, output, _source(diagram, port), reads, before=port, adds=effect.adds)
+
+
+def _source(diagram: Diagram, port: str) -> str:
+    """The signal, or input of the diagram, that drives a port (``block.port``)."""
+    link = next((x for x in diagram.links if ".".join(x.target) == port), None)
+    if link is not None:
+        return ".".join(link.source)
+    return next(k for k, ends in diagram.inlets.items() if port in {".".join(e) for e in ends})
+
+
+def driven(diagram: Diagram, output: str) -> str:
+    """The port nearest to an output that moves it through two integrations or more; ``""`` where there is none."""
+    for port in _upstream(diagram, diagram.shown[output][0]):
+        if reaches(diagram, output, before=port, after="") >= MOTION:
+            return port
+    return ""
+
+
+def _upstream(diagram: Diagram, block: str) -> Iterator[str]:
+    """Driven ports, from those of ``block`` on against the direction of the wires, nearest first."""
+    seen, todo = {block}, [block]
+    while todo:
+        name = todo.pop(0)
+        into = [(".".join(x.target), x.source[0]) for x in diagram.links if x.target[0] == name]
+        fed = [".".join(e) for ends in diagram.inlets.values() for e in ends if e[0] == name]
+        yield from (port for port, _ in into)
+        yield from fed
+        for _, head in into:
+            if head not in seen:
+                seen.add(head)
+                todo.append(head)
+
+
+def reaches(diagram: Diagram, output: str, *, before: str, after: str) -> int:
+    """How many integrations lie between a wire and an output: 0 for none at all, -1 where it does not reach it.
+
+    Read off the equations' structure. Memory that is updated between steps counts as one integration.
+    """
+    try:
+        eq = equations(diagram.insert(PROBE, Bias(), before=before, after=after))
+    except TsmError:
+        return -1
+    rows = _dependencies(eq)
+    goal = ("y", eq.y.index(eq.aliases[output]))
+    front = {("p", eq.p.index(f"{PROBE}.bias"))}
+    known = set(front)
+    for degree in range(len(eq.x) + len(eq.d) + 1):
+        if rows[goal] & known:
+            return degree
+        front = {state for state, reads in rows.items() if state[0] in "xd" and reads & known} - known
+        if not front:
+            return -1
+        known |= front
+    return -1
+
+
+def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:
+    """For each signal, rate and memory: which parameters, states and memories it reads at the same instant."""
+    found: dict[tuple[str, int], set[tuple[str, int]]] = {}
+    reads = {"x": 1, "d": 2, "p": 5}
+    made = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
+    for kind, function, result in made:
+        for name, argument in reads.items():
+            rows, columns = function.jac_sparsity(result, argument).get_triplet()
+            for i in range(function.size1_out(result)):
+                found.setdefault((kind, i), set())
+            for i, k in zip(rows, columns, strict=True):
+                found[kind, i].add((name, k))
+    return found

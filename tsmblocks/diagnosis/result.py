@@ -1,0 +1,288 @@
+"""What a diagnosis says: the verdict, the effects named, how the gap shrank, and what could not have been seen."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagram import Diagram
+
+VERDICTS = ("none", "named", "unknown")
+
+
+@attrs.frozen
+class Quantity:
+    """A number found, with the interval that holds it with a probability of 95 %, given this structure."""
+
+    value: float
+    low: float
+    high: float
+    unit: str = ""
+
+
+@attrs.frozen
+class Named:
+    """An effect found missing.
+
+    ``wire`` is where ``block`` was put, in wire notation; ``share_removed`` the share of the explainable error that it
+    removes held out, together with the effects before it; ``across`` the same with whole experiments held out (None
+    with a single experiment). ``also_possible`` are effects that these data cannot tell from it, and
+    ``separating_experiment`` what would. ``code`` is the line that adds the block to a diagram.
+    """
+
+    name: str
+    family: str
+    words: str
+    segment: str
+    wire: str
+    block: str
+    parameters: Mapping[str, Quantity]
+    share_removed: float
+    across: float | None
+    also_possible: tuple[str, ...]
+    separating_experiment: str
+    code: str
+
+
+@attrs.frozen
+class Ranked:
+    """A candidate tried: how much it removes held out [variances of the noise], and its t beside the line of chance.
+
+    ``round`` counts from 1; ``gain`` is what was promised where a candidate was not worth a fit (``fitted`` False).
+    """
+
+    round: int
+    segment: str
+    name: str
+    variant: str
+    family: str
+    wire: str
+    gain: float
+    share: float
+    across: float
+    t: float
+    line: float
+    in_set: bool
+    named: bool
+    fitted: bool
+    at_bound: tuple[str, ...]
+    parameters: Mapping[str, float]
+    units: Mapping[str, str] = attrs.field(factory=dict)
+
+
+@attrs.frozen
+class Gap:
+    """Rms of the difference between simulation and measurement, before and after each effect that was named.
+
+    ``train`` and ``held_out`` hold the base and then one number for each effect, ``experiments`` the same held out for
+    each experiment; ``noise_floor`` is what no model can go below, ``method`` says where it is from.
+    """
+
+    output: str
+    unit: str
+    noise_floor: float
+    method: str
+    train: tuple[float, ...]
+    held_out: tuple[float, ...]
+    experiments: Mapping[str, tuple[float, ...]]
+
+
+@attrs.frozen
+class Where:
+    """A coordinate along which model and data disagree, and the share of the excess that it foretells held out."""
+
+    coordinate: str
+    share: float
+    words: str
+
+
+@attrs.frozen
+class Limit:
+    """The smallest size of an effect that these experiments would have shown; None where they do not excite it."""
+
+    name: str
+    parameter: str
+    value: float | None
+    unit: str
+    excites: str
+
+
+@attrs.frozen
+class Consequence:
+    """Tracking of a recorded motion [unit]: without compensation, and with one built on the base and on the new model.
+
+    Each pair is peak-to-peak and rms error. The plant is the augmented model, the best that is known.
+    """
+
+    unit: str
+    reference: str
+    none: tuple[float, float]
+    base: tuple[float, float]
+    augmented: tuple[float, float]
+
+
+@attrs.frozen(eq=False)
+class Trace:
+    """One output of one experiment: instants [s], and in ``unit`` measured, simulated before, simulated after.
+
+    ``drive`` is the input beside it (empty where there is none), ``excess`` (blocks, 3) start, stop [s] and mean
+    square of what the base leaves there, in variances of the noise.
+    """
+
+    experiment: str
+    output: str
+    unit: str
+    t: np.ndarray = attrs.field(repr=False)
+    measured: np.ndarray = attrs.field(repr=False)
+    before: np.ndarray = attrs.field(repr=False)
+    after: np.ndarray = attrs.field(repr=False)
+    drive: np.ndarray = attrs.field(repr=False)
+    drive_name: str
+    excess: np.ndarray = attrs.field(repr=False)
+
+
+@attrs.frozen(eq=False)
+class Segment:
+    """What was found between measured signals: a part of the diagram that was looked at by itself."""
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    verdict: str
+    excess: float
+    noise_floor: Mapping[str, float]
+    effects: tuple[Named, ...]
+    gaps: tuple[Gap, ...]
+    where: tuple[Where, ...]
+    ranking: tuple[Ranked, ...]
+    limits: tuple[Limit, ...]
+    traces: tuple[Trace, ...] = attrs.field(repr=False)
+    ceiling: float
+    sentence: str
+
+
+@attrs.frozen(eq=False)
+class Diagnosis:
+    """The outcome of ``tsm.diagnose``.
+
+    ``verdict`` is ``"named"`` where effects were named, ``"unknown"`` where something is missing that no block of the
+    catalogue explains, ``"none"`` where nothing is missing that these data could show. ``base`` is the diagram with
+    its numbers refitted, ``augmented`` the one with the named blocks in place. ``status`` is ``"done"``, or
+    ``"interrupted"`` after Ctrl-C: what was found until then is here.
+    """
+
+    diagram: str
+    experiments: tuple[str, ...]
+    seed: int
+    verdict: str
+    sentence: str
+    effects: tuple[Named, ...]
+    segments: tuple[Segment, ...]
+    base: Diagram = attrs.field(repr=False)
+    augmented: Diagram = attrs.field(repr=False)
+    consequence: Consequence | None
+    notes: tuple[str, ...]
+    status: str
+
+    @property
+    def worst(self) -> Segment:
+        """The segment that the verdict is about: with effects named, else with the largest excess."""
+        return max(self.segments, key=lambda s: (s.verdict == self.verdict, len(s.effects), s.excess))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain values, as ``diagnosis.json`` holds it."""
+        worst = self.worst
+        return {
+            "format": 1, "diagram": self.diagram, "experiments": list(self.experiments), "seed": self.seed,
+            "verdict": self.verdict, "sentence": self.sentence, "status": self.status,
+            "effects": [_effect(e) for e in self.effects],
+            "gap": _gap(worst.gaps[0]),
+            "where": [{"coordinate": w.coordinate, "share": _round(w.share), "words": w.words} for w in worst.where],
+            "ranking": [_ranked(r) for s in self.segments for r in s.ranking],
+            "detection_limits": {m.name: _round(m.value) for s in reversed(self.segments) for m in s.limits},
+            "segments": [_segment(s) for s in self.segments],
+            "consequence": None if self.consequence is None else _plain(attrs.asdict(self.consequence)),
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+    def to_json(self) -> str:
+        """Return ``diagnosis.json``: the same data and the same seed give the same bytes."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder."""
+        from tsmblocks.report import written
+
+        return written(self, Path(folder))
+
+    def plot(self) -> Any:
+        """A figure of how the gap shrank and where model and data disagree. Needs matplotlib."""
+        from tsmblocks.plots import plot_diagnosis
+
+        return plot_diagnosis(self)
+
+    def __str__(self) -> str:
+        from tsmblocks.diagnosis.telling import told
+
+        return told(self)
+
+
+def _effect(e: Named) -> dict[str, Any]:
+    return {
+        "name": e.name, "family": e.family, "words": e.words, "segment": e.segment, "wire": e.wire, "block": e.block,
+        "parameters": {k: _plain(attrs.asdict(q)) for k, q in e.parameters.items()},
+        "share_removed": _round(e.share_removed), "share_removed_across_experiments": _round(e.across),
+        "also_possible": list(e.also_possible), "separating_experiment": e.separating_experiment, "code": e.code,
+    }  # fmt: skip
+
+
+def _gap(gap: Gap) -> dict[str, Any]:
+    return {
+        "output": gap.output, "unit": gap.unit, "noise_floor": _round(gap.noise_floor), "noise_floor_from": gap.method,
+        "train": {"before": _round(gap.train[0]), "after": _round(gap.train[-1])},
+        "held_out": {"before": _round(gap.held_out[0]), "after": _round(gap.held_out[-1])},
+        "steps": {"train": _plain(gap.train), "held_out": _plain(gap.held_out)},
+        "experiments": {k: _plain(v) for k, v in gap.experiments.items()},
+    }  # fmt: skip
+
+
+def _ranked(r: Ranked) -> dict[str, Any]:
+    return {
+        "round": r.round, "segment": r.segment, "name": r.name, "variant": r.variant, "family": r.family,
+        "wire": r.wire, "held_out_gain": _round(r.gain), "share": _round(r.share), "across": _round(r.across),
+        "statistic": _round(r.t), "line": _round(r.line), "in_set": r.in_set, "named": r.named, "fitted": r.fitted,
+        "at_bound": list(r.at_bound), "parameters": _plain(r.parameters),
+    }  # fmt: skip
+
+
+def _segment(s: Segment) -> dict[str, Any]:
+    return {
+        "name": s.name, "inputs": list(s.inputs), "outputs": list(s.outputs), "verdict": s.verdict,
+        "excess": _round(s.excess), "sentence": s.sentence, "effects": [e.name for e in s.effects],
+        "ceiling": _round(s.ceiling), "gaps": [_gap(g) for g in s.gaps],
+        "where": [{"coordinate": w.coordinate, "share": _round(w.share), "words": w.words} for w in s.where],
+        "detection_limits": {
+            m.name: None if m.value is None else {"parameter": m.parameter, "value": _round(m.value), "unit": m.unit}
+            for m in s.limits
+        },
+    }  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return _round(float(value)) if isinstance(value, (float, np.floating)) else value
+
+
+def _round(value: float | None) -> float | None:
+    """Six digits, which more than covers what the data tell; None for what is no number."""
+    if value is None or not np.isfinite(value):
+        return None
+    return float(f"{float(value):.6g}")

@@ -1,0 +1,175 @@
+"""Forward selection: one effect after another, each refitted with all before it, exchanged and dropped where due."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import Record
+from tsmblocks.diagnosis.candidates import candidates, surroundings
+from tsmblocks.diagnosis.deciding import ALIKE, MATERIAL, Tried, Verdict, base_losses, decide, mean, sizes_of, tried
+from tsmblocks.diagnosis.folds import Parts
+from tsmblocks.diagnosis.model import Asked, Model, polished, searched
+from tsmblocks.diagnosis.places import sites
+from tsmblocks.diagnosis.screening import Promise, absorbing, promise
+from tsmblocks.effects import Effect
+
+MOST = 4
+"""Effects named at most."""
+FITTED = 3
+"""Candidates fitted in a round at least, if there are so many."""
+MORE = 14
+"""Candidates fitted at most."""
+WORTH = 0.02
+"""Promised fall of the mean square, in variances of the noise, from which a candidate may be worth a fit."""
+HALF = 0.5
+"""Share of the excess that an effect has to remove."""
+SLIGHT = 0.15
+"""Share of all that was removed below which an effect after the first is taken for a fault of the first one's form."""
+FURTHER = 0.3
+"""Share of what is left that a further effect has to remove, where it removes more than the noise itself."""
+MOSTLY = 0.8
+"""Share of the excess that several have to remove, none of which removes half by itself."""
+NEAR = 0.15
+"""Share of the best promise from which it is."""
+
+Tell = Callable[[str, int, int], None]
+
+
+@attrs.frozen(eq=False)
+class Round:
+    """One look for an effect: the base of that round, its losses, what was promised and what was tried."""
+
+    base: Model
+    losses: np.ndarray
+    across: np.ndarray
+    promises: tuple[Promise, ...]
+    verdict: Verdict
+
+
+@attrs.frozen(eq=False)
+class Search:
+    """What every round needs: recordings, how models are set beside them, effects, blocks of time, the noise.
+
+    ``floor`` is the mean square of the noise, in the variances that residuals are counted in. ``tell(stage, done, of)``
+    is told how far it is.
+    """
+
+    records: Mapping[str, Record]
+    asked: Asked
+    effects: Sequence[Effect]
+    parts: Parts
+    floor: float
+    tell: Tell
+
+
+def look(model: Model, named: Mapping[str, tuple[float, float]], search: Search) -> Round:
+    """Try every effect on every wire of a model, fit the most promising, and decide.
+
+    ``named`` holds the parameters of effects in the model already, with their nulls and sizes.
+    """
+    places = sites(model.fitted, search.asked.outputs, search.effects)
+    around = surroundings(model, places)
+    base, made = absorbing(model), candidates(model, search.effects, around, places)
+    promises, shows = [], MATERIAL * search.floor * model.problem.samples
+    for k, candidate in enumerate(made):
+        search.tell("tried", k, len(made))
+        promises.append(promise(candidate, model, search.records, search.asked, around, base, shows))
+    promises.sort(key=lambda one: -one.gain)
+    best = promises[0].gain if promises else 0.0
+    worth = max(WORTH * search.floor * model.problem.samples, NEAR * best)
+    chosen = [p for k, p in enumerate(promises[:MORE]) if k < FITTED or p.gain > worth]
+    found = []
+    for k, one in enumerate(chosen):
+        search.tell("fitted", k, len(chosen))
+        found.append(fitted(one, search.parts, named))
+    losses, across = base_losses(model, search.parts, dict(named))
+    verdict = decide(losses, found, search.parts, search.floor, search.asked.seed)
+    return Round(model, losses, across, tuple(promises), verdict)
+
+
+def fitted(one: Promise, part: Parts, named: Mapping[str, tuple[float, float]]) -> Tried:
+    """The best end of searches from the starts of a promise."""
+    ends = [searched(one.problem, one.setup, start) for start in one.starts]
+    return tried(one.candidate, min(ends, key=lambda m: m.mean_square), part, dict(named))
+
+
+def forward(model: Model, search: Search, rounds: list[Round]) -> None:
+    """Add rounds until nothing more passes; which of them count is for ``counted`` to say."""
+    named = dict[str, tuple[float, float]]()
+    for _ in range(MOST + 1):
+        try:
+            one = look(model, named, search)
+        except KeyboardInterrupt:  # what was named before still counts
+            if rounds:
+                rounds.append(_unlooked(model, named, search))
+            raise
+        rounds.append(one)
+        if one.verdict.named is None:
+            break
+        winner = one.verdict.named
+        named |= sizes_of(winner.candidate)
+        model = polished(winner.model)
+
+
+def _unlooked(model: Model, named: Mapping[str, tuple[float, float]], search: Search) -> Round:
+    """A round in which nothing was tried: only what the model leaves."""
+    losses, across = base_losses(model, search.parts, dict(named))
+    return Round(model, losses, across, (), Verdict((), (), float("inf"), None, ()))
+
+
+def counted(rounds: Sequence[Round], search: Search) -> int:
+    """How many of the effects found count: those that together remove most of what can be removed.
+
+    The first counts that removes half of the excess; where none does, two or more do that together remove four fifths,
+    effects of the same size. A further one counts where it removes a good share of what is left, and is no mere fault
+    of the form of those before: those are small beside the noise, and beside what was removed.
+    """
+    losses = [mean(one.losses, search.parts) for one in rounds]
+    before, count = losses[0], 0
+    for k in range(1, len(losses)):
+        removed = losses[k - 1] - losses[k]
+        step = removed / max(losses[k - 1] - search.floor, 1e-12)
+        whole = (before - losses[k]) / max(before - search.floor, 1e-12)
+        done = (before - losses[count]) / max(before - search.floor, 1e-12) if count else 0.0
+        weighty = removed >= SLIGHT * (before - losses[k]) or removed >= search.floor or step >= MOSTLY
+        if done < HALF:
+            count = k if (step >= HALF and count == k - 1) or whole >= MOSTLY else count
+        elif count == k - 1 and weighty and step >= (FURTHER if removed >= search.floor else HALF):
+            count = k
+    return count
+
+
+def reconsidered(rounds: list[Round], search: Search) -> list[Round]:
+    """The rounds, or others where an effect named early turned out to be needless beside those named later.
+
+    Greedy search may take two effects for one that it named in a wrong shape first.
+    """
+    count = counted(rounds, search)
+    if count < 2:
+        return rounds
+    model, base = rounds[count].base, rounds[0].base
+    for one in rounds[: count - 1]:
+        named = one.verdict.named
+        if named is None or _missed(model, named) >= MATERIAL * search.floor:
+            continue
+        others = [e for e in search.effects if e.name != named.candidate.effect.name]
+        again: list[Round] = []
+        forward(base, attrs.evolve(search, effects=others), again)
+        kept = counted(again, search)
+        if kept and mean(again[kept].losses, search.parts) <= mean(rounds[count].losses, search.parts) + ALIKE:
+            return again
+    return rounds
+
+
+def _missed(model: Model, one: Tried) -> float:
+    """How much the mean square grows when an effect of a model is set to nothing and all else is fitted again."""
+    unknowns, base = model.problem.unknowns, model.problem.unknowns.base.copy()
+    for name, value in one.candidate.effect.null.items():
+        base[unknowns.order.index(f"{one.candidate.block}.{name}")] = value
+    kept = [k for k, item in enumerate(unknowns.items) if item.parameter not in one.candidate.free]
+    fewer = attrs.evolve(unknowns, items=tuple(unknowns.items[k] for k in kept), base=base)
+    without = searched(attrs.evolve(model.problem, unknowns=fewer), model.setup, model.theta[kept])
+    return without.mean_square - model.mean_square

@@ -1,0 +1,259 @@
+"""What each candidate promises before it is fitted: a trial of several sizes and shapes, less what the base absorbs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.candidates import Candidate, Surroundings
+from tsmblocks.diagnosis.deciding import FAR
+from tsmblocks.diagnosis.model import Asked, Model, posed_as
+from tsmblocks.fitting.problem import Problem
+from tsmblocks.fitting.setting_up import Setup
+from tsmblocks.fitting.sums import product, square
+
+RANK = 1e-12
+"""Share of the largest eigenvalue below which a direction of the base counts as undetermined."""
+REFINED = 12
+"""Shapes tried to each side of the best, where a shape is looked for again."""
+ROUNDS = 3
+"""How often."""
+PINNED = 10.0
+"""Widths of a transition within which its instant is then fitted."""
+OTHERS = 8
+"""Next best shapes among which a second start is looked for."""
+AWAY = 1e30
+"""Change of an output, in units of the noise, from which a simulation counts as one that runs away."""
+FARTHEST = 40.0
+"""How much larger than the size worth trying an effect may begin."""
+
+
+@attrs.frozen(eq=False)
+class Absorbing:
+    """What the base can take up by other numbers: an orthonormal basis (N, k), and the way back to the unknowns."""
+
+    basis: np.ndarray
+    back: np.ndarray
+
+    def rest(self, z: np.ndarray) -> np.ndarray:
+        """What is left of columns (N, m)."""
+        return z - product(self.basis, product(np.ascontiguousarray(self.basis.T), z))
+
+
+def absorbing(model: Model) -> Absorbing:
+    """The directions in which the base moves."""
+    J = model.J
+    size = np.sqrt(np.einsum("ij,ij->j", J, J))
+    size = np.where(size > 0, size, 1.0)
+    scaled = J / size
+    values, vectors = np.linalg.eigh(product(np.ascontiguousarray(scaled.T), scaled))
+    kept = values > RANK * values.max(initial=0.0)
+    turn = vectors[:, kept] / np.sqrt(values[kept])
+    return Absorbing(product(scaled, turn), turn / size[:, None])
+
+
+@attrs.frozen(eq=False)
+class Promise:
+    """What a candidate promises: ``gain`` is the fall of the sum of squares, ``starts`` where to begin, best first.
+
+    ``z`` (N,) is the best change of the outputs found, less what the base absorbs.
+    """
+
+    candidate: Candidate
+    problem: Problem
+    setup: Setup
+    gain: float
+    starts: tuple[np.ndarray, ...]
+    z: np.ndarray = attrs.field(repr=False)
+    smallest: float | None = None
+    """The first parameter's size that would just show; None where these data do not excite it."""
+
+
+@attrs.frozen(eq=False)
+class _Try:
+    """One shape tried: the fall of the sum of squares, and the unknowns there."""
+
+    gain: float
+    theta: np.ndarray
+    shape: Mapping[str, float]
+    moved: np.ndarray
+    """Change of the outputs (N,)."""
+    felt: float
+    """Sum of squares that the first size worth trying changes, beyond what the base absorbs."""
+    plain: np.ndarray
+    """The unknowns with the base's as they were."""
+
+
+def promise(
+    candidate: Candidate, model: Model, records: Mapping, asked: Asked, around: Surroundings, base: Absorbing,
+    shows: float,
+) -> Promise:  # fmt: skip
+    """Try a candidate's shapes and sizes, all side by side in lanes. ``shows`` is a change of the sum of squares."""
+    trials = candidate.trials
+    problem, setup = posed_as(
+        model, candidate.diagram, candidate.free, records, asked, _bounds(candidate, asked), candidate.settled
+    )
+    begin = _begin(problem, model, candidate, around)
+    screen = _Screen(candidate, problem, model, base, begin)
+    tried = screen.tries(trials.shapes)
+    smallest = _smallest(candidate, tried, shows)
+    for _ in range(ROUNDS if trials.refine else 0):
+        tried = [*tried, *screen.tries(_between(tried, trials.refine))]
+        tried.sort(key=lambda one: -one.gain)
+        tried = tried[: 2 * REFINED]
+    tried.sort(key=lambda one: -one.gain)
+    best = tried[0]
+    if trials.refine:
+        return Promise(candidate, _pinned(problem, candidate, best), setup, best.gain, (best.theta,),
+                       base.rest(best.moved[:, None])[:, 0], smallest)  # fmt: skip
+    chosen = [best, *(one for one in tried[1:OTHERS] if _differs(one, best, base))][:2]
+    starts = [_sounder(problem, one) for one in chosen]
+    return Promise(candidate, problem, setup, best.gain, tuple(starts), base.rest(best.moved[:, None])[:, 0], smallest)
+
+
+def _smallest(candidate: Candidate, tried: Sequence[_Try], shows: float) -> float | None:
+    """The size at which an effect changes the sum of squares by ``shows``, by the shape that shows it best."""
+    strengths, first = candidate.trials.strengths, candidate.effect.free[0]
+    null = candidate.effect.null.get(first, np.inf)
+    sizes = []
+    for one in tried:
+        factor = float(np.sqrt(shows / one.felt)) if one.felt > 0 else np.inf
+        if strengths and factor < FARTHEST:
+            sizes.append(abs(next(iter(strengths.values()))) * factor)
+        elif not strengths and factor <= 1:  # towards its null; a limit has none, and counts as it is
+            sizes.append(null + (one.shape[first] - null) * factor if abs(null) < FAR else one.shape[first])
+    return min(map(abs, sizes)) if sizes else None
+
+
+def _bounds(candidate: Candidate, asked: Asked) -> dict[str, tuple[float | None, float | None]]:
+    """Bounds by full names; those of states count where states are free to begin anywhere."""
+    named = {f"{candidate.block}.{k}": pair for k, pair in candidate.trials.bounds.items()}
+    return {k: v for k, v in named.items() if asked.start_states or k in candidate.free}
+
+
+def _begin(problem: Problem, model: Model, candidate: Candidate, around: Surroundings) -> np.ndarray:
+    """The unknowns at the base's numbers, with the effect at its null and at rest where each experiment begins."""
+    known, first, settled = model.values, around.first(candidate.site.signal), candidate.settled
+    made = []
+    for item in problem.unknowns.items:
+        if item.name in known:
+            made.append(known[item.name])
+        elif item.parameter in settled:
+            made.append(first[problem.unknowns.experiments.index(item.experiment)])
+        else:
+            made.append(item.start)
+    return np.array(made)
+
+
+@attrs.frozen(eq=False)
+class _Screen:
+    """A candidate ready to be tried."""
+
+    candidate: Candidate
+    problem: Problem
+    model: Model
+    base: Absorbing
+    begin: np.ndarray
+
+    def tries(self, shapes: Sequence[Mapping[str, float]]) -> list[_Try]:
+        """Every shape with its best size."""
+        strengths = self.candidate.trials.strengths
+        sets = [self._set({**shape, **one}) for shape in shapes
+                for one in ([{k: v} for k, v in strengths.items()] or [{}])]  # fmt: skip
+        changes = self._changes(sets)
+        wide = np.ascontiguousarray(changes.T)
+        inside = product(np.ascontiguousarray(self.base.basis.T), changes)
+        slope = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
+        slope = slope - inside.T @ (self.base.basis.T @ self.model.r)
+        each, made = max(len(strengths), 1), []
+        for k, shape in enumerate(shapes):
+            mine = slice(k * each, (k + 1) * each)
+            m = product(wide[mine], changes[:, mine]) - inside[:, mine].T @ inside[:, mine]
+            made.append(self._sized(shape, changes[:, mine], slope[mine], m, inside[:, mine]))
+        return made
+
+    def _set(self, numbers: Mapping[str, float]) -> np.ndarray:
+        theta = self.begin.copy()
+        for name, value in numbers.items():
+            k = self.problem.unknowns.names.index(f"{self.candidate.block}.{name}")
+            theta[k] = np.clip(value, self.problem.unknowns.low[k], self.problem.unknowns.high[k])
+        return theta
+
+    def _changes(self, sets: list[np.ndarray]) -> np.ndarray:
+        """Change of the weighted outputs against the base, shape (N, sets)."""
+        made = np.empty((self.problem.samples, len(sets)))
+        first = 0
+        for e, trial in enumerate(self.problem.trials):
+            y = self.problem.outputs(sets, e)
+            for i, weight in enumerate(self.problem.weights):
+                rows = slice(first, first + len(trial.t))
+                made[rows] = weight * (y[:, i] - trial.measured[:, i, None]) - self.model.r[rows, None]
+                first = rows.stop
+        away = ~(np.abs(made) < AWAY).all(axis=0)
+        made[:, away] = 0.0  # a size at which the simulation runs away promises nothing
+        return made
+
+    def _sized(
+        self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray
+    ) -> _Try:  # fmt: skip
+        """A shape with the sizes of its strengths that leave least.
+
+        ``z`` (N, k) are the changes of the outputs, ``g`` (k,) and ``m`` (k, k) what of them the base does not absorb
+        times what is left and times each other, ``inside`` (directions, k) what it does.
+        """
+        strengths = self.candidate.trials.strengths
+        size = np.ones(1) if not strengths else self._sizes(g, m, list(strengths.items()))
+        numbers = {k: s * v for (k, v), s in zip(strengths.items(), size, strict=False)}
+        theta = plain = self._set({**shape, **numbers})
+        shift = dict(zip(self.model.problem.unknowns.names, -self.base.back @ (inside @ size), strict=True))
+        theta = theta + np.array([shift.get(name, 0.0) for name in self.problem.unknowns.names])
+        gain = -float(2 * size @ g + size @ m @ size)
+        if not strengths:  # the size is part of the shape; count what another size in this direction would gain
+            gain = max(gain, float(max(-g[0], 0.0) ** 2 / max(m[0, 0], 1e-300)))
+        inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
+        return _Try(gain, inside_bounds, shape, z @ size, float(m[0, 0]), plain)
+
+    def _sizes(self, g: np.ndarray, m: np.ndarray, strengths: list[tuple[str, float]]) -> np.ndarray:
+        """Factors on the sizes worth trying, in bounds."""
+        ridge = 1e-9 * np.diag(np.maximum(np.diag(m), 1e-300))
+        size = np.clip(-np.linalg.solve(m + ridge, g), -FARTHEST, FARTHEST)
+        low, high, names = self.problem.unknowns.low, self.problem.unknowns.high, self.problem.unknowns.names
+        for j, (name, unit) in enumerate(strengths):
+            k = names.index(f"{self.candidate.block}.{name}")
+            size[j] = np.clip(size[j] * unit, low[k], high[k]) / unit
+        return size
+
+
+def _sounder(problem: Problem, one: _Try) -> np.ndarray:
+    """Where to begin from a try: with the base moved as its derivatives say, or not, where they lead astray."""
+    moved, plain = problem.costs(np.stack([one.theta, one.plain]))
+    return one.plain if not moved <= plain else one.theta
+
+
+def _between(tried: Sequence[_Try], name: str) -> list[dict[str, float]]:
+    """Shapes between the best one and its neighbours."""
+    best = max(tried, key=lambda one: one.gain)
+    here = best.shape[name]
+    others = sorted({one.shape[name] for one in tried} - {here}, key=lambda v: abs(v - here))
+    reach = abs(others[0] - here) if others else 0.0
+    steps = [k / (REFINED + 1) for k in range(-REFINED, REFINED + 1) if k]
+    return [{**best.shape, name: here + share * reach} for share in steps]
+
+
+def _pinned(problem: Problem, candidate: Candidate, best: _Try) -> Problem:
+    """The problem with a shape that was looked for by trials kept near what they found: slopes do not lead there."""
+    name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
+    k = unknowns.names.index(name)
+    reach, value = PINNED * candidate.transition, float(best.theta[k])
+    item = attrs.evolve(unknowns.items[k], low=max(value - reach, unknowns.items[k].low),
+                        high=min(value + reach, unknowns.items[k].high))  # fmt: skip
+    items = (*unknowns.items[:k], item, *unknowns.items[k + 1 :])
+    return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=items))
+
+
+def _differs(one: _Try, best: _Try, base: Absorbing) -> bool:
+    """Whether two tries lead to different places: their changes of the outputs are not nearly the same."""
+    a, b = base.rest(np.stack([one.moved, best.moved], axis=1)).T
+    return float(np.einsum("i,i->", a, b)) ** 2 < 0.8 * square(a) * square(b)

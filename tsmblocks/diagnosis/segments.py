@@ -1,0 +1,112 @@
+"""A diagram cut at its measured signals: parts that are simulated from measurements and looked at by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import attrs
+
+from tsmblocks.diagnosis.places import Site
+from tsmblocks.diagram import Diagram, Inlet
+from tsmblocks.wires import Link
+
+
+@attrs.frozen(eq=False)
+class Part:
+    """A part of a diagram. ``cut`` maps its inputs that stand for a measured signal to the signal they replace."""
+
+    name: str
+    diagram: Diagram
+    outputs: tuple[str, ...]
+    cut: Mapping[str, str]
+
+
+def parted(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
+    """Cut a diagram at measured outputs, except where that would open a loop; parts in the order of the signals.
+
+    In a closed loop the loop is one part: its controller hides in the position what it shows in the drive.
+    """
+    reach = _reach(diagram)
+    cut: dict[str, list[Link]] = {}
+    for name in measured:
+        source = diagram.shown[name]
+        if not source[0] or name in diagram.inputs:
+            continue
+        away = [x for x in diagram.links if x.source == source and source[0] not in reach[x.target[0]]]
+        taken = {x for links in cut.values() for x in links}
+        if away and not taken & set(away):
+            cut[name] = away
+    gone = {x for links in cut.values() for x in links}
+    links = [x for x in diagram.links if x not in gone]
+    made = [_part(diagram, group, links, cut, measured) for group in _groups(diagram, links)]
+    kept = [part for part in made if part.outputs]
+    return sorted(kept, key=lambda part: min(list(measured).index(k) for k in part.outputs)) if len(kept) > 1 else kept
+
+
+def _reach(diagram: Diagram) -> dict[str, set[str]]:
+    """Blocks that each block drives, itself included, directly or through others."""
+    after: dict[str, set[str]] = {k: set() for k in diagram.blocks}
+    for link in diagram.links:
+        after[link.source[0]].add(link.target[0])
+    found = {}
+    for name in diagram.blocks:
+        seen, todo = {name}, [name]
+        while todo:
+            new = after[todo.pop()] - seen
+            seen |= new
+            todo += new
+        found[name] = seen
+    return found
+
+
+def _groups(diagram: Diagram, links: Sequence[Link]) -> list[list[str]]:
+    """Blocks that hang together, each group in the diagram's order."""
+    group = {k: k for k in diagram.blocks}
+
+    def head(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    for link in links:
+        group[head(link.source[0])] = head(link.target[0])
+    made: dict[str, list[str]] = {}
+    for name in diagram.blocks:
+        made.setdefault(head(name), []).append(name)
+    return list(made.values())
+
+
+def _part(
+    diagram: Diagram, blocks: Sequence[str], links: Sequence[Link], cut: Mapping[str, list[Link]],
+    measured: Sequence[str],
+) -> Part:  # fmt: skip
+    """One group of blocks as a diagram of its own."""
+    inside = set(blocks)
+    inputs: dict[str, Inlet] = {}
+    for name, inlet in diagram.inputs.items():
+        ports = [".".join(e) for e in diagram.inlets[name] if e[0] in inside]
+        if ports:
+            inputs[name] = attrs.evolve(inlet, ports=ports)
+    replaced = {}
+    for name, gone in cut.items():
+        ports = [".".join(x.target) for x in gone if x.target[0] in inside]
+        if ports:
+            inputs[name] = Inlet(ports, diagram.unit(name), f"measured {name}")
+            replaced[name] = ".".join(diagram.shown[name])
+    outputs = {k: v for k, v in diagram.outputs.items() if diagram.shown[k][0] in inside and k not in inputs}
+    sub = diagram._with(
+        blocks={k: diagram.blocks[k] for k in blocks}, wires=[x for x in links if x.source[0] in inside],
+        inputs=inputs, outputs=outputs,
+    )  # fmt: skip
+    own = tuple(k for k in measured if k in outputs)
+    return Part(f"{', '.join(inputs) or 'start'} -> {', '.join(own)}", sub, own, replaced)
+
+
+def in_whole(site: Site, part: Part) -> Site:
+    """A site of a part as a site of the whole diagram, where the cut input is a signal again."""
+    other = part.cut.get(site.other, site.other)
+    signal = part.cut.get(site.signal, site.signal)
+    if site.after not in part.cut:
+        return attrs.evolve(site, other=other, signal=signal)
+    ports = [".".join(e) for e in part.diagram.inlets[site.after]]
+    return attrs.evolve(site, after="", before=ports[0], other=other, signal=signal)

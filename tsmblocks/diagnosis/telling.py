@@ -1,0 +1,318 @@
+"""A diagnosis in words: the verdict first, then how the gap shrank, where it was, what was tried, what was added."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tsmblocks.diagnosis.difference import difference, in_code
+from tsmblocks.diagnosis.result import Diagnosis, Gap, Limit, Named, Ranked, Segment
+from tsmblocks.diagnosis.showing import (
+    digits,
+    fitted_rms,
+    for_people,
+    histories,
+    in_people_units,
+    leading,
+    with_interval,
+)
+from tsmblocks.fitting.telling import WIDTH, listed
+from tsmblocks.tables import columns
+
+WEAK = 0.05
+"""Excess over the noise, as a share of it, that is told even where nothing can be named."""
+LONG, SHORT = 28, 14
+"""Characters at which a name in a table is cut, and the heading of a column of numbers."""
+MOST = 8
+"""Candidates of a round that are told; of one in which nothing was named, if others were, ``FEW``."""
+FEW = 3
+SENSELESS = 10.0
+"""Share of the excess above which there was no excess to speak of, so that the share says nothing."""
+HOLE = "\0"
+_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
+STATUS = {"done": "done", "interrupted": "interrupted; this is what was found until then"}
+
+
+def told(diagnosis: Diagnosis) -> str:
+    """The whole diagnosis as a terminal shows it."""
+    n = len(diagnosis.experiments)
+    head = f"{diagnosis.diagram or 'diagram'}: {n} experiment{'s' if n > 1 else ''}"
+    parts = [textwrap.fill(head, WIDTH), _verdicts(diagnosis)]
+    several = len(diagnosis.segments) > 1
+    for segment in diagnosis.segments:
+        title = f"== {segment.name} =="
+        parts += [title] if several else []
+        parts += [*map(gap_table, _gaps(segment)), *_where(segment), *_ranking(segment)]
+    parts += _added(diagnosis)
+    parts += [text for segment in diagnosis.segments for text in _confusion(segment)]
+    parts += [_limits(segment, several) for segment in diagnosis.segments if segment.limits]
+    parts += _consequence(diagnosis)
+    notes = gathered(diagnosis.notes, diagnosis.experiments)
+    notes.append(f"Seed {diagnosis.seed}; {STATUS[diagnosis.status]}.")
+    parts.append("\n".join(["notes:", *map(_bullet, notes)]))
+    return "\n\n".join(parts)
+
+
+# ---- the verdict ---------------------------------------------------------------------------------
+
+
+def verdict(segment: Segment) -> str:
+    """What is said of a segment in a sentence or two, sizes with their intervals, angles in degrees."""
+    between = f"Between {_ends(segment)}"
+    if segment.verdict == "named":
+        missing = [f"{e.words} ({_size(e, segment)})" for e in segment.effects]
+        return f"{between} the model misses {listed(missing, len(missing))}. {_shrinks(segment)} {_also(segment)}"
+    if segment.verdict == "unknown":
+        best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
+        along = "; ".join(w.words for w in segment.where) or "it follows none of the coordinates looked at"
+        return (f"{between} the model misses something that no block of the catalogue explains: the best removes "
+                f"{percent(max(best, 0.0))} of the error. Where it is: {along}. {_left(segment)}")  # fmt: skip
+    weak = " There is a weak excess, below what these data can name." if segment.excess > WEAK else ""
+    return f"{between} nothing is missing that these data could show. {_left(segment)}{weak}"
+
+
+def _ends(segment: Segment) -> str:
+    return f"{', '.join(segment.inputs) or 'the start'} and {', '.join(segment.outputs)}"
+
+
+def _size(effect: Named, segment: Segment) -> str:
+    main = leading(effect, segment)
+    size = f", {main.rpartition('.')[2]} {with_interval(effect.parameters[main])}" if main else ""
+    block = "" if effect.block == effect.name else f" as block {effect.block}"
+    return f"{effect.name}{block} on {effect.wire.strip()}{size}"
+
+
+def worst_gap(segment: Segment) -> Gap:
+    """The gap of the output that is furthest above its noise."""
+    return max(segment.gaps, key=lambda g: g.held_out[0] / g.noise_floor if g.noise_floor > 0 else 0.0)
+
+
+def _shrinks(segment: Segment) -> str:
+    gap = worst_gap(segment)
+    k, unit = for_people(gap.unit)
+    share = percent(min(sum(e.share_removed for e in segment.effects), 1.0))
+    them = "it" if len(segment.effects) == 1 else "them"
+    return (f"With {them}, the error of {gap.output} on data held out falls from {digits(k * gap.held_out[0])} to "
+            f"{digits(k * gap.held_out[-1])} {unit} rms (noise {digits(k * gap.noise_floor)}), which is {share} of "
+            "what can be explained.")  # fmt: skip
+
+
+def _also(segment: Segment) -> str:
+    also = sorted({name for e in segment.effects for name in e.also_possible})
+    return f"Also possible: {listed(also, 9) if also else 'nothing else of the catalogue'}."
+
+
+def _left(segment: Segment) -> str:
+    gap = worst_gap(segment)
+    k, unit = for_people(gap.unit)
+    return (f"The error of {gap.output} on data held out is {digits(k * gap.held_out[0])} {unit} rms, "
+            f"its noise {digits(k * gap.noise_floor)}.")  # fmt: skip
+
+
+def _verdicts(diagnosis: Diagnosis) -> str:
+    return "\n\n".join(_filled(f"{s.verdict.upper()}. {verdict(s)}") for s in in_order(diagnosis))
+
+
+def in_order(diagnosis: Diagnosis) -> list[Segment]:
+    """The segments, those with something to say first."""
+    order = {"named": 0, "unknown": 1, "none": 2}
+    return sorted(diagnosis.segments, key=lambda s: order.get(s.verdict, 3))
+
+
+# ---- tables --------------------------------------------------------------------------------------
+
+
+def steps(segment: Segment) -> list[str]:
+    """What the columns of a gap are called: the base, then each effect added."""
+    return ["before", *(f"+ {e.block}" for e in segment.effects)]
+
+
+def _gaps(segment: Segment) -> list[tuple[Segment, Gap]]:
+    return [(segment, gap) for gap in segment.gaps]
+
+
+def gap_table(one: tuple[Segment, Gap]) -> str:
+    """How one output's error shrank, per experiment: held out, and in the last columns as fitted."""
+    segment, gap = one
+    k, unit = for_people(gap.unit)
+    fitted = {t.experiment: fitted_rms(t) for t in histories(segment, gap.output)}
+    last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
+    rows = [[f"rms of {gap.output} held out [{unit or 'its unit'}]", *(_cut(s, SHORT) for s in steps(segment)), *last]]
+    ends = [gap.train[0], gap.train[-1]][: len(last)]
+    rows.append(["all", *(digits(k * v) for v in gap.held_out), *(digits(k * v) for v in ends)])
+    for name, values in gap.experiments.items() if len(gap.experiments) > 1 else ():
+        own = fitted.get(name, ())[: len(last)]
+        rows.append([_cut(name), *(digits(k * v) for v in values), *(digits(k * v) for v in own),
+                     *[""] * (len(last) - len(own))])  # fmt: skip
+    rows.append(["noise floor", digits(k * gap.noise_floor), *[""] * (len(gap.held_out) - 1 + len(last))])
+    return columns(rows) + f"  ({gap.method})"
+
+
+def _where(segment: Segment) -> list[str]:
+    if not segment.where:
+        return []
+    lines = [_bullet(f"{percent(w.share)} of the excess: {w.words}.") for w in segment.where]
+    return ["\n".join(["where they disagree:", *lines])]
+
+
+def _ranking(segment: Segment) -> list[str]:
+    """The candidates that were fitted, round by round; how many others promised too little."""
+    made, several = [], len(segment.gaps[0].experiments)
+    for number in sorted({r.round for r in segment.ranking}):
+        here = [r for r in segment.ranking if r.round == number]
+        fitted = [r for r in here if r.fitted]
+        if not fitted:
+            continue
+        shown = fitted[: FEW if segment.effects and not any(r.named for r in fitted) else MOST]
+        rows = [["", "candidate", "on", "removes", "new exp.", f"t ({fitted[0].line:.2g})"]]
+        rows += [[mark(r), _cut(titled(r)), _cut(r.wire.strip()), percent(r.share), percent(across(r, several)),
+                  f"{r.t:.1f}"] for r in shown]  # fmt: skip
+        rest = len(here) - len(shown)
+        more = f"\nOther candidates, which promised or removed less: {rest}." if rest else ""
+        made.append(f"candidates, round {number} (* named, ~ cannot be told from it):\n"
+                    f"{columns(rows, left=(0, 1, 2))}{more}")  # fmt: skip
+    return made
+
+
+def mark(one: Ranked) -> str:
+    """A star for what was named, a tilde for what cannot be told from it."""
+    return "*" if one.named else "~" if one.in_set else ""
+
+
+def titled(one: Ranked) -> str:
+    """Name and variant of a candidate."""
+    return f"{one.name} ({one.variant})" if one.variant else one.name
+
+
+def across(one: Ranked, experiments: int) -> float:
+    """The share that a candidate removes with whole experiments held out; NaN where there is one or none."""
+    known = experiments > 1 and one.gain and np.isfinite(one.across)
+    return one.across * one.share / one.gain if known else float("nan")
+
+
+def _added(diagnosis: Diagnosis) -> list[str]:
+    if not diagnosis.effects:
+        return []
+    parts = []
+    for effect in diagnosis.effects:
+        rows = [[name, with_interval(q)] for name, q in effect.parameters.items()]
+        parts.append(f"{effect.block} ({effect.name}):\n{columns(rows, '  ', left=(0, 1))}")
+    lines = [f"{sign} {text}" for sign, text in difference(diagnosis.base, diagnosis.augmented).lines]
+    parts.append("\n".join(["what was added to the diagram:", *lines]))
+    parts.append("\n".join(["in a script:", *(f"  {line}" for line in code(diagnosis))]))
+    return parts
+
+
+def code(diagnosis: Diagnosis) -> list[str]:
+    """The lines that add the named blocks to a diagram."""
+    made = []
+    for effect in diagnosis.effects:
+        block = diagnosis.augmented.blocks.get(effect.block)
+        filled = effect.code if block is None else effect.code.replace("…", in_code(block), 1)
+        made.append(f"diagram = {filled}")
+    return made
+
+
+def _confusion(segment: Segment) -> list[str]:
+    said = [_bullet(f"{e.name} cannot be told from {listed(e.also_possible, 9)} with these data. To separate them: "
+                    f"{e.separating_experiment or 'another experiment'}.")
+            for e in segment.effects if e.also_possible]  # fmt: skip
+    return ["\n".join(["what may be confused:", *said])] if said else []
+
+
+def limit(one: Limit) -> str:
+    """The smallest size that would have been seen: its parameter and number; empty where it is not excited."""
+    if one.value is None:
+        return ""
+    return f"{one.parameter.rpartition('.')[2]} {in_people_units(abs(one.value), one.unit)}"
+
+
+def _limits(segment: Segment, several: bool) -> str:
+    seen = [m for m in segment.limits if m.value is not None]
+    blind = [m for m in segment.limits if m.value is None]
+    where = f" in {segment.name}" if several else ""
+    parts = []
+    if seen:
+        parts.append(f"the smallest sizes that would have been seen{where}:\n"
+                     + columns([[m.name, limit(m)] for m in seen], "  ", left=(0, 1)))  # fmt: skip
+    if blind:
+        names = ", ".join(m.name for m in blind)
+        parts.append(textwrap.fill(f"not excited by these experiments, or without a place in the "
+                                   f"diagram{where}, so not looked for: {names}.", WIDTH,
+                                   break_on_hyphens=False))  # fmt: skip
+    return "\n\n".join(parts)
+
+
+def _consequence(diagnosis: Diagnosis) -> list[str]:
+    found = diagnosis.consequence
+    if found is None:
+        return []
+    k, unit = for_people(found.unit)
+    rows = [[f"tracking {_cut(found.reference)} [{unit}]", "peak to peak", "rms"]]
+    for words, (peak, rms) in (("without compensation", found.none), ("compensated with the base", found.base),
+                               ("compensated with the new model", found.augmented)):  # fmt: skip
+        rows.append([words, digits(k * peak), digits(k * rms)])
+    return [columns(rows)]
+
+
+def gathered(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
+    """Notes that say the same of several experiments as one, their numbers as a range."""
+    groups: dict[str, list[tuple[str, list[str]]]] = {}
+    for note in notes:
+        name, colon, text = note.partition(": ")
+        own = bool(colon) and name in experiments
+        key = _NUMBER.sub(HOLE, text) if own else note
+        groups.setdefault(key, []).append((name if own else "", _NUMBER.findall(text) if own else []))
+    made = []
+    for key, found in groups.items():
+        names = [name for name, _ in found if name]
+        if not names:
+            made.append(key)
+            continue
+        parts = iter([_range(column) for column in zip(*(numbers for _, numbers in found), strict=True)])
+        made.append(f"{_of(names, experiments)}: {''.join(_filled_in(key, parts))}")
+    return made
+
+
+def _filled_in(key: str, numbers: Iterator[str]) -> Iterator[str]:
+    head, *others = key.split(HOLE)
+    yield head
+    for text in others:
+        yield next(numbers) + text
+
+
+def _of(names: Sequence[str], experiments: Sequence[str]) -> str:
+    return "all experiments" if len(names) == len(experiments) > 1 else listed(names, 5)
+
+
+def _range(texts: Sequence[str]) -> str:
+    low, high = min(texts, key=float), max(texts, key=float)
+    return low if low == high else f"{low} to {high}"
+
+
+# ---- small things --------------------------------------------------------------------------------
+
+
+def percent(share: float) -> str:
+    """A share in percent; nothing where it means nothing, and no more than its sign where the error grew."""
+    if not np.isfinite(share) or share > SENSELESS:
+        return ""
+    return "< 0 %" if share < -0.005 else f"{100 * max(share, 0.0):.0f} %"
+
+
+def _cut(text: str, most: int = LONG) -> str:
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def _bullet(text: str) -> str:
+    return _filled(text, "- ", "  ")
+
+
+def _filled(text: str, first: str = "", others: str = "") -> str:
+    """A text in lines that fit a terminal; no percent sign stands alone."""
+    lines = textwrap.fill(text.replace(" %", "\xa0%"), WIDTH, initial_indent=first, subsequent_indent=others,
+                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return lines.replace("\xa0", " ")

@@ -1,0 +1,41 @@
+"""The catalogue of effects: those that come with the toolbox, and those that users register."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tsmblocks.effects import delay, friction, loop, maps, timely
+from tsmblocks.effects.effect import Effect
+from tsmblocks.errors import ParameterError, in_words
+
+_OWN: list[Effect] = []
+
+
+def catalogue() -> tuple[Effect, ...]:
+    """Every effect, the toolbox's own first, in a fixed order; variants of one name follow each other."""
+    shipped = (friction, loop, delay, maps, timely)
+    return (*(effect for module in shipped for effect in module.EFFECTS), *_OWN)
+
+
+def register(effect: Effect) -> Effect:
+    """Let an effect take part in every diagnosis from now on. Raises ParameterError for one that is there already."""
+    if not isinstance(effect, Effect):
+        raise ParameterError(f"register takes an Effect, got {in_words(effect)}.")
+    if any((e.name, e.variant, e.place) == (effect.name, effect.variant, effect.place) for e in catalogue()):
+        raise ParameterError(f"there is an effect '{effect.name}' at the place '{effect.place}' already; give this one "
+                             "another name, or a variant.")  # fmt: skip
+    _OWN.append(effect)
+    return effect
+
+
+@contextmanager
+def registered(*effects: Effect) -> Iterator[None]:
+    """Effects that take part within a ``with`` block. Raises what ``register`` raises, and then none takes part."""
+    count = len(_OWN)
+    try:
+        for effect in effects:
+            register(effect)
+        yield
+    finally:
+        _OWN[count:] = [one for one in _OWN[count:] if not any(one is effect for effect in effects)]

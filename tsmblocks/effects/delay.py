@@ -1,0 +1,78 @@
+"""Effects of time on the way: dead time, lag, resonance, transmission that depends on the speed."""
+
+from __future__ import annotations
+
+import math
+
+from tsmblocks.blocks import DeadTime, Lag, RateDependence, Resonance
+from tsmblocks.effects.effect import Effect, Scales, Trials, beside
+
+LATE = (0.002, 0.01, 0.05, 0.15)
+"""Times worth trying [s], where samples are up to ``SLOW`` apart; longer ones where they are farther apart."""
+SLOW = 0.05
+
+
+def _times(name: str, scales: Scales, most: float) -> Trials:
+    times = [time * max(1.0, scales.step / SLOW) for time in LATE]
+    return Trials({}, tuple({name: time} for time in times if time < most), bounds={name: (0.0, most)})
+
+
+def _late(scales: Scales) -> Trials:
+    return _times("time", scales, 0.05 * scales.shortest)
+
+
+def _lagging(scales: Scales) -> Trials:
+    return _times("time_constant", scales, 0.1 * scales.shortest)
+
+
+def _ringing(scales: Scales) -> Trials:
+    slowest, fastest = 2 * math.pi / scales.shortest, 0.35 / scales.step
+    count = 9
+    grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / (count - 1)) for k in range(count)]
+    lines = [2 * math.pi * f for f in scales.lines if slowest < 2 * math.pi * f < fastest]
+    shapes = tuple({"omega": omega, "zeta": zeta} for omega in (*lines[:4], *grid) for zeta in (0.05, 0.3))
+    # An oscillator that begins far off and hardly counts would be a source of its own: it begins near the signal.
+    wire = scales.wire
+    begins = {"swing": (wire.low - wire.reach, wire.high + wire.reach), "rate": (-wire.fastest, wire.fastest)}
+    return Trials({"share": 1.0}, shapes,
+                  bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})  # fmt: skip
+
+
+def _by_speed(scales: Scales) -> Trials:
+    speed = scales.wire.speed
+    return Trials({"coefficient": 0.01}, tuple({"exponent": n} for n in (1.0, 0.5)),
+                  {"smoothing": 0.02 * speed}, {"exponent": (0.25, 3.0)})  # fmt: skip
+
+
+EFFECTS = (
+    Effect(
+        "dead_time", "delay", "a dead time", "output", DeadTime(), {"time": 0.0}, ("time",), _late,
+        excites="fast motion, at more than one frequency", confused=("first_order_lag", "resonance", "rate_dependence"),
+        separates="a chirp to the highest frequency the drive can follow",
+    ),
+    Effect(
+        "first_order_lag", "delay", "a first-order lag", "output", Lag(), {"time_constant": 0.0}, ("time_constant",),
+        _lagging, excites="fast motion, at more than one frequency",
+        confused=("dead_time", "resonance", "rate_dependence"),
+        separates="a chirp to the highest frequency the drive can follow",
+    ),
+    Effect(
+        "resonance", "delay", "a resonance (elasticity behind the sensor)", "output", Resonance(), {"share": 0.0},
+        ("share", "omega", "zeta"), _ringing, excites="motion near its frequency, or steps",
+        confused=("dead_time", "first_order_lag"), separates="a chirp through its frequency, or steps",
+        settled=("swing",), within=("omega", "zeta"),
+    ),
+    *(
+        Effect(
+            "rate_dependence", "delay", "a transmission that depends on the speed", place, block,
+            {f"{prefix}coefficient": 0.0}, (f"{prefix}coefficient", f"{prefix}exponent"), trials,
+            excites="several speeds", confused=("dead_time", "first_order_lag", "creep"),
+            separates="one amplitude at 0.05, 0.2, 1 and 2 Hz", variant=place, within=(f"{prefix}exponent",),
+        )
+        for place, block, prefix, trials in (
+            ("output", RateDependence(), "", _by_speed),
+            ("across", beside("rate", RateDependence()), "rate.",
+             lambda scales: _by_speed(scales.of_other).under("rate")),
+        )
+    ),
+)  # fmt: skip

@@ -1,0 +1,121 @@
+"""Effects of friction: what resists a motion, taken off the force or voltage that drives it."""
+
+from __future__ import annotations
+
+from tsmblocks.block import Block
+from tsmblocks.blocks import (
+    Abs,
+    CoulombFriction,
+    DahlFriction,
+    Derivative,
+    Gain,
+    QuadraticDrag,
+    StribeckFriction,
+    Sum,
+)
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects.effect import Effect, Scales, Trials
+
+SMOOTH = 0.02
+"""Speed over which the sign of a dry friction turns, as a share of the rms speed: too small to matter, large enough
+to be stepped over."""
+SMALL = 0.05
+"""Friction worth trying, as a share of the rms drive."""
+
+
+def resisting(title: str, law: dict[str, Block], wires: list[str]) -> Diagram:
+    """Drive ``u`` less a force that a chain of blocks forms from the exact rate of motion ``x``."""
+    return Diagram(
+        title=title,
+        blocks={"rate": Derivative(), **law, "left": Sum(signs="+-")},
+        wires=wires,
+        inputs={"u": "left.plus", "x": "rate.u"},
+        outputs={"y": "left"},
+    )
+
+
+def _along(title: str, name: str, block: Block) -> Diagram:
+    return resisting(title, {name: block}, [f"rate -> {name} -> left.minus"])
+
+
+def _size(scales: Scales) -> float:
+    return SMALL * scales.wire.rms
+
+
+def _dry(scales: Scales) -> Trials:
+    speed = scales.other.speed
+    shapes = tuple({"friction.smoothing": share * speed} for share in (SMOOTH, SMOOTH / 5))
+    return Trials({"friction.level": _size(scales)}, shapes, bounds={"friction.smoothing": (1e-3 * speed, 0.1 * speed)})
+
+
+def _drag(scales: Scales) -> Trials:
+    return Trials({"friction.coefficient": _size(scales) / max(scales.other.speed, 1e-12) ** 2})
+
+
+def _one_sided(scales: Scales) -> Trials:
+    return Trials({"difference.gain": _size(scales) / max(scales.other.speed, 1e-12)})
+
+
+def _falling(scales: Scales) -> Trials:
+    speed = scales.other.speed
+    return Trials(
+        {"friction.static": 2 * _size(scales)},
+        tuple({"friction.stribeck": share * speed} for share in (0.1, 0.3, 0.8)),
+        {"friction.smoothing": SMOOTH * speed},
+        {"friction.stribeck": (3 * SMOOTH * speed, 0.8 * speed)},  # at working speed little of it is left
+    )
+
+
+def _bristles(scales: Scales) -> Trials:
+    travel = scales.other.reach
+    return Trials(
+        {"level.gain": _size(scales)},
+        tuple({"friction.sigma0": 1 / (share * travel)} for share in (0.005, 0.02, 0.08)),
+        bounds={"friction.sigma0": (2 / travel, 1e4 / travel), "level.gain": (0.0, None)},  # type: ignore[dict-item]
+    )
+
+
+EFFECTS = (
+    Effect(
+        "coulomb_friction", "friction", "Coulomb friction", "load",
+        _along("Coulomb friction", "friction", CoulombFriction(level=0.0)),
+        {"friction.level": 0.0}, ("friction.level", "friction.smoothing"), _dry,
+        excites="reversals of the motion",
+        confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
+        separates="slow triangles in both directions at two speeds",
+    ),
+    Effect(
+        "asymmetric_friction", "friction", "viscous friction that differs with the direction", "load",
+        resisting("asymmetric friction", {"size": Abs(), "difference": Gain(gain=0.0)},
+                  ["rate -> size -> difference -> left.minus"]),
+        {"difference.gain": 0.0}, ("difference.gain",), _one_sided,
+        excites="two speeds or more in each direction",
+        confused=("load_offset", "drift", "even_nonlinearity"),
+        separates="two speeds in each direction: an offset does not grow with the speed",
+    ),
+    Effect(
+        "stribeck_friction", "friction", "Stribeck friction (more friction at low speed)", "load",
+        _along("Stribeck friction", "friction", StribeckFriction(coulomb=0.0, static=0.0, viscous=0.0)),
+        {"friction.static": 0.0}, ("friction.static", "friction.stribeck"), _falling,
+        excites="very slow motion beside fast motion",
+        confused=("coulomb_friction", "nonlocal_memory"),
+        separates="very slow ramps and fast sweeps",
+    ),
+    Effect(
+        "presliding_friction", "friction", "friction that yields before it slides (presliding)", "load",
+        resisting("presliding friction", {"friction": DahlFriction(sigma0=1.0, coulomb=1.0), "level": Gain(gain=0.0)},
+                  ["rate -> friction -> level -> left.minus"]),
+        {"level.gain": 0.0}, ("level.gain", "friction.sigma0"), _bristles,
+        excites="reversals with small motion between them",
+        confused=("coulomb_friction", "nonlocal_memory", "backlash"),
+        separates="tiny amplitudes, below five times the presliding distance",
+    ),
+    Effect(
+        "quadratic_drag", "friction", "drag that grows with the square of the speed", "load",
+        _along("quadratic drag", "friction", QuadraticDrag(coefficient=0.0)),
+        {"friction.coefficient": 0.0}, ("friction.coefficient",), _drag,
+        excites="slow and fast motion",
+        confused=("coulomb_friction", "odd_nonlinearity"),
+        separates="constant speeds at three levels or more",
+    ),
+)  # fmt: skip

@@ -1,0 +1,195 @@
+"""Effects of position alone: slack, saturation, bent characteristics, ripple, an offset of the load."""
+
+from __future__ import annotations
+
+import math
+
+from tsmblocks.block import Block
+from tsmblocks.blocks import Bend, Bias, Bow, DeadZone, Gain, Ripple, Saturation, Slack, SoftSaturation, Sum
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects.effect import Effect, Scales, Trials
+
+BENT = 0.02
+"""Departure from a straight line at the ends that is worth trying, as a share of half the range."""
+
+ONE, TWO = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
+"""Amplitudes of a ripple with one harmonic, and with two."""
+
+
+def _slack(side: str) -> Effect:
+    def trials(scales: Scales) -> Trials:
+        low, reach, sign = scales.wire.low, scales.wire.reach, 1 if side == "low" else -1
+        begin = low if side == "low" else scales.wire.high
+        edges = tuple({"edge": begin + sign * share * reach} for share in (0.2, 0.5, 0.8, 1.1, 1.5))
+        return Trials({"share": 0.1}, edges, bounds={"edge": (low, scales.wire.high)})
+
+    return Effect(
+        "dead_zone", "map", f"slack at the {side} end", "output", Slack(side=side), {"share": 0.0}, ("share", "edge"),
+        trials, excites="motion into the slack range", confused=("even_nonlinearity", "position_ripple"),
+        separates="a slow ramp over the full range, at two pretensions", variant=side,
+    )  # fmt: skip
+
+
+def _zone(scales: Scales) -> Trials:
+    reach = scales.wire.reach
+    shapes = tuple({"low": -share * reach, "high": share * reach} for share in (0.01, 0.03, 0.1, 0.25))
+    return Trials({}, shapes, bounds={"low": (-reach, 0.0), "high": (0.0, reach)})
+
+
+def _limits(scales: Scales) -> Trials:
+    wire = scales.wire
+    beyond = 0.02 * wire.reach
+    sides = [(a, b) for share in (0.98, 0.9, 0.75, 0.55) for a, b in ((share, share), (share, 1.02), (1.02, share))]
+    shapes = tuple({"low": wire.middle - a * wire.reach, "high": wire.middle + b * wire.reach} for a, b in sides)
+    return Trials({}, shapes, bounds={"low": (wire.low - 2 * beyond, wire.middle),
+                                      "high": (wire.middle, wire.high + 2 * beyond)})  # fmt: skip
+
+
+def _soft_limits(scales: Scales) -> Trials:
+    hard, reach = _limits(scales), scales.wire.reach
+    shapes = tuple({**shape, "softness": share * reach} for shape in hard.shapes for share in (0.03, 0.12))
+    return Trials({}, shapes, bounds={"low": (scales.wire.low - reach, scales.wire.middle),
+                                      "high": (scales.wire.middle, scales.wire.high + reach),
+                                      "softness": (1e-3 * reach, reach)})  # fmt: skip
+
+
+def _even(scales: Scales) -> Trials:
+    reach = scales.wire.reach
+    return Trials({"quadratic": BENT / reach, "quartic": BENT / reach**3}, fixed={"centre": scales.wire.middle})
+
+
+def _odd(scales: Scales) -> Trials:
+    reach = scales.wire.reach
+    return Trials({"cubic": BENT / reach**2, "quintic": BENT / reach**4}, _centres(scales), bounds=_inside(scales))
+
+
+def _centres(scales: Scales) -> tuple[dict[str, float], ...]:
+    """Where a characteristic may be straight: half way, or at zero where the signal passes it."""
+    middle = {"centre": scales.wire.middle}
+    passes = scales.wire.low < 0 < scales.wire.high and abs(scales.wire.middle) > 0.02 * scales.wire.reach
+    return (middle, {"centre": 0.0}) if passes else (middle,)
+
+
+def _inside(scales: Scales) -> dict[str, tuple[float | None, float | None]]:
+    return {"centre": (scales.wire.low, scales.wire.high)}
+
+
+def _bowed(scales: Scales) -> Trials:
+    reach = scales.wire.reach
+    shapes = tuple({"width": share * reach, **centre} for share in (0.12, 0.3, 0.7) for centre in _centres(scales))
+    return Trials({"size": BENT * reach}, shapes, bounds={"width": (0.03 * reach, 2 * reach), **_inside(scales)})
+
+
+def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = "") -> Trials:
+    """One whole period in the range at least: less of one is a bent characteristic."""
+    periods = (1.05, 1.3, 1.5, 1.75, 2.0, 2.4, 2.8, 3.3, 3.9, 4.6, 5.4, 6.3, 7.3, 8.4, 9.6, 11.0, 13.0, 15.0)
+    shapes = tuple({f"{prefix}cycles": math.pi * n / reach} for n in periods)
+    return Trials({f"{prefix}{k}": size for k in names}, shapes,
+                  bounds={f"{prefix}cycles": (math.pi / reach, 40 * math.pi / reach)})  # fmt: skip
+
+
+def _ripple(scales: Scales) -> Trials:
+    return _rippled(scales.wire.reach, BENT * scales.wire.reach, ONE)
+
+
+def _two_ripples(scales: Scales) -> Trials:
+    return _rippled(scales.wire.reach, BENT * scales.wire.reach, TWO)
+
+
+def _cogging(scales: Scales) -> Trials:
+    return _rippled(scales.other.reach, BENT * scales.wire.rms, ONE, "force.")
+
+
+def _spring(part: str, power: int) -> Effect:
+    name, words = {2: ("even_nonlinearity", "a spring that differs between the two sides"),
+                   3: ("odd_nonlinearity", "a cubic spring")}[power]  # fmt: skip
+
+    def trials(scales: Scales) -> Trials:
+        other = "force.cubic" if part == "quadratic" else "force.quadratic"
+        return Trials({f"force.{part}": BENT * scales.wire.rms / max(scales.other.rms, 1e-300) ** power},
+                      fixed={other: 0.0})  # fmt: skip
+
+    return Effect(
+        name, "map", words, "load", _acting("spring", Bend()), {f"force.{part}": 0.0}, (f"force.{part}",), trials,
+        excites="large and small motion", confused=("position_ripple", "saturation"),
+        separates="two amplitudes", variant="spring",
+    )  # fmt: skip
+
+
+def _acting(title: str, law: Block) -> Diagram:
+    """Drive ``u`` less what a block that passes its input on adds to motion ``x``; a gain of 1 joins their units."""
+    return Diagram(
+        title=title,
+        blocks={"force": law, "added": Sum(signs="+-"), "pull": Gain(), "left": Sum(signs="+-")},
+        wires=["force -> added.plus", "added -> pull -> left.minus"],
+        inputs={"u": "left.plus", "x": ["force.u", "added.minus"]},
+        outputs={"y": "left"},
+    )
+
+
+def _offset(scales: Scales) -> Trials:
+    return Trials({"bias": 0.05 * scales.wire.rms})
+
+
+EFFECTS = (
+    _slack("low"),
+    _slack("high"),
+    Effect(
+        "dead_zone", "map", "a dead zone", "drive", DeadZone(low=0.0, high=0.0), {"low": 0.0, "high": 0.0},
+        ("low", "high"), _zone, excites="small and large drive", confused=("coulomb_friction",),
+        separates="a slow ramp of the drive through zero", variant="drive",
+    ),
+    *(
+        Effect(
+            "saturation", "map", "a saturation", place, Saturation(low=-math.inf, high=math.inf),
+            {"low": -math.inf, "high": math.inf}, ("low", "high"), _limits, excites="large amplitudes",
+            confused=("odd_nonlinearity", "rate_limit", "dead_zone"), separates="two amplitudes", variant=place,
+        )
+        for place in ("output", "drive")
+    ),
+    Effect(
+        "saturation", "map", "a soft saturation", "output",
+        SoftSaturation(low=-math.inf, high=math.inf), {"low": -math.inf, "high": math.inf},
+        ("low", "high", "softness"), _soft_limits, excites="large amplitudes",
+        confused=("odd_nonlinearity", "rate_limit", "dead_zone"), separates="two amplitudes", variant="soft",
+    ),
+    Effect(
+        "even_nonlinearity", "map", "a characteristic bent the same way at both ends", "output", Bend(),
+        {"quadratic": 0.0, "quartic": 0.0}, ("quadratic", "quartic"), _even, excites="the full range",
+        confused=("dead_zone", "asymmetric_hysteresis", "position_ripple"),
+        separates="a slow ramp over the full range",
+    ),
+    Effect(
+        "odd_nonlinearity", "map", "a characteristic that bends opposite ways at the ends", "output", Bend(),
+        {"cubic": 0.0, "quintic": 0.0}, ("cubic", "quintic", "centre"), _odd, excites="large and small amplitudes",
+        confused=("saturation", "position_ripple"), separates="a slow ramp over the full range",
+    ),
+    Effect(
+        "odd_nonlinearity", "map", "a characteristic with another slope in the middle than at the ends", "output",
+        Bow(), {"size": 0.0}, ("size", "width", "centre"), _bowed, excites="large and small amplitudes",
+        confused=("saturation", "position_ripple"), separates="a slow ramp over the full range", variant="bow",
+    ),
+    _spring("quadratic", 2),
+    _spring("cubic", 3),
+    *(
+        Effect(
+            "position_ripple", "map", "a ripple over the position (eccentricity)", "output", Ripple(),
+            dict.fromkeys(names, 0.0), (*names, "cycles"), trials, excites="slow motion over several periods",
+            confused=("dead_zone", "even_nonlinearity", "odd_nonlinearity"),
+            separates="slow constant speed over three periods or more", variant=variant,
+        )
+        for names, trials, variant in ((ONE, _ripple, ""), (TWO, _two_ripples, "two harmonics"))
+    ),
+    Effect(
+        "position_ripple", "map", "a ripple of the force over the position (cogging)", "load",
+        _acting("cogging", Ripple()), {"force.cosine": 0.0, "force.sine": 0.0},
+        ("force.cosine", "force.sine", "force.cycles"), _cogging, excites="slow motion over several periods",
+        confused=("coulomb_friction", "odd_nonlinearity"), separates="slow constant speed over three periods or more",
+        variant="force",
+    ),
+    Effect(
+        "load_offset", "load", "an offset of the load", "drive", Bias(bias=0.0), {"bias": 0.0}, ("bias",), _offset,
+        excites="motion both ways", confused=("asymmetric_friction", "drift"),
+        separates="the mechanism turned over, or unloaded",
+    ),
+)  # fmt: skip

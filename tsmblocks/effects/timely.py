@@ -1,0 +1,115 @@
+"""Effects of the clock: drift, jumps, changes, creep, disturbances of their own frequency; and limits of speed."""
+
+from __future__ import annotations
+
+from tsmblocks.blocks import Creep, Disturbance, Drift, GainChange, Jump, LoopChange, RateLimit
+from tsmblocks.effects.effect import Effect, Scales, Trials, beside
+
+_LOOP = "a loop that changes at one time"
+NO_LIMIT = 1e12
+"""A speed that nothing reaches; an infinite one, times no time at all, would be no number."""
+INSTANTS = 48
+"""Instants at which a sudden change is looked for, at first."""
+
+
+def _drift(scales: Scales) -> Trials:
+    length, size = max(scales.stop - scales.start, scales.step), 0.02 * scales.wire.reach
+    return Trials({"rate": size / length, "curve": size / length**2})
+
+
+def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
+    length = (scales.stop - scales.start) / (INSTANTS + 1)
+    times = [scales.start + (k + 1) * length for k in range(INSTANTS)]
+    return Trials(size, tuple({"time": time, **shape} for time in times), {"width": 2 * scales.step},
+                  {"time": (scales.start, scales.stop)}, refine="time")  # fmt: skip
+
+
+def _jump(scales: Scales) -> Trials:
+    return _instants(scales, {"size": 0.02 * scales.wire.reach}, {})
+
+
+def _gain(scales: Scales) -> Trials:
+    return _instants(scales, {"change": 0.05}, {})
+
+
+def _loop(scales: Scales) -> Trials:
+    size = {"change": 0.03 * scales.wire.reach, "gain": 0.03}
+    made = _instants(scales, size, {"distance": 0.15 * scales.wire.reach})
+    return made.with_bounds({"distance": (0.01 * scales.wire.reach, scales.wire.reach), "z": (-1.0, 1.0)})
+
+
+def _creep(scales: Scales) -> Trials | None:
+    longest, least = scales.stop - scales.start, max(1.0, 40 * scales.step)
+    times = [least * times for times in (1.0, 3.0, 10.0, 30.0) if least * times < longest]
+    if not times:
+        return None
+    return Trials({"share": 0.05}, tuple({"time_constant": time} for time in times),
+                  bounds={"time_constant": (20 * scales.step, longest), "share": (-0.9, 0.9)})  # fmt: skip
+
+
+def _clock(scales: Scales) -> Trials | None:
+    if not scales.lines:
+        return None
+    reach = 1 / (scales.stop - scales.start)
+    size = 0.01 * (scales.wire.reach or 1.0)
+    return Trials({"cosine": size, "sine": size}, tuple({"frequency": f} for f in scales.lines),
+                  bounds={"frequency": (reach, 0.5 / scales.step)})  # fmt: skip
+
+
+def _slow(scales: Scales) -> Trials:
+    fastest = scales.wire.fastest
+    shapes = tuple({"rising": share * fastest, "falling": -share * fastest}
+                   for share in (0.9, 0.7, 0.5, 0.35, 0.25, 0.15))  # fmt: skip
+    return Trials({}, shapes, bounds={"rising": (0.02 * fastest, 3 * fastest),
+                                      "falling": (-3 * fastest, -0.02 * fastest)})  # fmt: skip
+
+
+EFFECTS = (
+    Effect(
+        "drift", "time", "a drift", "output", Drift(), {"rate": 0.0, "curve": 0.0}, ("rate", "curve"),
+        _drift,
+        excites="a long session on one clock", confused=("jump", "creep", "parameter_change"),
+        separates="the first experiment repeated at the end",
+    ),
+    Effect(
+        "jump", "time", "a jump (lost counts)", "output", Jump(), {"size": 0.0}, ("size", "time"), _jump,
+        excites="samples before and after it", confused=("drift", "parameter_change"),
+        separates="a reference mark passed again",
+    ),
+    *(
+        Effect(
+            "parameter_change", "time", words, place, block, dict.fromkeys(null, 0.0), (*null, *shape), trials,
+            excites="the same motion before and after it", confused=("drift", "jump", "creep"),
+            separates="the same experiment before and after", variant=variant,
+        )
+        for variant, words, place, block, null, shape, trials in (
+            ("gain", "a gain that changes at one time", "output", GainChange(), ("change",), ("time",), _gain),
+            ("loop", _LOOP, "output", LoopChange(), ("change", "gain"), ("distance", "time"), _loop),
+            ("loop of the input", _LOOP, "across", beside("loop", LoopChange()), ("loop.change", "loop.gain"),
+             ("loop.distance", "loop.time"), lambda scales: _loop(scales.of_other).under("loop")),
+        )
+    ),
+    Effect(
+        "creep", "time", "creep", "output", Creep(), {"share": 0.0}, ("share", "time_constant"), _creep,
+        excites="rests after motion, or an offset", confused=("rate_dependence", "drift", "nonlocal_memory"),
+        separates="a staircase with rests of 30 s", settled=("late",),
+    ),
+    *(
+        Effect(
+            "periodic_disturbance", "time", "a disturbance of its own frequency", place, Disturbance(),
+            {"cosine": 0.0, "sine": 0.0}, ("cosine", "sine", "frequency"), _clock, excites="a long record",
+            confused=("position_ripple",), separates="other input frequencies: a disturbance keeps its own",
+            variant=place,
+        )
+        for place in ("output", "drive")
+    ),
+    *(
+        Effect(
+            "rate_limit", "limit", "a limit of the speed", place, RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+            {"rising": NO_LIMIT, "falling": -NO_LIMIT}, ("rising", "falling"), _slow,
+            excites="fast motion", confused=("saturation", "rate_dependence"),
+            separates="one amplitude at rising frequencies", variant=place,
+        )
+        for place in ("output", "drive")
+    ),
+)  # fmt: skip

@@ -1,0 +1,171 @@
+"""Figures of diagnoses: how the gap shrank, and where model and data disagree, before and after.
+
+A whole diagnosis is one figure; each panel can also be drawn alone, on axes of one's own:
+
+    plot_gap(diagnosis, ax)
+
+Every function returns the figure. Angles are shown in deg. Needs matplotlib, imported when a figure is made.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.data import heading
+from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
+from tsmblocks.diagnosis.showing import by_excess, fitted_rms, for_people, histories, profile, strips
+from tsmblocks.diagnosis.telling import steps, worst_gap
+from tsmblocks.errors import TsmError, near
+from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet
+
+BEFORE, AFTER, NOISE = COLOURS[1], COLOURS[0], COLOURS[2]
+DARKEST = 4.0
+"""Excess, in variances of the noise, at which the strip is as dark as it gets."""
+
+
+def plot_diagnosis(diagnosis: Diagnosis) -> Any:
+    """Gap bars, the traces of the worst experiment, its loop, and what is left along the best coordinate.
+
+    A row of panels for each segment, drawn for its output that is furthest above its noise. Returns the figure.
+    """
+    rows = diagnosis.segments
+    figure, panels = sheet(len(rows), 4, width=16.0, height=3.6, widths=(1.2, 1.6, 1.0, 1.1))
+    for row, segment in zip(panels, rows, strict=True):
+        gap = worst_gap(segment)
+        trace = _worst(segment, gap)
+        _bars(row[0], segment, gap)
+        _traces(row[1], trace, gap)
+        _loop(row[2], trace, diagnosis)
+        _along(row[3], segment, gap, diagnosis)
+        row[0].set_title(f"{segment.name}: {segment.verdict}", loc="left", fontsize=10, fontweight="bold")
+        row[1].set_title(trace.experiment, loc="left", fontsize=10)
+    names = ", ".join(e.name for e in diagnosis.effects)
+    figure.suptitle(f"{diagnosis.diagram}: {names or diagnosis.verdict}", x=0.01, ha="left", fontsize=11)
+    return figure
+
+
+def plot_gap(diagnosis: Diagnosis, ax: Any = None) -> Any:
+    """Rms of each experiment held out, before and after; fitted as hollow bars; the noise as a line.
+
+    Of the segment that the verdict is about.
+    """
+    segment = diagnosis.worst
+    (panel,) = axes(ax, 1, height=1.2 + 0.4 * (1 + len(diagnosis.experiments)))
+    _bars(panel, segment, worst_gap(segment))
+    return panel.figure
+
+
+def plot_disagreement(diagnosis: Diagnosis, experiment: str = "", ax: Any = None) -> Any:
+    """What is left over time before and after, and the blocks of time as a strip: the darker, the more was left.
+
+    Of the experiment that is worst, or the one named. Raises TsmError for a name that is none.
+    """
+    segment = diagnosis.worst
+    gap = worst_gap(segment)
+    (panel,) = axes(ax, 1, height=3.2)
+    _traces(panel, _worst(segment, gap, experiment), gap)
+    return panel.figure
+
+
+def plot_coordinate(diagnosis: Diagnosis, ax: Any = None) -> Any:
+    """The error in bins of the coordinate that foretells it best, with standard errors, before and after."""
+    segment = diagnosis.worst
+    (panel,) = axes(ax, 1, height=3.2)
+    _along(panel, segment, worst_gap(segment), diagnosis)
+    return panel.figure
+
+
+def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
+    traces = by_excess(histories(segment, gap.output))
+    if not experiment:
+        return traces[0]
+    found = [one for one in traces if one.experiment == experiment]
+    if not found:
+        raise TsmError(f"there is no experiment '{experiment}' in this diagnosis."
+                       f"{near(experiment, [one.experiment for one in traces])}")  # fmt: skip
+    return found[0]
+
+
+def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
+    k, unit = for_people(gap.unit)
+    fitted = {t.experiment: fitted_rms(t) for t in histories(segment, gap.output)}
+    rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
+    if len(gap.experiments) > 1:
+        rows += [(name, values, fitted[name]) for name, values in gap.experiments.items()]
+    names, count = steps(segment), len(gap.held_out)
+    tall = 0.8 / count
+    for step, name in enumerate(names):
+        places = np.arange(len(rows)) + step * tall - 0.4 + tall / 2
+        colour = BEFORE if step == 0 else AFTER
+        between = 0.5 if 0 < step < count - 1 else 1.0
+        panel.barh(places, [k * values[step] for _, values, _ in rows], 0.9 * tall, color=colour, alpha=between,
+                   label=name)  # fmt: skip
+        if step in (0, count - 1):
+            own = [k * train[0 if step == 0 else 1] for _, _, train in rows]
+            panel.barh(places, own, 0.9 * tall, fill=False, edgecolor=INK, lw=0.8, label="" if step else "as fitted")
+    panel.axvline(k * gap.noise_floor, color=NOISE, ls="--", lw=1.2, label="noise")
+    panel.set_yticks(range(len(rows)), [name for name, _, _ in rows])
+    panel.invert_yaxis()
+    panel.locator_params(axis="x", nbins=4)
+    panel.set_xlabel(heading(f"rms of {gap.output} held out", unit))
+    dress(panel, legend=False)
+    panel.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=2)
+
+
+def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
+    k, unit = for_people(trace.unit)
+    noise = 2 * k * gap.noise_floor
+    panel.axhspan(-noise, noise, color=NOISE, alpha=0.25, lw=0, label="noise (± 2 rms)")
+    left = [k * (trace.measured - trace.before), k * (trace.measured - trace.after)]
+    panel.plot(trace.t, left[0], color=BEFORE, lw=0.8, label="before")
+    if not np.array_equal(*left):
+        panel.plot(trace.t, left[1], color=AFTER, lw=0.8, label="after")
+    reach = max(float(np.abs(left[0]).max()), noise)
+    for start, stop, before, after in strips(trace):
+        for row, (square, colour) in enumerate(((before, BEFORE), (after, AFTER))):
+            dark = float(np.clip((square - 1) / (DARKEST - 1), 0.0, 1.0))
+            low = reach * (1.22 - 0.1 * row)
+            panel.fill_between([start, stop], low, low + 0.09 * reach, color=colour, alpha=dark, lw=0)
+    panel.set_ylabel(heading(f"{trace.output} less simulated", unit))
+    panel.set_xlabel("t [s]")
+    dress(panel, legend=False)
+    panel.legend(fontsize=8, frameon=False, loc="lower left", ncols=3)
+
+
+def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
+    k, unit = for_people(trace.unit)
+    if len(trace.drive):
+        k_in, unit_in = for_people(diagnosis.base.unit(trace.drive_name))
+        x, label = k_in * trace.drive, heading(trace.drive_name, unit_in)
+    else:
+        x, label = trace.t, "t [s]"
+    for y, colour, width, name in ((trace.measured, PALE, 2.4, "measured"), (trace.before, BEFORE, 0.9, "before"),
+                                   (trace.after, AFTER, 0.9, "after")):  # fmt: skip
+        panel.plot(x, k * y, color=colour, lw=width, label=name)
+    panel.locator_params(axis="x", nbins=5)
+    panel.set_xlabel(label)
+    panel.set_ylabel(heading(trace.output, unit))
+    dress(panel, legend=False)
+    panel.legend(fontsize=8, frameon=False)
+
+
+def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None:
+    found = profile(segment, gap.output, segment.where[0].coordinate, diagnosis.base) if segment.where else None
+    if found is None:
+        panel.text(0.5, 0.5, "no coordinate foretells the error", ha="center", color=INK, transform=panel.transAxes)
+        panel.set_axis_off()
+        return
+    k, unit = for_people(found.error_unit)
+    k_in, unit_in = for_people(found.unit)
+    x = k_in * found.x
+    if segment.effects:
+        panel.plot(x, k * found.explained, color=AFTER, ls="--", lw=1.2, label="what was named")
+        panel.errorbar(x, k * found.after, k * found.error_after, fmt="o", ms=3, color=AFTER, lw=1, label="after")
+    panel.errorbar(x, k * found.before, k * found.error_before, fmt="o", ms=3, color=BEFORE, lw=1, label="before")
+    panel.axhline(0.0, color=INK, lw=0.6)
+    panel.set_xlabel(heading(found.coordinate, unit_in))
+    panel.set_ylabel(heading("mean error", unit))
+    dress(panel, legend=False)
+    panel.legend(fontsize=8, frameon=False)

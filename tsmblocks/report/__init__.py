@@ -1,0 +1,31 @@
+"""The report of a diagnosis: one page that needs nothing else, beside its numbers and the augmented diagram."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.errors import TsmError
+from tsmblocks.files import save
+from tsmblocks.report.page import page
+
+NAMES = ("diagnosis.json", "augmented.toml", "report.html")
+"""The files that are written, in this order."""
+
+
+def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
+    """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder, which is made; the folder.
+
+    Raises TsmError where the folder is a file.
+    """
+    place = Path(folder)
+    if place.exists() and not place.is_dir():
+        raise TsmError(f"'{place}' is a file; name a folder for {', '.join(NAMES[:-1])} and {NAMES[-1]}.")
+    place.mkdir(parents=True, exist_ok=True)
+    (place / NAMES[0]).write_text(diagnosis.to_json(), encoding="utf-8", newline="\n")
+    save(diagnosis.augmented, place / NAMES[1])
+    (place / NAMES[2]).write_text(page(diagnosis), encoding="utf-8", newline="\n")
+    return place
+
+
+__all__ = ["page", "written"]
