@@ -414,7 +414,7 @@ def stand_in(losses, count=2, edge=np.inf):
     items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf) for k in range(count)]
     model = SimpleNamespace(theta=np.zeros(count), problem=SimpleNamespace(unknowns=SimpleNamespace(items=items)))
     candidate = SimpleNamespace(effect=SimpleNamespace(within=("p0",)), block="b", free=("b.p0", "b.p1"))
-    return Tried(candidate, model, losses, losses, float(np.mean(losses)), np.zeros(count, bool))
+    return Tried(candidate, model, losses, losses, float(np.mean(losses)))
 
 
 NOISE = np.random.default_rng(8).normal(0, 0.05, (4, 60))

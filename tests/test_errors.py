@@ -8,17 +8,8 @@ import warnings
 
 import pytest
 
-from tests.mistakes import (  # noqa: F401 - fill the table
-    diagnosing,
-    editing,
-    equations,
-    filing,
-    fitting,
-    parameters,
-    running,
-    wiring,
-)
-from tests.mistakes.table import TABLE, position_loop, said
+from tests.mistakes.all import TABLE
+from tests.mistakes.table import position_loop, said
 from tsmblocks import errors
 from tsmblocks.batch import simulate_batch
 from tsmblocks.blocks import Abs, Divide, FirstOrderLag, Gain, Sine, Sum

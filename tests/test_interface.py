@@ -12,17 +12,7 @@ from pathlib import Path
 import pytest
 
 import tsmblocks
-from tests.mistakes import (  # noqa: F401 - fill the table
-    diagnosing,
-    editing,
-    equations,
-    filing,
-    fitting,
-    parameters,
-    running,
-    wiring,
-)
-from tests.mistakes.table import TABLE
+from tests.mistakes.all import TABLE
 
 SOURCE = Path(tsmblocks.__file__).parent
 ROOT = SOURCE.parent

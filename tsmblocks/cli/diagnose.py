@@ -113,9 +113,7 @@ def execute(args: argparse.Namespace) -> int:
         print(found)
     written = _saved(found, folder)
     if plot:
-        from tsmblocks.plots import plot_diagnosis
-
-        plot_diagnosis(found).savefig(plot, dpi=150)
+        found.plot().savefig(plot, dpi=150)
         written.append(str(plot))
     common.hand_over({**found.to_dict(), "data": common.told(records)}, written, args)
     return common.ended(found.status == "interrupted", written)

@@ -90,7 +90,7 @@ def surroundings(model: Model, places: Sequence[Site]) -> Surroundings:
         for k in names:
             signals[k].append(y[:, columns.index(place[k])])
     times = [trial.t for trial in model.setup.trials]
-    steps = [float(np.median(np.diff(t))) for t in times]
+    steps = [trial.record.step for trial in model.setup.trials]
     return Surroundings(
         signals, steps, min(float(t[0]) for t in times), max(float(t[-1]) for t in times), max(steps),
         min(float(t[-1] - t[0]) for t in times), lines(model),
@@ -109,7 +109,7 @@ def _inside(diagram: Diagram, signal: str) -> str:
 def lines(model: Model) -> tuple[float, ...]:
     """Frequencies [Hz] of the strongest lines in what a model leaves, over the whole session, strongest first."""
     trials, segments = model.setup.trials, model.problem.segments
-    count, step = trials[0].measured.shape[1], min(float(np.median(np.diff(t.t))) for t in trials)
+    count, step = trials[0].measured.shape[1], min(trial.record.step for trial in trials)
     begin, end = min(float(t.t[0]) for t in trials), max(float(t.t[-1]) for t in trials)
     size = int((end - begin) / step) + 1
     if size > 4_000_000:

@@ -10,6 +10,7 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.data.filters import FEWEST
 from tsmblocks.data.rests import held_still
+from tsmblocks.measures import rms
 
 
 def conditioned(record: Record, inputs: Iterable[str]) -> Record:
@@ -26,7 +27,7 @@ def conditioned(record: Record, inputs: Iterable[str]) -> Record:
     made = even.filtered(names)
     signals, notes = dict(made.signals), []
     for name in names:
-        noise = float(np.sqrt(np.mean((made[name] - even[name]) ** 2)))
+        noise = rms(made[name] - even[name])
         signals[name], share = held_still(made[name], made.step, noise)
         if share:
             notes.append(f"{name} was held still where it rests ({100 * share:.0f} % of the samples).")

@@ -10,6 +10,7 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.result import Consequence
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.errors import TsmError
+from tsmblocks.measures import peak_to_peak, rms
 from tsmblocks.simulate import simulate
 
 FAST = 0.5
@@ -63,4 +64,4 @@ def _errors(
                    hold="cubic", log="outputs")  # fmt: skip
     error = run["x_out"] - np.interp(run.t, record.t, wanted)
     late = error[run.t >= start + SETTLING * (record.t[-1] - start)]
-    return float(np.ptp(late)), float(np.sqrt(np.mean(late**2)))
+    return peak_to_peak(late), rms(late)

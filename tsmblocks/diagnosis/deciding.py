@@ -49,7 +49,6 @@ class Tried:
     losses: np.ndarray = attrs.field(repr=False)
     across: np.ndarray = attrs.field(repr=False)
     loss: float
-    own: np.ndarray = attrs.field(repr=False)
 
     @property
     def outside(self) -> tuple[str, ...]:
@@ -77,18 +76,17 @@ def base_losses(
     model: Model, parts: Parts, named: dict[str, tuple[float, float]]
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Losses of a model by blocks (B,), held out by folds and by experiments; ``named`` as for ``tried``."""
-    pull, null, _ = weights(named, {}, model)
+    pull, null = weights(named, model)
     return (parts.losses(held_out(model, parts.fold, pull, null)),
             parts.losses(held_out(model, parts.experiment, pull, null)))  # fmt: skip
 
 
 def tried(candidate: Candidate, model: Model, parts: Parts, also: dict[str, tuple[float, float]]) -> Tried:
     """A fitted candidate with its losses. ``also`` maps parameters of effects named before to (null, size)."""
-    mine = sizes_of(candidate)
-    pull, null, own = weights({**also, **mine}, mine, model)
+    pull, null = weights({**also, **sizes_of(candidate)}, model)
     losses = parts.losses(held_out(model, parts.fold, pull, null))
     across = parts.losses(held_out(model, parts.experiment, pull, null))
-    return Tried(candidate, model, losses, across, mean(losses, parts), own)
+    return Tried(candidate, model, losses, across, mean(losses, parts))
 
 
 def mean(losses: np.ndarray, parts: Parts) -> float:
@@ -110,22 +108,18 @@ def sizes_of(candidate: Candidate) -> dict[str, tuple[float, float]]:
     return made
 
 
-def weights(
-    known: dict[str, tuple[float, float]], mine: dict[str, tuple[float, float]], model: Model
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """How the unknowns are drawn to where effects are nothing: weights (n,), nulls (n,), and which are one's own.
+def weights(known: dict[str, tuple[float, float]], model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """How the unknowns are drawn to where effects are nothing: weights (n,) and nulls (n,).
 
-    ``known`` maps parameters of effects to their null and size, ``mine`` those of the candidate looked at.
+    ``known`` maps parameters of effects to their null and size.
     """
-    n = len(model.theta)
-    pull, null, own = np.zeros(n), model.theta.copy(), np.zeros(n, dtype=bool)
+    pull, null = np.zeros(len(model.theta)), model.theta.copy()
     for k, item in enumerate(model.problem.unknowns.items):
         if item.parameter in known:
             zero, size = known[item.parameter]
             pull[k] = 1 / (size if np.isnan(zero) else max(size, abs(model.theta[k]))) ** 2
             null[k] = model.theta[k] if np.isnan(zero) else zero
-            own[k] = item.parameter in mine
-    return pull, null, own
+    return pull, null
 
 
 @attrs.frozen(eq=False)

@@ -20,7 +20,7 @@ from tsmblocks.diagnosis.restarts import pieces, remembers
 from tsmblocks.diagnosis.result import Diagnosis, Segment
 from tsmblocks.diagnosis.rounds import Round, Search, counted, forward, reconsidered
 from tsmblocks.diagnosis.segments import Part, in_whole, parted
-from tsmblocks.diagnosis.sensors import Floors, floors
+from tsmblocks.diagnosis.sensors import Floors, asked_floors, floors
 from tsmblocks.diagnosis.summing import Work, summed
 from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, catalogue
@@ -70,7 +70,7 @@ def diagnose(
     effects_chosen, seed = _chosen(effects), whole("seed", seed, 0)
     if free is not None:
         chosen(diagram, free)  # names nobody has are told before any work
-    floors(records, diagram, measured, noise_floor)
+    asked_floors(noise_floor, measured)
     asked = Asked(None if free is None else tuple(asking.names("free", free, "tsm.*")), {}, (),
                   asking.flag("start_states", start_states), step, integrator, hold, seed=seed)  # fmt: skip
     done, stopped = list[Work](), False

@@ -12,8 +12,6 @@ import numpy as np
 
 from tsmblocks.diagram import Diagram
 
-VERDICTS = ("none", "named", "unknown")
-
 
 @attrs.frozen
 class Quantity:
@@ -202,7 +200,7 @@ class Diagnosis:
             "verdict": self.verdict, "sentence": self.sentence, "status": self.status,
             "effects": [_effect(e) for e in self.effects],
             "gap": _gap(worst.gaps[0]),
-            "where": [{"coordinate": w.coordinate, "share": _round(w.share), "words": w.words} for w in worst.where],
+            "where": [_where(w) for w in worst.where],
             "ranking": [_ranked(r) for s in self.segments for r in s.ranking],
             "detection_limits": {m.name: _round(m.value) for s in reversed(self.segments) for m in s.limits},
             "segments": [_segment(s) for s in self.segments],
@@ -251,6 +249,10 @@ def _gap(gap: Gap) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _where(w: Where) -> dict[str, Any]:
+    return {"coordinate": w.coordinate, "share": _round(w.share), "words": w.words}
+
+
 def _ranked(r: Ranked) -> dict[str, Any]:
     return {
         "round": r.round, "segment": r.segment, "name": r.name, "variant": r.variant, "family": r.family,
@@ -265,7 +267,7 @@ def _segment(s: Segment) -> dict[str, Any]:
         "name": s.name, "inputs": list(s.inputs), "outputs": list(s.outputs), "verdict": s.verdict,
         "excess": _round(s.excess), "sentence": s.sentence, "effects": [e.name for e in s.effects],
         "ceiling": _round(s.ceiling), "gaps": [_gap(g) for g in s.gaps],
-        "where": [{"coordinate": w.coordinate, "share": _round(w.share), "words": w.words} for w in s.where],
+        "where": [_where(w) for w in s.where],
         "detection_limits": {
             m.name: None if m.value is None else {"parameter": m.parameter, "value": _round(m.value), "unit": m.unit}
             for m in s.limits

@@ -32,7 +32,7 @@ def floors(records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[st
 
     Raises ParameterError for a floor that is none, DataError where an output shows no noise at all.
     """
-    asked = _asked(given, outputs)
+    asked = asked_floors(given, outputs)
     sigma, method = dict[str, float](), dict[str, str]()
     for name in outputs:
         if name in asked:
@@ -42,7 +42,8 @@ def floors(records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[st
     return Floors(sigma, method, all(m != WEAK for m in method.values()))
 
 
-def _asked(given: Any, outputs: Sequence[str]) -> dict[str, float]:
+def asked_floors(given: Any, outputs: Sequence[str]) -> dict[str, float]:
+    """The floors that were given, by output; empty for None. Raises ParameterError for one that is none."""
     if given is None:
         return {}
     each = dict(given) if isinstance(given, Mapping) else dict.fromkeys(outputs, given)

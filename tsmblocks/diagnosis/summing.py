@@ -86,7 +86,7 @@ def _held_out(work: Work) -> list[np.ndarray]:
     """What each model leaves (N,) on blocks held out."""
     made = []
     for k, model in enumerate(work.models):
-        pull, null, _ = weights(_known(work, k), {}, model)
+        pull, null = weights(_known(work, k), model)
         made.append(held_out(model, work.search.parts.fold, pull, null))
     return made
 
