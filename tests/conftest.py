@@ -1,6 +1,7 @@
 """What all tests share: machine code kept in a folder of the test run, and the measured data where it is there."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -17,6 +18,13 @@ def _machine_code_store(tmp_path_factory):
         del os.environ["TSMBLOCKS_CACHE"]
     else:
         os.environ["TSMBLOCKS_CACHE"] = before
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _ctrl_c_as_at_a_terminal():
+    """A shell that starts a command in the background has it ignore Ctrl-C, and so would every test of it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)

@@ -87,7 +87,7 @@ def test_what_is_held_is_the_mean_and_what_moves_stays(seed, length, speed):
     found = rests(x, NOISE, 25)
     first, last = found[0].start, found[-1].stop
     assert abs(first - 199) <= 2
-    assert abs(last - 200 - length) <= 2
+    assert -25 < last - 200 - length <= 2  # a rest that began with the end of the ramp may leave a piece too short
     assert share == pytest.approx(sum(one.stop - one.start for one in found) / len(x))
     for one in found:
         assert made[one] == pytest.approx(x[one].mean())

@@ -32,6 +32,7 @@ SPECS = {
     "two": Spec("two", "backlash+jump", amplitude=0.6, seed=3, protocol="paper"),
     "unexcited": Spec("unexcited", "dead_zone", seed=3, protocol="paper"),
     "line": Spec("base_line", "hysteresis", amplitude=0.05, seed=4, protocol="paper"),
+    "another line": Spec("base_line", "hysteresis", amplitude=0.05, seed=3, protocol="paper"),
     "motor": Spec("motor_closed", "coulomb_friction", amplitude=0.05, seed=3),
     "chain": Spec("chain", "sheath:backlash", amplitude=0.4, seed=3),
 }
@@ -66,7 +67,7 @@ def names(diagnosis):
 @pytest.mark.parametrize(
     ("name", "effect", "family"),
     [("backlash", "backlash", "loop"), ("lag", "first_order_lag", "delay"), ("jump", "jump", "time"),
-     ("ripple", "position_ripple", "map"), ("line", "hysteresis", "loop")],
+     ("ripple", "position_ripple", "map"), ("line", "hysteresis", "loop"), ("another line", "hysteresis", "loop")],
 )  # fmt: skip
 def test_one_effect_is_named(name, effect, family):
     said = found(name)

@@ -14,7 +14,20 @@ from scipy.linalg import lstsq
 from scipy.optimize import least_squares
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Bias, DCMotor, Gain, Integrator, Lag, Play, Sum, TransferFunction, ZeroOrderHold
+from tsmblocks.blocks import (
+    Bias,
+    DCMotor,
+    Drift,
+    Gain,
+    Integrator,
+    Jump,
+    Lag,
+    Play,
+    RateLimit,
+    Sum,
+    TransferFunction,
+    ZeroOrderHold,
+)
 from tsmblocks.diagnosis.candidates import candidates, lines, surroundings
 from tsmblocks.diagnosis.conditioning import all_conditioned, conditioned
 from tsmblocks.diagnosis.deciding import ALIKE, BEYOND, MATERIAL, Tried, decide, max_t_line, mean, student
@@ -23,6 +36,7 @@ from tsmblocks.diagnosis.folds import BLOCKS, FEWEST, FOLDS, Parts, held_out, pa
 from tsmblocks.diagnosis.model import Asked, calibrated, posed_as, searched
 from tsmblocks.diagnosis.places import driven, reaches, sites
 from tsmblocks.diagnosis.screening import absorbing, promise
+from tsmblocks.diagnosis.showing import unit_of
 from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 from tsmblocks.simulate import equations
@@ -198,6 +212,17 @@ def test_a_block_that_reads_is_wired_to_what_it_reads():
 
 
 # ---- candidates
+
+
+@pytest.mark.parametrize(
+    ("parameter", "unit"), [("limit.rising", "rad/s"), ("drift.rate", "rad/s"), ("drift.curve", "rad/s^2"),
+                            ("jump.size", "rad"), ("jump.time", "s"), ("drift.start", "")],
+)  # fmt: skip
+def test_numbers_have_the_unit_that_the_wire_gives_them(parameter, unit):
+    diagram = tsm.load("tendon_sheath_linear")
+    for name, block in (("limit", RateLimit()), ("drift", Drift()), ("jump", Jump())):
+        diagram = diagram.insert(name, block, before="x_out")
+    assert unit_of(diagram, parameter) == unit
 
 
 def test_each_block_gets_a_name_of_its_own():
@@ -409,11 +434,13 @@ def test_chance_passes_the_line_one_time_in_twenty():
     assert 2 <= passed <= 20
 
 
-def stand_in(losses, count=2, edge=np.inf):
+def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
     """A candidate by its losses alone; its first unknown is zero, and its lowest value ``-edge``."""
     items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf) for k in range(count)]
-    model = SimpleNamespace(theta=np.zeros(count), problem=SimpleNamespace(unknowns=SimpleNamespace(items=items)))
-    candidate = SimpleNamespace(effect=SimpleNamespace(within=("p0",)), block="b", free=("b.p0", "b.p1"))
+    problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
+    model = SimpleNamespace(theta=np.zeros(count), local=np.zeros(count, bool), problem=problem)
+    effect = SimpleNamespace(name=name, within=("p0",), contains=contains)
+    candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"))
     return Tried(candidate, model, losses, losses, float(np.mean(losses)))
 
 
@@ -462,6 +489,38 @@ def test_what_is_worth_a_name(base, left, named):
     small = 0.01 * NOISE[0]
     verdict = decide(base + small, [stand_in(left + 0.01 * NOISE[1])], even(60), 1.0, 0)
     assert (verdict.named is not None) == named
+
+
+def test_what_the_noise_of_inputs_may_do_is_not_named():
+    """A floor of 1.4 says that the inputs' noise moves the base by 0.4."""
+    base, part = 2.0 + 0.01 * NOISE[0], even(60)
+    little, more = (stand_in(2.0 - fall + 0.01 * NOISE[1]) for fall in (0.15, 0.25))
+    assert decide(base, [little], part, 1.4, 0).named is None
+    assert decide(base, [more], part, 1.4, 0).named is more
+
+
+@pytest.mark.parametrize(("share", "plain"), [(0.97, True), (0.9, False)])
+def test_a_special_case_that_does_nearly_as_much_is_named(share, plain):
+    part, base = even(60), 3.0 + NOISE[0]
+    general = stand_in(1.0 + NOISE[1], 5, name="memory", contains=("gap",))
+    special = stand_in(3.0 - 2.0 * share + NOISE[1], 3, name="gap")
+    verdict = decide(base, [general, special], part, 1.0, 0)
+    assert verdict.named is (special if plain else general)
+    assert verdict.alike == ((special, general) if plain else (general,))
+
+
+def test_a_general_form_that_does_no_better_is_no_other_name():
+    part, base = even(60), 3.0 + NOISE[0]
+    general = stand_in(1.0 + NOISE[1], 5, name="memory", contains=("gap",))
+    special = stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 3, name="gap")
+    assert decide(base, [general, special], part, 1.0, 0).alike == (special,)
+
+
+def test_start_values_make_no_effect_less_simple():
+    part, base = even(60), 3.0 + NOISE[0]
+    best, started = stand_in(1.0 + NOISE[1], 3), stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 12)
+    started.model.local[2:] = True
+    assert decide(base, [best, started], part, 1.0, 0).named is started
 
 
 def test_what_scatters_is_not_named():

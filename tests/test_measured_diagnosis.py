@@ -72,11 +72,12 @@ def test_a_gap_is_named_first_on_every_bend_and_foretells_the_second_cycle(sheat
     assert len(later) == 5
 
 
-def test_the_model_of_the_paper_lacks_what_looks_like_a_gap(sheath):
+def test_the_model_of_the_paper_lacks_a_gap_or_several(sheath):
+    """Memory of earlier reversals is a sum of gaps."""
     found = rows(sheath, "tendon_sheath_asymmetric")
     assert [bend for bend, _, _, _ in found] == [0, 120]
     for _, (before, after, held_before, held_after), names, also in found:
-        assert "backlash" in (names[0], *also.split(", "))
+        assert {"backlash", "nonlocal_memory"} & {*names, *also.split(", ")}
         assert after < before / 2
         assert held_after < held_before / 2
 
@@ -87,16 +88,16 @@ def test_the_axis_rubs_as_published(axis):
     base, augmented = (numbers(line) for line in re.findall(r"^(?:base|augmented) .*$", said, re.M))
     assert base == pytest.approx([17.12, 17.14, 16.48], abs=0.05)
     strokes, second, pulses = augmented
-    assert strokes < 3.5  # published for asymmetric friction, fitted to both strokes: 3.11
-    assert second < 3.6
-    assert pulses < 4.6  # published for symmetric friction: 5.98
+    assert strokes < 3.11  # published for asymmetric friction, fitted to both strokes
+    assert second < 3.11
+    assert pulses < 4.3  # published for symmetric friction: 5.98
 
 
 def test_friction_of_the_axis_is_the_published_one(axis):
     """In the diagram it stands as an acceleration; times the mass it is the force."""
-    diagram = axis[1]["found"].augmented
-    level = diagram.parameters["coulomb_friction.friction.level"] * diagram.parameters["mass.value"]
-    assert level == pytest.approx(20.4, abs=0.6)
+    known = axis[1]["found"].augmented.parameters
+    level = sum(known[k] for k in known if k in ("coulomb_friction.friction.level", "presliding_friction.level.gain"))
+    assert level * known["mass.value"] == pytest.approx(20.4, abs=0.6)
 
 
 def test_the_tanks_run_over_first(tanks):

@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.diagnosis.deciding import MATERIAL
+
 THRESHOLD = 0.1
 """Coefficient, of columns and residual scaled to unit rms, below which STLSQ drops a term."""
 RIDGE = 0.05
 """STLSQ's weight against large coefficients: its own default."""
-WORTH = 0.1
-"""Fall of the mean square, in variances of the noise, below which a regression names nothing: our own rule."""
-
 MEANS = {
     "1": ("drift", "jump", "load_offset", "creep"),
     "x": ("saturation", "parameter_change", "creep"),
@@ -105,7 +104,7 @@ def _named(
     order = np.argsort(-np.abs(weights) * np.sqrt((used**2).mean(axis=0)))
     terms = [names[chosen[k]] for k in order]
     return dict(
-        terms=terms, names=list(MEANS[terms[0]]) if fall > WORTH * noise else [], removed=min(fall / excess, 1.0)
+        terms=terms, names=list(MEANS[terms[0]]) if fall > MATERIAL * noise else [], removed=min(fall / excess, 1.0)
     )
 
 

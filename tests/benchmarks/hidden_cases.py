@@ -124,19 +124,11 @@ def said(found: Any, case: Case) -> dict[str, Any]:
              "share": e.share_removed} for e in found.effects
         ],
         "held_out": (worst.gaps[0].held_out[0], worst.gaps[0].held_out[-1], worst.gaps[0].noise_floor),
-        "actual": actual(case, worst.outputs[0]),
         "gain": max((r.gain for r in fitted), default=0.0) * scale, "line": max((r.line for r in fitted), default=0.0),
         "top": [(r.name, round(r.gain, 4), round(r.share, 3), round(r.t, 1)) for r in fitted[:4]],
         "segments": {s.name: {"verdict": s.verdict, "excess": s.excess} for s in found.segments},
         "bic": _bic(worst), "covered": _covered(found, case),
     }  # fmt: skip
-
-
-def actual(case: Case, output: str) -> float:
-    """Rms of what the sensor really added to an output, late and early readings included, in the diagram's unit."""
-    pairs = [(case.experiments[n][output], e[output]) for n, e in case.clean.items()]
-    rms = float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2)))
-    return math.radians(rms) if case.units[output] == "deg" else rms
 
 
 def _bic(segment: Any) -> str:

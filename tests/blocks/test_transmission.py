@@ -30,6 +30,7 @@ from tsmblocks.blocks import (
     Resonance,
     Ripple,
     Slack,
+    Stretch,
 )
 from tsmblocks.compile import compile_diagram
 
@@ -50,6 +51,7 @@ NULL = {
     "NonlocalMemory": NonlocalMemory(),
     "LoopAsymmetry": LoopAsymmetry(theta=4.0, speed=0.5),
     "PositionDependentLoop": PositionDependentLoop(distance=0.2),
+    "Stretch": Stretch(distance=0.2),
     "Resonance": Resonance(omega=25.0, zeta=0.1),
     "Lag": Lag(),
     "DeadTime": DeadTime(),
@@ -79,6 +81,7 @@ ACTIVE = {
         LoopAsymmetry(slope_difference=-0.1, delta=0.1), ("slope_difference", "delta", "theta", "speed")
     ),
     "PositionDependentLoop": (PositionDependentLoop(gain=-0.1), ("gain", "distance")),
+    "Stretch": (Stretch(half_width=0.06), ("half_width", "distance")),
     "Resonance": (Resonance(share=0.5, omega=25.0), ("share", "omega", "zeta")),
 }  # fmt: skip
 BACKENDS = ("llvm", "casadi")
@@ -191,7 +194,7 @@ def test_derivatives_by_the_strengths_at_zero(name):
                  "Jump": ["size"], "GainChange": ["change"], "LoopChange": ["change", "gain"], "Creep": ["share"],
                  "Disturbance": ["cosine", "sine"], "RateDependence": ["coefficient"], "Resonance": ["share"],
                  "NonlocalMemory": ["weights[0]"], "LoopAsymmetry": ["slope_difference", "delta"],
-                 "PositionDependentLoop": ["gain"]}  # fmt: skip
+                 "PositionDependentLoop": ["gain"], "Stretch": ["half_width"]}  # fmt: skip
     x = signal([(0.8, 2.0, 0.3), (0.3, 7.0, 1.0)])
     base, (*_, behind) = places(block)
     wanted = [f"effect.{k}" for k in strengths[type(block).__name__]]
@@ -309,10 +312,21 @@ def test_the_loop_that_comes_turns_round_over_its_distance():
 
 
 def test_the_loop_that_widens_to_one_side():
+    """At constant speed the state follows the displacement, late by the distance."""
     block = PositionDependentLoop(gain=0.2, distance=0.3)
     run = simulate(block, {"u": lambda _: 1.0, "x": lambda t: 0.5 * t, "v": lambda _: 0.5}, stop=2.0, step=0.01)
     travel = 0.5 * run["t"]
-    assert run["y"] == pytest.approx(1 + 0.2 * travel * (1 - np.exp(-travel / 0.3)), abs=1e-9)
+    assert run["y"] == pytest.approx(1 + 0.2 * (travel - 0.3 * (1 - np.exp(-travel / 0.3))), abs=1e-7)
+
+
+def test_a_stretch_is_dahls_hysteresis_of_slope_one_in_any_unit():
+    v = {"v": lambda t: 2.0 * np.cos(4 * t)}
+    lost = simulate(
+        Stretch(half_width=0.15, distance=0.15 / 0.8), {"u": lambda t: 0.5 * np.sin(4 * t), **v}, stop=2.0, step=0.01
+    )
+    dahl = DahlHysteresis(alpha_x=1.0, rho=0.8, half_width=0.15)
+    same = simulate(dahl, {"x": lambda t: 0.5 * np.sin(4 * t), **v}, stop=2.0, step=0.01)
+    assert lost["y"] == pytest.approx(same["y"], abs=1e-12)
 
 
 @given(v=st.lists(st.floats(-3, 3), min_size=5, max_size=40))

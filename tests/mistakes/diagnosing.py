@@ -1,11 +1,25 @@
 """Mistakes in effects: where they stand, their blocks and ports, their nulls, and what is there already."""
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
+import numpy as np
+
+import tsmblocks as tsm
 from tests.mistakes.table import mistake
-from tsmblocks.blocks import AsymmetricBoucWen, Bias, Constant, Gain, Play, PositionDependentLoop, Resonance, Slack, Sum
+from tsmblocks.blocks import (
+    AsymmetricBoucWen,
+    Bias,
+    Constant,
+    Gain,
+    Play,
+    PositionDependentLoop,
+    Resonance,
+    Saturation,
+    Slack,
+    Sum,
+)
 from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, Trials, catalogue, register
-from tsmblocks.errors import ParameterError
+from tsmblocks.errors import ParameterError, RunError
 
 
 def effect(**changes):
@@ -114,6 +128,86 @@ def an_effect_that_reads_a_third_signal():
         inputs={"u": "k", "x": "sum.plus2", "w": "sum.plus3"},
     )  # fmt: skip
     effect(block=inner, place="load", null={"k.gain": 1.0}, free=("k.gain",))
+
+
+@mistake(
+    ParameterError,
+    "effect 'louder': strengths of its trials name 'gian', which is not free to be fitted. Did you mean 'gain'?",
+)
+def trials_of_a_misspelt_strength():
+    effect().accepts(Trials({"gian": 0.1}))
+
+
+@mistake(
+    ParameterError,
+    "effect 'behind': shapes of its trials name 'low', which is not free to be fitted. Known here: high.",
+)
+def trials_of_a_shape_that_is_not_free():
+    inf = float("inf")
+    limit = effect(name="behind", block=Saturation(low=-inf, high=inf), null={"high": inf}, free=("high",))
+    limit.accepts(Trials({}, ({"low": -1.0},)))
+
+
+@mistake(
+    ParameterError,
+    "effect 'louder': bounds of its trials name 'gains', which is not free to be fitted. Did you mean 'gain'?",
+)
+def trials_with_bounds_of_nothing():
+    effect().accepts(Trials({"gain": 0.1}, bounds={"gains": (0.0, 1.0)}))
+
+
+@mistake(
+    ParameterError, "effect 'louder': its trials fix 'gain', which is free to be fitted; a number is one or the other."
+)
+def trials_that_fix_what_is_fitted():
+    effect().accepts(Trials({"gain": 0.1}, fixed={"gain": 1.0}))
+
+
+@mistake(
+    ParameterError, "effect 'louder': its trials fix 'slope', which is no parameter of its block. Known here: gain."
+)
+def trials_that_fix_nothing():
+    effect().accepts(Trials({"gain": 0.1}, fixed={"slope": 1.0}))
+
+
+@mistake(ParameterError, "effect 'louder': all shapes of its trials must name the same numbers, and {} does not.")
+def trials_whose_shapes_differ():
+    effect().accepts(Trials({}, ({"gain": 1.1}, {})))
+
+
+@mistake(
+    ParameterError, "effect 'louder': its trials have no shape to begin with; leave shapes out where there is none."
+)
+def trials_without_a_shape():
+    effect().accepts(Trials({}, ()))
+
+
+@mistake(
+    ParameterError,
+    "effect 'louder': refine of its trials name 'time', which is not free to be fitted. Known here: gain.",
+)
+def trials_that_refine_nothing():
+    effect().accepts(Trials({}, ({"gain": 1.1},), refine="time"))
+
+
+@mistake(
+    ParameterError,
+    "effect 'louder': trials must give Trials, or None where the data cannot show it, got {'gain': 1.1}.",
+)
+def trials_that_are_none():
+    effect().accepts({"gain": 1.1})
+
+
+@mistake(RunError, "progress must be a function of stage, done and of, got 3.")
+def a_diagnosis_with_progress_that_cannot_be_told():
+    tsm.diagnose("tendon_sheath_linear", {}, progress=3)
+
+
+@mistake(ParameterError, "effects names no effect to look for. Leave it out to look for all of the catalogue.")
+def a_diagnosis_that_looks_for_nothing():
+    t = np.arange(300) * 0.01
+    record = tsm.Record("a", t, {"x_in": np.sin(t), "x_out": np.sin(t)}, {"x_in": "rad", "x_out": "rad"})
+    tsm.diagnose(tsm.load("tendon_sheath_linear"), record, effects=[])
 
 
 @mistake(ParameterError, "effect 'louder': trials must be a function from Scales to Trials, got {'gain': 1.1}.")

@@ -62,7 +62,7 @@ from tsmblocks.blocks.linear import (
     Integrator,
     SecondOrderLag,
 )
-from tsmblocks.blocks.loops import LoopAsymmetry, LoopChange, NonlocalMemory, PositionDependentLoop
+from tsmblocks.blocks.loops import LoopAsymmetry, LoopChange, NonlocalMemory, PositionDependentLoop, Stretch
 from tsmblocks.blocks.lti import StateSpace, TransferFunction, ZeroPoleGain, from_control
 from tsmblocks.blocks.motor import DCMotor, MotorTransferFunction
 from tsmblocks.blocks.sensors import Bias, Encoder, SensorNoise
@@ -174,6 +174,7 @@ __all__ = [
     "StateSpace",
     "Step",
     "StribeckFriction",
+    "Stretch",
     "Sum",
     "Switch",
     "Tanh",

@@ -21,6 +21,33 @@ def side_rate(v: Any, z: Any, distance: Any) -> Any:
 
 
 @block
+class Stretch(Block):
+    r"""What a signal loses in an elastic stretch that saturates with travel: a loop where there was none.
+
+    .. math:: y = u - w z, \qquad \dot z = \frac{v - |v| z}{d}, \qquad v = \dot u
+
+    ``DahlHysteresis`` of slope 1, for a signal of any unit, with :math:`\rho = w / d`.
+    """
+
+    source = "Dahl, AIAA J. 14 (1976) 1675"
+    symbol = "− w z"
+
+    half_width: float = parameter(default=0.0, about="what is lost after long travel one way", unit="?u")
+    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?u", above=0.0)
+
+    u = Input("any signal", unit="?u")
+    v = Input("its rate", unit="?u/s", rate_of="u")
+    y = Output("the signal less the stretch", unit="?u")
+    z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(z=side_rate(u.v, x.z, self.distance))
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u - self.half_width * x.z)
+
+
+@block
 class LoopChange(Block):
     r"""A loop that comes at one instant and stays: friction in the sheath after it is bent anew.
 
@@ -91,7 +118,10 @@ class LoopAsymmetry(Block):
 class PositionDependentLoop(Block):
     r"""A loop that widens to one side: friction that depends on how far the tool is bent.
 
-    .. math:: y = u + g\, x z, \qquad \dot z = \frac{v - |v| z}{d}, \qquad v = \dot x
+    .. math:: y = u + g z, \qquad \dot z = \frac{x v - |v| z}{d}, \qquad v = \dot x
+
+    After travel :math:`d` one way, :math:`z` is what :math:`x` was on that way, with the sign of the motion: friction
+    is picked up where the tool is, and kept until it has moved on.
     """
 
     source = "definition; the loop is that of Dahl, AIAA J. 14 (1976) 1675"
@@ -104,13 +134,13 @@ class PositionDependentLoop(Block):
     x = Input("the displacement that the width depends on", unit="?x")
     v = Input("rate of the displacement", unit="?x/s", rate_of="x")
     y = Output("the signal with the loop on it", unit="?u")
-    z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
+    z: float = state(default=0.0, about="displacement at which the loop was met, signed by the motion", unit="?x")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(z=side_rate(u.v, x.z, self.distance))
+        return dict(z=(u.v * u.x - ca.fabs(u.v) * x.z) / self.distance)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=u.u + self.gain * (u.x * x.z))
+        return dict(y=u.u + self.gain * x.z)
 
 
 @block

@@ -150,6 +150,7 @@ def candidates(
             trials = effect.trials(around.scales(site))
             if trials is None:
                 continue
+            effect.accepts(trials)
             made = _edited(base, effect, site, trials)
             if made is not None:
                 found.append(Candidate(effect, site, _name(base, effect.name), made, trials))

@@ -11,9 +11,11 @@ from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.folds import Parts, held_out
 from tsmblocks.diagnosis.model import Model
 
-MATERIAL = 0.10
+MATERIAL = 0.06
 """Fall of the mean square, in variances of the noise, below which an effect is not worth a name."""
-RARE = 2.0
+CARRIED = 0.5
+"""Share of what the noise of the inputs does to the base that an effect has to remove at least."""
+RARE = 3.0
 """How much more than that an effect removes which shows in a few blocks only, so that no t can speak for it."""
 QUIET = 0.05
 """Excess over the noise, as a share of it, below which nothing is looked for."""
@@ -23,15 +25,17 @@ FAR = 1e9
 """A null beyond this is no number to be drawn to: a limit that never acts."""
 BEYOND = 0.1
 """Share of what it removes by which an effect that left its bounds may be better than any other, and none is named."""
+NEARLY = 0.95
+"""Share of what another effect removes from which a simpler one, or a special case of it, is named instead."""
 FLIPS = 999
 """Random signs from which the line is found that chance does not pass."""
 LEVEL = 0.05
 """Probability that any candidate passes the line by chance."""
 ALIKE_T = 2.0
 """Two candidates are alike where the paired t of their losses is below this ..."""
-ALIKE = 0.02
+ALIKE = 0.01
 """... or their difference is below this share of the noise's variance ..."""
-CLOSE = 0.005
+CLOSE = 0.002
 """... or of what the better one removes ..."""
 APART = 0.2
 """... unless one leaves more than this share of what the other removes: a few blocks may then say it all."""
@@ -68,8 +72,8 @@ class Tried:
 
     @property
     def count(self) -> int:
-        """Number of unknowns, start values in each experiment among them."""
-        return len(self.model.theta)
+        """Number of unknowns that hold for all experiments: start values make an effect no less simple."""
+        return int(np.sum(~self.model.local))
 
 
 def base_losses(
@@ -157,15 +161,28 @@ def decide(base: np.ndarray, found: Sequence[Tried], parts: Parts, floor: float,
     apart = max(APART * (before - best.loss), ALIKE * floor)
     near = max(ALIKE * floor, CLOSE * (before - best.loss))
     inside = [one for one in ranking if not one.outside and one.loss - best.loss < apart]
-    alike = [one for one in inside if _alike(one, best, parts, near)]
-    named = min(alike, key=lambda one: (one.count, one.loss))
-    others = [one for one in alike if one is not named]
+    alike = [one for one in inside if _alike(one, best, parts, near, RARE * MATERIAL * floor)]
+    close = [one for one in alike if before - one.loss >= NEARLY * (before - best.loss)]
+    named = _plainest(min(close, key=lambda one: (one.count, one.loss)), ranking, before)
+    says_more = named not in alike  # a general form that leaves no less says nothing else
+    others = [one for one in alike if one is not named
+              and (says_more or named.candidate.effect.name not in one.candidate.effect.contains)]  # fmt: skip
     return Verdict(tuple(ranking), tuple(t), line, named, (named, *others))
 
 
+def _plainest(named: Tried, ranking: Sequence[Tried], before: float) -> Tried:
+    """The candidate, or a special case of it that removes nearly all that it does: the rest may be another effect."""
+    special = [one for one in ranking if one.candidate.effect.name in named.candidate.effect.contains
+               and not one.outside and before - one.loss >= NEARLY * (before - named.loss)]  # fmt: skip
+    return special[0] if special else named
+
+
 def _passes(removed: float, before: float, shown: bool, floor: float) -> bool:
-    """Whether what is removed is worth a name, and there was something to remove."""
-    return shown and removed >= MATERIAL * floor and before >= (1 + QUIET) * floor
+    """Whether what is removed is worth a name, and there was something to remove.
+
+    What the noise of the inputs does to the base, ``floor`` - 1, an effect may imitate in part.
+    """
+    return shown and removed >= max(MATERIAL * floor, CARRIED * (floor - 1)) and before >= (1 + QUIET) * floor
 
 
 def student(gains: np.ndarray, parts: Parts) -> np.ndarray:
@@ -191,8 +208,14 @@ def _concentrated(gain: np.ndarray) -> bool:
     return bool(largest[-1] > 10 * scatter and largest[-1] > 5 * -min(largest[0], 0.0))
 
 
-def _alike(one: Tried, best: Tried, parts: Parts, near: float) -> bool:
+def _alike(one: Tried, best: Tried, parts: Parts, near: float, plain: float) -> bool:
+    """Whether two candidates leave the same: a difference below ``near`` is none, one above ``plain`` that a few
+    blocks show is one all the same, though no t can speak for it.
+    """
     if one is best:
         return True
-    difference = (one.losses - best.losses)[None, :]
-    return bool(student(difference, parts)[0] < ALIKE_T or mean(difference[0], parts) < near)
+    difference = one.losses - best.losses
+    worse = mean(difference, parts)
+    if _concentrated(difference) and worse >= plain:
+        return False
+    return bool(student(difference[None, :], parts)[0] < ALIKE_T or worse < near)

@@ -13,12 +13,13 @@ from tsmblocks.arguments import prepared, whole
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.conditioning import all_conditioned
 from tsmblocks.diagnosis.consequence import consequence
+from tsmblocks.diagnosis.exchanging import exchanged
 from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import parts
 from tsmblocks.diagnosis.model import Asked, calibrated
 from tsmblocks.diagnosis.restarts import pieces, remembers
 from tsmblocks.diagnosis.result import Diagnosis, Segment
-from tsmblocks.diagnosis.rounds import Round, Search, counted, forward, reconsidered
+from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
 from tsmblocks.diagnosis.segments import Part, in_whole, parted
 from tsmblocks.diagnosis.sensors import Floors, asked_floors, floors
 from tsmblocks.diagnosis.summing import Work, summed
@@ -53,7 +54,7 @@ def diagnose(
     ``free`` names them (patterns; by default all but start values), and with ``start_states`` states start anew in
     each experiment. Then each effect of the catalogue (``effects`` names some, patterns allowed) is tried on
     every wire where it can stand, fitted together with the base, and judged by what it leaves on blocks of time
-    held out: it is named where it removes at least a tenth of the noise's variance, more than chance does, and half
+    held out: it is named where it removes 6 % of the noise's variance at least, more than chance does, and half
     of what can be explained. What cannot be told from it with these data is listed beside it.
 
     ``noise_floor`` is the rms noise of the outputs [their units], one number or by output; by default it is looked
@@ -64,7 +65,7 @@ def diagnose(
 
     Raises DataError (signals, samples), ParameterError (names, floors), and what ``tsm.fit`` raises.
     """
-    asking.progress(progress)
+    asking.progress(progress, "stage, done and of")
     records, diagram = recordings(experiments), prepared(diagram)
     measured = _measured(records, diagram, outputs)
     effects_chosen, seed = _chosen(effects), whole("seed", seed, 0)
@@ -129,7 +130,10 @@ def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
     if names is None:
         return every
     known, kept_names = {e.name for e in every}, set[str]()
-    for pattern in asking.names("effects", names, "backlash"):
+    patterns = asking.names("effects", names, "backlash")
+    if not patterns:
+        raise ParameterError("effects names no effect to look for. Leave it out to look for all of the catalogue.")
+    for pattern in patterns:
         hits = {k for k in known if fnmatchcase(k, pattern)}
         if not hits:
             raise ParameterError(f"effects: '{pattern}' names no effect of the catalogue.{near(pattern, known)}")
@@ -159,7 +163,7 @@ def _work(
         floor = 1 + (carried(base, raw, names, asked.seed) if condition else 0.0)
         search = Search(records, own, effects, parts(base.problem), floor, tell)
         forward(base, search, rounds)
-        rounds = reconsidered(rounds, search)
+        rounds = exchanged(rounds, search)
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise _Stopped(None) from None

@@ -82,8 +82,13 @@ def settled(model: Model) -> np.ndarray:
 
     Start values belong to their experiment: only its first samples tell them, so they are never held out.
     """
+    return without_starts(model, model.J[:, ~model.local])
+
+
+def without_starts(model: Model, columns: np.ndarray) -> np.ndarray:
+    """Columns (N, m) less what the unknowns of each one experiment take up of them."""
     trials, segments, local = model.problem.trials, model.problem.segments, model.local
-    J = model.J[:, ~local].copy()
+    made = columns.copy()
     count = trials[0].measured.shape[1]
     for e in range(len(trials)):
         rows = slice(segments[e * count].start, segments[(e + 1) * count - 1].stop)
@@ -92,5 +97,5 @@ def settled(model: Model) -> np.ndarray:
             continue
         turn, size, _ = np.linalg.svd(model.J[rows][:, own], full_matrices=False)
         basis = turn[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
-        J[rows] -= basis @ (basis.T @ J[rows])
-    return J
+        made[rows] -= basis @ (basis.T @ made[rows])
+    return made

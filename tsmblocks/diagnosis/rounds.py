@@ -1,4 +1,4 @@
-"""Forward selection: one effect after another, each refitted with all before it, exchanged and dropped where due."""
+"""Forward selection: one effect after another, each refitted with all before it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.candidates import candidates, surroundings
-from tsmblocks.diagnosis.deciding import ALIKE, MATERIAL, Tried, Verdict, base_losses, decide, mean, sizes_of, tried
+from tsmblocks.diagnosis.deciding import MATERIAL, Tried, Verdict, base_losses, decide, mean, sizes_of, tried
 from tsmblocks.diagnosis.folds import Parts
 from tsmblocks.diagnosis.model import Asked, Model, polished, searched
 from tsmblocks.diagnosis.places import sites
@@ -28,7 +28,7 @@ HALF = 0.5
 """Share of the excess that an effect has to remove."""
 SLIGHT = 0.15
 """Share of all that was removed below which an effect after the first is taken for a fault of the first one's form."""
-FURTHER = 0.3
+FURTHER = 0.2
 """Share of what is left that a further effect has to remove, where it removes more than the noise itself."""
 MOSTLY = 0.8
 """Share of the excess that several have to remove, none of which removes half by itself."""
@@ -40,13 +40,29 @@ Tell = Callable[[str, int, int], None]
 
 @attrs.frozen(eq=False)
 class Round:
-    """One look for an effect: the base of that round, its losses, what was promised and what was tried."""
+    """One look for an effect: the base of that round, its losses, what was promised and what was tried.
+
+    ``beside`` is the look for the same effect beside all that were named later. ``narrow`` tells that only one effect
+    was looked for, one that was known already.
+    """
 
     base: Model
     losses: np.ndarray
     across: np.ndarray
     promises: tuple[Promise, ...]
     verdict: Verdict
+    beside: Round | None = None
+    narrow: bool = False
+
+    @property
+    def widest(self) -> Round:
+        """The look that tried most: this one, or the one beside all others."""
+        return self.beside if self.narrow and self.beside is not None else self
+
+    @property
+    def alike(self) -> tuple[Tried, ...]:
+        """The effect named and those it cannot be told from, given all else that was named."""
+        return (self.beside or self).verdict.alike
 
 
 @attrs.frozen(eq=False)
@@ -96,10 +112,15 @@ def fitted(one: Promise, part: Parts, named: Mapping[str, tuple[float, float]]) 
     return tried(one.candidate, min(ends, key=lambda m: m.mean_square), part, dict(named))
 
 
-def forward(model: Model, search: Search, rounds: list[Round]) -> None:
-    """Add rounds until nothing more passes; which of them count is for ``counted`` to say."""
-    named = dict[str, tuple[float, float]]()
-    for _ in range(MOST + 1):
+def forward(
+    model: Model, search: Search, rounds: list[Round], known: Mapping[str, tuple[float, float]] | None = None
+) -> None:  # fmt: skip
+    """Add rounds until nothing more passes; which of them count is for ``counted`` to say.
+
+    ``known`` holds the parameters of effects in the model already, with their nulls and sizes.
+    """
+    named = dict(known or {})
+    while len(rounds) <= MOST:
         try:
             one = look(model, named, search)
         except KeyboardInterrupt:  # what was named before still counts
@@ -140,36 +161,3 @@ def counted(rounds: Sequence[Round], search: Search) -> int:
         elif count == k - 1 and weighty and step >= (FURTHER if removed >= search.floor else HALF):
             count = k
     return count
-
-
-def reconsidered(rounds: list[Round], search: Search) -> list[Round]:
-    """The rounds, or others where an effect named early turned out to be needless beside those named later.
-
-    Greedy search may take two effects for one that it named in a wrong shape first.
-    """
-    count = counted(rounds, search)
-    if count < 2:
-        return rounds
-    model, base = rounds[count].base, rounds[0].base
-    for one in rounds[: count - 1]:
-        named = one.verdict.named
-        if named is None or _missed(model, named) >= MATERIAL * search.floor:
-            continue
-        others = [e for e in search.effects if e.name != named.candidate.effect.name]
-        again: list[Round] = []
-        forward(base, attrs.evolve(search, effects=others), again)
-        kept = counted(again, search)
-        if kept and mean(again[kept].losses, search.parts) <= mean(rounds[count].losses, search.parts) + ALIKE:
-            return again
-    return rounds
-
-
-def _missed(model: Model, one: Tried) -> float:
-    """How much the mean square grows when an effect of a model is set to nothing and all else is fitted again."""
-    unknowns, base = model.problem.unknowns, model.problem.unknowns.base.copy()
-    for name, value in one.candidate.effect.null.items():
-        base[unknowns.order.index(f"{one.candidate.block}.{name}")] = value
-    kept = [k for k, item in enumerate(unknowns.items) if item.parameter not in one.candidate.free]
-    fewer = attrs.evolve(unknowns, items=tuple(unknowns.items[k] for k in kept), base=base)
-    without = searched(attrs.evolve(model.problem, unknowns=fewer), model.setup, model.theta[kept])
-    return without.mean_square - model.mean_square

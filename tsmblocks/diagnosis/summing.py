@@ -17,6 +17,7 @@ from tsmblocks.diagnosis.rounds import Round, Search
 from tsmblocks.diagnosis.screening import Promise
 from tsmblocks.diagnosis.segments import Part, in_whole
 from tsmblocks.diagnosis.sensors import Floors
+from tsmblocks.diagnosis.separating import proposed
 from tsmblocks.diagnosis.telling import verdict as verdict_in_words
 from tsmblocks.diagnosis.where import ceiling, coordinates, located
 from tsmblocks.diagram import Diagram
@@ -94,12 +95,12 @@ def _held_out(work: Work) -> list[np.ndarray]:
 def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) -> Named:
     """One effect, its numbers as they are in the final model."""
     floor, parts = work.search.floor, work.search.parts
-    verdict, candidate = work.rounds[k].verdict, work.named[k].candidate
+    alike, candidate = work.rounds[k].alike, work.named[k].candidate
     explainable = max(losses[0] - floor, 1e-12)
     whole_losses = [mean(r.across, parts) for r in work.rounds[: work.count + 1]]
     across = (whole_losses[k] - whole_losses[k + 1]) / max(whole_losses[0] - floor, 1e-12) if _several(work) else None
     site = in_whole(candidate.site, work.part)
-    also = list(dict.fromkeys(o.candidate.effect.name for o in verdict.alike))
+    also = list(dict.fromkeys(o.candidate.effect.name for o in alike))
     effect = candidate.effect
     place = f"before={site.before!r}" if site.before else f"after={site.after!r}"
     return Named(
@@ -107,7 +108,8 @@ def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) 
         candidate.block, _quantities(work.models[-1], candidate.block, candidate.free),
         float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
         None if across is None else float(min(across, 1.0)), tuple(name for name in also if name != effect.name),
-        effect.separates if len(also) > 1 else "", f"diagram.insert({candidate.block!r}, …, {place})",
+        proposed(alike[0], alike[1:], work.search.records, work.search.asked),
+        f"diagram.insert({candidate.block!r}, …, {place})",
     )  # fmt: skip
 
 
@@ -161,7 +163,7 @@ def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
 def _ranking(work: Work) -> tuple[Ranked, ...]:
     """Every candidate of every round that counts, and of the one after."""
     made: list[Ranked] = []
-    for number, one in enumerate(work.rounds[: work.count + 1], 1):
+    for number, one in enumerate((r.widest for r in work.rounds[: work.count + 1]), 1):
         before, parts, floor = mean(one.losses, work.search.parts), work.search.parts, work.search.floor
         # Beside a base at the noise there is nothing left to explain, and a share of nothing says nothing.
         blank = _Blank(number, one, work, max(before - floor, MATERIAL * floor))

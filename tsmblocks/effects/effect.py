@@ -123,7 +123,8 @@ class Effect:
     None when these data cannot show the effect. ``excites`` says what a recording needs to show it, ``confused`` which
     effects look alike, ``separates`` which experiment tells them apart. ``settled`` are states of the block that begin
     at the value the wire has then. ``within`` are parameters that must lie off their bounds for the name to hold: at a
-    bound the effect has turned into something else. Raises ParameterError where this does not fit together.
+    bound the effect has turned into something else. ``contains`` are effects that are special cases of it. Raises
+    ParameterError where this does not fit together.
 
     Where ``place`` is a wire of one diagram, ``reads`` is the signal that drives the input ``x`` of the block, and
     ``adds`` what else changes: a function from the diagram with the block in it, and the block's name, to a diagram.
@@ -143,6 +144,7 @@ class Effect:
     variant: str = ""
     settled: tuple[str, ...] = ()
     within: tuple[str, ...] = ()
+    contains: tuple[str, ...] = ()
     reads: str = ""
     adds: Callable[[Diagram, str], Diagram] | None = attrs.field(default=None, repr=False)
 
@@ -150,6 +152,12 @@ class Effect:
     def receiver(self) -> str:
         """The port in front of which an effect of one diagram stands; empty for the others."""
         return self.place.rpartition("->")[2].strip() if isinstance(self.place, str) and "->" in self.place else ""
+
+    def accepts(self, trials: Trials) -> None:
+        """Raises ParameterError where trials name what is not free to be fitted, so that they would go astray."""
+        fault = next(_trial_faults(self, trials), "")
+        if fault:
+            raise ParameterError(f"effect {in_words(self.name)}: {fault}")
 
     def __attrs_post_init__(self) -> None:
         fault = next(_faults(self), "")
@@ -172,8 +180,38 @@ def _faults(effect: Effect) -> Iterator[str]:
         yield f"trials must be a function from Scales to Trials, got {in_words(effect.trials)}."
 
 
+def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
+    if not isinstance(trials, Trials):
+        yield f"trials must give Trials, or None where the data cannot show it, got {in_words(trials)}."
+    elif not trials.shapes:
+        yield "its trials have no shape to begin with; leave shapes out where there is none."
+    else:
+        odd = [one for one in trials.shapes if set(one) != set(trials.shapes[0])]
+        if odd:
+            yield f"all shapes of its trials must name the same numbers, and {in_words(dict(odd[0]))} does not."
+        yield from _strange_names(effect, trials)
+
+
+def _strange_names(effect: Effect, trials: Trials) -> Iterator[str]:
+    """Names in trials of what cannot be tried, bounded or fixed."""
+    free, numbers = effect.free, _known(effect.block)
+    for what, given, known in (
+        ("strengths", trials.strengths, free), ("shapes", trials.shapes[0], free),
+        ("refine", filter(None, [trials.refine]), tuple(trials.shapes[0])),
+        ("bounds", trials.bounds, (*free, *_states(effect.block))),
+    ):  # fmt: skip
+        for name in given:
+            if name not in known:
+                yield f"{what} of its trials name '{name}', which is not free to be fitted.{near(name, known)}"
+    for name in trials.fixed:
+        if name in free:
+            yield f"its trials fix '{name}', which is free to be fitted; a number is one or the other."
+        elif name not in numbers:
+            yield f"its trials fix '{name}', which is no parameter of its block.{near(name, numbers)}"
+
+
 def _number_faults(effect: Effect) -> Iterator[str]:
-    known = effect.block.parameters if isinstance(effect.block, Diagram) else _numbers(effect.block)
+    known = _known(effect.block)
     for name in (*effect.null, *effect.free, *effect.within):
         if name not in known:
             yield f"its block has no parameter '{name}'.{near(name, known)}"
@@ -206,6 +244,11 @@ def _states(block: Block | Diagram) -> list[str]:
     if isinstance(block, Diagram):
         return [f"{name}.{state}" for name, inner in block.blocks.items() for state in _states(inner)]
     return list(block.states)
+
+
+def _known(block: Block | Diagram) -> Mapping[str, float]:
+    """Every number of an effect's block, by name."""
+    return block.parameters if isinstance(block, Diagram) else _numbers(block)
 
 
 def _numbers(block: Block) -> dict[str, float]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from tsmblocks.blocks import DahlHysteresis, LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop
-from tsmblocks.diagram import Diagram
+from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 
-SHARES = (0.03, 0.1, 0.25, 0.55)
-"""Half widths of the plays that make up a memory, as shares of half the range."""
+SHARES = (0.04, 0.15, 0.45)
+"""Half widths of the plays that make up a memory, as shares of half the range, to begin with."""
 _PLAYS = NonlocalMemory(weights=(0.0,) * len(SHARES), radii=SHARES)
+
+
+def _numbered(name: str) -> tuple[str, ...]:
+    """One parameter for each play."""
+    return tuple(f"{name}[{k}]" for k in range(len(SHARES)))
 
 
 def _gap(scales: Scales) -> Trials:
@@ -19,9 +23,9 @@ def _gap(scales: Scales) -> Trials:
 
 def _loop(scales: Scales) -> Trials:
     reach = scales.wire.reach
-    return Trials({"loop.rho": 0.3}, tuple({"loop.half_width": share * reach} for share in (0.03, 0.1, 0.3)),
-                  bounds={"loop.half_width": (1e-3 * reach, reach), "loop.rho": (0.0, 3.0),
-                          "loop.zeta": (-reach, reach)})  # fmt: skip
+    bounds = {"half_width": (0.0, reach), "distance": (3e-3 * reach, 2 * reach), "z": (-1.0, 1.0)}
+    shapes = tuple({"distance": share * reach} for share in (0.03, 0.12, 0.4))
+    return Trials({"half_width": 0.03 * reach}, shapes, bounds=bounds)
 
 
 def _asymmetry(scales: Scales) -> Trials:
@@ -38,15 +42,18 @@ def _asymmetry(scales: Scales) -> Trials:
 
 
 def _memory(scales: Scales) -> Trials:
-    return Trials({f"weights[{k}]": 0.05 for k in range(len(SHARES))},
-                  fixed={f"radii[{k}]": share * scales.wire.reach for k, share in enumerate(SHARES)})  # fmt: skip
+    reach = scales.wire.reach
+    wider, closer = ({f"radii[{k}]": factor * share * reach for k, share in enumerate(SHARES)} for factor in (1.0, 0.5))
+    return Trials({f"weights[{k}]": 0.05 for k in range(len(SHARES))}, (wider, closer),
+                  bounds=dict.fromkeys(wider, (0.003 * reach, 1.5 * reach)))  # fmt: skip
 
 
 def _curvature(scales: Scales) -> Trials:
     share = scales.wire.reach / max(scales.other.reach, 1e-12)
+    farthest = max(abs(scales.other.low), abs(scales.other.high))
     return Trials(
         {"gain": 0.03 * share}, tuple({"distance": part * scales.other.reach} for part in (0.03, 0.12, 0.4)),
-        bounds={"distance": (3e-3 * scales.other.reach, 2 * scales.other.reach), "z": (-1.0, 1.0)},
+        bounds={"distance": (3e-3 * scales.other.reach, 2 * scales.other.reach), "z": (-farthest, farthest)},
     )  # fmt: skip
 
 
@@ -58,13 +65,10 @@ EFFECTS = (
         separates="two amplitudes, minor loops, or an odd multisine",
     ),
     Effect(
-        "hysteresis", "loop", "hysteresis", "output",
-        Diagram(title="hysteresis", blocks={"loop": DahlHysteresis(alpha_x=1.0, rho=0.0)}, inputs={"u": "loop.x"},
-                outputs={"y": "loop"}),
-        {"loop.rho": 0.0}, ("loop.rho", "loop.half_width"), _loop,
+        "hysteresis", "loop", "hysteresis", "output", Stretch(), {"half_width": 0.0}, ("half_width", "distance"), _loop,
         excites="reversals", confused=("backlash", "nonlocal_memory"),
         separates="minor loops of several sizes: a gap has a plateau of one width, hysteresis bends",
-        within=("loop.half_width",),
+        within=("distance",),
     ),
     Effect(
         "asymmetric_hysteresis", "loop", "hysteresis that differs between loading and unloading", "across",
@@ -76,13 +80,13 @@ EFFECTS = (
     *(
         Effect(
             "nonlocal_memory", "loop", "memory of earlier reversals (a loop of another shape)", place, block,
-            dict.fromkeys(weights, 0.0), weights, trials, excites="small loops inside large ones",
+            dict.fromkeys(weights, 0.0), (*weights, *radii), trials, excites="small loops inside large ones",
             confused=("backlash", "creep", "asymmetric_hysteresis"),
-            separates="a decaying triangle, or first-order reversal curves", variant=place,
+            separates="a decaying triangle, or first-order reversal curves", variant=place, contains=("backlash",),
         )
-        for place, block, weights, trials in (
-            ("output", _PLAYS, tuple(f"weights[{k}]" for k in range(len(SHARES))), _memory),
-            ("across", beside("memory", _PLAYS), tuple(f"memory.weights[{k}]" for k in range(len(SHARES))),
+        for place, block, weights, radii, trials in (
+            ("output", _PLAYS, _numbered("weights"), _numbered("radii"), _memory),
+            ("across", beside("memory", _PLAYS), _numbered("memory.weights"), _numbered("memory.radii"),
              lambda scales: _memory(scales.of_other).under("memory")),
         )
     ),

@@ -12,6 +12,9 @@ from tsmblocks.effects.effect import Effect, Scales, Trials
 BENT = 0.02
 """Departure from a straight line at the ends that is worth trying, as a share of half the range."""
 
+PERIODS = 1.15
+"""Periods in the range of motion that a ripple has at least."""
+
 ONE, TWO = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
 """Amplitudes of a ripple with one harmonic, and with two."""
 
@@ -81,11 +84,11 @@ def _bowed(scales: Scales) -> Trials:
 
 
 def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = "") -> Trials:
-    """One whole period in the range at least: less of one is a bent characteristic."""
-    periods = (1.05, 1.3, 1.5, 1.75, 2.0, 2.4, 2.8, 3.3, 3.9, 4.6, 5.4, 6.3, 7.3, 8.4, 9.6, 11.0, 13.0, 15.0)
+    """More than one whole period in the range: less is a bent characteristic."""
+    periods = (1.2, 1.35, 1.5, 1.75, 2.0, 2.4, 2.8, 3.3, 3.9, 4.6, 5.4, 6.3, 7.3, 8.4, 9.6, 11.0, 13.0, 15.0)
     shapes = tuple({f"{prefix}cycles": math.pi * n / reach} for n in periods)
     return Trials({f"{prefix}{k}": size for k in names}, shapes,
-                  bounds={f"{prefix}cycles": (math.pi / reach, 40 * math.pi / reach)})  # fmt: skip
+                  bounds={f"{prefix}cycles": (PERIODS * math.pi / reach, 40 * math.pi / reach)})  # fmt: skip
 
 
 def _ripple(scales: Scales) -> Trials:
@@ -176,7 +179,7 @@ EFFECTS = (
             "position_ripple", "map", "a ripple over the position (eccentricity)", "output", Ripple(),
             dict.fromkeys(names, 0.0), (*names, "cycles"), trials, excites="slow motion over several periods",
             confused=("dead_zone", "even_nonlinearity", "odd_nonlinearity"),
-            separates="slow constant speed over three periods or more", variant=variant,
+            separates="slow constant speed over three periods or more", variant=variant, within=("cycles",),
         )
         for names, trials, variant in ((ONE, _ripple, ""), (TWO, _two_ripples, "two harmonics"))
     ),
@@ -185,7 +188,7 @@ EFFECTS = (
         _acting("cogging", Ripple()), {"force.cosine": 0.0, "force.sine": 0.0},
         ("force.cosine", "force.sine", "force.cycles"), _cogging, excites="slow motion over several periods",
         confused=("coulomb_friction", "odd_nonlinearity"), separates="slow constant speed over three periods or more",
-        variant="force",
+        variant="force", within=("force.cycles",),
     ),
     Effect(
         "load_offset", "load", "an offset of the load", "drive", Bias(bias=0.0), {"bias": 0.0}, ("bias",), _offset,

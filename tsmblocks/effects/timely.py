@@ -20,8 +20,9 @@ def _drift(scales: Scales) -> Trials:
 def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
     length = (scales.stop - scales.start) / (INSTANTS + 1)
     times = [scales.start + (k + 1) * length for k in range(INSTANTS)]
+    # What comes with the first samples, or goes with the last, is no change.
     return Trials(size, tuple({"time": time, **shape} for time in times), {"width": 2 * scales.step},
-                  {"time": (scales.start, scales.stop)}, refine="time")  # fmt: skip
+                  {"time": (times[0], times[-1])}, refine="time")  # fmt: skip
 
 
 def _jump(scales: Scales) -> Trials:
@@ -39,7 +40,7 @@ def _loop(scales: Scales) -> Trials:
 
 
 def _creep(scales: Scales) -> Trials | None:
-    longest, least = scales.stop - scales.start, max(1.0, 40 * scales.step)
+    longest, least = scales.shortest, max(1.0, 40 * scales.step)  # what is slower only shifts each experiment
     times = [least * times for times in (1.0, 3.0, 10.0, 30.0) if least * times < longest]
     if not times:
         return None
@@ -92,7 +93,7 @@ EFFECTS = (
     Effect(
         "creep", "time", "creep", "output", Creep(), {"share": 0.0}, ("share", "time_constant"), _creep,
         excites="rests after motion, or an offset", confused=("rate_dependence", "drift", "nonlocal_memory"),
-        separates="a staircase with rests of 30 s", settled=("late",),
+        separates="a staircase with rests of 30 s", settled=("late",), within=("time_constant",),
     ),
     *(
         Effect(

@@ -48,7 +48,7 @@ def text(what: str, value: Any) -> None:
         raise RunError(f"{what} must be a text, got {in_words(value)}.")
 
 
-def progress(given: Any) -> None:
-    """Raises RunError for what is no function to tell progress to."""
+def progress(given: Any, told: str = "stage, evaluations and rms") -> None:
+    """Raises RunError for what is no function to tell progress to; ``told`` is what such a function is told."""
     if given is not None and not callable(given):
-        raise RunError(f"progress must be a function of stage, evaluations and rms, got {in_words(given)}.")
+        raise RunError(f"progress must be a function of {told}, got {in_words(given)}.")

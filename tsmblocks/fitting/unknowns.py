@@ -16,6 +16,7 @@ from tsmblocks.errors import ParameterError, in_words
 from tsmblocks.fitting import asking
 from tsmblocks.fitting.expressions import Constraint, Ties
 from tsmblocks.overrides import near_path
+from tsmblocks.unit_checks import SHARED
 
 FAR = 1e100
 """A bound beyond this is as good as none."""
@@ -336,5 +337,9 @@ def _unit_of_port(name: str, diagram: Diagram, fields: list[Field]) -> str:
     if not way or isinstance(block, Diagram | None) or not fields:
         return ""
     ports = {**block.inports, **block.outports}
-    alike = [port for port, spec in ports.items() if spec.unit and spec.unit == fields[0].unit]
-    return next((unit for port in alike if (unit := diagram.unit(".".join([*way, port])))), "")
+    shared = SHARED.fullmatch(fields[0].unit)
+    if shared is None:
+        return ""
+    alike = [port for port, spec in ports.items() if spec.unit == f"?{shared[1]}"]
+    unit = next((unit for port in alike if (unit := diagram.unit(".".join([*way, port])))), "")
+    return unit + shared[2] if unit else ""

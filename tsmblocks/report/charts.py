@@ -42,6 +42,10 @@ class Frame:
         return self.bottom - (np.asarray(y, dtype=float) - low) / (high - low) * (self.bottom - self.top)
 
 
+TINY = 1e-300
+"""Range below which a chart is drawn as if nothing moved."""
+
+
 def spread(*signals: np.ndarray, zero: bool = False, room: float = 0.05) -> tuple[float, float]:
     """The range of some signals with a little room; ``zero`` has it hold zero."""
     every = np.concatenate([np.ravel(s) for s in signals if np.size(s)] or [np.zeros(1)])
@@ -50,6 +54,8 @@ def spread(*signals: np.ndarray, zero: bool = False, room: float = 0.05) -> tupl
     if zero:
         low, high = min(low, 0.0), max(high, 0.0)
     size = high - low or abs(high) or 1.0
+    if not size >= TINY:  # room would be lost in rounding
+        size = 1.0
     return low - room * size, high + room * size
 
 

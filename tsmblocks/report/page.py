@@ -178,7 +178,7 @@ def _round(rows: Sequence[Ranked], experiments: int) -> str:
         "l:effect",
         "l:family",
         "l:on the wire",
-        "l:numbers, in the diagram's units",
+        "l:numbers",
         "removes",
         "new experiments",
         "t",
@@ -194,8 +194,11 @@ def _round(rows: Sequence[Ranked], experiments: int) -> str:
 
 
 def _ranked(r: Ranked, experiments: int) -> tuple[str, ...]:
-    numbers = "<br>".join(f"{escape(name)} {value:.4g}" + (" <small>at its bound</small>" if name in r.at_bound else "")
-                          for name, value in r.parameters.items())  # fmt: skip
+    numbers = "<br>".join(
+        f"{escape(name)} {escape(in_people_units(value, r.units.get(name, '')))}"
+        + (" <small>at its bound</small>" if name in r.at_bound else "")
+        for name, value in r.parameters.items()
+    )
     said = "named" if r.named else "cannot be told from it" if r.in_set else ""
     return (escape(titled(r)), escape(r.family), escape(r.wire.strip()), numbers, percent(r.share),
             percent(across(r, experiments)), f"{r.t:.1f}", f"{r.line:.1f}", said)  # fmt: skip

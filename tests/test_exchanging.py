@@ -1,0 +1,101 @@
+"""What a greedy search named first is looked at once more: on tables that say what each set of effects leaves."""
+
+from importlib import import_module
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tsmblocks.diagnosis.exchanging import exchanged
+from tsmblocks.diagnosis.folds import Parts
+from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
+
+ROUNDS, EXCHANGING = (import_module(f"tsmblocks.diagnosis.{k}") for k in ("rounds", "exchanging"))
+ONE = Parts(np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.ones(1))
+WORTH = 0.05
+
+
+def effect(name, contains=()):
+    return SimpleNamespace(name=name, contains=contains)
+
+
+class Table:
+    """Models are sets of names, and the table says what each leaves: of those not listed, that of their best part."""
+
+    def __init__(self, left, contains):
+        self.left = {frozenset(k): v for k, v in left.items()}
+        self.effects = [effect(k, contains.get(k, ())) for k in "ABCD"]
+
+    def loss(self, model):
+        return min(v for k, v in self.left.items() if k <= model)
+
+    def look(self, model, known, search):
+        offered = [e for e in search.effects if e.name not in model]
+        best = min(offered, key=lambda e: self.loss(model | {e.name}), default=None)
+        passes = best is not None and self.loss(model) - self.loss(model | {best.name}) > WORTH
+        named = self.named(best, model | {best.name}) if passes else None
+        verdict = SimpleNamespace(named=named, alike=(named,) if passes else (), ranking=(), t=(), line=0.0)
+        return Round(model, np.array([self.loss(model)]), np.array([0.0]), (), verdict)
+
+    @staticmethod
+    def named(one, model):
+        return SimpleNamespace(candidate=SimpleNamespace(effect=one), model=model)
+
+
+@pytest.fixture
+def searching(monkeypatch):
+    """The search on a table: its effects before and after they were looked at once more."""
+
+    def search(left, contains=None):
+        table = Table(left, contains or {})
+        for module in (ROUNDS, EXCHANGING):
+            monkeypatch.setattr(module, "look", table.look)
+            monkeypatch.setattr(module, "polished", lambda model: model)
+            monkeypatch.setattr(module, "sizes_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
+        whole = Search({}, None, table.effects, ONE, 1.0, lambda *_: None)
+        greedy = []
+        forward(frozenset(), whole, greedy)
+        last = exchanged(greedy, whole)
+        return names(greedy, whole), names(last, whole), last
+
+    return search
+
+
+def names(rounds, search):
+    return "".join(r.verdict.named.candidate.effect.name for r in rounds[: counted(rounds, search)])
+
+
+def test_an_effect_that_stood_for_two_is_dropped(searching):
+    before, after, rounds = searching({"": 20, "A": 6, "B": 9, "C": 11, "AB": 4, "AC": 4.5, "BC": 1.0})
+    assert (before, after) == ("ABC", "BC")
+    assert rounds[-1].verdict.named is None
+
+
+def test_an_effect_that_imitated_another_beside_a_third_is_exchanged_in_its_place(searching):
+    before, after, rounds = searching({"": 20, "A": 6, "B": 9, "C": 11, "AB": 1.04, "BC": 1.0})
+    assert (before, after) == ("AB", "CB")
+    assert rounds[0].widest.narrow is False
+    assert [one.candidate.effect.name for one in rounds[0].alike] == ["C"]
+
+
+def test_what_is_named_again_beside_the_others_stays(searching):
+    before, after, rounds = searching({"": 20, "A": 6, "B": 9, "AB": 1.0})
+    assert (before, after) == ("AB", "AB")
+    assert rounds[0].beside is not None
+    assert rounds[0].widest is rounds[0]
+
+
+def test_a_more_general_form_of_what_was_named_takes_no_place(searching):
+    table = {"": 20, "A": 6, "B": 9, "C": 7, "AB": 1.04, "BC": 1.0}
+    assert searching(table)[1] == "CB"
+    assert searching(table, {"C": ("A",)})[1] == "AB"
+
+
+def test_one_effect_is_not_looked_at_again(searching):
+    before, after, rounds = searching({"": 20, "A": 1.0})
+    assert (before, after) == ("A", "A")
+    assert rounds[0].beside is None
+
+
+def test_nothing_stays_nothing(searching):
+    assert searching({"": 1.0})[:2] == ("", "")
