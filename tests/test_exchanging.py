@@ -50,11 +50,11 @@ def searching(monkeypatch):
         table = Table(left, contains or {})
         for module in (ROUNDS, EXCHANGING):
             monkeypatch.setattr(module, "look", table.look)
-            monkeypatch.setattr(module, "polished", lambda model: model)
-            monkeypatch.setattr(module, "sizes_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
+        monkeypatch.setattr(ROUNDS, "polished", lambda model: model)
+        monkeypatch.setattr(ROUNDS, "sizes_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
         whole = Search({}, None, table.effects, ONE, 1.0, lambda *_: None)
         greedy = []
-        forward(frozenset(), whole, greedy)
+        forward(frozenset(), {}, whole, greedy)
         last = exchanged(greedy, whole)
         return names(greedy, whole), names(last, whole), last
 

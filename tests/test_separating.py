@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tsmblocks.blocks import DeadTime, Gain, Lag, Sine
 from tsmblocks.diagnosis.model import Asked, calibrated, posed_as, searched
-from tsmblocks.diagnosis.separating import SAMPLES, motions, proposed, separation, separations
+from tsmblocks.diagnosis.separating import SAMPLES, information, motions, proposed, separation, separations
 from tsmblocks.diagnosis.showing import digits
 from tsmblocks.effects import Span, catalogue
 
@@ -65,7 +65,7 @@ def test_the_separation_is_what_a_refit_would_leave(models, frequency):
     late = dead.values["late.time"]
     new = moved(frequency, "new", late, noise=False)
     new = new.with_signal("y", dead.values["gain.gain"] * new["y"])
-    foretold = separation(lag, {"new": new}, ASKED)
+    foretold = separation(lag, information(lag), {"new": new}, ASKED)
     assert len(T) * foretold**2 == pytest.approx(grown(lag, records, new), rel=0.15, abs=0.5)
 
 
@@ -74,7 +74,7 @@ def test_a_model_is_not_told_from_itself(models):
     late = dead.values["late.time"]
     new = moved(1.0, "new", late, noise=False)
     new = new.with_signal("y", dead.values["gain.gain"] * new["y"])
-    assert separation(dead, {"new": new}, ASKED) < 1e-2
+    assert separation(dead, information(dead), {"new": new}, ASKED) < 1e-2
 
 
 def standing_for(model, effect):

@@ -301,6 +301,17 @@ def ended(interrupted: bool, written: Sequence[str], missing: Sequence[str] = ()
     return INTERRUPTED if interrupted else 0
 
 
+def finished(
+    found: Any, records: dict[str, Any], written: list[str], plot: Path | None, args: argparse.Namespace
+) -> int:  # fmt: skip
+    """Draw and hand over what a search found; its exit status."""
+    if plot:
+        found.plot().savefig(plot, dpi=150)
+        written.append(str(plot))
+    hand_over({**found.to_dict(), "data": told(records)}, written, args)
+    return ended(found.status == "interrupted", written)
+
+
 def as_typed(error: TsmError, typed: Iterable[tuple[str, str]]) -> TsmError:
     """The same complaint with arguments as they are typed here, not as they stand in a script.
 

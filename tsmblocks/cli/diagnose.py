@@ -112,11 +112,7 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         print(found)
     written = _saved(found, folder)
-    if plot:
-        found.plot().savefig(plot, dpi=150)
-        written.append(str(plot))
-    common.hand_over({**found.to_dict(), "data": common.told(records)}, written, args)
-    return common.ended(found.status == "interrupted", written)
+    return common.finished(found, records, written, plot, args)
 
 
 def _folder(text: str | None) -> Path | None:

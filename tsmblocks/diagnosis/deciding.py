@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import attrs
 import numpy as np
@@ -41,6 +41,10 @@ APART = 0.2
 """... unless one leaves more than this share of what the other removes: a few blocks may then say it all."""
 
 
+Sizes = Mapping[str, tuple[float, float]]
+"""For each free parameter of effects, by full name: its null (NaN where it has none) and a size worth trying."""
+
+
 @attrs.frozen(eq=False)
 class Tried:
     """A candidate fitted together with the base, and what it leaves held out.
@@ -76,20 +80,16 @@ class Tried:
         return int(np.sum(~self.model.local))
 
 
-def base_losses(
-    model: Model, parts: Parts, named: dict[str, tuple[float, float]]
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Losses of a model by blocks (B,), held out by folds and by experiments; ``named`` as for ``tried``."""
-    pull, null = weights(named, model)
+def losses_of(model: Model, parts: Parts, known: Sizes) -> tuple[np.ndarray, np.ndarray]:
+    """Losses of a model by blocks (B,), held out by folds and by experiments; ``known`` are the effects in it."""
+    pull, null = weights(known, model)
     return (parts.losses(held_out(model, parts.fold, pull, null)),
             parts.losses(held_out(model, parts.experiment, pull, null)))  # fmt: skip
 
 
-def tried(candidate: Candidate, model: Model, parts: Parts, also: dict[str, tuple[float, float]]) -> Tried:
-    """A fitted candidate with its losses. ``also`` maps parameters of effects named before to (null, size)."""
-    pull, null = weights({**also, **sizes_of(candidate)}, model)
-    losses = parts.losses(held_out(model, parts.fold, pull, null))
-    across = parts.losses(held_out(model, parts.experiment, pull, null))
+def tried(candidate: Candidate, model: Model, parts: Parts, known: Sizes) -> Tried:
+    """A fitted candidate with its losses. ``known`` are the effects named before."""
+    losses, across = losses_of(model, parts, {**known, **sizes_of(candidate)})
     return Tried(candidate, model, losses, across, mean(losses, parts))
 
 
@@ -98,8 +98,8 @@ def mean(losses: np.ndarray, parts: Parts) -> float:
     return float(losses @ parts.sizes / parts.sizes.sum())
 
 
-def sizes_of(candidate: Candidate) -> dict[str, tuple[float, float]]:
-    """For each free parameter of an effect, by full name: its null (NaN where it has none) and a size worth trying."""
+def sizes_of(candidate: Candidate) -> Sizes:
+    """Nulls and sizes of an effect's free parameters."""
     trials, effect = candidate.trials, candidate.effect
     made = {}
     for name in effect.free:
@@ -112,11 +112,8 @@ def sizes_of(candidate: Candidate) -> dict[str, tuple[float, float]]:
     return made
 
 
-def weights(known: dict[str, tuple[float, float]], model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """How the unknowns are drawn to where effects are nothing: weights (n,) and nulls (n,).
-
-    ``known`` maps parameters of effects to their null and size.
-    """
+def weights(known: Sizes, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """How the unknowns are drawn to where effects are nothing: weights (n,) and nulls (n,)."""
     pull, null = np.zeros(len(model.theta)), model.theta.copy()
     for k, item in enumerate(model.problem.unknowns.items):
         if item.parameter in known:

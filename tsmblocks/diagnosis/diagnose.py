@@ -162,7 +162,7 @@ def _work(
         base = calibrated(part.diagram, records, own, lambda *_: tell("calibrated", 0, 1))
         floor = 1 + (carried(base, raw, names, asked.seed) if condition else 0.0)
         search = Search(records, own, effects, parts(base.problem), floor, tell)
-        forward(base, search, rounds)
+        forward(base, {}, search, rounds)
         rounds = exchanged(rounds, search)
     except KeyboardInterrupt:
         if search is None or not rounds:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import attrs
 
-from tsmblocks.diagnosis.deciding import ALIKE, MATERIAL, Tried, mean, sizes_of
-from tsmblocks.diagnosis.model import Model, polished
-from tsmblocks.diagnosis.rounds import MOST, Round, Search, counted, forward, look
+from tsmblocks.diagnosis.deciding import ALIKE, MATERIAL, Sizes, Tried, mean
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.rounds import MOST, Round, Search, counted, forward, look, onward
 
 
 def exchanged(rounds: Sequence[Round], search: Search) -> list[Round]:
@@ -50,7 +50,7 @@ def _beside_others(rounds: list[Round], k: int, count: int, search: Search) -> l
             return None
         made, least, allowed = whole[0], count, ALIKE
         made[k] = attrs.evolve(made[k], beside=again)
-        forward(whole[1], search, made, whole[2])
+        forward(whole[1], whole[2], search, made)
     kept = counted(made, search)
     loss, before = (mean(some[n].losses, search.parts) for some, n in ((made, kept), (rounds, count)))
     return made if kept >= least and loss <= before + allowed * search.floor else None
@@ -62,16 +62,14 @@ def _kept(this: Tried, new: Tried) -> bool:
     return effect.name == name or name in effect.contains
 
 
-def _chain(
-    model: Model, effects: Sequence[Tried], search: Search
-) -> tuple[list[Round], Model, dict[str, tuple[float, float]]] | None:  # fmt: skip
+def _chain(model: Model, effects: Sequence[Tried], search: Search) -> tuple[list[Round], Model, Sizes] | None:
     """Rounds that look for these effects alone, the model with them, and their sizes; None where one is not found."""
-    made, known = list[Round](), dict[str, tuple[float, float]]()
+    made: list[Round] = []
+    known: Sizes = {}
     for one in effects:
         found = look(model, known, attrs.evolve(search, effects=[one.candidate.effect]))
         if found.verdict.named is None:
             return None
         made.append(attrs.evolve(found, narrow=True))
-        model = polished(found.verdict.named.model)
-        known |= sizes_of(found.verdict.named.candidate)
+        model, known = onward(found.verdict.named, known)
     return made, model, known

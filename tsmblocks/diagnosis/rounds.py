@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.candidates import candidates, surroundings
-from tsmblocks.diagnosis.deciding import MATERIAL, Tried, Verdict, base_losses, decide, mean, sizes_of, tried
+from tsmblocks.diagnosis.deciding import MATERIAL, Sizes, Tried, Verdict, decide, losses_of, mean, sizes_of, tried
 from tsmblocks.diagnosis.folds import Parts
 from tsmblocks.diagnosis.model import Asked, Model, polished, searched
 from tsmblocks.diagnosis.places import sites
@@ -81,10 +81,10 @@ class Search:
     tell: Tell
 
 
-def look(model: Model, named: Mapping[str, tuple[float, float]], search: Search) -> Round:
+def look(model: Model, known: Sizes, search: Search) -> Round:
     """Try every effect on every wire of a model, fit the most promising, and decide.
 
-    ``named`` holds the parameters of effects in the model already, with their nulls and sizes.
+    ``known`` are the effects in the model already.
     """
     places = sites(model.fitted, search.asked.outputs, search.effects)
     around = surroundings(model, places)
@@ -100,44 +100,44 @@ def look(model: Model, named: Mapping[str, tuple[float, float]], search: Search)
     found = []
     for k, one in enumerate(chosen):
         search.tell("fitted", k, len(chosen))
-        found.append(fitted(one, search.parts, named))
-    losses, across = base_losses(model, search.parts, dict(named))
+        found.append(fitted(one, search.parts, known))
+    losses, across = losses_of(model, search.parts, known)
     verdict = decide(losses, found, search.parts, search.floor, search.asked.seed)
     return Round(model, losses, across, tuple(promises), verdict)
 
 
-def fitted(one: Promise, part: Parts, named: Mapping[str, tuple[float, float]]) -> Tried:
+def fitted(one: Promise, part: Parts, known: Sizes) -> Tried:
     """The best end of searches from the starts of a promise."""
     ends = [searched(one.problem, one.setup, start) for start in one.starts]
-    return tried(one.candidate, min(ends, key=lambda m: m.mean_square), part, dict(named))
+    return tried(one.candidate, min(ends, key=lambda m: m.mean_square), part, known)
 
 
-def forward(
-    model: Model, search: Search, rounds: list[Round], known: Mapping[str, tuple[float, float]] | None = None
-) -> None:  # fmt: skip
+def forward(model: Model, known: Sizes, search: Search, rounds: list[Round]) -> None:
     """Add rounds until nothing more passes; which of them count is for ``counted`` to say.
 
-    ``known`` holds the parameters of effects in the model already, with their nulls and sizes.
+    ``known`` are the effects in the model already.
     """
-    named = dict(known or {})
     while len(rounds) <= MOST:
         try:
-            one = look(model, named, search)
+            one = look(model, known, search)
         except KeyboardInterrupt:  # what was named before still counts
             if rounds:
-                rounds.append(_unlooked(model, named, search))
+                rounds.append(_unlooked(model, known, search))
             raise
         rounds.append(one)
         if one.verdict.named is None:
             break
-        winner = one.verdict.named
-        named |= sizes_of(winner.candidate)
-        model = polished(winner.model)
+        model, known = onward(one.verdict.named, known)
 
 
-def _unlooked(model: Model, named: Mapping[str, tuple[float, float]], search: Search) -> Round:
+def onward(named: Tried, known: Sizes) -> tuple[Model, Sizes]:
+    """The model that the next look begins with, and the effects in it."""
+    return polished(named.model), {**known, **sizes_of(named.candidate)}
+
+
+def _unlooked(model: Model, known: Sizes, search: Search) -> Round:
     """A round in which nothing was tried: only what the model leaves."""
-    losses, across = base_losses(model, search.parts, dict(named))
+    losses, across = losses_of(model, search.parts, known)
     return Round(model, losses, across, (), Verdict((), (), float("inf"), None, ()))
 
 

@@ -78,27 +78,33 @@ def separations(
     unit = named.model.diagram.unit(inputs[0])
     span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])
     cut = any(SIGN in name for name in records)
+    rivals = [(one.model, information(one.model)) for one in others]
     for motion in motions(span, step, unit):
         record = _record(motion, step, named.model, records)
         blank = pieces({"proposed": record}) if cut else {"proposed": record}
         told = _foretold(named.model, blank, asked)
         if told is not None:
-            yield Separation(motion.words, min(separation(one.model, told, asked) for one in others))
+            yield Separation(motion.words, min(separation(*one, told, asked) for one in rivals))
 
 
-def separation(model: Model, told: Mapping[str, Record], asked: Asked) -> float:
+def information(model: Model) -> np.ndarray:
+    """What the recordings at hand say of a model's numbers off their bounds, shape (m, m)."""
+    known = settled(model)[:, ~model.bound[~model.local]]
+    return known.T @ known
+
+
+def separation(model: Model, known: np.ndarray, told: Mapping[str, Record], asked: Asked) -> float:
     r"""Rms (in standard deviations of the noise) that a model leaves of what another one foretells.
 
-    To first order: :math:`\min_\theta \lVert r + J \theta\rVert^2 + \theta^T H \theta`, where :math:`H` is what the
-    recordings at hand say of the model's numbers, and start values are free.
+    To first order: :math:`\min_\theta \lVert r + J \theta\rVert^2 + \theta^T H \theta`, where :math:`H` (``known``)
+    is what the recordings at hand say of the model's numbers, and start values are free.
     """
     problem, setup = posed_as(model, model.fitted, (), told, asked)
     r, J = problem.jacobian(_placed(model, problem.unknowns))
     new = Model(setup.diagram, problem, setup, problem.unknowns.start, r, np.where(np.isfinite(J), J, 0.0))
-    free = ~model.bound[~model.local]
-    own, known = settled(new)[:, free], settled(model)[:, free]
+    own = settled(new)[:, ~model.bound[~model.local]]
     left = without_starts(new, r[:, None])[:, 0]
-    H = known.T @ known + own.T @ own
+    H = known + own.T @ own
     ridge = 1e-12 * np.diag(np.maximum(np.diag(H), 1e-300))
     slope = own.T @ left
     return math.sqrt(max(float(left @ left - slope @ np.linalg.solve(H + ridge, slope)), 0.0) / len(r))

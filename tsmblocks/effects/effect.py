@@ -155,14 +155,16 @@ class Effect:
 
     def accepts(self, trials: Trials) -> None:
         """Raises ParameterError where trials name what is not free to be fitted, so that they would go astray."""
-        fault = next(_trial_faults(self, trials), "")
-        if fault:
-            raise ParameterError(f"effect {in_words(self.name)}: {fault}")
+        _refuse(self, _trial_faults(self, trials))
 
     def __attrs_post_init__(self) -> None:
-        fault = next(_faults(self), "")
-        if fault:
-            raise ParameterError(f"effect {in_words(self.name)}: {fault}")
+        _refuse(self, _faults(self))
+
+
+def _refuse(effect: Effect, faults: Iterator[str]) -> None:
+    fault = next(faults, "")
+    if fault:
+        raise ParameterError(f"effect {in_words(effect.name)}: {fault}")
 
 
 def _faults(effect: Effect) -> Iterator[str]:
