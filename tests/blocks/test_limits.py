@@ -4,10 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from tests.blocks.helpers import assert_sound, refuses, simulate, value
 from tsmblocks.block import signals
-from tsmblocks.blocks.limits import DeadZone, LookupTable, Quantiser, RateLimit, Relay, Saturation, SoftSaturation
+from tsmblocks.blocks.limits import (
+    DeadZone,
+    LookupTable,
+    Quantiser,
+    RateLimit,
+    Relay,
+    Saturation,
+    SoftRateLimit,
+    SoftSaturation,
+)
 
 NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
 
@@ -22,6 +34,8 @@ NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
         Quantiser(),
         RateLimit(),
         RateLimit(start="last"),
+        SoftRateLimit(),
+        SoftRateLimit(rising=1e12, falling=-1e12),
         Relay(),
         Saturation(),
         SoftSaturation(),
@@ -123,6 +137,49 @@ def test_rate_limit_holds_within_the_step():
     for dt in (0.0, 0.005, 0.01):
         assert float(block.outputs(10 + dt, x, signals(["u"], [99.0]))["y"]) == pytest.approx(1 + 2 * dt)
         assert float(block.outputs(10 + dt, x, signals(["u"], [-99.0]))["y"]) == pytest.approx(1 - dt)
+
+
+SWING, RATE = (1.5, 0.4), (2.0, 7.0)
+
+
+def swing(t):
+    return sum(a * np.sin(w * t) for a, w in zip(SWING, RATE, strict=True))
+
+
+def test_soft_rate_limit_solves_its_equation():
+    r, f, s, T = 2.0, -1.5, 0.2, 0.05
+
+    def slope(t, y):
+        w = sum(a * w * np.cos(w * t) for a, w in zip(SWING, RATE, strict=True)) + (swing(t) - y) / T
+        return w - s * np.logaddexp(0.0, (w - r) / s) + s * np.logaddexp(0.0, (f - w) / s)
+
+    exact = solve_ivp(slope, (0, 4), [0.0], rtol=1e-10, atol=1e-12, dense_output=True).sol
+    block, left = SoftRateLimit(rising=r, falling=f, softness=s, lag=T), []
+    for step in (0.004, 0.002):
+        run = simulate(block, {"u": swing}, stop=4.0, step=step)
+        left.append(np.abs(run["y"] - exact(run["t"])[0]).max())
+        assert np.abs(run["y"] - swing(run["t"])).max() > 1.0
+    assert left[0] < 0.01
+    assert left[0] / left[1] == pytest.approx(2.0, rel=0.3)  # first order in the step: the speed is held over it
+
+
+def test_soft_rate_limit_tends_to_the_hard_one():
+    soft = SoftRateLimit(rising=2.0, falling=-1.5, softness=1e-6, lag=1e-6)
+    runs = [simulate(b, {"u": swing}, stop=4.0, step=0.01) for b in (soft, RateLimit(rising=2.0, falling=-1.5))]
+    assert runs[0]["y"] == pytest.approx(runs[1]["y"], abs=1e-5)
+
+
+@given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(1e-3, 1.0))
+def test_soft_rate_limit_out_of_reach_is_none(first, then, lag):
+    block = SoftRateLimit(rising=1e12, falling=-1e12, lag=lag)
+    run = simulate(block, {"u": lambda t: first if t < 0.05 else then}, stop=0.1, step=0.01)
+    assert run["y"].tolist() == [first if t < 0.05 else then for t in run["t"]]
+
+
+def test_the_first_value_passes_a_soft_rate_limit():
+    run = simulate(SoftRateLimit(softness=1e-3), {"u": lambda t: 5.0 if t < 0.05 else 6.0}, stop=1.0, step=0.01)
+    assert run["y"][:5] == pytest.approx(5.0, abs=1e-12)
+    assert run["y"][15] == pytest.approx(5 + 11 * 0.03, abs=1e-3)
 
 
 def test_relay_switches_on_the_grid_and_remembers():

@@ -53,7 +53,16 @@ from tsmblocks.blocks.hysteresis import (
     TaoBacklash,
 )
 from tsmblocks.blocks.lateness import DeadTime, Lag
-from tsmblocks.blocks.limits import DeadZone, LookupTable, Quantiser, RateLimit, Relay, Saturation, SoftSaturation
+from tsmblocks.blocks.limits import (
+    DeadZone,
+    LookupTable,
+    Quantiser,
+    RateLimit,
+    Relay,
+    Saturation,
+    SoftRateLimit,
+    SoftSaturation,
+)
 from tsmblocks.blocks.linear import (
     Delay,
     Derivative,
@@ -168,6 +177,7 @@ __all__ = [
     "Sine",
     "Slack",
     "SmoothSlope",
+    "SoftRateLimit",
     "SoftSaturation",
     "Square",
     "Staircase",

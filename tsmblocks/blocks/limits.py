@@ -142,6 +142,55 @@ class RateLimit(Block):
 
 
 @block
+class SoftRateLimit(Block):
+    r"""A drive that follows its input, nears its greatest speed gradually, and then catches up with a lag.
+
+    .. math::
+
+        \dot y = w - s \ln\left(1 + e^{(w - r)/s}\right) + s \ln\left(1 + e^{(f - w)/s}\right), \qquad
+        w = \dot u + (u - y)/T
+
+    with w held over each step as :math:`(u - y_k - (u_k - y_k) e^{-(t - t_k)/T})/(t - t_k)`. It tends to
+    ``RateLimit`` as s and T fall. The first value passes as it is; with limits out of reach all others do.
+    """
+
+    source = "definition; the soft limit is that of SoftSaturation"
+    symbol = "soft rate"
+
+    rising: float = parameter(default=3.0, about="fastest rise r", unit="?u/s", above=0.0)
+    falling: float = parameter(default=-3.0, about="fastest fall f, negative", unit="?u/s", below=0.0)
+    softness: float = parameter(default=0.3, about="distance s from a limit at which it begins to show", unit="?u/s",
+                                above=0.0)  # fmt: skip
+    lag: float = parameter(default=0.03, about="time constant T with which it catches up", unit="s", above=0.0)
+
+    u = Input("wanted value", unit="?u")
+    y = Output("value within the rate limits", unit="?u")
+    last: float = state(default=0.0, about="input at the start of the step", unit="?u")
+    behind: float = state(default=0.0, about="how far the output lies behind it", unit="?u")
+
+    @property
+    def states(self) -> dict[str, State]:
+        abouts = self.fields()
+        return {
+            **{name: State(getattr(self, name), abouts[name].about, "?u") for name in ("last", "behind")},
+            "time": State(LONG_AGO, "start of the step", "s"),
+        }
+
+    def _behind(self, t: Any, x: Any, u: Any) -> Any:
+        passed = ca.fmax(t - x.time, 1e-12)  # as a step begins nothing is divided by zero
+        left = x.behind * ca.exp(-passed / self.lag)
+        wanted, softness = u.u - x.last + x.behind - left, self.softness * passed
+        held = _softened(wanted - self.rising * passed, softness) - _softened(self.falling * passed - wanted, softness)
+        return ca.if_else(x.time > 0.5 * LONG_AGO, left + held, x.behind)
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(last=u.u, behind=self._behind(t, x, u), time=t)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u - self._behind(t, x, u))
+
+
+@block
 class Relay(Block):
     r"""Two-point switch that needs a larger input to go on than to stay on.
 

@@ -102,13 +102,15 @@ def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) 
     site = in_whole(candidate.site, work.part)
     also = list(dict.fromkeys(o.candidate.effect.name for o in alike))
     effect = candidate.effect
+    # Beside the others its more general form may come first; it is the effect named that is to be set apart.
+    same = next((one for one in alike if one.candidate.effect.name == effect.name), work.named[k])
     place = f"before={site.before!r}" if site.before else f"after={site.after!r}"
     return Named(
         effect.name, effect.family, effect.words, work.part.name, site.words(_so_far(work, k, whole_diagram)),
         candidate.block, _quantities(work.models[-1], candidate.block, candidate.free),
         float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
         None if across is None else float(min(across, 1.0)), tuple(name for name in also if name != effect.name),
-        proposed(alike[0], alike[1:], work.search.records, work.search.asked),
+        proposed(same, alike, work.search.records, work.search.asked),
         f"diagram.insert({candidate.block!r}, …, {place})",
     )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsmblocks.blocks import Creep, Disturbance, Drift, GainChange, Jump, LoopChange, RateLimit
+from tsmblocks.blocks import Creep, Disturbance, Drift, GainChange, Jump, LoopChange, RateLimit, SoftRateLimit
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 
 _LOOP = "a loop that changes at one time"
@@ -65,6 +65,13 @@ def _slow(scales: Scales) -> Trials:
                                       "falling": (-3 * fastest, -0.02 * fastest)})  # fmt: skip
 
 
+def _slow_and_late(scales: Scales) -> Trials:
+    hard, fastest = _slow(scales), scales.wire.fastest
+    shapes = tuple({**shape, "softness": 0.1 * fastest, "lag": 3 * scales.step} for shape in hard.shapes)
+    return Trials({}, shapes).with_bounds({**hard.bounds, "softness": (1e-3 * fastest, 0.5 * fastest),
+                                           "lag": (0.3 * scales.step, 30 * scales.step)})  # fmt: skip
+
+
 EFFECTS = (
     Effect(
         "drift", "time", "a drift", "output", Drift(), {"rate": 0.0, "curve": 0.0}, ("rate", "curve"),
@@ -112,5 +119,11 @@ EFFECTS = (
             separates="one amplitude at rising frequencies", variant=place,
         )
         for place in ("output", "drive")
+    ),
+    Effect(
+        "rate_limit", "limit", "a limit of the speed, neared and left gradually", "output",
+        SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT), {"rising": NO_LIMIT, "falling": -NO_LIMIT},
+        ("rising", "falling", "softness", "lag"), _slow_and_late, excites="fast motion",
+        confused=("saturation", "rate_dependence"), separates="one amplitude at rising frequencies", variant="soft",
     ),
 )  # fmt: skip
