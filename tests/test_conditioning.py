@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 import tsmblocks as tsm
 from tsmblocks.blocks import AsymmetricBoucWen, Play
-from tsmblocks.data.rests import BLEND, held_still, rests
+from tsmblocks.data.rests import BLEND, TUBE, held_still, rests
 from tsmblocks.diagnosis.conditioning import all_conditioned, conditioned
 from tsmblocks.errors import DataError
 
@@ -73,7 +75,7 @@ def test_a_signal_that_never_moves_is_held_at_its_mean():
 @pytest.mark.parametrize(("begin", "end"), [(300, 700), (0, 400), (1500, 1999)])
 def test_rests_are_found_where_they_are(begin, end):
     x = np.interp(np.arange(2000), [0, begin, end, 1999], [-1.0 * begin, 0, 0, 1999.0 - end]) * 5e-3
-    (one,) = rests(x, NOISE, 25)
+    (one,) = rests(x, NOISE, 25, 150)
     assert abs(one.start - begin) <= 1
     assert abs(one.stop - end) <= 2
 
@@ -84,7 +86,7 @@ def test_what_is_held_is_the_mean_and_what_moves_stays(seed, length, speed):
     ramp = speed * STEP * np.arange(200)
     x = noisy(np.concatenate([ramp - ramp[-1], np.zeros(length), ramp]), seed, 0.2 * NOISE)
     made, share = held_still(x, STEP, NOISE)
-    found = rests(x, NOISE, 25)
+    found = rests(x, NOISE, 25, 150)
     first, last = found[0].start, found[-1].stop
     assert abs(first - 199) <= 2
     assert -25 < last - 200 - length <= 2  # a rest that began with the end of the ramp may leave a piece too short
@@ -93,13 +95,26 @@ def test_what_is_held_is_the_mean_and_what_moves_stays(seed, length, speed):
         assert made[one] == pytest.approx(x[one].mean())
     assert np.array_equal(made[: first - BLEND], x[: first - BLEND])
     assert np.array_equal(made[last + BLEND :], x[last + BLEND :])
-    assert np.abs(made - x).max() <= 4 * NOISE
+    assert np.abs(made - x).max() <= TUBE * NOISE
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_slow_noise_does_not_move_what_rests(seed):
+    """Noise of which half is slow (0.1 s) seems to drift for a while; a long rest is held all the same."""
+    rng, slow = np.random.default_rng(seed), np.zeros(1400)
+    for k in range(1, 1400):
+        slow[k] = 0.9 * slow[k - 1] + math.sqrt(1 - 0.9**2) * rng.standard_normal()
+    ramp = 0.8 * STEP * np.arange(200)
+    x = np.concatenate([ramp - ramp[-1], np.zeros(1000), ramp])
+    raw = record(x + NOISE * math.sqrt(0.5) * (slow + rng.standard_normal(1400)), STEP * np.arange(1400))
+    made = conditioned(raw, ["x_in"])["x_in"]
+    assert path(made[200:1200]) < 0.3 * path(raw.filtered(["x_in"])["x_in"][200:1200])
 
 
 def test_a_turn_is_no_rest():
     turning = 0.3 * np.abs((T / 2.5) % 2 - 1)
-    assert rests(turning, NOISE, 25) == []
-    assert rests(0.02 * np.abs((T / 2.5) % 2 - 1), NOISE, 25) == []
+    assert rests(turning, NOISE, 25, 150) == []
+    assert rests(0.02 * np.abs((T / 2.5) % 2 - 1), NOISE, 25, 150) == []
 
 
 # ---- motion

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, recordings
 from tsmblocks.errors import DataError
 
 
@@ -13,8 +13,8 @@ def told(capsys):
 
     def run(*words, only=("x",), path=None):
         parser = common.Parser(prog="tool")
-        common.data_arguments(parser)
-        record = common.read_record(parser.parse_args([str(word) for word in words]), only, path)
+        recordings.data_arguments(parser)
+        record = recordings.read_record(parser.parse_args([str(word) for word in words]), only, path)
         return record, capsys.readouterr().err
 
     return run

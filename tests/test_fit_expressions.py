@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsmblocks.errors import ParameterError
-from tsmblocks.fitting.expressions import LONGEST, Ties, constraint, constraints, expression, ties
+from tsmblocks.expressions import LONGEST, expression
+from tsmblocks.fitting.constraints import Ties, constraint, constraints, ties
 
 KNOWN = ("tsm.alpha1", "tsm.alpha2", "tsm.A", "tsm.theta", "play.half_width", "lag.den[0]", "lag.den[1]", "B",
          "left.k", "right.k")  # fmt: skip

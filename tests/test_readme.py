@@ -10,6 +10,7 @@ import pytest
 
 README = Path(__file__).parents[1] / "README.md"
 SHOWN = re.findall(r"```python\n(.*?)```(?:\n\n```\n(.*?)```)?", README.read_text(encoding="utf-8"), re.DOTALL)
+TABLES = re.findall(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
 SHELL = re.findall(r"^tsmblocks (.*)$", README.read_text(encoding="utf-8"), re.MULTILINE)
 
 
@@ -34,6 +35,7 @@ def test_commands_in_the_readme_run(line, tmp_path, monkeypatch, capsys):
     save(
         Diagram(title="mine", blocks={"g": Gain()}, inputs={"u": "g.u"}, outputs={"y": "g"}), tmp_path / "my_loop.toml"
     )
+    (tmp_path / "gains.toml").write_text(next(one for one in TABLES if "[plan]" in one))
     rows = [f"{k / 20},{50 * math.sin(k / 20):.3f},{40 * math.sin(k / 20 - 0.5):.3f}" for k in range(260)]
     (tmp_path / "sheath.csv").write_text("\n".join(["t [s], x_in [deg], x_out [deg]", *rows]))
     assert main(line.split()) == 0
@@ -55,3 +57,18 @@ def test_the_picture_is_what_the_command_draws():
 
     drawn = tsm.to_svg(tsm.load("fig16_feedforward_feedback"))
     assert (README.parent / "examples" / "fig16.svg").read_text(encoding="utf-8").strip() == drawn.strip()
+
+
+def test_what_a_guard_says_is_what_the_readme_shows(tmp_path):
+    from tsmblocks.testing.guards import read_guards
+    from tsmblocks.testing.tracking import in_sentences, moved
+
+    text = next(one for one in TABLES if "tolerance" in one)
+    path = tmp_path / "loop.tracking.toml"
+    path.write_text(text)
+    (before,) = read_guards(path).values()
+    path.write_text(f'{text}[set]\n"pid.kp" = 1.53\n')
+    (now,) = read_guards(path).values()
+    runs = before.run(), now.run()
+    said = in_sentences(moved(before, *runs), *runs)
+    assert f"```\n{said}\n```" in README.read_text(encoding="utf-8")

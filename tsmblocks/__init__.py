@@ -43,13 +43,16 @@ _HOME = {
     "from_control": "blocks.lti",
     "from_pandas": "data",
     "function_block": "blocks.function",
+    "linearize": "analysis.linear",
     "load": "files",
     "loads": "files",
+    "measure": "metrics",
     "noise": "data",
     "option": "block",
     "parameter": "block",
     "peak_to_peak": "measures",
     "read": "data",
+    "read_study": "studies.results",
     "rms": "measures",
     "save": "files",
     "score": "fitting.differences",
@@ -58,18 +61,21 @@ _HOME = {
     "simulate": "simulate",
     "simulate_batch": "batch",
     "state": "block",
+    "study": "studies.study",
     "to_mermaid": "draw",
     "to_png": "draw",
     "to_svg": "draw",
     "tracking_error": "measures",
+    "trim": "analysis.point",
+    "tune": "tuning.tune",
 }
 """Where each public name lives; modules are imported when a name is first used."""
 
-__all__ = sorted([*_HOME, "blocks", "errors"])  # noqa: PLE0605 - one list of names is enough
+__all__ = sorted([*_HOME, "analysis", "blocks", "errors", "export", "studies", "tuning"])  # noqa: PLE0605 - one list of names is enough
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("blocks", "errors"):
+    if name in ("analysis", "blocks", "errors", "export", "studies", "tuning"):
         return import_module(f"tsmblocks.{name}")
     if name in _HOME:
         return getattr(import_module(f"tsmblocks.{_HOME[name]}"), name)
@@ -83,8 +89,14 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from tsmblocks import analysis as analysis
     from tsmblocks import blocks as blocks
     from tsmblocks import errors as errors
+    from tsmblocks import export as export
+    from tsmblocks import studies as studies
+    from tsmblocks import tuning as tuning
+    from tsmblocks.analysis.linear import linearize as linearize
+    from tsmblocks.analysis.point import trim as trim
     from tsmblocks.batch import Batch as Batch
     from tsmblocks.batch import sensitivities as sensitivities
     from tsmblocks.batch import simulate_batch as simulate_batch
@@ -129,6 +141,10 @@ if TYPE_CHECKING:
     from tsmblocks.measures import peak_to_peak as peak_to_peak
     from tsmblocks.measures import rms as rms
     from tsmblocks.measures import tracking_error as tracking_error
+    from tsmblocks.metrics import measure as measure
     from tsmblocks.run import Run as Run
     from tsmblocks.simulate import Stepper as Stepper
     from tsmblocks.simulate import equations as equations
+    from tsmblocks.studies.results import read_study as read_study
+    from tsmblocks.studies.study import study as study
+    from tsmblocks.tuning.tune import tune as tune

@@ -11,7 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import Times, given_inputs, prepared, run_times
+from tsmblocks.arguments import Times, given_inputs, prepared, run_times, whole
 from tsmblocks.block import Block, is_reference, leaves, map_leaves
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine import feeds
@@ -71,31 +71,91 @@ def simulate_batch(
     returns results of shape (lanes,), so that long batches need not be kept whole. Other arguments as
     for ``simulate``. Raises ParameterError for an unknown name or arrays of different lengths.
     """
+    made = batch_of(diagram, parameters, stop=stop, step=step, start=start, method=method, inputs=inputs, hold=hold,
+                    outputs=outputs, every=every, backend=backend)  # fmt: skip
+    return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t)
+
+
+@attrs.frozen(eq=False)
+class PreparedBatch:
+    """A batch that can be run part by part; a set's results do not depend on the part it is run in.
+
+    ``sets`` maps names of parameters to one number per set, ``t`` (N,) [s] are the instants kept.
+    """
+
+    sets: Mapping[str, np.ndarray]
+    t: np.ndarray
+    _eq: Equations
+    _kernel: Kernel
+    _whole: Callable[[Memory], np.ndarray]
+    _base: np.ndarray
+    _columns: Mapping[str, int]
+    _h: float
+
+    @property
+    def count(self) -> int:
+        """How many sets there are."""
+        return len(next(iter(self.sets.values())))
+
+    @property
+    def lanes(self) -> int:
+        """How many sets are run side by side."""
+        return self._kernel.plan.lanes
+
+    def results(
+        self, first: int, last: int, reduce: Reduce | None = None, threads: int | None = None
+    ) -> dict[str, np.ndarray]:
+        """Results of the sets from ``first`` up to ``last``, not included; ``reduce`` as for ``simulate_batch``.
+
+        Not to be called from several threads at once: it has threads of its own.
+        """
+        lanes = self.lanes
+        begins = range(first, last, lanes)
+        # Symbolic functions are not for several threads, so all memory is made before.
+        memories = [lane_memory(self._eq, self._kernel, self._parameters(k), self._h) for k in begins]
+
+        def group(begin: int, memory: Memory) -> dict[str, np.ndarray]:
+            y = self._whole(memory)
+            found = {name: _lane_columns(y, self._kernel, k, lanes) for name, k in self._columns.items()}
+            made = dict(reduce(self.t, found)) if reduce is not None else {k: v.T for k, v in found.items()}
+            return {k: np.asarray(v)[: last - begin].copy() for k, v in made.items()}
+
+        workers = whole("threads", threads, 1) if threads is not None else os.cpu_count() or 1
+        with ThreadPoolExecutor(workers) as pool:
+            parts = list(pool.map(group, begins, memories))
+        return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
+
+    def _parameters(self, first: int) -> np.ndarray:
+        """Parameters of the sets from ``first`` on, one set per lane; lanes left over repeat the last set."""
+        p = np.repeat(self._base[:, None], self.lanes, axis=1)
+        for name, values in self.sets.items():
+            p[self._eq.p.index(name)] = values[np.minimum(np.arange(first, first + self.lanes), len(values) - 1)]
+        return p
+
+
+def batch_of(
+    diagram: Diagram, parameters: Mapping[str, Any], *, stop: float | None = None, step: float = 1e-3,
+    start: float = 0.0, method: str = "rk4", inputs: Mapping[str, Any] | None = None, hold: str = "linear",
+    outputs: Sequence[str] | None = None, every: int = 1, backend: str = "", lanes: int | None = None,
+) -> PreparedBatch:  # fmt: skip
+    """Check and compile a batch without running it; arguments and errors as for ``simulate_batch``.
+
+    ``lanes`` is how many sets are run side by side, a power of two (by default what suits the diagram): parts of one
+    study give it, so that their results agree to the last digit however the work is cut.
+    """
     given = given_inputs(inputs)
     diagram = prepared(diagram).untied(parameters)
     times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     sets, count = _sets(eq, diagram, parameters)
     names = list(outputs) if outputs is not None else list(eq.aliases)
-    chosen, lanes = _columns(eq, names), _lanes(count, len(eq.x))
+    chosen, lanes = _columns(eq, names), lanes or lanes_for(count, len(eq.x))
     vary = frozenset(eq.p.index(k) for k in sets)
     kernel = batch_kernel(eq, method_named(method), chosen, lanes, vary, backend)
-    signals = gather_signals(eq, given, times.grid, hold)
-    base, positions = parameter_vector(eq, diagram), [chosen.index(k) for k in _positions(eq, names)]
-    whole, t = _whole_run(eq, kernel, signals, times), times.grid[:: times.every]
-
-    def group(first: int, memory: Memory) -> dict[str, np.ndarray]:
-        y = whole(memory)
-        found = {name: _lane_columns(y, kernel, k, lanes) for name, k in zip(names, positions, strict=True)}
-        made = dict(reduce(t, found)) if reduce is not None else {k: v.T for k, v in found.items()}
-        keep = min(lanes, count - first)
-        return {k: np.asarray(v)[:keep].copy() for k, v in made.items()}
-
-    begins = range(0, count, lanes)
-    memories = [lane_memory(eq, kernel, _lane_parameters(eq, base, sets, first, lanes), times.h) for first in begins]
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:  # symbolic functions are not for several threads
-        parts = list(pool.map(group, begins, memories))
-    return Batch(sets, {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}, t)
+    whole = _whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)
+    columns = {name: chosen.index(k) for name, k in zip(names, _positions(eq, names), strict=True)}
+    return PreparedBatch(sets, times.grid[:: times.every], eq, kernel, whole, parameter_vector(eq, diagram), columns,
+                         times.h)  # fmt: skip
 
 
 def _whole_run(
@@ -114,16 +174,6 @@ def _whole_run(
         return y
 
     return run
-
-
-def _lane_parameters(
-    eq: Equations, base: np.ndarray, sets: Mapping[str, np.ndarray], first: int, lanes: int
-) -> np.ndarray:
-    """Parameters of the sets from ``first`` on, one set per lane; lanes left over repeat the last set."""
-    p = np.repeat(base[:, None], lanes, axis=1)
-    for name, values in sets.items():
-        p[eq.p.index(name)] = values[np.minimum(np.arange(first, first + lanes), len(values) - 1)]
-    return p
 
 
 def sensitivities(
@@ -321,6 +371,6 @@ def _power_of_two(n: int) -> int:
     return max(2, 1 << (n - 1).bit_length())
 
 
-def _lanes(count: int, states: int) -> int:
-    """32 lanes while the states fit the registers, 16 above; fewer for a small batch."""
+def lanes_for(count: int, states: int) -> int:
+    """Sets run side by side: 32 lanes while the states fit the registers, 16 above; fewer for a small batch."""
     return min(_power_of_two(count), 32 if states <= 10 else 16)

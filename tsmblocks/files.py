@@ -63,13 +63,13 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
     """
     text = dumps(diagram)
     try:
-        _replace(Path(os.path.realpath(path)), text)  # a link stays a link
+        replace_file(Path(os.path.realpath(path)), text)  # a link stays a link
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
         raise FileError(clip(str(path)), [f"{clip(str(path))}: cannot be written: {reason}."]) from None
 
 
-def _replace(target: Path, text: str) -> None:
+def replace_file(target: Path, text: str) -> None:
     """Write beside the file, then put the new one in its place in one step."""
     fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:

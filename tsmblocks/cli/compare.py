@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, recordings
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.compare import Comparison
@@ -28,7 +28,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s [DIAGRAM ...] --data FILE [FILE ...] [options]"
     parser.add_argument("models", metavar="DIAGRAM", nargs="*", help="diagram files, or names of ready-made ones")
-    common.data_arguments(parser.add_argument_group("measured data"), several=True)
+    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     add = parser.add_argument_group("what is fitted").add_argument
     add("--train", metavar="PART", type=common.part, default=0.5,
         help="share of each recording that is fitted, from its start (default 0.5; 1 holds nothing out), or its "
@@ -52,7 +52,7 @@ def execute(args: argparse.Namespace) -> int:
         raise common.UsageError("--each fits every file, so none can be held out; leave --held-out away.")
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
     models = {_label(name, args.models): load(name) for name in args.models or ready_made()}
-    records = common.read_experiments(args, *models.values())
+    records = recordings.read_experiments(args, *models.values())
     groups = {name: {name: record} for name, record in records.items()} if args.each else {"": records}
     found = _compared(args, models, groups)
     if not args.json:
@@ -62,7 +62,7 @@ def execute(args: argparse.Namespace) -> int:
         _figure(found, args.each).savefig(plot, dpi=150)
         written.append(str(plot))
     facts = {"format": 1, "each": {name: one.to_dict() for name, one in found.items()}} if args.each else None
-    common.hand_over({**(facts or found[""].to_dict()), "data": common.told(records)}, written, args)
+    common.hand_over({**(facts or found[""].to_dict()), "data": recordings.told(records)}, written, args)
     missing = [name for name in models if any(name not in [row.name for row in one] for one in found.values())]
     missing += [name for name in groups if name not in found]
     return common.ended(any(one.interrupted for one in found.values()), written, missing)

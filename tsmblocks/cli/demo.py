@@ -16,7 +16,7 @@ from typing import Any
 import attrs
 
 from tsmblocks import units
-from tsmblocks.cli import common
+from tsmblocks.cli import common, recordings
 from tsmblocks.tables import columns
 
 HELP = "run the paper's diagrams on its signals; plots and a table in a folder"
@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
     add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
-    common.data_arguments(parser)
+    recordings.data_arguments(parser)
     add("--column", metavar="NAME", help="column of --data with a measured reference; with its unit, if the "
         "file has none: 'x_ref [deg]'")  # fmt: skip
 
@@ -114,7 +114,7 @@ def _measured_case(args: argparse.Namespace) -> list[Case]:
     from tsmblocks.data import split_heading
 
     name, unit = split_heading(args.column)
-    record = common.read_record(args, only=[name])
+    record = recordings.read_record(args, only=[name])
     unit = record.unit(name) or unit
     if not unit:
         raise common.UsageError(f"{record.origin}: '{name}' has no unit, and the models work in rad. "

@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, recordings
 from tsmblocks.errors import near
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
     parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-    common.data_arguments(parser.add_argument_group("measured data"), several=True)
+    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     add = parser.add_argument_group("search").add_argument
     add("--noise-floor", metavar="VALUE", type=floor, nargs="+", action="extend", default=[],
         help="rms noise of the outputs, in their unit or with one of its own: 0.05deg, x_out=0.05deg (default: looked "
@@ -97,7 +97,7 @@ def execute(args: argparse.Namespace) -> int:
 
     folder, plot = _folder(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram)
-    records = common.read_experiments(args, diagram)
+    records = recordings.read_experiments(args, diagram)
     tell = None if args.json else _counter()
     try:
         found = diagnose(
@@ -112,7 +112,7 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         print(found)
     written = _saved(found, folder)
-    return common.finished(found, records, written, plot, args)
+    return common.finished(found, {"data": recordings.told(records)}, written, plot, args)
 
 
 def _folder(text: str | None) -> Path | None:

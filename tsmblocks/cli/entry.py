@@ -14,13 +14,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from tsmblocks import __version__
-from tsmblocks.cli import blocks, check, compare, demo, diagnose, draw, fit, run
+from tsmblocks.cli import blocks, check, compare, demo, diagnose, draw, export, fit, run, study
 from tsmblocks.cli.common import INTERRUPTED, Parser, UsageError, complain
 from tsmblocks.errors import TsmError, near
 
 COMMANDS = {
-    "run": run, "fit": fit, "compare": compare, "diagnose": diagnose, "draw": draw, "check": check, "blocks": blocks,
-    "demo": demo,
+    "run": run, "fit": fit, "compare": compare, "diagnose": diagnose, "study": study, "draw": draw, "check": check,
+    "export": export, "blocks": blocks, "demo": demo,
 }  # fmt: skip
 
 

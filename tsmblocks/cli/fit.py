@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, recordings
 from tsmblocks.errors import TsmError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
     parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-    common.data_arguments(parser.add_argument_group("measured data"), several=True)
+    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     _unknowns(parser.add_argument_group("what may change"))
     _search(parser.add_argument_group("search"))
     common.result_arguments(
@@ -84,7 +84,7 @@ def execute(args: argparse.Namespace) -> int:
 
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
     diagram = load(args.diagram).with_parameters(dict(args.settings))
-    records = common.read_experiments(args, diagram)
+    records = recordings.read_experiments(args, diagram)
     tell = None if args.json else common.counter("fitting")
     try:
         found = fit(
@@ -100,7 +100,7 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         print(found)
     written = _saved(found, out, each=bool(args.local))
-    return common.finished(found, records, written, plot, args)
+    return common.finished(found, {"data": recordings.told(records)}, written, plot, args)
 
 
 def _saved(found: Fit, out: Path | None, *, each: bool) -> list[str]:

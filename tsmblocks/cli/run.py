@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.cli import common
-from tsmblocks.errors import RunError, near
+from tsmblocks.cli import common, recordings
+from tsmblocks.errors import RunError
 from tsmblocks.tables import columns
 
 HELP = "run a diagram, print its tracking error or a table of outputs"
@@ -31,7 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
     add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
         default=[], help="another value for a parameter; may be given several times")  # fmt: skip
-    common.data_arguments(parser)
+    recordings.data_arguments(parser)
     add(
         "--hold",
         default="linear",
@@ -51,7 +51,7 @@ def execute(args: argparse.Namespace) -> int:
 
     out, plot = common.result_path(args.out), common.result_path(args.plot, common.PICTURES)
     diagram = load(args.diagram).with_parameters(dict(args.settings))
-    record, inputs = _inputs(args, diagram)
+    record, inputs = recordings.read_inputs(args, diagram, args.diagram)
     run = _simulate(args, diagram, record, inputs, out)
     written = [str(run.save(out))] if out else []
     if plot:
@@ -68,33 +68,6 @@ def execute(args: argparse.Namespace) -> int:
                         f"{' and what was written' if written else ''}.")  # fmt: skip
         return common.INTERRUPTED
     return 0
-
-
-def _inputs(args: argparse.Namespace, diagram: Any) -> tuple[Any, dict[str, Any]]:
-    """Return the measured record, if any, and the diagram's inputs out of it."""
-    from tsmblocks.data import split_heading
-
-    wanted = diagram.inports
-    if not args.data:
-        if wanted:
-            name, port = next(iter(wanted.items()))
-            column = f"{name} [{port.unit}]" if port.unit else name
-            raise common.UsageError(
-                f"'{args.diagram}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. "
-                f"Give --data FILE with a column '{column}', or with --map {name}=COLUMN."
-            )
-        return None, {}
-    if not wanted:
-        raise common.UsageError(f"'{args.diagram}' has no inputs, so there is nothing that --data could drive.")
-    for name in (split_heading(text)[0] for text, _ in args.map):
-        if name not in wanted and name != "t":
-            raise common.UsageError(f"--map {name}=…: '{args.diagram}' has no input '{name}'.{near(name, wanted)}")
-    record = common.read_record(args, only=wanted)
-    for name, port in wanted.items():
-        if port.unit and not record.unit(name):
-            common.note(f"{record.origin}: '{name}' has no unit and is taken to be in {port.unit}. "
-                        f"If it is not, say so: --map '{name} [UNIT]=COLUMN'.")  # fmt: skip
-    return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
 
 def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[str, Any], out: Path | None) -> Any:

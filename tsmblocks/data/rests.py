@@ -6,10 +6,15 @@ import numpy as np
 
 SHORTEST = 0.25
 """Time [s] that a rest lasts at least; turning points of a motion are shorter."""
-TUBE = 4.0
+TUBE = 6.0
 """Width of the band that a resting signal stays in, in rms values of its noise."""
 SLOW = 0.5
-"""Distance between the means of thirds of a stretch, in the same, above which it is slow motion and no rest."""
+"""Distance between the means of thirds of a stretch, in the same, above which it may be slow motion and no rest ..."""
+PLAIN = 2.0
+"""... and is, where it is as many times the rms of what a parabola leaves of the stretch: slow noise is left by one.
+This counts for stretches of ``LONG`` only: turns of a motion do not stay in the band for so long."""
+LONG = 1.5
+"""Time [s] that a stretch lasts in which noise may be slow."""
 AGAIN = 8
 """Part of a stretch of slow motion after which a rest is looked for again."""
 FEWEST = 8
@@ -24,7 +29,7 @@ def held_still(x: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, fl
     ``step`` [s] is the time between samples, ``noise`` the rms value of the noise. Hysteresis and friction integrate
     the path of their input, so noise at rest would move what has come to rest.
     """
-    found = rests(x, noise, max(round(SHORTEST / step), FEWEST)) if noise > 0 else []
+    found = rests(x, noise, max(round(SHORTEST / step), FEWEST), round(LONG / step)) if noise > 0 else []
     made, moving = x.copy(), np.ones(len(x), dtype=bool)
     for rest in found:
         made[rest], moving[rest] = x[rest].mean(), False
@@ -37,10 +42,11 @@ def held_still(x: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, fl
     return made, float(1 - moving.mean())
 
 
-def rests(x: np.ndarray, noise: float, shortest: int) -> list[slice]:
+def rests(x: np.ndarray, noise: float, shortest: int, long: int) -> list[slice]:
     """Stretches of at least ``shortest`` samples in which a signal (n,) with noise of this rms value stays where it is.
 
-    A signal that stays in a narrow band only because it moves slowly does not rest.
+    A signal that stays in a narrow band only because it moves slowly does not rest. In ``long`` samples and more noise
+    may be slow.
     """
     found, first = list[slice](), 0
     while first + shortest <= len(x):
@@ -51,7 +57,7 @@ def rests(x: np.ndarray, noise: float, shortest: int) -> list[slice]:
         low, high, last = window.min(), window.max(), first + shortest
         while last < len(x) and max(high, x[last]) - min(low, x[last]) <= TUBE * noise:
             low, high, last = min(low, x[last]), max(high, x[last]), last + 1
-        if _moves(x[first:last]) <= SLOW * noise:
+        if not _moves(x[first:last], noise, last - first >= long):
             found.append(slice(first, last))
             first = last
         else:
@@ -59,7 +65,13 @@ def rests(x: np.ndarray, noise: float, shortest: int) -> list[slice]:
     return found
 
 
-def _moves(x: np.ndarray) -> float:
-    """How far the means of three parts of a stretch lie apart."""
+def _moves(x: np.ndarray, noise: float, long: bool) -> bool:
+    """Whether a stretch (n,) moves slowly: as a ramp or a turn does, and not as slow noise does in a long one."""
     cut = len(x) // 3
-    return float(np.ptp([x[:cut].mean(), x[cut:-cut].mean(), x[-cut:].mean()]))
+    apart = float(np.ptp([x[:cut].mean(), x[cut:-cut].mean(), x[-cut:].mean()]))
+    if apart <= SLOW * noise or not long:
+        return apart > SLOW * noise
+    s = np.linspace(-1.0, 1.0, len(x))
+    parabola = np.column_stack([np.ones_like(s), s, s * s])
+    left = x - parabola @ np.linalg.lstsq(parabola, x, rcond=None)[0]
+    return apart > PLAIN * float(np.sqrt(np.mean(left * left)))

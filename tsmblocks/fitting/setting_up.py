@@ -16,7 +16,9 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.engine.methods import method_named
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
-from tsmblocks.fitting import asking, expressions
+from tsmblocks.fitting import asking
+from tsmblocks.fitting.constraints import constraints as read_constraints
+from tsmblocks.fitting.constraints import ties as read_ties
 from tsmblocks.fitting.problem import Priors, Problem
 from tsmblocks.fitting.trials import FEWEST, Trial, Window, compared, median_step, prepare
 from tsmblocks.fitting.unknowns import (
@@ -227,7 +229,7 @@ def pose(
     if asking.flag("start_states", start_states):
         own += [name for name, fields in numbers(diagram).items() if is_start(fields) and name not in own]
     names = [k for k in numbers(diagram) if k in {*names, *own}]
-    tie = expressions.ties({} if ties is None else ties, list(numbers(diagram)), _named_alone(names, free))
+    tie = read_ties({} if ties is None else ties, list(numbers(diagram)), _named_alone(names, free))
     followers = [name for name, _ in tie.items]
     names = [k for k in names if k not in followers]
     diagram = diagram.untied([*names, *followers])
@@ -235,7 +237,7 @@ def pose(
                    backend=backend)  # fmt: skip
     items = _items(diagram, names, own, bounds, tuple(records))
     unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
-    checked = expressions.constraints([] if constraints is None else constraints, list(setup.eq.p))
+    checked = read_constraints([] if constraints is None else constraints, list(setup.eq.p))
     weights = _weights(setup, sigma)
     _in_range(setup, weights)
     problem = Problem(unknowns, limits(checked, unknowns), setup.trials, weights, _priors(priors, unknowns),

@@ -14,7 +14,7 @@ from tsmblocks.block import Field, is_reference, leaves
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, in_words
 from tsmblocks.fitting import asking
-from tsmblocks.fitting.expressions import Constraint, Ties
+from tsmblocks.fitting.constraints import Constraint, Ties
 from tsmblocks.overrides import near_path
 from tsmblocks.unit_checks import SHARED
 

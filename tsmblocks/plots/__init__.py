@@ -4,6 +4,7 @@ Every function draws on the axes it is given, or makes a figure, and returns the
 matplotlib, imported when a figure is made.
 """
 
+from tsmblocks.plots.analysis import plot_frequency_response
 from tsmblocks.plots.diagnosis import plot_coordinate, plot_diagnosis, plot_disagreement, plot_gap
 from tsmblocks.plots.fits import (
     plot_autocorrelation,
@@ -15,6 +16,14 @@ from tsmblocks.plots.fits import (
     plot_residual,
 )
 from tsmblocks.plots.runs import plot_loop, plot_run, plot_tracking
+from tsmblocks.plots.studies import (
+    plot_distribution,
+    plot_envelope,
+    plot_heat_map,
+    plot_pareto,
+    plot_study,
+    plot_tornado,
+)
 
 __all__ = [
     "plot_autocorrelation",
@@ -22,13 +31,20 @@ __all__ = [
     "plot_coordinate",
     "plot_diagnosis",
     "plot_disagreement",
+    "plot_distribution",
     "plot_each",
+    "plot_envelope",
     "plot_fit",
     "plot_fitted_loop",
     "plot_gap",
+    "plot_frequency_response",
+    "plot_heat_map",
     "plot_history",
     "plot_loop",
+    "plot_pareto",
     "plot_residual",
     "plot_run",
+    "plot_study",
+    "plot_tornado",
     "plot_tracking",
 ]

@@ -1,0 +1,290 @@
+"""The pytest plugin: planted changes are caught and described, rounding is not, baselines are accepted and readable."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.errors import FileError, ParameterError
+from tsmblocks.testing.guards import read_guards
+from tsmblocks.testing.tracking import COURSE, Baseline, Moved, guard, in_sentences, moved, read_baseline, since
+
+ROOT = Path(__file__).parents[1]
+GUARD = """format = 1
+diagram = "fig16_feedforward_feedback"
+stop = 5.0
+step = 2e-3
+
+[metrics]
+"error [deg]" = "peak_to_peak(x_ref - x_out, after=2.5)"
+effort = { of = "rms(u)", tolerance = "loose" }
+"""
+PYTHON = """import tsmblocks as tsm
+
+
+def test_loop(tracking):
+    diagram = tsm.load("fig09b_feedforward")
+    tracking(diagram, {"error [deg]": "rms(x_ref - x_out)"}, stop=2.0, step=2e-3)
+    tracking(diagram, "rms(u)", stop=1.0, step=2e-3, tolerance="tight", name="effort")
+"""
+
+
+def pytest_in(folder, *words):
+    """Run pytest with the plugin; its status and what it said."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "tsmblocks.testing.plugin", "-p", "no:cacheprovider", *words]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False,
+                          env={"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(folder)})  # fmt: skip
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.fixture
+def guarded(tmp_path):
+    """A folder with a guard whose baseline has been accepted."""
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "loop.tracking.toml").write_text(GUARD)
+    assert pytest_in(tmp_path, "--tracking-accept")[0] == 0
+    return tmp_path
+
+
+def with_changed(folder, **changes):
+    lines = "".join(f'"{k}" = {v}\n' for k, v in changes.items())
+    (folder / "loop.tracking.toml").write_text(f"{GUARD}\n[set]\n{lines}")
+
+
+# ---- as a user meets it
+
+
+def test_a_planted_change_of_two_per_cent_is_caught_and_described(guarded):
+    kp = tsm.load("fig16_feedforward_feedback").parameters["pid.kp"]
+    with_changed(guarded, **{"pid.kp": 1.02 * kp})
+    status, said = pytest_in(guarded)
+    assert status == 1
+    assert "tracking has moved from loop.baseline.toml:" in said
+    (row,) = [line.split() for line in said.splitlines() if line.startswith("error [deg]")]
+    assert row[-2:] == ["0.1", "%"]
+    assert 0.1 < abs(float(row[-4])) < 5
+    assert "effort" not in said.partition("metric")[2].partition("Drawn")[0]
+    assert "The signals part at t = " in said
+    assert "If this is as it should be: pytest --tracking-accept" in said
+    assert "Traceback" not in said
+    picture = guarded / "tracking-failures" / "loop.tracking.toml.loop.png"
+    assert picture.stat().st_size > 10_000
+    assert pytest_in(guarded, "--tracking-accept")[0] == 0
+    assert pytest_in(guarded)[0] == 0
+
+
+def test_rounding_is_no_change(guarded):
+    kp = tsm.load("fig16_feedforward_feedback").parameters["pid.kp"]
+    with_changed(guarded, **{"pid.kp": kp * (1 + 1e-12)})
+    assert pytest_in(guarded)[0] == 0
+
+
+def test_a_change_from_some_time_on_is_told_with_the_time(tmp_path):
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    text = 'format = 1\ndiagram = "late.toml"\nstop = 4.0\n[metrics]\nerror = "rms(y)"\n'
+    (tmp_path / "late.tracking.toml").write_text(text)
+    block = tsm.blocks.Step(time=2.5)
+    diagram = tsm.Diagram(title="late", blocks={"s": block}, outputs={"y": "s"})
+    tsm.save(diagram, tmp_path / "late.toml")
+    assert pytest_in(tmp_path, "--tracking-accept")[0] == 0
+    tsm.save(diagram.with_parameters({"s.after": 1.5}), tmp_path / "late.toml")
+    status, said = pytest_in(tmp_path)
+    assert status == 1
+    assert "The signals part at t = 2.5 s, y first." in said
+
+
+def test_without_a_baseline_the_way_to_one_is_told(tmp_path):
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "loop.tracking.toml").write_text(GUARD)
+    status, said = pytest_in(tmp_path)
+    assert status == 1
+    assert "there is no baseline loop.baseline.toml yet: pytest --tracking-accept writes it." in said
+
+
+def test_the_fixture_guards_tests_in_python(tmp_path):
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_mine.py").write_text(PYTHON)
+    status, said = pytest_in(tmp_path)
+    assert status == 1
+    assert "there is no baseline baselines/test_mine.test_loop.toml yet" in said
+    assert pytest_in(tmp_path, "--tracking-accept")[0] == 0
+    assert sorted(p.name for p in (tmp_path / "baselines").iterdir()) == [
+        "test_mine.test_loop.effort.toml", "test_mine.test_loop.toml"
+    ]  # fmt: skip
+    assert pytest_in(tmp_path)[0] == 0
+    (tmp_path / "test_mine.py").write_text(PYTHON.replace("stop=1.0", "stop=1.1"))
+    status, said = pytest_in(tmp_path)
+    assert status == 1
+    assert "test_mine.test_loop.effort.toml" in said
+
+
+def test_cases_have_baselines_of_their_own(tmp_path):
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "loop.tracking.toml").write_text(GUARD + '\n[cases]\nusual = {}\n"less gain" = { "pid.kp" = 1.0 }\n')
+    assert pytest_in(tmp_path, "--tracking-accept")[0] == 0
+    assert (tmp_path / "loop.usual.baseline.toml").exists()
+    assert (tmp_path / "loop.less_gain.baseline.toml").exists()
+    status, said = pytest_in(tmp_path, "-vv")
+    assert status == 0
+    assert "less gain" in said
+
+
+def test_a_fault_in_a_file_is_one_message(tmp_path):
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "loop.tracking.toml").write_text(GUARD.replace("stop", "stopp"))
+    status, said = pytest_in(tmp_path)
+    assert status == 2
+    assert "3: there is no 'stopp' in a guard. Did you mean 'stop'?" in said
+    assert "Traceback" not in said
+
+
+CLASSES = """import pytest
+import tsmblocks as tsm
+
+
+class TestA:
+    @pytest.mark.parametrize("gain", [1.0, 2.0])
+    def test_x(self, tracking, gain):
+        tracking(tsm.load("fig09b_feedforward"), "rms(u)", stop=0.5, step=2e-3, parameters={"ref.amplitude": gain})
+
+
+class TestB:
+    def test_x(self, tracking):
+        diagram = tsm.load("fig09b_feedforward")
+        tracking(diagram, {"α": "rms(u)"}, stop=0.5, step=2e-3, parameters={"ref.amplitude": 3.0}, name="α")
+        tracking(diagram, {"α": "rms(u)"}, stop=0.5, step=2e-3, parameters={"ref.amplitude": 4.0}, name="β")
+"""
+
+
+def test_every_check_has_a_baseline_of_its_own(tmp_path):
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_mine.py").write_text(CLASSES, encoding="utf-8")
+    assert pytest_in(tmp_path, "--tracking-accept")[0] == 0
+    assert len(list((tmp_path / "baselines").iterdir())) == 4
+    status, said = pytest_in(tmp_path)
+    assert status == 0, said
+
+
+def test_a_fault_at_run_time_is_one_message_too(guarded):
+    (guarded / "loop.baseline.toml").write_text("format = 1")
+    status, said = pytest_in(guarded)
+    assert status == 1
+    assert "this is no baseline: 'metrics' is missing" in said
+    assert "Traceback" not in said
+    assert "repr_failure" not in said
+    assert len(said.splitlines()) < 15
+
+
+def test_a_signal_may_be_called_t():
+    diagram = tsm.Diagram(title="t", blocks={"s": tsm.blocks.Sine()}, outputs={"t": "s"})
+    made = guard(diagram, "rms(t)", stop=1.0).run()
+    assert tomllib.loads(made.text())["signals"]["t [rad]" if made.signal_units["t"] else "t"]
+
+
+def test_what_is_no_number_guards_nothing():
+    with pytest.raises(tsm.errors.RunError, match=r"metric 'overshoot\(x_out, 0\)' is no number here"):
+        guard(tsm.load("fig09b_feedforward"), "overshoot(x_out, 0)", stop=1.0, step=2e-3).run()
+
+
+# ---- parts
+
+
+def small(**more):
+    return guard(tsm.load("fig09b_feedforward"), "rms(x_ref - x_out)", stop=1.0, step=2e-3, **more)
+
+
+def test_a_baseline_is_read_back_as_it_was(tmp_path):
+    made = guard(tsm.load("fig09b_feedforward"), {"e [deg]": "rms(x_ref - x_out)", "never": "settling_time(u, 1e-9)"},
+                 stop=10.0).run()  # fmt: skip
+    made.save(tmp_path / "deep" / "b.toml")
+    again = read_baseline(tmp_path / "deep" / "b.toml")
+    assert again.metrics == made.metrics
+    assert again.metrics["never"] == np.inf
+    assert again.units == made.units == {"e": "deg", "never": "s"}
+    assert len(again.t) <= COURSE + 1
+    for name, values in made.signals.items():
+        assert again.signals[name] == pytest.approx(values, rel=1e-6, abs=1e-12)
+    assert again.signal_units == made.signal_units
+    assert tomllib.loads((tmp_path / "deep" / "b.toml").read_text())["format"] == 1
+
+
+@pytest.mark.parametrize(("kind", "allowed"), [("exact", 1e-12), ("tight", 1e-6), ("normal", 1e-3), ("coarse", 5e-2)])
+def test_each_class_allows_what_it_says(kind, allowed):
+    watched = small(tolerance=kind)
+    before = watched.run()
+    (name,) = before.metrics
+    for factor, count in ((0.9, 0), (1.1, 1)):
+        size = before.metrics[name] * (1 + factor * allowed)
+        now = Baseline({name: size}, before.units, before.t, before.signals, before.signal_units)
+        assert len(moved(watched, before, now)) == count
+
+
+def test_what_came_went_or_is_no_number():
+    watched = small()
+    before = watched.run()
+    (name,) = before.metrics
+
+    def changed(metrics):
+        return Baseline(metrics, dict.fromkeys(metrics, "rad"), before.t, before.signals, before.signal_units)
+
+    assert [m.now for m in moved(watched, changed({name: 1.0, "old": 2.0}), changed({name: 1.0}))] == [None]
+    assert [m.before for m in moved(watched, changed({}), changed({name: 1.0}))] == [None]
+    assert len(moved(watched, changed({name: np.nan}), changed({name: np.nan}))) == 1
+    assert len(moved(watched, changed({name: np.inf}), changed({name: 1.0}))) == 1
+    assert moved(watched, changed({name: 0.0}), changed({name: 1e-16})) == []
+    said = in_sentences([Moved("a", "", None, 1.0, 1e-3), Moved("b", "V", 2.0, None, 0.0)], before, before)
+    assert [line.split()[0] for line in said.splitlines()] == ["metric", "a", "b"]
+    assert "new" in said
+    assert "gone" in said
+
+
+def test_signals_that_part():
+    before = small().run()
+    signals = {k: np.where(before.t >= 0.5, v + 0.1, v) for k, v in before.signals.items()}
+    now = Baseline(before.metrics, before.units, before.t, signals, before.signal_units)
+    assert since(before, before, 1e-6) is None
+    assert since(before, now, 1e-3)[1] == before.t[before.t >= 0.5][0]
+
+
+REFUSED = {
+    GUARD.replace("format = 1", "format = 2"): "1: format = 1 is needed, got 2.",
+    GUARD.replace("rms(u)", "rms(w)"): "2: metric 'effort': there is no signal 'w'.",
+    GUARD.replace('"loose"', '"lose"'): "2: tolerance of 'effort': there is no class 'lose'. Did you mean 'loose'?",
+    GUARD.replace("tolerance", "tolerence"): "8: a metric has no 'tolerence'. Did you mean 'tolerance'?",
+    GUARD.replace("diagram =", "title ="): ": a guard needs its diagram",
+    GUARD.replace("5.0", '"x"'): "3: 'stop' must be a number, got 'x'.",
+    GUARD + "[cases]\na = { kp = 1 }\n": "10: diagram",
+    GUARD.replace("[metrics]", "metrics = 3\n[set]"): "6: 'metrics' must be a table: [metrics].",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED, ids=range(len(REFUSED)))
+def test_what_is_no_guard(text, tmp_path):
+    path = tmp_path / "loop.tracking.toml"
+    path.write_text(text)
+    with pytest.raises(FileError) as found:
+        read_guards(path)
+    assert found.value.problems[0].startswith(f"{path}:{REFUSED[text]}".replace("::", ":")), found.value.problems
+
+
+def test_what_is_no_baseline(tmp_path):
+    path = tmp_path / "b.toml"
+    for text, said in (
+        ("format = 3", "format 3 is not known here"),
+        ("format = 1", "'metrics' is missing"),
+        (
+            'format = 1\n[metrics]\na = 1\n[signals]\ny = [1]\n[instants]\n"t [s]" = [0, 1]',
+            "signals and t differ in length",
+        ),
+        ("= 1", "Invalid statement"),
+    ):
+        path.write_text(text)
+        with pytest.raises(FileError, match="this is no baseline") as found:
+            read_baseline(path)
+        assert said in str(found.value)
+    with pytest.raises(ParameterError, match="tolerance: there is no metric 'rsm'"):
+        small(tolerance={"rsm": "tight"})

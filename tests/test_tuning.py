@@ -1,0 +1,215 @@
+"""Tuning against optima known by hand, slopes against differences, and what cannot be tuned."""
+# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import tsmblocks as tsm
+from tsmblocks.blocks import PID, Constant, FirstOrderLag, Gain, Sine, Step, Sum
+from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.metrics import metric
+from tsmblocks.studies import table
+from tsmblocks.tuning import tune
+from tsmblocks.tuning.slopes import SMOOTH, sloped
+
+T = np.linspace(0.0, 10.0, 2001)
+TEXTS = [
+    "rms(a - b)", "peak_to_peak(a - b, after=2)", "largest(a)", "highest(a * b)", "lowest(a)", "mean(a)", "final(b)",
+    "integral(a, before=7)", "variation(a)", "share(abs(a) > 0.4)", "overshoot(a + 0.1, 0.5)",
+    "2 * rms(a) / highest(b) + largest(a - b)**2",
+]  # fmt: skip
+
+
+def scaled(**more):
+    """y = gain * slope * t, or what it is driven by."""
+    blocks = {"one": Constant(value=1.0), "plant": Gain(gain=1.0), "gain": Gain(gain=1.0), **more}
+    return tsm.Diagram(title="scaled", blocks=blocks, wires=["one -> plant -> gain"], outputs={"y": "gain"})
+
+
+def loop():
+    blocks = {"r": Step(time=0.0), "e": Sum(signs="+-"), "pid": PID(kp=1.0, ki=0.5, kd=0.0),
+              "g": FirstOrderLag(time_constant=0.5), "h": FirstOrderLag(time_constant=0.2)}  # fmt: skip
+    return tsm.Diagram(title="loop", blocks=blocks, wires=["r -> e.plus", "e -> pid -> g -> h", "h -> e.minus"],
+                       outputs={"y": "h", "u": "pid", "e": "e"})  # fmt: skip
+
+
+# ---- slopes
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(TEXTS), st.integers(0, 1000), st.sampled_from([0.05, 0.01]))
+def test_slopes_are_those_of_differences(text, seed, sharp):
+    rng = np.random.default_rng(seed)
+    base = {k: np.sin((1 + i + rng.random()) * T) + 0.3 * np.cos(3 * T + i) for i, k in enumerate("ab")}
+    ways = {k: rng.standard_normal(2) * np.column_stack([np.cos(T), np.sin(2 * T)]) for k in "ab"}
+    one = sloped(metric(text, {"a": "", "b": ""}))
+
+    def value(p):
+        return one(T, {k: base[k] + ways[k] @ p for k in "ab"}, ways, sharp)
+
+    _, slope = value(np.zeros(2))
+    for k in range(2):
+        step = 1e-6 * np.eye(2)[k]
+        differences = (value(step)[0] - value(-step)[0]) / 2e-6
+        assert slope[:, k] == pytest.approx(differences, rel=1e-3, abs=2e-3)
+
+
+def test_the_largest_of_the_pieces_is_the_metric():
+    signals = {"a": np.sin(3 * T), "b": np.cos(2 * T)}
+    still = {k: np.zeros((len(T), 1)) for k in "ab"}
+    for text in TEXTS:
+        one = metric(text, {"a": "", "b": ""})
+        values = sloped(one)(T, signals, still, 0.002)[0]
+        near = 0.02 if sloped(one).rounded else 1e-12
+        peak = values.min() if text.startswith("lowest") else values.max()
+        assert peak == pytest.approx(one(T, signals), rel=near, abs=near), text
+
+
+def test_what_has_slopes_is_tested_here():
+    assert {name for name in SMOOTH if any(f"{name}(" in text for text in TEXTS)} == set(SMOOTH)
+
+
+# ---- optima known by hand
+
+
+def test_a_target_is_met():
+    found = tune(scaled(), {"gain.gain": (0.1, 5.0)}, "largest(y - 0.7)", stop=0.1, step=0.01)
+    assert found.values["gain.gain"] == pytest.approx(0.7, abs=1e-4)
+    assert found.worst == pytest.approx((0.3, 0.0), abs=1e-4)
+    assert found.diagram.parameters["gain.gain"] == found.values["gain.gain"]
+
+
+def test_a_limit_holds_where_it_binds():
+    found = tune(
+        scaled(), {"gain.gain": (0.1, 5.0)}, "rms(y - 2)", subject_to=["highest(y) <= 1.5"], stop=0.1, step=0.01
+    )
+    assert found.met
+    assert found.values["gain.gain"] == pytest.approx(1.5, rel=2e-3)
+    assert found.values["gain.gain"] <= 1.5 * 1.001
+
+
+def test_the_worst_of_several_plants_counts():
+    """min over g of max(|g - 1|, |3 g - 1|) is at g = 1/2."""
+    plants = table({"plant.gain": [1.0, 3.0]})
+    found = tune(scaled(), {"gain.gain": (0.01, 5.0)}, "largest(y - 1)", plants=plants, stop=0.1, step=0.01)
+    assert found.values["gain.gain"] == pytest.approx(0.5, rel=1e-3)
+    assert list(found.after) == ["scaled, plant 0", "scaled, plant 1"]
+    assert found.worst[1] == pytest.approx(0.5, rel=1e-3)
+
+
+def test_several_diagrams_are_cases():
+    both = {"small": scaled(), "large": scaled(one=Constant(value=3.0))}
+    found = tune(both, {"gain.gain": (0.01, 5.0)}, "largest(y - 1)", stop=0.1, step=0.01)
+    assert found.values["gain.gain"] == pytest.approx(0.5, rel=1e-3)
+    assert set(found.diagrams) == {"small", "large"}
+
+
+def test_a_sine_is_followed_by_the_inverse_of_its_path():
+    """Gain and lead of a first-order path: y = g (a + b s) / (1 + T s) r is r where g a = 1, g b = T."""
+    blocks = {"r": Sine(amplitude=1.0, frequency=0.5), "lead": PID(kp=1.0, ki=0.0, kd=0.1, tau=1e-3),
+              "path": FirstOrderLag(time_constant=0.3), "e": Sum(signs="+-")}  # fmt: skip
+    diagram = tsm.Diagram(title="lead", blocks=blocks, wires=["r -> lead -> path -> e.minus", "r -> e.plus"],
+                          outputs={"e": "e"})  # fmt: skip
+    found = tune(
+        diagram, {"lead.kp": (0.1, 3.0), "lead.kd": (0.0, 1.0)}, "peak_to_peak(e, after=4)", stop=6.0, step=1e-3
+    )
+    assert found.worst[1] < 0.01
+    assert found.values["lead.kd"] == pytest.approx(0.3, rel=0.02)
+
+
+def test_overshoot_is_kept_below_its_limit():
+    free = {"pid.kp": (0.1, 30.0), "pid.ki": (0.05, 30.0), "pid.kd": (0.0, 2.0)}
+    found = tune(loop(), free, "rms(e)", subject_to=["overshoot(y, 1) <= 0.05", "largest(u) <= 8"], stop=5.0, step=5e-3)
+    case = found.after["loop"]
+    assert found.met
+    assert case["overshoot(y, 1)"] <= 0.05 * 1.002
+    assert case["largest(u)"] <= 8 * 1.002
+    assert case["rms(e)"] < 0.75 * found.before["loop"]["rms(e)"]
+    free_of_it = tune(loop(), free, "rms(e)", subject_to=["largest(u) <= 8"], stop=5.0, step=5e-3)
+    assert free_of_it.worst[1] <= found.worst[1] * 1.001
+
+
+def test_margins_are_kept():
+    free = {"pid.kp": (0.1, 30.0), "pid.ki": (0.05, 30.0)}
+    limits = ["phase_margin('pid -> g') >= 50", "gain_margin('pid') >= 3"]
+    free_of_it = tune(loop(), free, "rms(e)", stop=5.0, step=5e-3)
+    found = tune(loop(), free, "rms(e)", subject_to=limits, stop=5.0, step=5e-3)
+    import control
+
+    margin = control.margin(tsm.analysis.loop_gain(found.diagram, "pid -> g"))
+    assert found.met
+    assert margin[1] == pytest.approx(50, abs=1.0)
+    assert found.after["loop"]["phase_margin('pid -> g')"] == pytest.approx(margin[1])
+    assert found.after["loop"]["gain_margin('pid')"] == 1000.0  # a second-order plant with PI never crosses -180 deg
+    assert free_of_it.worst[1] < found.worst[1] < found.worst[0]
+
+
+def test_the_papers_gains_are_beaten():
+    diagram = tsm.load("fig16_feedforward_feedback")
+    found = tune(diagram, {"pid.kp": (0.1, 5.0), "pid.ki": (0.0, 10.0)}, "peak_to_peak(x_ref - x_out, after=5)",
+                 subject_to=["share(abs(u) > 23.9) <= 0.001"], stop=10.0, step=2e-3, starts=2)  # fmt: skip
+    before, after = found.worst
+    assert found.met
+    assert after < 0.75 * before
+
+
+# ---- how it goes
+
+
+def test_the_same_call_gives_the_same_numbers():
+    calls = [tune(loop(), {"pid.kp": (0.1, 30.0)}, "rms(e)", stop=2.0, step=1e-2, seed=3) for _ in range(2)]
+    assert calls[0].values == calls[1].values
+    assert calls[0].to_dict() == calls[1].to_dict()
+
+
+def test_ctrl_c_keeps_the_best_so_far():
+    def stop(stage, done, _):
+        if done == 1:
+            raise KeyboardInterrupt
+
+    found = tune(scaled(), {"gain.gain": (0.1, 5.0)}, "largest(y - 0.7)", stop=0.1, step=0.01, progress=stop)
+    assert found.status == "interrupted"
+    assert found.values["gain.gain"] == pytest.approx(0.7, abs=1e-3)
+
+
+def test_what_is_found_is_told():
+    found = tune(
+        scaled(), {"gain.gain": (0.1, 5.0)}, "largest(y - 0.7)", subject_to=["highest(y) >= 1.0"], stop=0.1, step=0.01
+    )
+    first, _, *table_ = str(found).splitlines()
+    assert first.startswith("gain.gain 1")
+    assert table_[0].split() == ["largest(y", "-", "0.7)", "tuned", "highest(y)", "tuned"]
+    never = tune(
+        scaled(), {"gain.gain": (0.1, 0.5)}, "largest(y - 0.7)", subject_to=["highest(y) >= 1.0"], stop=0.1, step=0.01
+    )
+    assert not never.met
+    assert "not every limit is met" in str(never)
+
+
+REFUSED = {
+    "no bounds": (dict(free={"gain.gain": 3}), "'gain.gain' needs bounds (low, high), got 3."),
+    "no mapping": (dict(free=["gain.gain"]), "free maps parameters to bounds, such as {'pid.kp': (0.1, 5.0)}, got ['gain.gain']."),
+    "unknown": (dict(free={"gain.gian": (0, 1)}), "diagram 'scaled' has no parameter 'gain.gian'. Did you mean 'gain.gain'?"),
+    "upside down": (dict(free={"gain.gain": (2, 1)}), "Uniform needs low < high, got low=2, high=1."),
+    "metric": (dict(minimise="rms(z)"), "metric: there is no signal 'z'."),
+    "no slope": (dict(minimise="settling_time(y, 0.1)"), "metric 'settling_time(y, 0.1)': settling_time has no slope, so nothing can be tuned by it."),
+    "no limit": (dict(subject_to=["rms(y)"]), "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'."),
+    "limit on the left": (dict(subject_to=["2 >= rms(y)"]), "'2 >= rms(y)': the limit must be a plain number, on the right."),
+    "limit of nothing": (dict(subject_to=["rms(z) <= 2"]), "limit: metric: there is no signal 'z'."),
+    "no wire": (dict(subject_to=["phase_margin(3) >= 45"]), "phase_margin takes the wire at which the loop is opened: phase_margin('controller -> drive')."),
+    "another wire": (dict(subject_to=["phase_margin('plant -> gian') >= 45"]), "phase_margin: at='plant -> gian'"),
+    "plants": (dict(plants={"plant.gain": [1]}), "plants is a plan such as monte_carlo gives, got {'plant.gain': [1]}."),
+    "starts": (dict(starts=0), "starts must be a whole number of at least 1, got 0."),
+    "diagrams": (dict(diagrams={}), "tune needs at least one diagram."),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_tuned(name):
+    asked, said = REFUSED[name]
+    usual = dict(diagrams=scaled(), free={"gain.gain": (0.1, 5.0)}, minimise="rms(y)", stop=0.1, step=0.01)
+    with pytest.raises((ParameterError, RunError)) as found:
+        tune(**{**usual, **asked})
+    assert str(found.value).startswith(said), str(found.value)

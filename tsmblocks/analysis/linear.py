@@ -1,0 +1,266 @@
+"""Linear models of diagrams, as python-control state spaces with names kept; loops opened where one says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.analysis.point import Point, Still, called, point_of, still
+from tsmblocks.arguments import prepared, whole
+from tsmblocks.diagram import Diagram, Inlet
+from tsmblocks.equation_set import Equations
+from tsmblocks.errors import RunError, in_words, near
+from tsmblocks.wires import Fault, Link, parse, resolve, sentence
+
+CUT, BACK = "cut", "back"
+"""Names of the input and of the output of an opened loop."""
+IMPROPER = 1e-12
+"""Direct effect of an input's slope on an output, as a share of the largest number, that counts as none."""
+
+
+def linearize(
+    diagram: Diagram, *, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None,
+    at: Point | None = None, t: float = 0.0, pade: int | None = None,
+) -> Any:  # fmt: skip
+    r"""A linear model around a point: a ``control.StateSpace`` with the names of states, inputs and outputs.
+
+    (``tsm.zeta`` becomes ``tsm_zeta``: there are no dots in names of python-control.)
+
+    .. math:: \dot x = A x + B u, \qquad y = C x + D u
+
+    in deviations from the point ``at`` (of ``trim``); without one, from the start values with inputs at zero, at time
+    ``t`` [s]. ``inputs`` are inputs of the diagram (all of them), ``outputs`` any of its signals (all its outputs).
+    Exact derivatives; at a kink (friction, hysteresis, a limit reached) the mean of both sides. Dead times become
+    Padé approximations of order ``pade``. Raises RunError for blocks that act at instants of their own, for dead times
+    without ``pade``, and for outputs that follow the slope of an input at once.
+    """
+    import control
+
+    diagram = prepared(diagram)
+    if at is not None and not isinstance(at, Point):
+        raise RunError(f"at is a point that trim has found, got {in_words(at)}.")
+    here = still(diagram, at.inputs if at is not None else {}, at.t if at is not None else t)
+    names = _chosen(here, inputs, list(here.inputs), "input")
+    shown = _chosen(here, outputs, [*here.eq.aliases, *here.eq.y], "signal", list(here.eq.aliases))
+    x = here.x
+    if at is not None:
+        missing = [k for k in here.eq.x if k not in at.states]
+        if missing:
+            raise RunError(f"the point is one of '{at.title}': it has no '{missing[0]}', as '{here.eq.title}' has.")
+        x = np.array([at.states[k] for k in here.eq.x])
+    J = _jacobians(here, x, shown)
+    system = _proper(here, J, names)
+    if here.eq.q:
+        system = _with_delays(here, system, pade)
+    return control.ss(*system, states=_states(here, system[0]), inputs=_unlike(names), outputs=_unlike(shown))
+
+
+def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: int | None = None) -> Any:
+    r"""The gain around a loop opened at a wire, :math:`L`, for margins: a ``control.StateSpace`` with one input.
+
+    ``at`` is a wire (``"controller -> drive"``) or a signal (``"drive.y"``, all its wires). The sign is that of
+    negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its margins. States that
+    are not on the way from ``cut`` to ``back`` are left out. ``point`` is one of the closed loop (by default its start
+    values). Other arguments and errors as for ``linearize``.
+    """
+    cut = opened(diagram, at)
+    closed = diagram.rewire(outputs={**diagram.outputs, BACK: _source(diagram, at)})
+    there = still(closed, point.inputs if point is not None else {}, point.t if point is not None else 0.0)
+    x = np.array([point.states[k] for k in there.eq.x]) if point is not None else there.x
+    whole_point = point_of(there, x, np.array([there.u[k] for k in there.places]))
+    inputs = {**whole_point.inputs, CUT: whole_point.signals[BACK]}
+    point = attrs.evolve(whole_point, inputs=inputs)
+    return -_between(linearize(cut, inputs=[CUT], outputs=[BACK], at=point, pade=pade))
+
+
+def _between(system: Any) -> Any:
+    """A system without the states that its inputs do not reach, or its outputs do not see, whatever the numbers."""
+    import control
+
+    A, B, C = (np.asarray(part) != 0 for part in (system.A, system.B, system.C))
+    reached, seen = B.any(axis=1), C.any(axis=0)
+    for _ in range(len(A)):
+        reached, seen = reached | (A & reached[None, :]).any(axis=1), seen | (A & seen[:, None]).any(axis=0)
+    kept = np.flatnonzero(reached & seen)
+    labels = [system.state_labels[k] for k in kept]
+    return control.ss(system.A[np.ix_(kept, kept)], system.B[kept], system.C[:, kept], system.D, states=labels or None,
+                      inputs=system.input_labels, outputs=system.output_labels)  # fmt: skip
+
+
+def opened(diagram: Diagram, at: str) -> Diagram:
+    """The diagram with a loop cut: what went over the wire is the output ``back``; what listened hears input ``cut``.
+
+    ``at`` as for ``loop_gain``. Raises RunError where there is no such wire.
+    """
+    diagram = prepared(diagram)
+    links = _links(diagram, at)
+    source = ".".join(links[0].source)
+    for name, side in ((CUT, diagram.inputs), (BACK, diagram.outputs)):
+        if name in side:
+            raise RunError(f"'{diagram.title}' has an {'input' if name == CUT else 'output'} '{name}' already.")
+    ports = [".".join(link.target) for link in links]
+    return diagram.rewire(
+        cut=[f"{source} -> {port}" for port in ports],
+        inputs={**diagram.inputs, CUT: Inlet(ports, diagram.unit(source))},
+        outputs={**diagram.outputs, BACK: source},
+    )
+
+
+def _source(diagram: Diagram, at: str) -> str:
+    return ".".join(_links(diagram, at)[0].source)
+
+
+def _links(diagram: Diagram, at: str) -> list[Link]:
+    """The wires that a text means: one, or all from a signal."""
+    if not isinstance(at, str):
+        raise RunError(f"at is a wire such as 'controller -> drive', or a signal, got {in_words(at)}.")
+    if "->" in at:
+        links, faults = parse(at, diagram.blocks)
+        missing = [str(link) for link in links if link not in diagram.links]
+        if missing:
+            raise RunError(f"at='{at}': there is no wire '{missing[0]}'.{near(missing[0], map(str, diagram.links))}")
+        if faults or len({link.source for link in links}) != 1:
+            raise RunError(f"at='{at}': {faults[0] if faults else 'one wire is wanted.'}")
+        return [link for link in diagram.links if link in links]
+    try:
+        source = resolve(at, diagram.blocks, "output")
+    except Fault as fault:
+        raise RunError(sentence(f"at='{at}'", fault)) from None
+    links = [link for link in diagram.links if link.source == source]
+    if not links:
+        raise RunError(f"at='{at}': no wire begins there, so there is nothing to open.")
+    return links
+
+
+def _chosen(
+    here: Still, asked: Sequence[str] | None, known: list[str], what: str, usual: list[str] | None = None
+) -> list[str]:
+    if isinstance(asked, str):
+        asked = [asked]
+    chosen = list(asked) if asked is not None else list(usual if usual is not None else known)
+    for name in chosen:
+        if name not in known:
+            raise RunError(f"diagram '{here.eq.title}' has no {what} '{name}'.{near(name, known)}")
+    if not chosen:
+        raise RunError(f"diagram '{here.eq.title}' has no {what} to name: say {what}s=[…].")
+    return chosen
+
+
+def _jacobians(here: Still, x: np.ndarray, shown: Sequence[str]) -> dict[tuple[str, str], np.ndarray]:
+    """Derivatives of rates, signals and what is delayed by states ``x``, samples ``u`` and delayed values ``w``."""
+    eq = here.eq
+    slopes, late = _slopes(eq, tuple(eq.aliases.get(name, name) for name in shown))
+    u, w = np.asarray(here.u, dtype=float), np.zeros(len(eq.q))
+    for _ in range(len(eq.q)):
+        w = np.asarray(late(x, u, w, here.t, here.p)).ravel()
+    *made, moved = (np.asarray(J, dtype=float) for J in slopes(x, u, w, here.t, here.p))
+    if np.abs(moved).max(initial=0.0) > 1e-9:
+        raise RunError(f"'{eq.title}' follows the slope of a delayed signal, which no state space holds. Put a lag "
+                       "behind the delay.")  # fmt: skip
+    found = dict(zip(_KEYS, made, strict=True))
+    bad = [f"{eq.x[k]}" for k in np.flatnonzero(~np.isfinite(found["dx", "x"]).all(axis=1))]
+    if bad:
+        raise RunError(f"the slopes of '{eq.title}' are not finite here: the rate of {', '.join(bad[:3])}.")
+    return found
+
+
+_KEYS = [(a, b) for a in ("dx", "y", "s") for b in ("x", "u", "w")]
+
+
+@lru_cache(maxsize=64)
+def _slopes(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, Any]:
+    """The derivatives, and what is delayed, as functions of (x, u, w, t, p): kept, since making them takes longest.
+
+    The last of the derivatives is that of everything by the slopes of what is delayed.
+    """
+    xs, us, ws = ca.SX.sym("x", len(eq.x)), ca.SX.sym("u", len(eq.u)), ca.SX.sym("w", len(eq.q))
+    t, p, moves = ca.SX.sym("t"), ca.SX.sym("p", len(eq.p)), ca.SX.sym("moves", len(eq.q))
+    dx, y, s = called(eq, xs, us, ws, t, p, moves)
+    rows = {"dx": dx, "y": ca.vertcat(*(y[eq.y.index(name)] for name in signals)), "s": s}
+    by = {"x": xs, "u": us, "w": ws}
+    given = [xs, us, ws, t, p]
+    made = [ca.jacobian(rows[a], by[b]) for a, b in _KEYS] + [ca.jacobian(ca.vertcat(*rows.values()), moves)]
+    still = [ca.densify(ca.substitute(one, moves, ca.DM.zeros(len(eq.q)))) for one in made]
+    return ca.Function("slopes", given, still), ca.Function("delayed", given, [ca.densify(s)])
+
+
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _proper(here: Still, J: dict[tuple[str, str], np.ndarray], names: Sequence[str]) -> Matrices:
+    r"""State space with inputs ``names``, then delayed signals; outputs the signals, then what is delayed.
+
+    Where a rate follows the slope of an input, :math:`x' = A x + B u + E u'`, the state :math:`x - E u` is used.
+    """
+    eq = here.eq
+    place = {(feed.name.removeprefix("d/dt " * feed.order), feed.order): k
+             for k, feed in enumerate(eq.u) if not feed.block}  # fmt: skip
+    own = [place[name, 0] for name in names]
+    A, rows = J["dx", "x"], np.vstack([J["y", "x"], J["s", "x"]])
+    direct = np.vstack([J["y", "u"], J["s", "u"]])
+    B = np.hstack([J["dx", "u"][:, own], J["dx", "w"]])
+    D = np.hstack([direct[:, own], np.vstack([J["y", "w"], J["s", "w"]])])
+    none = IMPROPER * max(1.0, float(np.abs(direct).max(initial=0.0)))
+    for k, name in enumerate(names):
+        slope = place.get((name, 1))
+        if slope is None:
+            continue
+        if np.abs(direct[:, slope]).max(initial=0.0) > none or (name, 2) in place:
+            raise RunError(f"a signal of '{eq.title}' follows the slope of its input '{name}' at once, so there is no "
+                           "state space from there. Put a lag on the input, or ask for other outputs.")  # fmt: skip
+        E = J["dx", "u"][:, slope]
+        B[:, k] += A @ E
+        D[:, k] += rows @ E
+    return A, B, rows, D
+
+
+def _with_delays(here: Still, system: Matrices, pade: int | None) -> Matrices:
+    """The system closed over its delays, each a Padé approximation."""
+    import control
+
+    eq = here.eq
+    lags = np.asarray(eq.lag(here.p), dtype=float).ravel()
+    if pade is None:
+        said = ", ".join(f"{v:g} s" for v in lags)
+        raise RunError(f"'{eq.title}' has dead times ({said}), which no state space holds. "
+                       "Say pade=3 for an approximation of third order.")  # fmt: skip
+    order = whole("pade", pade, 1)
+    parts = [control.ss(control.tf(*control.pade(lag, order))) if lag > 0 else control.ss([], [], [], 1.0)
+             for lag in lags]  # fmt: skip
+    delays = control.append(*parts) if len(parts) > 1 else parts[0]
+    A, B, C, D = system
+    n, m = B.shape[1] - len(lags), C.shape[0] - len(lags)
+    Bu, Bw, Cy, Cs = B[:, :n], B[:, n:], C[:m], C[m:]
+    Dyu, Dyw, Dsu, Dsw = D[:m, :n], D[:m, n:], D[m:, :n], D[m:, n:]
+    # w = Dd s + Cd z, s = Cs x + Dsu u + Dsw w
+    Dd, Cd = np.asarray(delays.D), np.asarray(delays.C)
+    solve = np.linalg.inv(np.eye(len(lags)) - Dd @ Dsw)
+    Wx, Wz, Wu = solve @ Dd @ Cs, solve @ Cd, solve @ Dd @ Dsu
+    Sx, Sz, Su = Cs + Dsw @ Wx, Dsw @ Wz, Dsu + Dsw @ Wu
+    Bd = np.asarray(delays.B)
+    return (np.block([[A + Bw @ Wx, Bw @ Wz], [Bd @ Sx, np.asarray(delays.A) + Bd @ Sz]]),
+            np.vstack([Bu + Bw @ Wu, Bd @ Su]), np.hstack([Cy + Dyw @ Wx, Dyw @ Wz]), Dyu + Dyw @ Wu)  # fmt: skip
+
+
+def _states(here: Still, A: np.ndarray) -> list[str]:
+    """Names of the states; those of Padé approximations come last."""
+    names = list(here.eq.x)
+    return _unlike([*names, *(f"pade_{k}" for k in range(len(A) - len(names)))])
+
+
+def _unlike(names: Sequence[str]) -> list[str]:
+    """Names as python-control takes them: without dots, no two alike."""
+    made: list[str] = []
+    for name in names:
+        plain = one = name.replace(".", "_")
+        k = 1
+        while one in made:
+            k += 1
+            one = f"{plain}_{k}"
+        made.append(one)
+    return made

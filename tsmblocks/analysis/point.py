@@ -1,0 +1,249 @@
+"""Operating points: where a diagram stands still, found or taken as given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.arguments import given_inputs, number, prepared
+from tsmblocks.diagram import Diagram
+from tsmblocks.engine.session import gather_signals
+from tsmblocks.equation_set import KEPT, Equations
+from tsmblocks.errors import DataError, RunError, in_words, near
+from tsmblocks.simulate import equations, parameter_vector
+
+TOLERANCE = 1e-9
+"""Largest rate of a state, or distance of an output from what is wanted, that is none: a share of its terms ..."""
+NOTHING = 1e-12
+"""... or so much."""
+LONG = 1e6
+"""Instants that a delayed signal has been kept for, where it has stood still for long."""
+MOMENT = 1e-3
+"""Time [s] over which sources are asked for, of which only the first instant is used."""
+
+
+@attrs.frozen(eq=False)
+class Point:
+    """A diagram at one instant: states, inputs and signals by name; ``rates`` are those of the states.
+
+    ``states`` starts a run there: ``simulate(diagram, initial=point.states)``.
+    """
+
+    title: str
+    t: float
+    states: Mapping[str, float]
+    inputs: Mapping[str, float]
+    signals: Mapping[str, float] = attrs.field(repr=False)
+    rates: Mapping[str, float] = attrs.field(repr=False)
+
+    def __getitem__(self, name: str) -> float:
+        """A state, input or signal by name. Raises RunError with the near miss."""
+        for side in (self.signals, self.states, self.inputs):
+            if name in side:
+                return side[name]
+        raise RunError(f"the point has no '{name}'.{near(name, [*self.signals, *self.states, *self.inputs])}")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*self.states, *self.inputs])
+
+    def __str__(self) -> str:
+        from tsmblocks.tables import columns
+
+        rows = [("state", "value"), *((k, f"{v:.6g}") for k, v in self.states.items()), ("input", ""),
+                *((k, f"{v:.6g}") for k, v in self.inputs.items())]  # fmt: skip
+        return f"{self.title} at t = {self.t:g} s\n{columns(rows)}"
+
+
+@attrs.frozen(eq=False)
+class Still:
+    """The equations of a diagram in continuous time at an instant: what ``trim`` and ``linearize`` look at.
+
+    ``f(x, u)`` gives ``(dx, y)``, ``u`` being the diagram's inputs alone; their slopes are zero and all sources are
+    as they are at ``t``.
+    """
+
+    eq: Equations
+    t: float
+    p: np.ndarray
+    u: np.ndarray
+    x: np.ndarray
+    inputs: tuple[str, ...]
+
+    @property
+    def places(self) -> list[int]:
+        """Where the inputs stand among the sampled inputs of the equations."""
+        names = [feed.name if not feed.block and not feed.order else "" for feed in self.eq.u]
+        return [names.index(name) for name in self.inputs]
+
+    def full(self, u: Any) -> Any:
+        """The sampled inputs with these values of the diagram's inputs, as CasADi expressions."""
+        made = [ca.SX(float(v)) for v in self.u]
+        for k, place in enumerate(self.places):
+            made[place] = u[k]
+        return ca.vertcat(*made) if made else ca.SX(0, 1)
+
+    def called(self, x: Any, u: Any, late: Any = None) -> list[Any]:
+        """``(dx, y, s)`` of the equations. ``late`` are the delayed signals' values, zero unless given."""
+        return called(self.eq, x, u, ca.SX.zeros(len(self.eq.q)) if late is None else late, self.t, self.p)
+
+
+def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any = None) -> list[Any]:
+    """``(dx, y, s)`` of equations in continuous time, whose delayed signals were ``late`` and have moved by ``slopes``.
+
+    What is kept of a delayed signal are values at four instants around the one that is read.
+    """
+    lags = eq.lag.call([p])[0] if eq.q else ca.SX(0, 1)
+    held = []
+    for k in range(len(eq.q)):
+        away = [float(i) - 0.5 * (KEPT - 1) for i in range(KEPT)]
+        values = [late[k] + (slopes[k] * a if slopes is not None else 0.0) for a in away]
+        held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, LONG))
+    found: list[Any] = eq.rhs.call([t, x, ca.SX(0, 1), u, ca.vertcat(*held) if held else ca.SX(0, 1), p])
+    return found
+
+
+def still(diagram: Diagram, inputs: Mapping[str, float], t: float) -> Still:
+    """The equations at an instant. Raises RunError for blocks that act at instants of their own."""
+    eq = equations(diagram)
+    if eq.periods or eq.d:
+        names = list(eq.sampled) or list(dict.fromkeys(name.rpartition(".")[0] for name in eq.d))
+        acts = "acts" if len(names) == 1 else "act"
+        raise RunError(f"{', '.join(names[:4])} of '{diagram.title}' {acts} at instants of their own (samples, or "
+                       "memory from step to step), so there is no linear model in continuous time. Replace or remove "
+                       "them first.")  # fmt: skip
+    p = parameter_vector(eq, diagram)
+    wanted = tuple(feed.name for feed in eq.u if not feed.block and not feed.order)
+    values = {name: inputs.get(name, 0.0) for name in wanted}
+    signals = gather_signals(eq, {**{k: v for k, v in inputs.items() if k not in values}, **values},
+                             np.array([t, t + MOMENT]), "zero")  # fmt: skip
+    u = np.array([0.0 if not feed.block and feed.order else signal.at(np.array([t]), order, "right", 0.0)[0]
+                  for feed, (signal, order) in zip(eq.u, signals, strict=True)])  # fmt: skip
+    x = np.asarray(eq.start(p)[0], dtype=float).ravel()
+    return Still(eq, t, p, u, x, wanted)
+
+
+def point_of(here: Still, x: np.ndarray, u: np.ndarray) -> Point:
+    """A point from the values of states and inputs."""
+    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _delayed(here, x, u)[:2])
+    eq = here.eq
+    signals = dict(zip(eq.y, y.tolist(), strict=True))
+    signals |= {name: signals[signal] for name, signal in eq.aliases.items()}
+    return Point(eq.title, here.t, dict(zip(eq.x, x.tolist(), strict=True)),
+                 dict(zip(here.inputs, u.tolist(), strict=True)), signals,
+                 dict(zip(eq.x, dx.tolist(), strict=True)))  # fmt: skip
+
+
+def _delayed(here: Still, x: Any, u: Any) -> list[Any]:
+    """The equations where everything has stood still for long: what is delayed is what it is now."""
+    full = here.full(u)
+    if not here.eq.q:
+        return here.called(x, full)
+    w = ca.SX.sym("w", len(here.eq.q))
+    s = here.called(x, full, w)[2]
+    for _ in range(len(here.eq.q)):  # a delayed signal may be made of another
+        s = ca.substitute(s, w, s) if ca.depends_on(s, w) else s
+    if ca.depends_on(s, w):
+        raise RunError(f"'{here.eq.title}' has a loop through delays alone, whose resting value is not known.")
+    return here.called(x, full, s)
+
+
+def trim(
+    diagram: Diagram, *, inputs: Mapping[str, float] | None = None, outputs: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None, t: float = 0.0,
+) -> Point:  # fmt: skip
+    """Find where a diagram stands still: no state changes, and signals have the values asked for.
+
+    ``inputs`` are held at their values; those left out are found so that ``outputs`` (any signals) have theirs, or
+    are zero where no output is asked for. ``start`` are values of states and inputs to begin at. Sources stand as they
+    are at ``t`` [s]. Where many points will do (hysteresis at rest, an integrator in front of a still motor) it is the
+    one nearest to the start. Raises RunError where there is none, naming the state that does not stand still.
+    """
+    diagram, given, wanted = prepared(diagram), given_inputs(inputs), dict(outputs or {})
+    here = still(diagram, {k: number(f"input '{k}'", v, DataError) for k, v in given.items()}, number("t", t))
+    free = [name for name in here.inputs if name not in given] if wanted else []
+    begin = _begin(here, start or {}, free)
+    residual, names, build = _conditions(here, wanted, free, begin)
+    z = _nearest(residual, np.concatenate(begin), len(names))
+    x, u = build(z)
+    left, J = (np.asarray(part, dtype=float) for part in residual(z))
+    left = np.abs(left.ravel())
+    size = TOLERANCE * (np.abs(J) @ np.abs(z)) + NOTHING  # of the terms that make up each row
+    worst = int(np.argmax(left / size)) if len(left) else 0
+    if len(left) and not left[worst] <= size[worst]:
+        raise RunError(f"'{diagram.title}' does not stand still here: {names[worst]} stays {left[worst]:.3g} away. "
+                       f"{_way_out(wanted, free)}")  # fmt: skip
+    return point_of(here, x, u)
+
+
+def _way_out(wanted: Mapping[str, float], free: list[str]) -> str:
+    if wanted and not free:
+        return "No input is free to bring the outputs there: leave one out of inputs."
+    return "Begin elsewhere (start={…}), or look at an instant when nothing drives it (t=…)."
+
+
+def _begin(here: Still, start: Mapping[str, float], free: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    known = [*here.eq.x, *free]
+    for name, value in start.items():
+        number(f"start: '{name}'", value, DataError)
+        if name not in known:
+            raise RunError(f"start: there is no state or free input '{name}'.{near(name, known)}")
+    x = np.array([float(start.get(name, v)) for name, v in zip(here.eq.x, here.x, strict=True)])
+    return x, np.array([float(start.get(name, 0.0)) for name in free])
+
+
+def _conditions(
+    here: Still, wanted: Mapping[str, float], free: list[str], begin: tuple[np.ndarray, np.ndarray]
+) -> tuple[Any, list[str], Any]:
+    """What is to be zero, as a function of states and free inputs, with its Jacobian; names; how to take them apart."""
+    eq, count = here.eq, len(begin[0])
+    z = ca.SX.sym("z", count + len(free))
+    held = {name: here.u[place] for name, place in zip(here.inputs, here.places, strict=True)}
+    u = [z[count + free.index(name)] if name in free else ca.SX(float(held[name])) for name in here.inputs]
+    dx, y = _delayed(here, z[:count], u)[:2]
+    rows, names = [dx], [f"the rate of {name}" for name in eq.x]
+    for name, value in wanted.items():
+        signal = eq.aliases.get(name, name)
+        if signal not in eq.y:
+            raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
+        rows.append(y[eq.y.index(signal)] - number(f"output '{name}'", value, DataError))
+        names.append(name)
+    zero = ca.vertcat(*rows)
+
+    def build(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = [values[count + free.index(name)] if name in free else held[name] for name in here.inputs]
+        return values[:count], np.array(found, dtype=float)
+
+    return ca.Function("still", [z], [zero, ca.jacobian(zero, z)]), names, build
+
+
+def _nearest(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
+    """The root nearest to where the search begins: least-norm steps, so that what is free to stand anywhere stays."""
+    from scipy.optimize import least_squares
+
+    def error(v: np.ndarray) -> np.ndarray:
+        return np.asarray(residual(v)[0], dtype=float).ravel()
+
+    def slope(v: np.ndarray) -> np.ndarray:
+        return np.asarray(residual(v)[1], dtype=float)
+
+    if not count or not len(begin):
+        return begin
+    z = begin
+    for _ in range(50):
+        r, J = error(z), slope(z)
+        if not np.isfinite(r).all() or not np.isfinite(J).all():
+            raise RunError(f"the equations are not finite at {in_words(z.round(6).tolist())}. Begin elsewhere: "
+                           "start={…}.")  # fmt: skip
+        step = np.linalg.lstsq(J, -r, rcond=1e-12)[0]
+        if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, float(np.abs(z).max())):
+            return z
+        shares = (0.5**k for k in range(12))
+        share = next((k for k in shares if np.linalg.norm(error(z + k * step)) < np.linalg.norm(r)), None)
+        if share is None:
+            break
+        z = z + share * step
+    return np.asarray(least_squares(error, z, slope, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)

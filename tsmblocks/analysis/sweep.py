@@ -1,0 +1,179 @@
+"""How a diagram answers sines of different frequency and size, by simulation: gain, phase and harmonics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.arguments import number, positive, prepared, whole
+from tsmblocks.batch import batch_of
+from tsmblocks.blocks import Sine
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import RunError, in_words, near
+
+SETTLED = 1e-4
+"""Change of a signal from one period to the next, as a share of its size, that counts as none."""
+LONGEST = 1024
+"""Periods that are left out at most."""
+MOST_STEPS = 20_000_000
+"""Steps of one run at most."""
+TONE = "tone"
+"""Name of the source that takes the place of an input."""
+
+
+@attrs.frozen(eq=False)
+class FrequencyResponse:
+    """Answers to sines: ``response`` (amplitudes, frequencies) is complex, output over input at the sine's frequency.
+
+    ``frequencies`` are in Hz, ``amplitudes`` in the unit of the input. ``harmonics`` (amplitudes, frequencies, n) are
+    sizes at 2, 3, … times the frequency as shares of that at the frequency itself. NaN where a run is not finite.
+    """
+
+    title: str
+    driven: str
+    output: str
+    frequencies: np.ndarray
+    amplitudes: np.ndarray
+    response: np.ndarray = attrs.field(repr=False)
+    harmonics: np.ndarray = attrs.field(repr=False)
+
+    @property
+    def gain(self) -> np.ndarray:
+        """Size of the output over that of the input, shape (amplitudes, frequencies)."""
+        return np.abs(self.response)
+
+    @property
+    def phase(self) -> np.ndarray:
+        """Phase of the output after the input in deg, shape (amplitudes, frequencies), unwrapped along frequency."""
+        return np.degrees(np.unwrap(np.angle(self.response), axis=1))
+
+    @property
+    def distortion(self) -> np.ndarray:
+        """Root of the sum of squares of the harmonics, shape (amplitudes, frequencies)."""
+        return np.sqrt((self.harmonics**2).sum(axis=2))
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per amplitude and frequency: gain, phase [deg], distortion. Needs pandas."""
+        import pandas as pd
+
+        index = pd.MultiIndex.from_product([self.amplitudes, self.frequencies], names=["amplitude", "frequency"])
+        columns = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
+        return pd.DataFrame({name: values.ravel() for name, values in columns.items()}, index=index)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Gain, phase and distortion over frequency, a line for each amplitude. Needs matplotlib."""
+        from tsmblocks.plots import plot_frequency_response
+
+        return plot_frequency_response(self, ax)
+
+
+def frequency_response(
+    diagram: Diagram, frequencies: Sequence[float] | np.ndarray, amplitudes: Sequence[float] | float = 1.0, *,
+    driven: str | None = None, output: str | None = None, bias: float | None = None,
+    inputs: Mapping[str, Any] | None = None, settle: int = 4, periods: int = 2, samples: int = 200, harmonics: int = 5,
+    step: float = 1e-3, method: str = "rk4", threads: int | None = None, backend: str = "",
+) -> FrequencyResponse:  # fmt: skip
+    """Drive a diagram with sines and see what comes out, once all is periodic.
+
+    ``frequencies`` are in Hz. ``driven`` is an input of the diagram (the only one), or a Sine block in it, ``output`` a
+    signal (its only output). The sines go around ``bias`` (zero for an input, a Sine block's own offset); other
+    ``inputs`` are constant. Of each run the first ``settle`` periods are left out, and the next ``periods`` taken apart
+    into harmonics; where the answer still changes from period to period, more are left out, up to ``LONGEST``, and it
+    is NaN where it changes even then. A period has ``samples`` steps at least, and no step is longer than ``step`` [s].
+    Raises RunError for what is no input or output, and where sampled blocks do not fit into the period.
+    """
+    diagram = prepared(diagram)
+    tuned, source = _driven(diagram, driven, None if bias is None else number("bias", bias))
+    shown = _output(tuned, output)
+    f, a = _positive("frequencies", frequencies), _positive("amplitudes", amplitudes)
+    count, rest, most = whole("periods", periods, 1), whole("settle", settle, 0), whole("harmonics", harmonics, 1)
+    longest, least = positive("step", step), whole("samples", samples, 4 * most)
+    how = dict(method=method, inputs=inputs, hold="zero", backend=backend,
+               outputs=list(dict.fromkeys([f"{source}.y", shown])))  # fmt: skip
+    response = np.full((len(a), len(f)), np.nan, dtype=complex)
+    over = np.full((len(a), len(f), most - 1), np.nan)
+    for k, one in enumerate(f):
+        n, left_out = max(least, math.ceil(1.0 / (one * longest))), rest
+        if n * (rest + count) > MOST_STEPS:
+            raise RunError(f"a run at {one:g} Hz would take {n * (rest + count):,} steps. Take a longer step, or leave "
+                           "such frequencies out.")  # fmt: skip
+        waiting = np.arange(len(a))
+        while len(waiting):
+            sets = {f"{source}.amplitude": a[waiting], f"{source}.frequency": np.full(len(waiting), one)}
+            batch = batch_of(tuned, sets, step=1.0 / (one * n), stop=(left_out + count) / one, **how)  # type: ignore[arg-type]
+            found = batch.results(0, batch.count, _Harmonics(f"{source}.y", shown, n, count, most), threads)
+            settled = ~(found["change"] > SETTLED)
+            done = waiting[settled]
+            response[done, k] = found["response"][settled]
+            for m in range(2, most + 1):
+                over[done, k, m - 2] = found[f"harmonic {m}"][settled]
+            waiting, left_out = waiting[~settled], 4 * max(left_out, 1)
+            if left_out > LONGEST or n * (left_out + count) > MOST_STEPS:
+                break
+    name = driven or (next(iter(diagram.inputs)) if source == TONE else source)
+    return FrequencyResponse(diagram.title, name, shown, f, a, response, over)
+
+
+@attrs.frozen
+class _Harmonics:
+    """Takes the last periods of runs apart: ``n`` steps each, ``count`` of them."""
+
+    driven: str
+    shown: str
+    n: int
+    count: int
+    most: int
+
+    def __call__(self, t: np.ndarray, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        x, y = (signals[name][-self.n * self.count - 1 : -1] for name in (self.driven, self.shown))
+        last, before = (signals[self.shown][len(t) - 1 - k * self.n : len(t) - 1 - (k - 1) * self.n] for k in (1, 2))
+        turns = np.exp(-2j * np.pi * np.outer(np.arange(1, self.most + 1), np.arange(len(x))) / self.n)
+        with np.errstate(all="ignore"):
+            into, out = turns[:1] @ x, turns @ y
+            size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), 1e-12 * np.abs(x).max(axis=0))
+            change = np.abs(last - before).max(axis=0) / size if len(before) == len(last) else np.inf * size
+            made = {"response": out[0] / into[0], "change": change}
+            return made | {f"harmonic {m}": np.abs(out[m - 1] / out[0]) for m in range(2, self.most + 1)}
+
+
+def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Diagram, str]:
+    """The diagram with a sine that can be tuned, and the sine's name."""
+    tones = [k for k, b in diagram.blocks.items() if isinstance(b, Sine)]
+    known = [*diagram.inputs, *tones]
+    if name is None:
+        if len(diagram.inputs) != 1 and (diagram.inputs or len(tones) != 1):
+            raise RunError(f"say which input of '{diagram.title}' is driven: driven='…'.{near('', known)}")
+        name = known[0]
+    if name in diagram.inputs:
+        ports = diagram.inputs[name].ports
+        others = {k: v for k, v in diagram.inputs.items() if k != name}
+        tone = Sine(unit=diagram.inports[name].unit or "", offset=bias or 0.0)
+        if TONE in diagram.blocks:
+            raise RunError(f"'{diagram.title}' has a block '{TONE}', which is the name of the source put in here.")
+        return diagram.rewire(blocks={**diagram.blocks, TONE: tone}, inputs=others,
+                              add=[f"{TONE} -> {', '.join(ports)}"]), TONE  # fmt: skip
+    if name not in tones:
+        raise RunError(f"'{diagram.title}' has no input and no Sine block '{name}'.{near(name, known)}")
+    return diagram if bias is None else diagram.with_parameters({f"{name}.offset": bias}), name
+
+
+def _output(diagram: Diagram, name: str | None) -> str:
+    if name is not None:
+        return name
+    if len(diagram.outputs) != 1:
+        raise RunError(f"say which signal of '{diagram.title}' is looked at: output='…'.{near('', diagram.outputs)}")
+    return next(iter(diagram.outputs))
+
+
+def _positive(what: str, values: Any) -> np.ndarray:
+    try:
+        array = np.atleast_1d(np.asarray(values, dtype=float))
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.ndim != 1 or not len(array) or not (np.isfinite(array) & (array > 0)).all():
+        raise RunError(f"{what} must be positive numbers, got {in_words(values)}.")
+    return array

@@ -1,0 +1,51 @@
+r"""Write a diagram as C99 (one fixed step per call), or as a MAT file.
+
+The C code allocates nothing and needs nothing but math.h; NAME.h says how it
+is called. The MAT file has numbers, wiring and, where there is one, the linear
+model.
+
+  tsmblocks export eq11_compensator --out compensator.c --step 0.001
+  tsmblocks export motor_linear --out motor.mat
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from tsmblocks.cli import common
+
+HELP = "write a diagram as C source, or as a MAT file"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add = parser.add_argument
+    add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+    add("--out", metavar="FILE", required=True, help="a .c file (its header is written beside it) or a .mat file")
+    add("--step", type=common.number, metavar="H", default=None, help="step of the C code in s (default 0.001)")
+    add("--method", metavar="M", default=None, help="of the C code: euler, heun or rk4 (default)")
+    add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
+        default=[], help="another value for a parameter; may be given several times")  # fmt: skip
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    from tsmblocks.export import to_c, to_mat
+    from tsmblocks.files import load
+
+    out = common.result_path(args.out, (".c", ".mat"))
+    assert out is not None
+    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    if out.suffix.lower() == ".mat":
+        if args.step is not None or args.method is not None:
+            raise common.UsageError("--step and --method are for C; a MAT file has no step.")
+        written = [str(to_mat(diagram, out))]
+    else:
+        step, method = args.step if args.step is not None else 1e-3, args.method or "rk4"
+        written = [str(path) for path in to_c(diagram, step=step, method=method, name=out.stem).save(out.parent)]
+    if args.json:
+        common.give({"diagram": args.diagram, "title": diagram.title, "written": written})
+    else:
+        print("\n".join(f"wrote {path}" for path in written))
+    return 0

@@ -1,0 +1,130 @@
+"""What commands share that read measurements: their options, and recordings out of the files they name."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from tsmblocks.cli.common import UsageError, note, number, pair, span
+from tsmblocks.errors import near
+
+
+def data_arguments(options: argparse._ActionsContainer, *, several: bool = False) -> None:
+    """Declare the options of every command that reads a measurement, or several."""
+    add = options.add_argument
+    what = "measured signals: CSV and its relatives, NPZ, MAT"
+    named = ("the column that holds a signal (or the time t), when it has another name; NAME may have a unit: "
+             "'x_in [deg]=motor'")  # fmt: skip
+    if several:
+        add("--data", metavar="FILE", nargs="+", action="extend", help=f"{what}; each file is one experiment")
+    else:
+        add("--data", metavar="FILE", help=what)
+    add("--map", metavar="NAME=COLUMN", type=pair, nargs="+", action="extend", default=[], help=named)
+    add(
+        "--columns",
+        metavar="A,B,C",
+        help="names of a headerless file's columns, in order, empty for those to be left out: 't, x_in [deg], , x_out'",
+    )
+    add("--rows", metavar="FIRST:LAST", type=span, default=(None, None),
+        help="rows of the file to read, counted from 1")  # fmt: skip
+    add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
+    add("--sampling", metavar="S", type=number, help="time in s from row to row, for a file without a time column")
+    add("--tail", choices=("refuse", "drop"), default="refuse",
+        help="what comes after the time jumps back: refuse the file (default), or drop it")  # fmt: skip
+    add("--gaps", choices=("refuse", "keep"), default="refuse",
+        help="long gaps in time: refuse the file (default), or keep them")  # fmt: skip
+
+
+def read_record(
+    args: argparse.Namespace, only: Iterable[str], path: str | None = None, also: Iterable[str] = ()
+) -> Any:
+    """Return the record that the data options describe, its repairs told on standard error.
+
+    ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there.
+    """
+    from tsmblocks.data import read, split_heading
+
+    mapped = [(*split_heading(heading), column) for heading, column in args.map]
+    record = read(
+        path or args.data, columns=args.columns, map={name: column for name, _, column in mapped},
+        units={name: unit for name, unit, _ in mapped if unit}, only=only, also=also, rows=args.rows,
+        step=args.sampling, group=args.group, tail=args.tail, gaps=args.gaps,
+    )  # fmt: skip
+    if not getattr(args, "json", False):
+        for text in record.notes:
+            note(f"{record.origin}: {text}")
+    return record
+
+
+def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any, dict[str, Any]]:
+    """Return the measured record, if any, and the inputs out of it of a diagram that messages call ``shown``."""
+    from tsmblocks.data import split_heading
+
+    wanted = diagram.inports
+    if not args.data:
+        if wanted:
+            name, port = next(iter(wanted.items()))
+            column = f"{name} [{port.unit}]" if port.unit else name
+            raise UsageError(
+                f"'{shown}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. "
+                f"Give --data FILE with a column '{column}', or with --map {name}=COLUMN."
+            )
+        return None, {}
+    if not wanted:
+        raise UsageError(f"'{shown}' has no inputs, so there is nothing that --data could drive.")
+    for name in (split_heading(text)[0] for text, _ in args.map):
+        if name not in wanted and name != "t":
+            raise UsageError(f"--map {name}=…: '{shown}' has no input '{name}'.{near(name, wanted)}")
+    record = read_record(args, only=wanted)
+    for name, port in wanted.items():
+        if port.unit and not record.unit(name):
+            note(f"{record.origin}: '{name}' has no unit and is taken to be in {port.unit}. "
+                        f"If it is not, say so: --map '{name} [UNIT]=COLUMN'.")  # fmt: skip
+    return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
+
+
+def read_experiments(args: argparse.Namespace, *diagrams: Any) -> dict[str, Any]:
+    """Return the records that the data options name, by experiment, with the signals the diagrams know.
+
+    Signals that every diagram needs must be there. Raises UsageError without files, or for one given twice.
+    """
+    wanted = list(dict.fromkeys(name for d in diagrams for name in d.inputs))
+    compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))
+    if not args.data:
+        raise UsageError(f"give --data FILE with the signals {', '.join([*wanted, *compared])}.")
+    known = {*wanted, *compared, "t"}
+    mapped = [heading.partition("[")[0].strip() for heading, _ in args.map]
+    for name in mapped:
+        if name not in known:
+            raise UsageError(f"--map {name}=…: there is no signal '{name}' to compare.{near(name, known)}")
+    _look_at(args.data)
+    needed = [name for name in wanted if all(name in d.inputs for d in diagrams) or name in mapped]
+    only = list(dict.fromkeys([*needed, *(name for name in compared if name in mapped)]))
+    also = [name for name in dict.fromkeys([*wanted, *compared]) if name not in only]
+    records: dict[str, Any] = {}
+    for path in args.data:
+        record = read_record(args, only, path, also)
+        records[record.name if record.name not in records else str(path)] = record
+    return records
+
+
+def _look_at(paths: Sequence[str]) -> None:
+    """Refuse files given twice, and diagrams that stand where recordings should."""
+    from tsmblocks.shelf import names
+
+    seen = set()
+    for path in paths:
+        if path in names() or path.endswith(".toml"):
+            raise UsageError(f"--data takes recordings, and '{path}' is a diagram. Name diagrams before the options.")
+        place = os.path.realpath(path)
+        if place in seen:
+            raise UsageError(f"--data names {path} twice; it would count for two experiments.")
+        seen.add(place)
+
+
+def told(records: dict[str, Any]) -> list[dict[str, Any]]:
+    """What is said of recordings in JSON: where they come from and what was repaired."""
+    return [{"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}
+            for name, r in records.items()]  # fmt: skip

@@ -1,0 +1,358 @@
+"""A diagram as C99: ``init`` and ``step``, no allocation, nothing but math.h.
+
+What is written are the instructions that the engine compiles, so a block needs nothing of its own for this.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks import __version__
+from tsmblocks.arguments import positive, prepared
+from tsmblocks.diagram import Diagram
+from tsmblocks.engine.kernel import HAIR, time_jumps
+from tsmblocks.engine.methods import Method, method_named
+from tsmblocks.engine.program import Program
+from tsmblocks.engine.session import check_delays, steps_per_period
+from tsmblocks.equation_set import KEPT, PER_DELAY, Equations
+from tsmblocks.errors import ParameterError, RunError, in_words
+from tsmblocks.export.operations import GREATEST, LEAST, number, statements
+from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
+from tsmblocks.files import replace_file
+from tsmblocks.simulate import equations, parameter_vector
+from tsmblocks.units import times
+
+
+@attrs.frozen
+class Code:
+    """A diagram in C: texts of the header and of the source, for files ``name``.h and ``name``.c."""
+
+    name: str
+    header: str = attrs.field(repr=False)
+    source: str = attrs.field(repr=False)
+
+    def save(self, folder: str | Path = ".") -> tuple[Path, Path]:
+        """Write both files into a folder; their paths. Raises OSError where that cannot be."""
+        paths = tuple(Path(folder) / f"{self.name}.{ending}" for ending in ("h", "c"))
+        for path, text in zip(paths, (self.header, self.source), strict=True):
+            replace_file(path, text)
+        return paths[0], paths[1]
+
+
+def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "controller") -> Code:
+    """A diagram as C99 that takes one fixed step at each call.
+
+    ``NAME_init(&c)`` sets start values and the diagram's numbers, which then stand in ``c.p`` and may be changed.
+    ``NAME_step(&c, &u, &y)`` gives the outputs ``y`` for the inputs ``u`` of this instant, and takes the step of
+    ``step`` [s] to the next one with the inputs held: the same as ``simulate`` with inputs of ``hold="zero"``. Where an
+    input's slope enters (an exact Derivative), the slope is an input of its own, ``NAME_dot``. Nothing is allocated;
+    math.h is all that is needed. Raises RunError for signals that are made for a whole run (noise, recordings), and
+    ParameterError for a name that C does not take.
+    """
+    diagram, h = prepared(diagram), positive("step", step)
+    if not isinstance(name, str) or not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or name in WORDS:
+        raise ParameterError(f"a name in C has letters, digits and underscores, and is none of C's own; got "
+                             f"{in_words(name)}.")  # fmt: skip
+    eq = equations(diagram)
+    for feed in eq.u:
+        if feed.block:
+            raise RunError(f"diagram '{eq.title}' cannot be written in C: {feed.block} is made for a whole run at "
+                           "once. Give its signal as an input instead.")  # fmt: skip
+    return _Text(eq, parameter_vector(eq, diagram), h, method_named(method), name).code()
+
+
+class _Text:
+    """The text for one diagram."""
+
+    def __init__(self, eq: Equations, p: np.ndarray, h: float, method: Method, name: str) -> None:
+        self.eq, self.values, self.h, self.method, self.name = eq, p, h, method, name
+        self.hits = steps_per_period(eq, h)
+        tau = check_delays(eq, p, h)
+        self.room = 1 << int(max(tau, default=0) + SPARE).bit_length()
+        self.rhs = Program(eq.rhs)
+        self.update = Program(eq.update) if eq.update is not None else None
+        self.start = Program(eq.start)
+        self.lag = Program(eq.lag) if eq.q else None
+        self.jumps = time_jumps(self.rhs)
+        inputs = [f.name.removeprefix("d/dt " * f.order) + "_dot" * f.order for f in eq.u]
+        self.u, self.p = identifiers(inputs), identifiers(eq.p)
+        self.y = identifiers(eq.aliases)
+
+    def code(self) -> Code:
+        """Header and source."""
+        return Code(self.name, "\n".join([*self._header(), ""]), "\n".join([*self._source(), ""]))
+
+    # ---- header
+
+    def _header(self) -> Iterator[str]:
+        n, eq = self.name, self.eq
+        guard = f"{n.upper()}_H"
+        yield f"/* {comment(eq.title)}: one step of {self.h:g} s at a time ({self.method.name})."
+        yield f"   Written by tsmblocks {__version__}. */"
+        yield f"#ifndef {guard}"
+        yield f"#define {guard}"
+        yield ""
+        yield "typedef struct {"
+        yield from self._fields(self.u, [times(f.unit, "s", -1) if f.order else f.unit for f in eq.u])
+        yield f"}} {n}_inputs;"
+        yield ""
+        yield "typedef struct {"
+        yield from self._fields(self.y, [eq.units.get(signal, "") for signal in eq.aliases.values()])
+        yield f"}} {n}_outputs;"
+        yield ""
+        yield "typedef struct {"
+        yield from self._fields(self.p, [""] * len(self.p))
+        yield f"}} {n}_parameters;"
+        yield ""
+        yield "typedef struct {"
+        yield f"    {n}_parameters p;"
+        yield f"    double x[{max(len(eq.x), 1)}];  /* states: {comment(', '.join(eq.x)) or 'none'} */"
+        yield f"    double d[{max(len(eq.d), 1)}];  /* memory: {comment(', '.join(eq.d)) or 'none'} */"
+        if eq.q:
+            yield f"    double past[{len(eq.q)}][{self.room}];  /* of what is delayed */"
+        yield "    long k;  /* steps taken */"
+        yield f"}} {n};"
+        yield ""
+        yield f"void {n}_init({n} *c);"
+        yield f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y);"
+        yield ""
+        yield f"#endif /* {guard} */"
+
+    def _fields(self, names: list[str], units: list[str]) -> Iterator[str]:
+        for name, unit in zip(names, units, strict=True):
+            yield f"    double {name};{f'  /* [{comment(unit)}] */' if unit else ''}"
+        if not names:
+            yield "    char none;  /* C has no empty structure */"
+
+    # ---- source
+
+    def _source(self) -> Iterator[str]:
+        n = self.name
+        yield f'#include "{n}.h"'
+        yield ""
+        yield "#include <math.h>"
+        yield ""
+        body = [
+            *self._init(),
+            "",
+            *self._update(),
+            *self._past(),
+            *self._signals(),
+            "",
+            *self._rates(),
+            "",
+            *self._step(),
+        ]
+        text = "\n".join(body)
+        limits = [LEAST] * ("least(" in text) + [GREATEST] * ("greatest(" in text)
+        if limits:
+            yield "/* Limits that do not hide a value that is no number. */"
+            yield "\n".join(limits)
+        yield from body
+
+    def _place(self, program: Program) -> Any:
+        """Where inputs of a program stand."""
+        plain = {"t": "t", "x": "x[{}]", "d": "d[{}]", "q": "q[{}]", "hit": "hit[{}]"}
+
+        def place(slot: int, index: int) -> str:
+            kind = program.inputs[slot]
+            if kind == "p":
+                return f"p->{self.p[index]}"
+            if kind == "u":
+                return f"u->{self.u[index]}"
+            return plain[kind].format(index)
+
+        return place
+
+    def _function(
+        self, head: str, program: Program, stored: dict[str, tuple[int, int, str]], unused: list[str]
+    ) -> Iterator[str]:
+        """A function that stores outputs of a program: target -> (slot, count, form of an element)."""
+        goals, zero = {}, []
+        for slot, count, form in stored.values():
+            for k in range(count):
+                node = program.outputs.get((slot, k))
+                if node is None:
+                    zero.append(f"    {form.format(k)} = 0.0;")
+                else:
+                    goals[form.format(k)] = node
+        lines = statements(program, goals, self._place(program))
+        text = "\n".join(lines + zero)
+        yield f"static void {head}"
+        yield "{"
+        yield from (f"    (void){name};" for name in unused if not used(name, text))
+        yield from lines
+        yield from zero
+        yield "}"
+
+    def _init(self) -> Iterator[str]:
+        n, eq = self.name, self.eq
+        starts = bool(eq.x or eq.d or eq.q)
+        if starts:
+            stored = {"x": (0, len(eq.x), "x[{}]"), "d": (1, len(eq.d), "d[{}]"), "s": (2, len(eq.q), "s[{}]")}
+            head = f"{n}_start(const {n}_parameters *p, double *x, double *d, double *s)"
+            yield from self._function(head, self.start, stored, ["p", "x", "d", "s"])
+            yield ""
+        yield f"void {n}_init({n} *c)"
+        yield "{"
+        if eq.q:
+            yield f"    double s[{len(eq.q)}];"
+            yield "    int i;"
+            yield "    int j;"
+        for name, value in zip(self.p, self.values, strict=True):
+            yield f"    c->p.{name} = {number(float(value))};"
+        if not self.p:
+            yield "    c->p.none = 0;"
+        for k in range(not eq.x):
+            yield f"    c->x[{k}] = 0.0;"
+        for k in range(not eq.d):
+            yield f"    c->d[{k}] = 0.0;"
+        if starts:
+            yield f"    {n}_start(&c->p, c->x, c->d, {'s' if eq.q else '0'});"
+        if eq.q:
+            yield f"    for (i = 0; i < {len(eq.q)}; i++) {{"
+            yield f"        for (j = 0; j < {self.room}; j++) {{"
+            yield "            c->past[i][j] = s[i];"
+            yield "        }"
+            yield "    }"
+        yield "    c->k = 0;"
+        yield "}"
+
+    @property
+    def _given(self) -> str:
+        n = self.name
+        return (
+            f"const {n}_parameters *p, double t, const double *x, const double *d, const {n}_inputs *u, const double *q"
+        )
+
+    def _update(self) -> Iterator[str]:
+        if self.update is None:
+            return
+        n, eq = self.name, self.eq
+        stored = {"d": (0, len(eq.d), "dn[{}]"), "x": (1, len(eq.x), "xn[{}]")}
+        head = f"{n}_update({self._given}, const double *hit, double *dn, double *xn)"
+        yield "/* What samples and memory become at an instant. */"
+        yield from self._function(head, self.update, stored, ["p", "t", "x", "d", "u", "q", "hit", "dn", "xn"])
+        yield ""
+
+    def _signals(self) -> Iterator[str]:
+        n, eq = self.name, self.eq
+        program, goals, zero = self.rhs, {}, []
+        for name, signal in zip(self.y, eq.aliases.values(), strict=True):
+            node = program.outputs.get((1, eq.y.index(signal)))
+            if node is None:
+                zero.append(f"    y->{name} = 0.0;")
+            else:
+                goals[f"y->{name}"] = node
+        goals |= {f"s[{k}]": program.outputs[2, k] for k in range(len(eq.q)) if (2, k) in program.outputs}
+        zero += [f"    s[{k}] = 0.0;" for k in range(len(eq.q)) if (2, k) not in program.outputs]
+        lines = statements(program, goals, self._place(program))
+        text = "\n".join(lines + zero)
+        yield "/* Outputs, and what is to be delayed, at an instant. */"
+        yield f"static void {n}_signals({self._given}, {n}_outputs *y, double *s)"
+        yield "{"
+        yield from (f"    (void){k};" for k in ("p", "t", "x", "d", "u", "q", "y", "s") if not used(k, text))
+        yield from lines
+        yield from zero
+        yield "}"
+
+    def _rates(self) -> Iterator[str]:
+        if not self.eq.x:
+            return
+        head = f"{self.name}_rates({self._given}, double *dx)"
+        yield "/* Rates of the states. */"
+        yield from self._function(head, self.rhs, {"dx": (0, len(self.eq.x), "dx[{}]")},
+                                  ["p", "t", "x", "d", "u", "q", "dx"])  # fmt: skip
+
+    def _past(self) -> Iterator[str]:
+        if self.lag is None:
+            return
+        n = self.name
+        stored = {"tau": (0, len(self.eq.q), "tau[{}]")}
+        yield "/* Delays in s. */"
+        yield from self._function(f"{n}_delays(const {n}_parameters *p, double *tau)", self.lag, stored, ["p"])
+        yield ""
+        yield from PAST.format(n=n, kept=KEPT, per=PER_DELAY, count=len(self.eq.q), mask=self.room - 1,
+                                room=self.room, h=number(self.h), spare=SPARE).split("\n")  # fmt: skip
+
+    def _step(self) -> Iterator[str]:
+        n, eq = self.name, self.eq
+        stages = len(self.method.rows)
+        yield f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y)"
+        yield "{"
+        yield f"    const {n}_parameters *p = &c->p;"
+        yield f"    const double t = (double)c->k * {number(self.h)};"
+        if eq.x:
+            yield f"    double slope[{stages}][{len(eq.x)}];"
+            yield f"    double ahead[{len(eq.x)}];"
+            yield "    int i;"
+        if eq.q:
+            yield f"    double q[{PER_DELAY * len(eq.q)}];"
+            yield f"    double s[{len(eq.q)}];"
+        past = "q" if eq.q else "0"
+        yield from self._act(past)
+        if eq.q:
+            yield f"    {n}_recall(c, 0.0, q);"
+        yield f"    {n}_signals(p, t, c->x, c->d, u, {past}, y, {'s' if eq.q else '0'});"
+        if eq.q:
+            yield f"    {n}_keep(c, s);"
+        yield from self._stages(past)
+        yield "    c->k += 1;"
+        yield "}"
+
+    def _act(self, past: str) -> Iterator[str]:
+        """Samples and memory act before anything is read at an instant."""
+        n, eq = self.name, self.eq
+        if self.update is None:
+            return
+        each = ", ".join(f"(double)(c->k % {steps} == 0)" for steps in self.hits) or "0.0"
+        yield f"    const double hit[{max(len(self.hits), 1)}] = {{{each}}};"
+        always = eq.every_step or not self.hits
+        when = "1" if always else " || ".join(f"hit[{k}] != 0.0" for k in range(len(self.hits)))
+        yield f"    if ({when}) {{"
+        yield f"        double dn[{max(len(eq.d), 1)}];"
+        yield f"        double xn[{max(len(eq.x), 1)}];"
+        yield "        int j;"
+        if eq.q:
+            yield f"        {n}_recall(c, 0.0, q);"
+        yield f"        {n}_update(p, t, c->x, c->d, u, {past}, hit, dn, xn);"
+        for kind, count in (("d", len(eq.d)), ("x", len(eq.x))):
+            if count:
+                yield f"        for (j = 0; j < {count}; j++) {{"
+                yield f"            c->{kind}[j] = {kind}n[j];"
+                yield "        }"
+        if not eq.d and not eq.x:
+            yield "        (void)j;"
+        yield "    }"
+
+    def _stages(self, past: str) -> Iterator[str]:
+        """The step of the method, the inputs held."""
+        n, eq, method = self.name, self.eq, self.method
+        if not eq.x:
+            return
+        for k, (row, offset) in enumerate(zip(method.rows, method.offsets, strict=True)):
+            terms = [f"{number(self.h)} * {number(a)} * slope[{j}][i]" for j, a in enumerate(row) if a]
+            yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
+            yield f"        ahead[i] = {' + '.join(['c->x[i]', *terms])};"
+            yield "    }"
+            if eq.q and k:
+                yield f"    {n}_recall(c, {number(offset)}, q);"
+            yield f"    {n}_rates(p, {self._time(offset)}, ahead, c->d, u, {past}, slope[{k}]);"
+        terms = [f"{number(self.h)} * {number(b)} * slope[{j}][i]" for j, b in enumerate(method.weights)]
+        yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
+        yield f"        c->x[i] += {' + '.join(terms)};"
+        yield "    }"
+
+    def _time(self, offset: float) -> str:
+        if offset == 0:
+            return "t"
+        if offset == 1:
+            end = f"(double)(c->k + 1) * {number(self.h)}"
+            return f"{end} - ({number(HAIR[0] * self.h)} + {number(HAIR[1])} * fabs({end}))" if self.jumps else end
+        return f"t + {number(offset)} * {number(self.h)}"

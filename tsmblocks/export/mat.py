@@ -1,0 +1,82 @@
+"""A diagram as a MAT file, for those who go on in MATLAB or Simulink."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.analysis import linearize, trim
+from tsmblocks.arguments import prepared
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import DataError, TsmError
+from tsmblocks.simulate import equations, parameter_vector
+
+LONGEST = 63
+"""Characters of a name in MATLAB."""
+
+
+def to_mat(diagram: Diagram, path: str | Path) -> Path:
+    """Write a diagram's numbers, wiring and linear model to a .mat file; the path.
+
+    ``parameters`` is a structure of structures (``parameters.pid.kp``), ``states`` has start values, ``blocks`` and
+    ``wires`` are lists of texts, ``inputs`` and ``outputs`` names. Where the diagram stands still with its inputs at
+    zero and has a linear model there, ``A``, ``B``, ``C`` and ``D`` are that of ``linearize``. Raises DataError for
+    another ending, and where two names would be one in MATLAB.
+    """
+    from scipy.io import savemat
+
+    diagram, target = prepared(diagram), Path(path)
+    if target.suffix.lower() != ".mat":
+        raise DataError(f"'{target}' must end in .mat.")
+    if not target.resolve().parent.is_dir():
+        raise DataError(f"'{target}' cannot be written: there is no such folder.")
+    eq = equations(diagram)
+    numbers = dict(zip(eq.p, parameter_vector(eq, diagram).tolist(), strict=True))
+    kinds = [f"{name}: {type(block).__name__}" for name, block in diagram.blocks.items()]
+    made: dict[str, Any] = {
+        "title": diagram.title,
+        "parameters": _nested({k: v for k, v in numbers.items() if k not in (*eq.x, *eq.d)}),
+        "states": _nested({k: v for k, v in numbers.items() if k in (*eq.x, *eq.d)}),
+        "blocks": _texts(kinds), "wires": _texts(map(str, diagram.links)), "inputs": _texts(diagram.inputs),
+        "outputs": _texts(diagram.outputs),
+    }  # fmt: skip
+    savemat(target, {**made, **_linear(diagram)}, long_field_names=True)
+    return target
+
+
+def _linear(diagram: Diagram) -> dict[str, Any]:
+    if not diagram.inputs or not diagram.outputs:
+        return {}
+    try:
+        system = linearize(diagram, at=trim(diagram))
+    except TsmError:
+        return {}
+    return {name: np.asarray(getattr(system, name)) for name in "ABCD"}
+
+
+def _texts(values: Any) -> np.ndarray:
+    listed = ["".join(v) for v in values]  # plain texts: names from a file know their place
+    made = np.empty(len(listed), dtype=object)
+    made[:] = listed
+    return made
+
+
+def _nested(numbers: dict[str, float]) -> dict[str, Any]:
+    """Numbers by dotted names as structures inside structures; ``den[0]``, ``den[1]`` as ``den_0``, ``den_1``."""
+    made: dict[str, Any] = {}
+    for name, value in numbers.items():
+        *path, last = [re.sub(r"[^a-zA-Z0-9_]+", "_", part).strip("_") for part in name.split(".")]
+        place = made
+        for part in path:
+            place = place.setdefault(_short(part), {})
+        if not isinstance(place, dict) or _short(last) in place:
+            raise DataError(f"'{name}' would have the name of another number in MATLAB.")
+        place[_short(last)] = value
+    return made
+
+
+def _short(name: str) -> str:
+    return (name if name[:1].isalpha() else f"v_{name}")[:LONGEST]

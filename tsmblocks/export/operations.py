@@ -1,0 +1,75 @@
+"""CasADi's scalar operations as C99: the same list of instructions that the engine compiles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+from tsmblocks.engine.ir import LIBM
+from tsmblocks.engine.program import Program
+from tsmblocks.errors import TsmError
+
+_FORMS = {
+    "ADD": "{0} + {1}", "SUB": "{0} - {1}", "MUL": "{0} * {1}", "DIV": "{0} / {1}", "NEG": "-{0}", "SQ": "{0} * {0}",
+    "TWICE": "{0} + {0}", "INV": "1.0 / {0}", "ASSIGN": "{0}", "LT": "(double)({0} < {1})",
+    "LE": "(double)({0} <= {1})", "EQ": "(double)({0} == {1})", "NE": "(double)({0} != {1})",
+    "NOT": "(double)({0} == 0.0)", "AND": "(double)({0} != 0.0 && {1} != 0.0)",
+    "OR": "(double)({0} != 0.0 || {1} != 0.0)", "IF_ELSE_ZERO": "({0} != 0.0) ? {1} : 0.0",
+    "SIGN": "(double)({0} > 0.0) - (double)({0} < 0.0)", "SQRT": "sqrt({0})", "FABS": "fabs({0})",
+    "FLOOR": "floor({0})", "CEIL": "ceil({0})", "COPYSIGN": "copysign({0}, {1})", "FMIN": "least({0}, {1})",
+    "FMAX": "greatest({0}, {1})",
+    **{name: f"{function}({{0}})" for name, function in LIBM.items()},
+    **{name: f"{LIBM[name]}({{0}}, {{1}})" for name in ("POW", "CONSTPOW", "FMOD", "REMAINDER", "ATAN2", "HYPOT")},
+}  # fmt: skip
+LEAST = """\
+static double least(double a, double b)
+{
+    return (b < a || b != b) ? b : a;
+}
+"""
+GREATEST = """\
+static double greatest(double a, double b)
+{
+    return (b > a || b != b) ? b : a;
+}
+"""
+
+
+def number(value: float) -> str:
+    """A double as C writes it, read back as the same number."""
+    if math.isnan(value):
+        return "(0.0 / 0.0)"
+    if value in (float("inf"), float("-inf")):
+        return "HUGE_VAL" if value > 0 else "(-HUGE_VAL)"
+    text = repr(float(value))
+    text = text if any(mark in text for mark in ".en") else f"{text}.0"
+    return f"({text})" if value < 0 else text
+
+
+def statements(
+    program: Program, goals: Mapping[str, int], place: Callable[[int, int], str], indent: str = "    "
+) -> list[str]:
+    """C that forms nodes and stores them: ``goals`` maps what is assigned to nodes.
+
+    ``place(slot, index)`` is where an input of the function stands.
+    """
+    wanted = program.needed(goals.values())
+    texts: dict[int, str] = {}
+    lines = []
+    for node in sorted(wanted):
+        name, args = program.nodes[node]
+        if name == "CONST":
+            texts[node] = number(args[0])
+        elif name == "INPUT":
+            texts[node] = place(*args)
+        else:
+            lines.append(f"{indent}const double a{node} = {formed(name, [texts[j] for j in args])};")
+            texts[node] = f"a{node}"
+    return [*lines, *(f"{indent}{target} = {texts[node]};" for target, node in goals.items())]
+
+
+def formed(name: str, args: Iterable[str]) -> str:
+    """One operation on texts. Raises TsmError for one that C does not have."""
+    if name not in _FORMS:
+        raise TsmError(f"the operation {name} cannot be written in C.")
+    return _FORMS[name].format(*args)

@@ -1,0 +1,84 @@
+"""Pieces of C text: names and comments as C takes them, and how the past of delayed signals is kept."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+SPARE = 8
+"""Instants kept of a delayed signal beyond its delay."""
+WORDS = frozenset(re.findall(r"\w+", """
+    auto break case char const continue default do double else enum extern float for goto if inline int long register
+    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    NAN INFINITY HUGE_VAL NULL EOF least greatest main stdin stdout stderr
+    abs acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh div erf erfc exp exp2 expm1 fabs fdim floor
+    fma fmax fmin fmod frexp gamma hypot j0 j1 jn ldexp lgamma log log10 log1p log2 logb modf nan pow remainder rint
+    round signbit sin sinh sqrt tan tanh tgamma trunc y0 y1 yn
+"""))  # fmt: skip
+"""Words that C, or its mathematics, keeps for itself."""
+
+PAST = """\
+/* Keeps what is to be delayed. */
+static void {n}_keep({n} *c, const double *s)
+{{
+    int i;
+    for (i = 0; i < {count}; i++) {{
+        c->past[i][c->k & {mask}L] = s[i];
+    }}
+}}
+
+/* What is kept around an instant so many steps ahead: values oldest first, the newest one's time, steps per second and
+   how many there have been up to it. A delay made longer than there is room for counts as the longest there is. */
+static void {n}_recall(const {n} *c, double offset, double *q)
+{{
+    double tau[{count}];
+    int i;
+    {n}_delays(&c->p, tau);
+    for (i = 0; i < {count}; i++) {{
+        const double steps = tau[i] / {h};
+        const double longest = (double)({room} - {spare});
+        const double place = (double)c->k + offset - ((steps > longest) ? longest : steps);
+        const long m = (long)floor(place);
+        const long last = (offset == 0.0) ? c->k - 1 : c->k;
+        long newest = (m + 2 < {kept} - 1) ? {kept} - 1 : m + 2;
+        int j;
+        if (m < 0) {{
+            newest = 0;
+        }}
+        if (newest > last) {{
+            newest = last;
+        }}
+        for (j = 0; j < {kept}; j++) {{
+            const long at = ((newest < 0) ? 0 : newest) - ({kept} - 1 - j);
+            q[{per} * i + j] = c->past[i][at & {mask}L];
+        }}
+        q[{per} * i + {kept}] = (double)((newest < 0) ? 0 : newest) * {h};
+        q[{per} * i + {kept} + 1] = 1.0 / {h};
+        q[{per} * i + {kept} + 2] = (double)(newest + 1);
+    }}
+}}
+"""
+
+
+def used(name: str, text: str) -> bool:
+    """Whether an argument stands in a text: an array, a pointer, or the time."""
+    return re.search(rf"(?<![\w.>]){name}(?:\[|->)" if name != "t" else r"(?<![\w.>])t(?![\w(])", text) is not None
+
+
+def identifiers(names: Iterable[str]) -> list[str]:
+    """Names as C takes them, no two alike."""
+    made: list[str] = []
+    for name in names:
+        plain = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_") or "none"
+        plain = f"v_{plain}" if not plain[0].isalpha() or plain in WORDS else plain
+        one, k = plain, 1
+        while one in made:
+            k += 1
+            one = f"{plain}_{k}"
+        made.append(one)
+    return made
+
+
+def comment(text: str) -> str:
+    """A text that may stand in a comment."""
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())

@@ -1,0 +1,135 @@
+"""Constraints and ties of a fit, as people write them."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import casadi as ca
+
+from tsmblocks.errors import ParameterError, clip, in_words
+from tsmblocks.expressions import Expression, expression, full_name, number, reader
+
+_COMPARISONS: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "=="}
+
+
+@attrs.frozen
+class Constraint:
+    """One comparison: ``expression`` is to be >= 0, or = 0 where ``equality`` says so.
+
+    ``name`` is the one given, or the text itself; ``strict`` tells ``<`` from ``<=``.
+    """
+
+    name: str
+    text: str
+    expression: Expression
+    equality: bool = False
+    strict: bool = False
+
+
+@attrs.frozen
+class Ties:
+    """Parameters that follow others, as (full name, expression), each after those it needs."""
+
+    items: tuple[tuple[str, Expression], ...] = ()
+
+
+def constraints(given: Any, known: Sequence[str]) -> tuple[Constraint, ...]:
+    """Read constraints: one text, a list of texts, or a mapping from names to texts. Raises ParameterError."""
+    if isinstance(given, str):
+        given = [given]
+    if isinstance(given, Mapping):
+        pairs = [(str(name), text) for name, text in given.items()]
+    elif isinstance(given, Sequence):
+        pairs = [("", text) for text in given]
+    else:
+        raise ParameterError(f"constraints must be texts such as 'theta > 0', a list or a mapping of them, "
+                             f"got {in_words(given)}.")  # fmt: skip
+    return tuple(one for name, text in pairs for one in constraint(name, text, known))
+
+
+def constraint(name: str, text: str, known: Sequence[str]) -> tuple[Constraint, ...]:
+    """Read one comparison; ``0 < a < b`` makes two constraints of the same ``name`` (by default, their texts).
+
+    Raises ParameterError as ``expression`` does, and for what compares nothing or does not depend on a parameter.
+    """
+    read = reader(f"constraint '{clip(name, 40)}'" if name else "constraint", text, known)
+    tree = read.tree
+    if isinstance(tree, ast.BoolOp):
+        read.refuse("one comparison is wanted. Write several as a list.")
+    if not isinstance(tree, ast.Compare):
+        read.refuse("this compares nothing. Write for example 'theta > 0'.")
+    made, sides = list[Constraint](), [tree.left, *tree.comparators]
+    for left, sign, right in zip(sides, tree.ops, sides[1:], strict=False):
+        if type(sign) not in _COMPARISONS:
+            read.refuse(f"comparisons are {', '.join(_COMPARISONS.values())}.", left, right)
+        part = read.text if len(tree.ops) == 1 else ast.unparse(ast.Compare(left, [sign], [right]))
+        less, equality = isinstance(sign, (ast.Lt, ast.LtE)), isinstance(sign, ast.Eq)
+        inside = read.read(ast.BinOp(right if less else left, ast.Sub(), left if less else right), part)
+        one = Constraint(name or part, part, inside, equality, isinstance(sign, (ast.Lt, ast.Gt)))
+        holds = _decided(one)
+        if holds is not None:
+            always = "true" if holds else "false"
+            read.refuse(f"this is always {always}, whatever the parameters are.", left, right)
+        made.append(one)
+    return tuple(made)
+
+
+def _decided(one: Constraint) -> bool | None:
+    """Whether a constraint is met, if that does not depend on any parameter."""
+    value = one.expression.symbolic({name: ca.SX.sym(name) for name in one.expression.names})
+    if not value.is_constant():
+        return None
+    g = float(value)
+    return g == 0 if one.equality else g > 0 if one.strict else g >= 0
+
+
+def ties(given: Mapping[str, Any], known: Sequence[str], free: Sequence[str]) -> Ties:
+    """Read ties: parameter -> expression of others, or a number.
+
+    ``free`` are parameters that the fit may change, which cannot follow anything as well. Raises ParameterError
+    for that, as ``expression`` does, for one tied twice, and for parameters that follow each other in a circle.
+    """
+    if not isinstance(given, Mapping):
+        raise ParameterError(
+            f"ties must map parameters to expressions, such as {{'alpha2': 'alpha1'}}, got {in_words(given)}."
+        )
+    read: dict[str, Expression] = {}
+    for name, text in given.items():
+        try:
+            full = full_name(str(name), known)
+        except ParameterError as error:
+            raise ParameterError(f"ties: {error}") from None
+        if full in read:
+            raise ParameterError(f"ties: '{full}' is tied twice.")
+        if full in free:
+            raise ParameterError(f"ties: '{full}' is free in this fit, so it cannot follow {in_words(text)} as well.")
+        value = number(text)
+        read[full] = expression(text if value is None else repr(value), known, what=f"tie of '{full}'")
+    return Ties(tuple((name, read[name]) for name in _ordered(read)))
+
+
+def _ordered(read: Mapping[str, Expression]) -> list[str]:
+    """Names so that each comes after those it follows."""
+    left, done = dict(read), list[str]()
+    while left:
+        ready = [name for name, e in left.items() if not any(k in left for k in e.names)]
+        if not ready:
+            raise ParameterError(f"ties: {_circle(left)}.")
+        done += ready
+        for name in ready:
+            del left[name]
+    return done
+
+
+def _circle(left: Mapping[str, Expression]) -> str:
+    """One circle among ties of which each follows another one."""
+    path = [next(iter(left))]
+    while path[-1] not in path[:-1]:
+        path.append(next(k for k in left[path[-1]].names if k in left))
+    path = path[path.index(path[-1]) :]
+    if len(path) == 2:
+        return f"'{path[0]}' follows itself"
+    return f"parameters follow each other in a circle, {clip(' -> '.join(path), 300)}"

@@ -1,0 +1,174 @@
+"""Figures of studies: a tornado, a Pareto front, a heat map, distributions, and the envelope of responses.
+
+Every function draws on the axes it is given, or makes a figure, and returns the figure. Needs matplotlib, imported
+when a figure is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.data import heading
+from tsmblocks.errors import DataError, RunError
+from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet, shown, timed
+from tsmblocks.studies.influence import unchanged
+from tsmblocks.studies.results import Results
+
+MOST = 12
+"""Parameters in a tornado; more would be too small to read."""
+BANDS = ((0.0, 1.0, "all"), (0.05, 0.95, "5 to 95 %"), (0.25, 0.75, "25 to 75 %"))
+"""Shares of the runs that an envelope shows, the palest first."""
+
+
+def plot_study(results: Results, metrics: Sequence[str] = ()) -> Any:
+    """What suits the plan, for the metrics named, or all: a panel for each.
+
+    A heat map of a grid of two numbers, a curve of one number, a tornado of a sweep, else distributions. Returns the
+    figure. Raises RunError for an unknown metric.
+    """
+    chosen = list(metrics) or list(results.metrics)
+    for name in chosen:
+        results[name]
+    numbers = [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+    alone = len(numbers) == len(results.parameters)
+    draw: Callable[..., Any]
+    if results.kind == "sweep":
+        draw, height = plot_tornado, 0.8 + 0.35 * min(len(numbers), MOST)
+    elif results.kind == "grid" and alone and len(numbers) == 2:
+        draw, height = plot_heat_map, 4.0
+    elif alone and len(numbers) == 1:
+        draw, height = _curve, 2.6
+    else:
+        draw, height = plot_distribution, 2.6
+    _, rows = sheet(len(chosen), 1, width=8.0, height=height, widths=(1.0,))
+    panels = rows[:, 0]
+    for panel, name in zip(panels, chosen, strict=True):
+        draw(results, name, ax=panel)
+    panels[0].set_title(f"{results.title}: {results.kind} of {len(results)} runs", loc="left", fontsize=11)
+    return panels[0].figure
+
+
+def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
+    """How far each parameter moves a metric, the most influential on top; see ``Results.influence``.
+
+    The end at a parameter's low value is pale, that at its high value dark. Returns the figure.
+    """
+    found = list(results.influence(metric).items())[:MOST]
+    (panel,) = axes(ax, 1, height=0.8 + 0.35 * len(found))
+    middle = unchanged(results, metric)
+    for k, (name, ends) in enumerate(reversed(found)):
+        for end, colour, up in zip(ends, (COLOURS[5], COLOURS[0]), (0.18, -0.18), strict=True):
+            panel.barh(k + up, end - middle, left=middle, height=0.36, color=colour)
+        panel.annotate(f"{name} ", (0, k), xycoords=("axes fraction", "data"), ha="right", va="center", fontsize=9)
+    panel.axvline(middle, color=INK, lw=0.8)
+    panel.set_yticks([])
+    panel.set_xlabel(f"{_title(results, metric)}: pale at a parameter's low end, dark at its high end")
+    dress(panel, legend=False)
+    panel.grid(axis="y", visible=False)
+    panel.margins(x=0.05)
+    return panel.figure
+
+
+def plot_pareto(results: Results, x: str, y: str, ax: Any = None) -> Any:
+    """Two metrics against each other, a point per run, and the runs that no other one beats in both.
+
+    Returns the figure. Raises RunError for an unknown metric.
+    """
+    (panel,) = axes(ax, 1, height=4.0, width=5.5)
+    front = results.pareto(x, y)
+    panel.scatter(results[x], results[y], s=8, color="#9a9a9a", alpha=0.6, lw=0, label="runs")
+    panel.plot(results[x][front], results[y][front], "o-", color=COLOURS[1], ms=4, lw=1.2, label="no run beats these")
+    panel.set_xlabel(_title(results, x))
+    panel.set_ylabel(_title(results, y))
+    dress(panel, legend=False)
+    panel.legend(frameon=False, fontsize=9)
+    return panel.figure
+
+
+def plot_heat_map(
+    results: Results, metric: str, x: str | None = None, y: str | None = None, ax: Any = None
+) -> Any:  # fmt: skip
+    """A metric over a grid of two parameters, the first two unless named, at the smallest values of all others.
+
+    The cross marks the smallest value. Returns the figure. Raises RunError where the plan is no grid of numbers.
+    """
+    names = [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+    if results.kind != "grid" or len(names) < 2:
+        raise RunError("a heat map needs a grid of two numbers at least.")
+    x = x or next(k for k in names if k != y)
+    y = y or next(k for k in names if k != x)
+    others = [k for k in results.parameters if k not in (x, y)]
+    held = (
+        np.all([results[k] == results[k][0] for k in others], axis=0) if others else np.ones(len(results), dtype=bool)
+    )
+    across, up = np.unique(results[x][held]), np.unique(results[y][held])
+    z = np.full((len(up), len(across)), np.nan)
+    z[np.searchsorted(up, results[y][held]), np.searchsorted(across, results[x][held])] = results[metric][held]
+    z = np.where(np.isfinite(z), z, np.nan)
+    (panel,) = axes(ax, 1, height=4.0, width=6.0)
+    panel.set_facecolor(PALE)
+    image = panel.pcolormesh(across, up, z, cmap="viridis", shading="nearest", rasterized=True)
+    panel.figure.colorbar(image, ax=panel, label=_title(results, metric))
+    if np.isfinite(z).any():
+        k = np.unravel_index(np.nanargmin(z), z.shape)
+        panel.plot(across[k[1]], up[k[0]], "x", color="white", ms=9, mew=2)
+    panel.set_xlabel(x)
+    panel.set_ylabel(y)
+    return panel.figure
+
+
+def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
+    """How a metric is spread over the runs, with its median and 5 and 95 % quantiles. Returns the figure."""
+    (panel,) = axes(ax, 1, height=2.6)
+    values = results[metric][np.isfinite(results[metric])]
+    if len(values):
+        panel.hist(values, bins=min(60, max(8, int(np.sqrt(len(values))))), color=COLOURS[5], alpha=0.8)
+    found = results.quantiles(metric)
+    for name in ("5 %", "median", "95 %"):
+        panel.axvline(found[name], color=INK, lw=1.4 if name == "median" else 0.8, ls="-" if name == "median" else "--")
+    panel.set_xlabel(f"{_title(results, metric)}: median {found['median']:.4g}, "
+                     f"5 to 95 % {found['5 %']:.4g} to {found['95 %']:.4g}")  # fmt: skip
+    panel.set_ylabel("runs")
+    dress(panel, legend=False)
+    return panel.figure
+
+
+def plot_envelope(
+    responses: Any, signal: str, ax: Any = None, *, reference: str | None = None
+) -> Any:  # fmt: skip
+    """Where a signal lies in the runs of ``studies.responses``: all of them, 5 to 95 %, 25 to 75 %, and the median.
+
+    ``reference`` is another signal of them, drawn once. Returns the figure. Raises RunError for an unknown signal.
+    """
+    (panel,) = axes(ax, 1, height=3.2)
+    y, unit = shown(responses[signal], responses.unit(signal))
+    y = y[np.isfinite(y).all(axis=1)]
+    if not len(y):
+        raise DataError(f"no run has a finite '{signal}' all along.")
+    for k, (low, high, label) in enumerate(BANDS):
+        panel.fill_between(responses.t, *np.quantile(y, [low, high], axis=0), color=COLOURS[0], alpha=0.15 + 0.12 * k,
+                           lw=0, label=label)  # fmt: skip
+    panel.plot(responses.t, np.median(y, axis=0), color=COLOURS[0], lw=1.4, label="median")
+    if reference is not None:
+        wanted = shown(responses[reference], responses.unit(reference))[0][0]
+        panel.plot(responses.t, wanted, color=INK, lw=1.0, ls="--", label=reference)
+    panel.set_ylabel(heading(signal, unit))
+    dress(panel, legend=True)
+    timed([panel], f"{responses.title}: {len(y)} runs" if ax is None else "")
+    return panel.figure
+
+
+def _curve(results: Results, metric: str, ax: Any) -> Any:
+    (name,) = [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+    order = np.argsort(results[name])
+    ax.plot(results[name][order], results[metric][order], "o-", color=COLOURS[0], ms=3, lw=1.2)
+    ax.set_xlabel(name)
+    ax.set_ylabel(_title(results, metric))
+    dress(ax, legend=False)
+
+
+def _title(results: Results, name: str) -> str:
+    return heading(name, results.units.get(name, ""))

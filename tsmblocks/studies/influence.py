@@ -1,0 +1,61 @@
+"""Which parameter a metric depends on, and how much: what a tornado shows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tsmblocks.errors import RunError
+
+if TYPE_CHECKING:
+    from tsmblocks.studies.results import Results
+
+ENDS = (0.05, 0.95)
+"""Quantiles of a parameter at which a regression is read off."""
+
+
+def influence(results: Results, metric: str) -> dict[str, tuple[float, float]]:
+    """As ``Results.influence``."""
+    numbers = {k: v for k, v in results.parameters.items() if v.dtype.kind == "f"}
+    y, finite = results[metric], np.isfinite(results[metric])
+    X = np.column_stack([numbers[k] for k in numbers]) if numbers else np.empty((len(y), 0))
+    if not finite.sum() > X.shape[1] + 1 or not X.shape[1]:
+        raise RunError(f"'{metric}' is finite in {int(finite.sum())} runs; to tell the influence of {X.shape[1]} "
+                       f"numbers takes {X.shape[1] + 2} at least.")  # fmt: skip
+    read = _swept if results.kind == "sweep" else _regressed
+    made = read(results, X, y, finite, list(numbers))
+    middle = unchanged(results, metric)
+    return dict(sorted(made.items(), key=lambda one: -np.ptp([*one[1], middle])))
+
+
+def unchanged(results: Results, metric: str) -> float:
+    """A metric where nothing is changed: of a sweep its first run, of other plans the mean."""
+    finite = np.isfinite(results[metric])
+    if results.kind == "sweep" and len(results) and results.runs[0] == 0 and finite[0]:
+        return float(results[metric][0])
+    return float(results[metric][finite].mean())
+
+
+def _swept(
+    results: Results, X: np.ndarray, y: np.ndarray, finite: np.ndarray, names: list[str]
+) -> dict[str, tuple[float, float]]:
+    own = np.array([results.own[name] for name in names])
+    made = {}
+    for k, name in enumerate(names):
+        alone = finite & (np.delete(X, k, axis=1) == np.delete(own, k)).all(axis=1)
+        if alone.any():
+            x, found = X[alone, k], y[alone]
+            made[name] = float(found[np.argmin(x)]), float(found[np.argmax(x)])
+    return made
+
+
+def _regressed(
+    _: Results, X: np.ndarray, y: np.ndarray, finite: np.ndarray, names: list[str]
+) -> dict[str, tuple[float, float]]:
+    X, y = X[finite], y[finite]
+    size = np.where(np.ptp(X, axis=0) > 0, X.std(axis=0), 1.0)
+    slope = np.linalg.lstsq((X - X.mean(axis=0)) / size, y - y.mean(), rcond=None)[0] / size
+    ends = np.quantile(X, ENDS, axis=0) - X.mean(axis=0)
+    return {name: (float(y.mean() + slope[k] * ends[0, k]), float(y.mean() + slope[k] * ends[1, k]))
+            for k, name in enumerate(names)}  # fmt: skip

@@ -1,0 +1,273 @@
+"""Which sets of parameters a study runs: grids, sweeps, Latin hypercubes, Monte Carlo. Values; nothing runs here."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.arguments import number, whole
+from tsmblocks.errors import ParameterError, in_words, near
+
+if TYPE_CHECKING:
+    from tsmblocks.fitting.result import Fit
+
+MOST = 10_000_000
+"""Runs of one plan; more would not be kept in memory."""
+TRIES = 1000
+"""Times as many draws as are wanted, after which those within the bounds are held to be too rare."""
+
+
+@attrs.frozen(eq=False)
+class Plan:
+    """Sets of parameters, one per run: ``columns`` maps names to as many values each, shape (runs,).
+
+    NaN stands for the diagram's own number. ``kind`` says how the plan was made (grid, sweep, latin hypercube,
+    monte carlo, table).
+    """
+
+    columns: Mapping[str, np.ndarray]
+    kind: str = "table"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that vary."""
+        return tuple(self.columns)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Values of a parameter, shape (runs,). Raises ParameterError with the near miss."""
+        if name not in self.columns:
+            raise ParameterError(f"the plan does not vary '{name}'.{near(name, self.columns)}")
+        return self.columns[name]
+
+    def row(self, run: int) -> dict[str, Any]:
+        """The parameters of one run, those left at the diagram's own numbers excepted."""
+        made = {name: plain(values[run]) for name, values in self.columns.items()}
+        return {name: v for name, v in made.items() if not (isinstance(v, float) and math.isnan(v))}
+
+
+def plain(value: Any) -> Any:
+    """A NumPy scalar as the Python value it is."""
+    return value.item() if hasattr(value, "item") else value
+
+
+# ---- how sure one is of a number --------------------------------------------------------------------
+
+
+def _finite(value: Any) -> float:
+    return number("a number of Uniform or Normal", value, ParameterError)
+
+
+@attrs.frozen
+class Uniform:
+    """Anywhere between ``low`` and ``high``, equally likely; by ratios where ``log`` is set."""
+
+    low: float = attrs.field(converter=_finite)
+    high: float = attrs.field(converter=_finite)
+    log: bool = False
+
+    def __attrs_post_init__(self) -> None:
+        if not self.low < self.high or not math.isfinite(self.high - self.low):
+            raise ParameterError(f"Uniform needs low < high, got low={self.low:g}, high={self.high:g}.")
+        if self.log and self.low <= 0:
+            raise ParameterError(f"Uniform with log=True needs low > 0, got low={self.low:g}.")
+
+    def quantile(self, q: np.ndarray) -> np.ndarray:
+        """The value below which a share ``q`` lies."""
+        if self.log:
+            return self.low * (self.high / self.low) ** q
+        return self.low + (self.high - self.low) * q
+
+
+@attrs.frozen
+class Normal:
+    """Around ``mean`` with a standard ``deviation``, cut off below ``low`` and above ``high``."""
+
+    mean: float = attrs.field(converter=_finite)
+    deviation: float = attrs.field(converter=_finite)
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __attrs_post_init__(self) -> None:
+        if not self.deviation > 0 or not math.isfinite(self.mean + self.deviation):
+            raise ParameterError(f"Normal needs a deviation > 0, got mean={self.mean:g}, deviation={self.deviation:g}.")
+        if not self.low < self.high:
+            raise ParameterError(f"Normal needs low < high, got low={self.low:g}, high={self.high:g}.")
+
+    def quantile(self, q: np.ndarray) -> np.ndarray:
+        """The value below which a share ``q`` lies."""
+        from scipy.special import ndtr, ndtri
+
+        below, above = (float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))
+        if not below < above:
+            raise ParameterError(f"Normal(mean={self.mean:g}, deviation={self.deviation:g}) has nothing between "
+                                 f"{self.low:g} and {self.high:g}.")  # fmt: skip
+        values = self.mean + self.deviation * ndtri(below + (above - below) * q)
+        return np.clip(values, self.low, self.high)
+
+
+Belief = Uniform | Normal
+
+
+# ---- plans ------------------------------------------------------------------------------------------
+
+
+def table(columns: Any) -> Plan:
+    """Sets as they are given: a mapping from names to values, one per run, or a pandas frame.
+
+    Raises ParameterError where the columns differ in length.
+    """
+    if not isinstance(columns, Mapping) and not hasattr(columns, "columns"):
+        raise ParameterError(f"a table maps parameters to values, one per run, got {in_words(columns)}.")
+    made = {str(name): _listed(str(name), columns[name]) for name in columns}
+    lengths = {name: len(v) for name, v in made.items()}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{k} has {n}" for k, n in lengths.items())
+        raise ParameterError(f"a plan needs as many values of each parameter; {said}.")
+    return _plan(made, "table")
+
+
+def grid(values: Mapping[str, Any]) -> Plan:
+    """Every combination of the values given for each parameter; the last one varies fastest."""
+    listed = _lists(values)
+    _count(max(math.prod(map(len, listed.values())), 1))
+    rows = list(itertools.product(*listed.values()))
+    return _plan({name: _array([row[k] for row in rows]) for k, name in enumerate(listed)}, "grid")
+
+
+def sweep(values: Mapping[str, Any]) -> Plan:
+    """One parameter at a time, the others being the diagram's own; the first run changes nothing.
+
+    For a tornado give the two ends of each range.
+    """
+    listed = _lists(values)
+    columns = {}
+    for name, own in listed.items():
+        if own.dtype.kind not in "fi":
+            raise ParameterError(f"a sweep takes numbers; '{name}' has {in_words(own[0])}. Use grid.")
+        before = sum(len(v) for v in itertools.islice(listed.values(), list(listed).index(name)))
+        column = np.full(1 + sum(map(len, listed.values())), np.nan)
+        column[1 + before : 1 + before + len(own)] = own
+        columns[name] = column
+    return _plan(columns, "sweep")
+
+
+def latin_hypercube(beliefs: Mapping[str, Any], runs: int, *, seed: int = 0) -> Plan:
+    """Random sets spread evenly: each parameter has one value in each of ``runs`` equally likely intervals.
+
+    ``beliefs`` maps names to ``Uniform``, ``Normal`` or ``(low, high)``. Source: McKay, Beckman and Conover,
+    Technometrics 21 (1979), doi 10.1080/00401706.1979.10489755. Raises ParameterError.
+    """
+    from scipy.stats import qmc
+
+    known, count = _beliefs(beliefs), _count(runs)
+    q = qmc.LatinHypercube(d=len(known), seed=np.random.default_rng(whole("seed", seed, 0))).random(count)
+    return _plan({name: one.quantile(q[:, k]) for k, (name, one) in enumerate(known.items())}, "latin hypercube")
+
+
+def monte_carlo(beliefs: Any, runs: int, *, seed: int = 0) -> Plan:
+    """Independent random sets. ``beliefs`` as for ``latin_hypercube``, or a fit.
+
+    Of a fit, the estimates vary together as their covariance says, within the bounds of their blocks; start values
+    of states stay. Raises ParameterError where the fit leaves a number open.
+    """
+    count, rng = _count(runs), np.random.default_rng(whole("seed", seed, 0))
+    if hasattr(beliefs, "covariance"):
+        return _plan(_of_fit(beliefs, count, rng), "monte carlo")
+    known = _beliefs(beliefs)
+    return _plan({name: one.quantile(rng.random(count)) for name, one in known.items()}, "monte carlo")
+
+
+def _of_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    from tsmblocks.fitting.unknowns import bounds_of, numbers
+
+    kept = [k for k, one in enumerate(fit.estimates) if not one.is_start and one.name in fit.diagram.parameters]
+    names = [fit.estimates[k].name for k in kept]
+    if not names:
+        raise ParameterError("the fit has no parameter that all experiments share, so there is nothing to vary.")
+    covariance = fit.covariance[np.ix_(kept, kept)]
+    free = np.isfinite(np.diag(covariance))
+    held = [fit.estimates[k] for k, f in zip(kept, free, strict=True) if not f]
+    open_ = [one.name for one in held if "bound" not in one.verdict]
+    if open_:
+        raise ParameterError(f"the data of the fit do not determine {', '.join(open_)}, so nothing can be drawn.")
+    root = np.linalg.cholesky(covariance[np.ix_(free, free)] + 1e-300 * np.eye(int(free.sum())))
+    mean = np.array([fit.estimates[k].value for k in kept])
+    declared = numbers(fit.diagram)
+    low, high = np.array([bounds_of(declared[name], value) for name, value in zip(names, mean, strict=True)]).T
+    made, tried = np.empty((0, len(names))), 0
+    while len(made) < runs:
+        if tried > TRIES * runs:
+            raise ParameterError("hardly any draw of the fit's covariance lies within the bounds of its parameters.")
+        drawn = np.tile(mean, (runs, 1))
+        drawn[:, free] += rng.standard_normal((runs, int(free.sum()))) @ root.T
+        inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
+        made, tried = np.vstack([made, drawn[inside]]), tried + runs
+    return {name: made[:runs, k] for k, name in enumerate(names)}
+
+
+def _count(runs: Any) -> int:
+    """How many runs, if so many can be."""
+    count = whole("runs", runs, 1)
+    if count > MOST:
+        raise ParameterError(f"a plan of {count:,} runs is too large; {MOST:,} are the most.")
+    return count
+
+
+def _plan(columns: dict[str, np.ndarray], kind: str) -> Plan:
+    if not columns or not len(next(iter(columns.values()))):
+        raise ParameterError("a plan needs at least one parameter with at least one value.")
+    for column in columns.values():
+        column.flags.writeable = False
+    return Plan(columns, kind)
+
+
+def _lists(values: Any) -> dict[str, np.ndarray]:
+    if not isinstance(values, Mapping):
+        raise ParameterError(f"a plan maps parameters to values, such as {{'pid.kp': [1, 1.5, 2]}}, "
+                             f"got {in_words(values)}.")  # fmt: skip
+    return {str(name): _listed(str(name), given) for name, given in values.items()}
+
+
+def _listed(name: str, given: Any) -> np.ndarray:
+    """Values of one parameter, in a row; numbers must be finite."""
+    if isinstance(given, (str, bytes, Mapping)) or not np.iterable(given):
+        raise ParameterError(f"'{name}' needs a list of values, got {in_words(given)}.")
+    if getattr(given, "ndim", 1) > 1:
+        raise ParameterError(f"'{name}' needs a list of values, got {in_words(given)}.")
+    array = _array(list(given))
+    if array.ndim != 1 or not len(array):
+        raise ParameterError(f"'{name}' needs a list of at least one value, got {in_words(given)}.")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise ParameterError(f"'{name}' has a value that is not finite.")
+    return array
+
+
+def _array(values: Sequence[Any]) -> np.ndarray:
+    """Numbers as such; anything else (an option's words, a switch) as it is."""
+    if all(isinstance(v, (int, float, np.number)) and not isinstance(v, bool) for v in values):
+        return np.array(values, dtype=float)
+    made = np.empty(len(values), dtype=object)
+    made[:] = values
+    return made
+
+
+def _beliefs(given: Any) -> dict[str, Belief]:
+    if not isinstance(given, Mapping) or not given:
+        raise ParameterError(f"say what to vary: {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, "
+                             f"got {in_words(given)}.")  # fmt: skip
+    made: dict[str, Belief] = {}
+    for name, one in given.items():
+        if isinstance(one, (tuple, list)) and len(one) == 2:
+            one = Uniform(*one)
+        if not isinstance(one, (Uniform, Normal)):
+            raise ParameterError(f"'{name}' varies by (low, high), Uniform or Normal, got {in_words(one)}.")
+        made[str(name)] = one
+    return made

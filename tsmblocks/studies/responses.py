@@ -1,0 +1,67 @@
+"""Signals of many runs at once: where a response lies when its parameters are not known for sure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.arguments import given_inputs, prepared
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import RunError, near
+from tsmblocks.studies.plans import Plan
+from tsmblocks.studies.running import grouped
+from tsmblocks.studies.study import own_numbers, planned, signal_units
+
+
+@attrs.frozen(eq=False)
+class Responses:
+    """Signals of the runs of a plan: ``signals[name]`` has shape (runs, N), ``t`` (N,) [s], ``units`` the labels."""
+
+    title: str
+    t: np.ndarray = attrs.field(repr=False)
+    signals: Mapping[str, np.ndarray] = attrs.field(repr=False)
+    units: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A signal by name, shape (runs, N). Raises RunError with the near miss."""
+        if name not in self.signals:
+            raise RunError(f"the responses have no signal '{name}'.{near(name, self.signals)}")
+        return self.signals[name]
+
+    def unit(self, name: str) -> str:
+        """Unit label of a signal, ``""`` when none is known."""
+        return self.units.get(name, "")
+
+    def plot(self, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
+        """Where a signal lies in these runs, its median and bands; see ``plots.plot_envelope``. Needs matplotlib."""
+        from tsmblocks.plots import plot_envelope
+
+        return plot_envelope(self, signal, ax, reference=reference)
+
+
+def responses(
+    diagram: Diagram, plan: Plan | Mapping[str, Any], signals: Sequence[str] | None = None, *,
+    stop: float | None = None, step: float = 1e-3, start: float = 0.0, method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None, hold: str = "linear", every: int = 10, threads: int | None = None,
+    backend: str = "",
+) -> Responses:  # fmt: skip
+    """Signals of every run of a plan, all in memory: for an envelope some hundred runs tell enough.
+
+    ``signals`` are the diagram's outputs unless named; every ``every``-th instant is kept. Other arguments as for
+    ``study``. Raises as ``simulate_batch`` does.
+    """
+    diagram, plan = prepared(diagram), planned(plan)
+    units, names = signal_units(diagram), list(signals) if signals is not None else list(diagram.outputs)
+    how = dict(stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold, every=every,
+               backend=backend)  # fmt: skip
+    made: dict[str, Any] = {}
+    t = np.empty(0)
+    for group in grouped(diagram, own_numbers(diagram, plan), how):
+        batch = group.batch(names)
+        for name, values in batch.results(0, batch.count, None, threads).items():
+            made.setdefault(name, np.empty((len(plan), values.shape[1])))[group.runs] = values
+        t = batch.t
+    return Responses(diagram.title, t, made, {name: units.get(name, "") for name in names})

@@ -1,0 +1,197 @@
+"""What a study returns: a number per run and metric, and what can be read off them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import heading
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import DataError, RunError, near
+from tsmblocks.metrics import named
+from tsmblocks.studies.plans import plain
+from tsmblocks.studies.store import Table, read_table, value_of
+from tsmblocks.tables import columns as in_columns
+
+QUANTILES = {"lowest": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "highest": 1.0}
+
+
+@attrs.frozen(eq=False)
+class Results:
+    """Metrics of the runs of a study.
+
+    ``runs`` (n,) are the numbers of the runs that are there, out of ``count``; ``parameters`` and ``metrics`` map
+    names to arrays of that shape, ``units`` and ``texts`` metrics to their unit and how they were written. ``own``
+    are the diagram's own numbers, ``status`` is ``"complete"`` or ``"interrupted"``. A run whose signals are not
+    finite has NaN for its metrics.
+    """
+
+    title: str
+    kind: str
+    count: int
+    runs: np.ndarray = attrs.field(repr=False)
+    parameters: Mapping[str, np.ndarray] = attrs.field(repr=False)
+    metrics: Mapping[str, np.ndarray] = attrs.field(repr=False)
+    units: Mapping[str, str] = attrs.field(repr=False)
+    texts: Mapping[str, str] = attrs.field(repr=False)
+    own: Mapping[str, Any] = attrs.field(repr=False)
+    status: str = "complete"
+    path: Path | None = None
+    diagram: Diagram | None = attrs.field(repr=False, default=None)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*self.parameters, *self.metrics])
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A parameter or a metric by name, shape (n,). Raises RunError with the near miss."""
+        for side in (self.metrics, self.parameters):
+            if name in side:
+                return side[name]
+        raise RunError(f"the study has no '{name}'.{near(name, list(self))}")
+
+    def _numbers(self, name: str) -> np.ndarray:
+        if self[name].dtype.kind != "f":
+            raise RunError(f"'{name}' is no number but an option.")
+        return self[name]
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Which runs have a metric that is no number, shape (n,)."""
+        return np.any([np.isnan(v) for v in self.metrics.values()], axis=0)
+
+    def row(self, at: int) -> dict[str, Any]:
+        """Parameters and metrics of the run at a position, by name."""
+        return {name: plain(self[name][at]) for name in self}
+
+    def best(self, metric: str, *, largest: bool = False) -> dict[str, Any]:
+        """Parameters and metrics of the run where a metric is smallest, with its ``run`` number.
+
+        Raises RunError where no run has a finite one.
+        """
+        found = self._numbers(metric)
+        values = np.where(np.isfinite(found), found, np.nan)
+        if np.isnan(values).all():
+            raise RunError(f"no run of the study has a finite '{metric}'.")
+        at = int(np.nanargmax(values) if largest else np.nanargmin(values))
+        return {"run": int(self.runs[at]), **self.row(at)}
+
+    def at(self, run: int) -> Diagram:
+        """The diagram with the parameters of a run, by its number. Raises RunError where there is none."""
+        where = np.flatnonzero(self.runs == run)
+        if self.diagram is None or not len(where):
+            why = "the diagram is not in the file" if self.diagram is None else f"there are {self.count} runs"
+            raise RunError(f"no diagram of run {run}: {why}.")
+        return self.diagram.with_parameters({k: plain(v[where[0]]) for k, v in self.parameters.items()})
+
+    def pareto(self, *metrics: str) -> np.ndarray:
+        """Positions of the runs that no other one beats in all of these metrics (smaller is better), by the first."""
+        if len(metrics) < 2:
+            raise RunError("a Pareto front takes two metrics at least.")
+        values = np.column_stack([self._numbers(name) for name in metrics])
+        order = [k for k in np.lexsort(values.T[::-1]) if np.isfinite(values[k]).all()]
+        kept = list[int]()
+        for k in order:
+            if not any(np.all(values[j] <= values[k]) for j in kept):
+                kept.append(int(k))
+        return np.array(kept, dtype=int)
+
+    def influence(self, metric: str) -> dict[str, tuple[float, float]]:
+        """How a metric moves with each parameter, the most influential first: at its low and at its high end.
+
+        Of a sweep, the metric itself with a parameter at its smallest and largest value. Of other plans, what a
+        linear regression foretells with a parameter at its 5 % and 95 % quantiles and the others at their means: how
+        much is due to each, as far as that is linear. Raises RunError where fewer runs are finite than that takes.
+        """
+        from tsmblocks.studies.influence import influence
+
+        return influence(self, metric)
+
+    def quantiles(self, metric: str) -> dict[str, float]:
+        """Lowest, 5 %, median, 95 % and highest of a metric, over the runs that have one."""
+        found = self._numbers(metric)
+        values = found[~np.isnan(found)]
+        if not len(values):
+            return dict.fromkeys(QUANTILES, float("nan"))
+        return {name: float(np.quantile(values, q, method="nearest")) for name, q in QUANTILES.items()}
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per run, by its number: parameters, then metrics. Needs pandas."""
+        import pandas as pd
+
+        return pd.DataFrame({name: self[name] for name in self}, index=pd.Index(self.runs, name="run"))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The summary as plain values."""
+        return {
+            "title": self.title, "kind": self.kind, "runs": self.count, "done": len(self), "status": self.status,
+            "failed": int(self.failed.sum()), "parameters": list(self.parameters),
+            "metrics": {name: {"unit": self.units[name], "text": self.texts[name], **self.quantiles(name),
+                               "best": self.best(name) if np.isfinite(self[name]).any() else None}
+                        for name in self.metrics},
+        }  # fmt: skip
+
+    def plot(self, *metrics: str) -> Any:
+        """What suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs."""
+        from tsmblocks.plots import plot_study
+
+        return plot_study(self, metrics)
+
+    def __str__(self) -> str:
+        done = f"{len(self)} of {self.count} runs" if len(self) < self.count else f"{self.count} runs"
+        lines = [f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}"]
+        if self.failed.any():
+            lines.append(f"{int(self.failed.sum())} runs have a metric that is no number (an unstable loop, say)")
+        table = [("", *QUANTILES, "lowest at")]
+        for name in self.metrics:
+            numbers = self.quantiles(name)
+            at = self.best(name) if np.isfinite(self[name]).any() else {}
+            where = ", ".join(f"{k} {_short(at[k])}" for k in self.parameters if k in at)
+            table.append((heading(name, self.units[name]), *(f"{v:.4g}" for v in numbers.values()), where))
+        return "\n".join([*lines, "", in_columns(table)])
+
+    def __repr__(self) -> str:
+        return f"Results({self.title!r}, {len(self)} of {self.count} runs, metrics {', '.join(self.metrics)})"
+
+
+def read_study(path: str | Path) -> Results:
+    """Results that ``study`` has written to a file, complete or not. Raises DataError where it holds none."""
+    table = read_table(Path(path))
+    facts = table.facts
+    try:
+        count, parameters, units = int(facts["runs"]), list(facts["parameters"]), dict(facts["units"])
+        wanted = {**dict.fromkeys(parameters, ""), **units}
+    except (KeyError, TypeError, ValueError):
+        raise DataError(f"{path}:1: the facts of the study are not all there.") from None
+    if [named(one) for one in table.heading[1:]] != list(wanted.items()):
+        raise DataError(f"{path}:2: the heading does not have the parameters and metrics of the first line.")
+    runs = np.array(sorted(table.rows), dtype=int)
+    if len(runs) and runs[-1] >= count:
+        raise DataError(f"{path}: there are {count} runs, and a row of run {runs[-1]}.")
+    columns = {name: _column(table, runs, k) for k, name in enumerate(wanted)}
+    for name in units:
+        if columns[name].dtype.kind != "f":
+            raise DataError(f"{path}: the column '{name}' has a value that is no number.")
+    status = "complete" if len(runs) == count else "interrupted"
+    return Results(facts["title"], facts["kind"], count, runs, {k: columns[k] for k in parameters},
+                   {k: columns[k] for k in units}, units, facts["metrics"], facts["parameters"], status,
+                   Path(path))  # fmt: skip
+
+
+def _column(table: Table, runs: np.ndarray, k: int) -> np.ndarray:
+    values = [value_of(table.rows[run][k]) for run in runs]
+    if all(isinstance(v, float) for v in values):
+        return np.array(values, dtype=float)
+    made = np.empty(len(values), dtype=object)
+    made[:] = values
+    return made
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

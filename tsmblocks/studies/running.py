@@ -1,0 +1,175 @@
+"""Runs of a study: in lanes and threads of this process, or in pieces on any executor. Results come as they end."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from pickle import PicklingError
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.batch import PreparedBatch, batch_of, lanes_for
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.metrics import Metric
+from tsmblocks.simulate import equations
+from tsmblocks.studies.plans import plain
+
+TURNS = 4
+"""Times that every thread is busy, in one piece of work of this process."""
+PIECE = 8
+"""Groups of lanes in one piece of work of an executor."""
+WAITING = 256
+"""Pieces that an executor is given ahead."""
+
+Found = tuple[np.ndarray, dict[str, np.ndarray]]
+"""Numbers of runs, and their metrics, each of that shape."""
+
+
+@attrs.frozen(eq=False)
+class Runs:
+    """Runs that differ in numbers alone: a diagram, which ``runs`` they are, and their ``sets`` of parameters.
+
+    ``lanes`` of them go side by side, however the work is cut: so their results agree to the last digit.
+    """
+
+    diagram: Diagram
+    runs: np.ndarray
+    sets: Mapping[str, np.ndarray]
+    how: Mapping[str, Any]
+    lanes: int
+
+    def part(self, chosen: np.ndarray) -> Runs:
+        """Some of them, by position."""
+        return attrs.evolve(self, runs=self.runs[chosen], sets={k: v[chosen] for k, v in self.sets.items()})
+
+    def batch(self, signals: Sequence[str]) -> PreparedBatch:
+        """The batch of these runs, with some of their signals."""
+        return batch_of(self.diagram, self.sets, outputs=signals, lanes=self.lanes, **self.how)
+
+    def prepared(self, metrics: Sequence[Metric]) -> PreparedBatch:
+        """The batch of these runs, with the signals that the metrics need."""
+        return self.batch(list(dict.fromkeys(name for one in metrics for name in one.signals)))
+
+
+def grouped(diagram: Diagram, columns: Mapping[str, np.ndarray], how: Mapping[str, Any]) -> list[Runs]:
+    """Runs whose equations are the same, together. What shapes the equations (an option) tells groups apart.
+
+    Raises ParameterError for an unknown name or a value that its block refuses.
+    """
+    side_by_side = _in_lanes(diagram, columns)
+    shaping = [name for name in columns if name not in side_by_side]
+    members: dict[tuple[Any, ...], list[int]] = {}
+    for run in range(len(next(iter(columns.values())))):
+        members.setdefault(tuple(plain(columns[name][run]) for name in shaping), []).append(run)
+    made = []
+    for values, runs in members.items():
+        own = diagram.with_parameters(dict(zip(shaping, values, strict=True))) if shaping else diagram
+        at = np.array(runs)
+        sets = {k: columns[k][at] for k in side_by_side} or _something(own, len(at))
+        lanes = lanes_for(len(at), len(equations(own.untied(sets)).x))
+        made.append(Runs(own, at, sets, how, lanes))
+    return made
+
+
+def _in_lanes(diagram: Diagram, columns: Mapping[str, np.ndarray]) -> list[str]:
+    """Names of numbers that stand in the equations as such."""
+    loose = diagram.untied(columns)  # a number that follows a shared one may go its own way
+    known = [name for name in columns if name in loose.parameters]
+    for name in known:
+        if columns[name].dtype.kind != "f":
+            raise ParameterError(f"'{name}' is a number, and the plan gives it {plain(columns[name][0])!r}.")
+    free = equations(loose).p
+    return [name for name in known if name in free]
+
+
+def _something(diagram: Diagram, count: int) -> dict[str, np.ndarray]:
+    """A number at its own value, for runs that differ in options alone: a batch varies something."""
+    free = [name for name in diagram.parameters if name in equations(diagram).p]
+    if not free:
+        raise ParameterError(f"'{diagram.title}' has no number at all, so its runs cannot be studied side by side.")
+    return {free[0]: np.full(count, diagram.parameters[free[0]])}
+
+
+def here(
+    groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, threads: int | None
+) -> Generator[Found, None, None]:
+    """Run what is missing in this process, in as many threads as there are processors unless told."""
+    busy = threads or os.cpu_count() or 1
+    for group in groups:
+        wanted = np.flatnonzero(missing[group.runs])
+        if not len(wanted):
+            continue
+        batch = group.part(wanted).prepared(metrics)
+        size = group.lanes * busy * TURNS
+        for first in range(0, len(wanted), size):
+            last = min(first + size, len(wanted))
+            found = batch.results(first, last, _Reduce(tuple(metrics)), busy)
+            yield group.runs[wanted[first:last]], found
+
+
+def elsewhere(
+    groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, executor: Executor
+) -> Generator[Found, None, None]:
+    """Run what is missing on an executor, piece by piece, in whatever order they end."""
+    work, waiting = _pieces(groups, metrics, missing), set[Future[Found]]()
+    try:
+        for piece in work:
+            waiting.add(executor.submit(worked, *piece))
+            while len(waiting) >= WAITING:
+                yield from _ended(waiting)
+        while waiting:
+            yield from _ended(waiting)
+    finally:
+        for one in waiting:
+            one.cancel()
+
+
+def _pieces(
+    groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray
+) -> Iterator[tuple[Runs, tuple[Metric, ...]]]:
+    for group in groups:
+        wanted, size = np.flatnonzero(missing[group.runs]), PIECE * group.lanes
+        for first in range(0, len(wanted), size):
+            yield group.part(wanted[first : first + size]), tuple(metrics)
+
+
+def _ended(waiting: set[Future[Found]]) -> Iterator[Found]:
+    """Results of those that have ended, which wait no longer."""
+    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+    waiting -= done
+    for one in done:
+        try:
+            yield one.result()
+        except (PicklingError, AttributeError, TypeError) as error:
+            if "pickle" not in str(error):
+                raise
+            raise RunError(f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
+                           "samples, and define blocks of your own in a module.") from None  # fmt: skip
+
+
+def worked(runs: Runs, metrics: tuple[Metric, ...]) -> Found:
+    """One piece of work, in whichever process: run, and reduce to metrics."""
+    batch = runs.prepared(metrics)
+    return runs.runs, batch.results(0, batch.count, _Reduce(metrics), 1)
+
+
+@attrs.frozen
+class _Reduce:
+    """Metrics of runs side by side."""
+
+    metrics: tuple[Metric, ...]
+
+    def __call__(self, t: np.ndarray, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {one.name: one(t, signals) for one in self.metrics}
+
+
+def checked(groups: Sequence[Runs], metrics: Sequence[Metric]) -> None:
+    """Raise what running would raise, before anything is run: sets that a block refuses, metrics of no instant."""
+    for group in groups:
+        batch = group.prepared(metrics)
+        for one in metrics:
+            one(batch.t, {name: np.zeros(len(batch.t)) for name in one.signals})

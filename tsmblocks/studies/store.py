@@ -1,0 +1,147 @@
+"""Results of a study in one CSV file: kept as they come, read back after a kill, the same bytes however it was run.
+
+The first line, a comment, holds the facts of the study as JSON; then come a heading and a row per run. Rows are
+added in the order in which runs end, and put in order once all are there.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.errors import DataError, clip
+
+MARK = "# tsmblocks study "
+FORMAT = 1
+
+
+@attrs.frozen
+class Table:
+    """What a file holds: the ``facts`` of the study, its ``heading``, and the rows by run, texts as they stand."""
+
+    facts: Mapping[str, Any]
+    heading: tuple[str, ...]
+    rows: Mapping[int, tuple[str, ...]]
+
+
+def read_table(path: Path) -> Table:
+    """Read a file of results. A last line that was cut off counts as not there. Raises DataError with the line."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}.") from None
+    whole = text[: text.rfind("\n") + 1]
+    first, _, rest = whole.partition("\n")
+    try:
+        facts = json.loads(first.removeprefix(MARK)) if first.startswith(MARK) else None
+    except json.JSONDecodeError:
+        facts = None
+    if not isinstance(facts, dict) or facts.get("format") != FORMAT:
+        raise DataError(f"{path}:1: this is no file of a study's results; its first line would begin with '{MARK}'.")
+    lines = list(csv.reader(io.StringIO(rest)))
+    heading = tuple(lines[0]) if lines else ()
+    rows = {}
+    for k, row in enumerate(lines[1:], start=3):
+        if len(row) != len(heading) or not (row[0].isascii() and row[0].isdecimal()):
+            raise DataError(f"{path}:{k}: {len(heading)} columns are wanted, the first being the number of a run; "
+                            f"here stands {clip(','.join(row), 60)!r}.")  # fmt: skip
+        rows[int(row[0])] = tuple(row[1:])
+    return Table(facts, heading, rows)
+
+
+@attrs.define
+class Store:
+    """A file that is being written; ``done`` has the runs that are in it. ``path`` None keeps nothing.
+
+    ``parameters`` are the columns of the plan, of ``runs`` values each.
+    """
+
+    path: Path | None
+    facts: Mapping[str, Any]
+    heading: tuple[str, ...]
+    parameters: tuple[np.ndarray, ...]
+    runs: int
+    done: dict[int, tuple[str, ...]] = attrs.field(factory=dict)
+
+    def begin(self) -> None:
+        """Take up what an earlier run of the same study has left, or begin anew. Raises DataError for another study."""
+        if self.path is None:
+            return
+        if self.path.exists() and self.path.stat().st_size:
+            before = read_table(self.path)
+            known = dict.fromkeys([*self.facts, *before.facts])
+            other = [k for k in known if json.dumps(self.facts.get(k)) != json.dumps(before.facts.get(k))]
+            if other:
+                raise DataError(f"{self.path} holds another study: {_differs(other[0], before.facts, self.facts)}. "
+                                "Name another file, or remove that one to begin anew.")  # fmt: skip
+            if before.heading != self.heading:
+                raise DataError(f"{self.path}:2: the heading has been changed; it was {','.join(self.heading)}.")
+            for run, row in before.rows.items():
+                self._check(run, row)
+            self.done.update(before.rows)
+        self.finish()
+
+    def _check(self, run: int, row: Sequence[str]) -> None:
+        """Raise DataError for a row that no run of this study can have."""
+        count = len(self.parameters)
+        wanted = tuple(written(plain[run]) for plain in self.parameters) if run < self.runs else ()
+        if run >= self.runs or tuple(row[:count]) != wanted or not all(_is_number(v) for v in row[count:]):
+            raise DataError(f"{self.path}: the row of run {run} has been changed: {clip(','.join(row), 80)!r}. Take it "
+                            "out, and it is run again.")  # fmt: skip
+
+    def add(self, runs: Iterable[int], columns: Iterable[Iterable[Any]]) -> None:
+        """Add the rows of some runs, columns side by side; they are on the disk when this returns."""
+        made = {}
+        for run, *values in zip(runs, *columns, strict=True):
+            made[int(run)] = tuple(map(written, values))
+        self.done.update(made)
+        if self.path is not None:
+            with self.path.open("ab") as file:
+                file.write(_text((k, *v) for k, v in made.items()).encode())
+                file.flush()
+                os.fsync(file.fileno())
+
+    def finish(self) -> None:
+        """Put all rows in order. The file is at any moment the old one or the new one."""
+        if self.path is None:
+            return
+        from tsmblocks.files import replace_file
+
+        text = MARK + json.dumps(self.facts, ensure_ascii=False) + "\n" + _text([self.heading])
+        replace_file(self.path, text + _text((k, *self.done[k]) for k in sorted(self.done)))
+
+
+def written(value: Any) -> str:
+    """A value as it stands in the file: a number reads back as the same number."""
+    return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)
+
+
+def _is_number(text: str) -> bool:
+    return isinstance(value_of(text), float)
+
+
+def value_of(text: str) -> Any:
+    """What a text in the file means: a number where it is one."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _text(rows: Iterable[Sequence[Any]]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue()
+
+
+def _differs(name: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    there, here = (str(side.get(name, "missing")) for side in (before, now))
+    return f"its {name} is {clip(there, 60)}, and not {clip(here, 60)}"

@@ -1,0 +1,219 @@
+"""One call that runs a plan: ``tsm.study(diagram, plan, metrics)``."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import BrokenExecutor, Executor
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks import __version__
+from tsmblocks.arguments import given_inputs, prepared, run_times, whole
+from tsmblocks.data import heading
+from tsmblocks.diagram import Diagram
+from tsmblocks.engine.feeds import Signal
+from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
+from tsmblocks.metrics import Metric
+from tsmblocks.metrics import metrics as read_metrics
+from tsmblocks.simulate import equations
+from tsmblocks.studies.plans import Plan, grid
+from tsmblocks.studies.results import Results
+from tsmblocks.studies.running import Found, checked, elsewhere, grouped, here
+from tsmblocks.studies.store import FORMAT, Store
+
+Progress = Callable[[int, int], Any]
+"""Called with how many runs are done, and how many there are."""
+
+
+def study(
+    diagram: Diagram, plan: Plan | Mapping[str, Any], metrics: Any = None, *, stop: float | None = None,
+    step: float = 1e-3, start: float = 0.0, method: str = "rk4", inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear", out: str | Path | None = None, executor: Executor | None = None, threads: int | None = None,
+    progress: Progress | None = None, backend: str = "", title: str = "",
+) -> Results:  # fmt: skip
+    """Run a diagram once for each set of a plan, and reduce each run to numbers.
+
+    ``plan`` is a ``Plan``, or a mapping from parameters (options too) to values, of which every combination is run.
+    ``metrics`` are texts such as ``"rms(x_ref - x_out, after=10)"``, one, a list, or a mapping from names to texts
+    (``{"error [deg]": "…"}`` says the unit); by default the tracking errors. Runs go side by side in SIMD lanes and
+    threads of this process, or on any ``concurrent.futures.Executor``, Dask's ``Client.get_executor()`` included.
+
+    With ``out`` (a .csv file) results are written as they come. The same call goes on where an earlier one was
+    stopped, and ends with the same bytes. Ctrl-C ends the study with what there is. ``progress(done, all)`` is called
+    as runs end. ``title`` is the diagram's unless given. Other arguments as for ``simulate``. A run that is not
+    finite has NaN for its metrics. Raises ParameterError, DataError or RunError as ``simulate_batch`` and ``metric``
+    do, before anything is run.
+    """
+    diagram, plan = prepared(diagram), planned(plan)
+    how = dict(stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold,
+               backend=backend)  # fmt: skip
+    wanted = read_metrics(metrics, signal_units(diagram))
+    asked = _Asked(title or diagram.title, diagram, plan.kind, own_numbers(diagram, plan), wanted, how)
+    if progress is not None and not callable(progress):
+        raise RunError(f"progress is a function of how many runs are done and of how many there are, "
+                       f"got {in_words(progress)}.")  # fmt: skip
+    if executor is not None and not hasattr(executor, "submit"):
+        raise RunError(f"executor is one of concurrent.futures, or Dask's get_executor(), got {in_words(executor)}.")
+    if threads is not None:
+        whole("threads", threads, 1)
+    groups = grouped(diagram, asked.columns, how)
+    checked(groups, wanted)
+    store = Store(_path(out), asked.facts, asked.heading, tuple(asked.columns.values()), asked.count)
+    store.begin()
+    missing = np.array([k not in store.done for k in range(asked.count)])
+    parts = here(groups, wanted, missing, threads) if executor is None else elsewhere(groups, wanted, missing, executor)
+    return asked.results(store, _run(parts, asked, store, progress or (lambda *_: None)))
+
+
+def _run(parts: Generator[Found, None, None], asked: _Asked, store: Store, tell: Progress) -> str:
+    """Keep results as they come; how it ended."""
+    try:
+        tell(len(store.done), asked.count)
+        for runs, found in parts:
+            store.add(runs, [*(v[runs] for v in asked.columns.values()), *(found[one.name] for one in asked.metrics)])
+            tell(len(store.done), asked.count)
+    except KeyboardInterrupt:
+        parts.close()
+        return "interrupted"
+    except BrokenExecutor as error:
+        kept = f" {len(store.done)} of {asked.count} runs are in {store.path}; the same call goes on from there." \
+            if store.path else ""  # fmt: skip
+        raise RunError(f"a worker process came to its end before its runs did ({error}).{kept}") from None
+    store.finish()
+    return "complete"
+
+
+@attrs.frozen(eq=False)
+class _Asked:
+    """A study, all of it settled: ``columns`` have a value for every run, ``how`` the other arguments of the runs."""
+
+    title: str
+    diagram: Diagram
+    kind: str
+    columns: Mapping[str, np.ndarray]
+    metrics: tuple[Metric, ...]
+    how: Mapping[str, Any]
+
+    def __attrs_post_init__(self) -> None:
+        for one in self.metrics:
+            if one.name in self.columns:
+                raise ParameterError(f"'{one.name}' is a parameter of the plan, so no metric can have that name.")
+
+    @property
+    def count(self) -> int:
+        """How many runs there are."""
+        return len(next(iter(self.columns.values())))
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """The diagram's own numbers; None for an option."""
+        numbers = self.diagram.untied(self.columns).parameters
+        return {name: numbers.get(name) for name in self.columns}
+
+    @property
+    def heading(self) -> tuple[str, ...]:
+        """Titles of the columns of a table."""
+        return ("run", *self.columns, *(heading(one.name, one.unit) for one in self.metrics))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """All that the results depend on, so that those of another study are not gone on with."""
+        how = self.how
+        times = run_times(how["inputs"], how["start"], how["stop"], how["step"], 1)
+        values = (f"{k}={v.tolist()!r}" for k, v in self.columns.items())
+        driven = (f"{k}={_shown(k, v, times.grid, how['hold'])}" for k, v in how["inputs"].items())
+        return {
+            "format": FORMAT, "title": self.title, "runs": self.count, "kind": self.kind, "version": __version__,
+            "diagram": _digest(_described(self.diagram)), "plan": _digest(*values), "inputs": _digest(*driven),
+            "metrics": {one.name: one.text for one in self.metrics},
+            "units": {one.name: one.unit for one in self.metrics}, "parameters": self.own,
+            "start": times.start, "step": times.h, "steps": times.steps, "method": how["method"],
+        }  # fmt: skip
+
+    def results(self, store: Store, status: str) -> Results:
+        """The results that a store holds; runs that are missing are left out."""
+        runs = np.array(sorted(store.done), dtype=int)
+        first = len(self.columns)
+        values = {one.name: np.array([float(store.done[k][m]) for k in runs])
+                  for m, one in enumerate(self.metrics, first)}  # fmt: skip
+        return Results(
+            self.title, self.kind, self.count, runs, {k: v[runs] for k, v in self.columns.items()}, values,
+            {one.name: one.unit for one in self.metrics}, {one.name: one.text for one in self.metrics}, self.own,
+            status, store.path, self.diagram,
+        )  # fmt: skip
+
+
+# ---- what is asked for ------------------------------------------------------------------------------
+
+
+def planned(plan: Any) -> Plan:
+    """A plan, or the grid that a mapping describes. Raises ParameterError for anything else."""
+    if isinstance(plan, Plan):
+        return plan
+    if isinstance(plan, Mapping):
+        return grid(plan)
+    raise ParameterError(f"a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of tsmblocks.studies, "
+                         f"or is a mapping from parameters to values, got {in_words(plan)}.")  # fmt: skip
+
+
+def own_numbers(diagram: Diagram, plan: Plan) -> dict[str, np.ndarray]:
+    """The columns of a plan, what it leaves open being the diagram's own. Raises ParameterError for an unknown name."""
+    return {name: _own(diagram, name, values) for name, values in plan.columns.items()}
+
+
+def _own(diagram: Diagram, name: str, values: np.ndarray) -> np.ndarray:
+    """The values of a parameter, those left open being the diagram's own."""
+    if values.dtype.kind != "f" or not np.isnan(values).any():
+        return values
+    own = diagram.untied([name]).parameters
+    if name not in own and name in diagram.parameter_names():
+        raise ParameterError(f"'{name}' is an option, and a sweep goes around numbers. Use grid for it.")
+    if name not in own:
+        raise ParameterError(f"diagram '{diagram.title}' has no parameter '{name}'.{near(name, own)}")
+    return np.where(np.isnan(values), own[name], values)
+
+
+def signal_units(diagram: Diagram) -> dict[str, str]:
+    """The signals that metrics may name, with their units; outputs of the diagram first."""
+    eq = equations(diagram)
+    return {**{name: eq.units.get(signal, "") for name, signal in eq.aliases.items()},
+            **{name: eq.units.get(name, "") for name in eq.y}}  # fmt: skip
+
+
+def _path(out: str | Path | None) -> Path | None:
+    if out is None:
+        return None
+    if not isinstance(out, (str, os.PathLike)):
+        raise DataError(f"out is the path of a .csv file, got {in_words(out)}.")
+    path = Path(out)
+    if path.suffix.lower() != ".csv":
+        raise DataError(f"'{out}' must end in .csv: results are kept in a table.")
+    if path.is_dir() or not path.resolve().parent.is_dir():
+        raise DataError(
+            f"'{out}' cannot be written: {'it is a folder' if path.is_dir() else 'there is no such folder'}."
+        )
+    return path
+
+
+def _described(diagram: Diagram) -> str:
+    """A text that tells diagrams apart, by numbers and by equations: those of one's own blocks too."""
+    eq = equations(diagram)
+    functions = [eq.rhs, eq.start, eq.lag, *([eq.update] if eq.update is not None else [])]
+    numbers = sorted(diagram.parameters.items())
+    return "\n".join([*(one.serialize() for one in functions), repr(numbers), repr(eq.periods), *eq.reads])
+
+
+def _shown(name: str, given: Any, grid: np.ndarray, hold: str) -> str:
+    """A text that tells inputs apart: how they are between samples, and what they are at the steps."""
+    signal = Signal(name, given, grid, hold)
+    values = np.asarray(signal.at(grid, 0, "right", 0.0), dtype=float)
+    return f"{signal.hold} {hashlib.sha256(values.tobytes()).hexdigest()}"
+
+
+def _digest(*texts: str) -> str:
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()[:16]

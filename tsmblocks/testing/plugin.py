@@ -1,0 +1,154 @@
+"""The pytest plugin: files ``*.tracking.toml`` are tests, and tests in Python have the fixture ``tracking``.
+
+Light at import, since pytest loads it in every run: what is heavy waits until a guard is run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ENDING = ".tracking.toml"
+
+
+class TrackingMoved(AssertionError):
+    """A metric is not what it was; the message says which, by how much and from when on."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare the options."""
+    group = parser.getgroup("tracking", "regression tests on tracking error")
+    group.addoption("--tracking-accept", action="store_true", help="write the metrics of now as the new baselines")
+    group.addoption("--tracking-pictures", metavar="DIR", default="tracking-failures",
+                    help="where pictures of what moved are drawn (default: tracking-failures)")  # fmt: skip
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Files of guards are collected as tests."""
+    if file_path.name.endswith(ENDING):
+        return GuardFile.from_parent(parent, path=file_path)
+    return None
+
+
+class GuardFile(pytest.File):
+    """A file of guards: an item for each case."""
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """The cases of the file."""
+        from tsmblocks.errors import FileError
+        from tsmblocks.testing.guards import read_guards
+
+        try:
+            guards = read_guards(self.path)
+        except FileError as error:
+            raise self.CollectError(str(error)) from None
+        stem = self.path.name.removesuffix(ENDING)
+        for case, watched in guards.items():
+            baseline = self.path.with_name(f"{stem}{f'.{_plain(case)}' if case else ''}.baseline.toml")
+            yield GuardItem.from_parent(self, name=case or stem, watched=watched, baseline=baseline)
+
+
+class GuardItem(pytest.Item):
+    """One guard as a test."""
+
+    def __init__(self, *, watched: Any, baseline: Path, **more: Any) -> None:
+        super().__init__(**more)
+        self.watched, self.baseline = watched, baseline
+
+    def runtest(self) -> None:
+        """Run and compare."""
+        checked(self.watched, self.baseline, self.config, self.nodeid)
+
+    def repr_failure(self, excinfo: Any, style: Any = None) -> Any:
+        """What moved, without a traceback; anything else with one."""
+        from tsmblocks.errors import TsmError
+
+        if isinstance(excinfo.value, (TrackingMoved, TsmError)):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self) -> tuple[Path, int | None, str]:
+        """Where the test stands."""
+        return self.path, None, f"tracking: {self.name}"
+
+
+class Tracking:
+    """What the fixture ``tracking`` gives: ``tracking(diagram, metrics, …)``."""
+
+    def __init__(self, request: pytest.FixtureRequest) -> None:
+        self._request = request
+        self._names: list[str] = []
+
+    def __call__(self, diagram: Any, metrics: Any = None, *, name: str = "", tolerance: Any = "normal",
+                 stop: float | None = None, step: float = 1e-3, method: str = "rk4", inputs: Any = None,
+                 hold: str = "linear", parameters: Any = None) -> None:  # fmt: skip
+        """Run a diagram and compare its metrics with their baseline, ``baselines/TEST_NAME.toml`` beside the test.
+
+        ``name`` tells several checks of one test apart. Other arguments as for ``testing.tracking.guard``. Raises
+        TrackingMoved where a metric has moved by more than its tolerance class allows, or there is no baseline.
+        """
+        from tsmblocks.testing.tracking import guard
+
+        watched = guard(diagram, metrics, tolerance=tolerance, stop=stop, step=step, method=method, inputs=inputs,
+                        hold=hold, parameters=parameters)  # fmt: skip
+        node = self._request.node
+        mark = name or (str(len(self._names) + 1) if self._names else "")
+        if mark in self._names:
+            raise ValueError(f"tracking is called twice with name={mark!r} in this test; give each its own.")
+        self._names.append(mark)
+        inside = node.nodeid.partition("::")[2].replace("::", ".")
+        file = f"{_plain(node.path.stem)}.{_plain(inside)}{f'.{_plain(mark)}' if mark else ''}.toml"
+        checked(watched, node.path.parent / "baselines" / file, self._request.config, node.nodeid)
+
+
+@pytest.fixture
+def tracking(request: pytest.FixtureRequest) -> Tracking:
+    """Guard a diagram's metrics: ``tracking(diagram, {"error [deg]": "rms(x_ref - x_out)"}, stop=20.0)``."""
+    return Tracking(request)
+
+
+def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> None:
+    """Compare with a baseline, or write it where that was asked for. Raises TrackingMoved."""
+    from tsmblocks.errors import TsmError
+    from tsmblocks.testing.tracking import draw, in_sentences, moved, read_baseline
+
+    now = watched.run()
+    if config.getoption("--tracking-accept"):
+        now.save(baseline)
+        return
+    if not baseline.exists():
+        raise TrackingMoved(f"there is no baseline {_near(baseline)} yet: pytest --tracking-accept writes it.")
+    before = read_baseline(baseline)
+    found = moved(watched, before, now)
+    if not found:
+        return
+    text = f"tracking has moved from {_near(baseline)}:\n\n{in_sentences(found, before, now)}\n"
+    picture = (
+        Path(config.getoption("--tracking-pictures")) / f"{_plain(title.replace('/', '.').replace('::', '.'))}.png"
+    )
+    try:
+        text += f"\nDrawn in {draw(found, before, now, picture, title.rpartition('::')[2])}."
+    except TsmError as error:
+        text += f"\nNot drawn: {error}"
+    raise TrackingMoved(f"{text}\nIf this is as it should be: pytest --tracking-accept")
+
+
+def _plain(text: str) -> str:
+    """A text as it may stand in the name of a file; one that loses more than blanks has a mark of its own."""
+    made = re.sub(r"[^a-zA-Z0-9_.-]+", "_", text).strip("_")
+    if made == text.replace(" ", "_"):
+        return made
+    return f"{made}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
+
+
+def _near(path: Path) -> str:
+    """A path as short as it can be said from here."""
+    try:
+        return str(path.relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)
