@@ -29,6 +29,12 @@ def load(name_or_path: str | os.PathLike[str]) -> Diagram:
     return diagram_from(read(path), str(path), path.parent, path.resolve())
 
 
+def load_beside(folder: Path, name: str) -> Diagram:
+    """Return the diagram that a file in a folder names: one beside it, else as ``load``. Raises as ``load`` does."""
+    beside = folder / name
+    return load(beside if beside.is_file() else name)
+
+
 def loads(text: str, where: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Diagram:
     """Return the diagram that a text describes.
 

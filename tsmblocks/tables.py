@@ -1,4 +1,4 @@
-"""Tables as a terminal shows them: one function for all that is printed."""
+"""Tables as a terminal shows them: one function for all that is printed; and columns whose titles are not alike."""
 
 from __future__ import annotations
 
@@ -14,3 +14,15 @@ def columns(rows: Iterable[Sequence[str]], indent: str = "", left: Collection[in
         cells = [c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
         lines.append((indent + "  ".join(cells)).rstrip())
     return "\n".join(lines)
+
+
+def unlike(names: Iterable[str]) -> list[str]:
+    """Names of which no two are alike: a second ``x`` is ``x_2``."""
+    made: list[str] = []
+    for name in names:
+        one, k = name, 1
+        while one in made:
+            k += 1
+            one = f"{name}_{k}"
+        made.append(one)
+    return made

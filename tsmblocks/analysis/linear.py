@@ -15,6 +15,7 @@ from tsmblocks.arguments import prepared, whole
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import RunError, in_words, near
+from tsmblocks.tables import unlike
 from tsmblocks.wires import Fault, Link, parse, resolve, sentence
 
 CUT, BACK = "cut", "back"
@@ -57,7 +58,7 @@ def linearize(
     system = _proper(here, J, names)
     if here.eq.q:
         system = _with_delays(here, system, pade)
-    return control.ss(*system, states=_states(here, system[0]), inputs=_unlike(names), outputs=_unlike(shown))
+    return control.ss(*system, states=_states(here, system[0]), inputs=_labels(names), outputs=_labels(shown))
 
 
 def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: int | None = None) -> Any:
@@ -250,17 +251,9 @@ def _with_delays(here: Still, system: Matrices, pade: int | None) -> Matrices:
 def _states(here: Still, A: np.ndarray) -> list[str]:
     """Names of the states; those of Padé approximations come last."""
     names = list(here.eq.x)
-    return _unlike([*names, *(f"pade_{k}" for k in range(len(A) - len(names)))])
+    return _labels([*names, *(f"pade_{k}" for k in range(len(A) - len(names)))])
 
 
-def _unlike(names: Sequence[str]) -> list[str]:
+def _labels(names: Sequence[str]) -> list[str]:
     """Names as python-control takes them: without dots, no two alike."""
-    made: list[str] = []
-    for name in names:
-        plain = one = name.replace(".", "_")
-        k = 1
-        while one in made:
-            k += 1
-            one = f"{plain}_{k}"
-        made.append(one)
-    return made
+    return unlike(name.replace(".", "_") for name in names)

@@ -69,8 +69,10 @@ def _moves(x: np.ndarray, noise: float, long: bool) -> bool:
     """Whether a stretch (n,) moves slowly: as a ramp or a turn does, and not as slow noise does in a long one."""
     cut = len(x) // 3
     apart = float(np.ptp([x[:cut].mean(), x[cut:-cut].mean(), x[-cut:].mean()]))
-    if apart <= SLOW * noise or not long:
-        return apart > SLOW * noise
+    if apart <= SLOW * noise:
+        return False
+    if not long:
+        return True
     s = np.linspace(-1.0, 1.0, len(x))
     parabola = np.column_stack([np.ones_like(s), s, s * s])
     left = x - parabola @ np.linalg.lstsq(parabola, x, rcond=None)[0]

@@ -6,7 +6,7 @@ What is written are the instructions that the engine compiles, so a block needs 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sized
 from pathlib import Path
 from typing import Any
 
@@ -171,17 +171,11 @@ class _Text:
         return place
 
     def _function(
-        self, head: str, program: Program, stored: dict[str, tuple[int, int, str]], unused: list[str]
+        self, head: str, program: Program, stored: Mapping[str, tuple[int, int]], unused: list[str]
     ) -> Iterator[str]:
-        """A function that stores outputs of a program: target -> (slot, count, form of an element)."""
-        goals, zero = {}, []
-        for slot, count, form in stored.values():
-            for k in range(count):
-                node = program.outputs.get((slot, k))
-                if node is None:
-                    zero.append(f"    {form.format(k)} = 0.0;")
-                else:
-                    goals[form.format(k)] = node
+        """A function that stores outputs of a program: what is assigned -> (slot, index)."""
+        goals = {target: program.outputs[place] for target, place in stored.items() if place in program.outputs}
+        zero = [f"    {target} = 0.0;" for target in stored if target not in goals]
         lines = statements(program, goals, self._place(program))
         text = "\n".join(lines + zero)
         yield f"static void {head}"
@@ -195,7 +189,7 @@ class _Text:
         n, eq = self.name, self.eq
         starts = bool(eq.x or eq.d or eq.q)
         if starts:
-            stored = {"x": (0, len(eq.x), "x[{}]"), "d": (1, len(eq.d), "d[{}]"), "s": (2, len(eq.q), "s[{}]")}
+            stored = {**_array("x", 0, eq.x), **_array("d", 1, eq.d), **_array("s", 2, eq.q)}
             head = f"{n}_start(const {n}_parameters *p, double *x, double *d, double *s)"
             yield from self._function(head, self.start, stored, ["p", "x", "d", "s"])
             yield ""
@@ -235,7 +229,7 @@ class _Text:
         if self.update is None:
             return
         n, eq = self.name, self.eq
-        stored = {"d": (0, len(eq.d), "dn[{}]"), "x": (1, len(eq.x), "xn[{}]")}
+        stored = {**_array("dn", 0, eq.d), **_array("xn", 1, eq.x)}
         head = f"{n}_update({self._given}, const double *hit, double *dn, double *xn)"
         yield "/* What samples and memory become at an instant. */"
         yield from self._function(head, self.update, stored, ["p", "t", "x", "d", "u", "q", "hit", "dn", "xn"])
@@ -243,38 +237,25 @@ class _Text:
 
     def _signals(self) -> Iterator[str]:
         n, eq = self.name, self.eq
-        program, goals, zero = self.rhs, {}, []
-        for name, signal in zip(self.y, eq.aliases.values(), strict=True):
-            node = program.outputs.get((1, eq.y.index(signal)))
-            if node is None:
-                zero.append(f"    y->{name} = 0.0;")
-            else:
-                goals[f"y->{name}"] = node
-        goals |= {f"s[{k}]": program.outputs[2, k] for k in range(len(eq.q)) if (2, k) in program.outputs}
-        zero += [f"    s[{k}] = 0.0;" for k in range(len(eq.q)) if (2, k) not in program.outputs]
-        lines = statements(program, goals, self._place(program))
-        text = "\n".join(lines + zero)
+        shown = zip(self.y, eq.aliases.values(), strict=True)
+        stored = {f"y->{name}": (1, eq.y.index(signal)) for name, signal in shown} | _array("s", 2, eq.q)
+        head = f"{n}_signals({self._given}, {n}_outputs *y, double *s)"
         yield "/* Outputs, and what is to be delayed, at an instant. */"
-        yield f"static void {n}_signals({self._given}, {n}_outputs *y, double *s)"
-        yield "{"
-        yield from (f"    (void){k};" for k in ("p", "t", "x", "d", "u", "q", "y", "s") if not used(k, text))
-        yield from lines
-        yield from zero
-        yield "}"
+        yield from self._function(head, self.rhs, stored, ["p", "t", "x", "d", "u", "q", "y", "s"])
 
     def _rates(self) -> Iterator[str]:
         if not self.eq.x:
             return
         head = f"{self.name}_rates({self._given}, double *dx)"
         yield "/* Rates of the states. */"
-        yield from self._function(head, self.rhs, {"dx": (0, len(self.eq.x), "dx[{}]")},
+        yield from self._function(head, self.rhs, _array("dx", 0, self.eq.x),
                                   ["p", "t", "x", "d", "u", "q", "dx"])  # fmt: skip
 
     def _past(self) -> Iterator[str]:
         if self.lag is None:
             return
         n = self.name
-        stored = {"tau": (0, len(self.eq.q), "tau[{}]")}
+        stored = _array("tau", 0, self.eq.q)
         yield "/* Delays in s. */"
         yield from self._function(f"{n}_delays(const {n}_parameters *p, double *tau)", self.lag, stored, ["p"])
         yield ""
@@ -356,3 +337,8 @@ class _Text:
             end = f"(double)(c->k + 1) * {number(self.h)}"
             return f"{end} - ({number(HAIR[0] * self.h)} + {number(HAIR[1])} * fabs({end}))" if self.jumps else end
         return f"t + {number(offset)} * {number(self.h)}"
+
+
+def _array(name: str, slot: int, elements: Sized) -> dict[str, tuple[int, int]]:
+    """Every element of an output as an element of an array."""
+    return {f"{name}[{k}]": (slot, k) for k in range(len(elements))}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from tsmblocks.tables import unlike
+
 SPARE = 8
 """Instants kept of a delayed signal beyond its delay."""
 WORDS = frozenset(re.findall(r"\w+", """
@@ -67,16 +69,12 @@ def used(name: str, text: str) -> bool:
 
 def identifiers(names: Iterable[str]) -> list[str]:
     """Names as C takes them, no two alike."""
-    made: list[str] = []
-    for name in names:
-        plain = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_") or "none"
-        plain = f"v_{plain}" if not plain[0].isalpha() or plain in WORDS else plain
-        one, k = plain, 1
-        while one in made:
-            k += 1
-            one = f"{plain}_{k}"
-        made.append(one)
-    return made
+    return unlike(map(_identifier, names))
+
+
+def _identifier(name: str) -> str:
+    plain = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_") or "none"
+    return f"v_{plain}" if not plain[0].isalpha() or plain in WORDS else plain
 
 
 def comment(text: str) -> str:

@@ -18,7 +18,7 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.errors import FileError, TsmError, in_words, near
 from tsmblocks.file_places import Places
 from tsmblocks.file_text import read, tables
-from tsmblocks.files import load
+from tsmblocks.files import load_beside
 from tsmblocks.metrics import metric, metrics
 from tsmblocks.studies.plans import MOST, Belief, Normal, Plan, Uniform, grid, latin_hypercube, monte_carlo, sweep
 from tsmblocks.studies.study import own_numbers, signal_units
@@ -27,9 +27,8 @@ FORMAT = 1
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "hold", "set", "metrics", "plan", "vary")
 PLANS = ("grid", "sweep", "latin_hypercube", "monte_carlo")
 RANDOM = PLANS[2:]
-VARIES = {
-    "low": "low and high (and scale = \"log\")", "mean": "mean and deviation", "relative": "relative, a share",
-}  # fmt: skip
+VARIES = ('low and high (and scale = "log")', "mean and deviation", "relative, a share")
+"""Ways in which a number of a random plan varies."""
 
 
 @attrs.frozen(eq=False)
@@ -109,8 +108,7 @@ class _Page:
         name = self.of("the name or file of a diagram", str, table["diagram"], "diagram")
         if name is None:
             return None
-        beside = self.folder / name
-        found = self.tried(lambda: load(beside if beside.is_file() else name), "diagram")
+        found = self.tried(partial(load_beside, self.folder, name), "diagram")
         for key, value in self.section(table, "set").items() if found is not None else ():
             found = self.tried(partial(found.with_parameters, {key: value}), "set", key) or found
         return found
@@ -188,7 +186,7 @@ class _Page:
         for needed, more, make in shapes:
             if isinstance(given, dict) and needed <= given.keys() <= needed | more:
                 return self.tried(make, "vary", name)
-        self.fault(f"'{name}' varies by {', by '.join(VARIES.values())}; got {in_words(given)}.", "vary", name)
+        self.fault(f"'{name}' varies by {', by '.join(VARIES)}; got {in_words(given)}.", "vary", name)
         return None
 
     def varies(self, name: str, diagram: Diagram) -> bool:

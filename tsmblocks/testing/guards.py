@@ -8,7 +8,7 @@ from typing import Any
 
 from tsmblocks.errors import FileError, TsmError, in_words, near
 from tsmblocks.file_text import read, tables
-from tsmblocks.files import load
+from tsmblocks.files import load_beside
 from tsmblocks.testing.tracking import Guard, guard
 
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "tolerance", "metrics", "set", "cases")
@@ -34,8 +34,7 @@ def read_guards(path: Path) -> dict[str, Guard]:
     made = {}
     for case, changes in (table.get("cases") or {"": {}}).items():
         try:
-            beside = path.parent / table["diagram"]
-            diagram = load(beside if beside.is_file() else table["diagram"]).with_parameters(table.get("set", {}))
+            diagram = load_beside(path.parent, table["diagram"]).with_parameters(table.get("set", {}))
             made[case] = guard(diagram, wanted, tolerance=classes, parameters=changes, **how)
         except FileError as error:
             raise refuse(error.problems[0], "diagram") from None

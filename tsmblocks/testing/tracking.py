@@ -21,6 +21,7 @@ from tsmblocks.errors import FileError, ParameterError, RunError, in_words, near
 from tsmblocks.files import replace_file
 from tsmblocks.metrics import Metric, metrics, named
 from tsmblocks.simulate import simulate
+from tsmblocks.studies.study import signal_units
 
 FORMAT = 1
 TOLERANCES = {"exact": 1e-12, "tight": 1e-6, "normal": 1e-3, "loose": 1e-2, "coarse": 5e-2}
@@ -114,12 +115,8 @@ def guard(
     ``tolerance`` is one class for all (exact, tight, normal, loose, coarse), or a mapping from metrics to classes.
     Other arguments as for ``simulate``. Raises ParameterError.
     """
-    from tsmblocks.simulate import equations
-
     diagram = diagram if parameters is None else diagram.with_parameters(parameters)
-    eq = equations(diagram)
-    units = {name: eq.units.get(eq.aliases.get(name, name), "") for name in (*eq.aliases, *eq.y)}
-    found = metrics(wanted, units)
+    found = metrics(wanted, signal_units(diagram))
     if not isinstance(tolerance, (str, Mapping)):
         raise ParameterError(f"tolerance is one of {', '.join(TOLERANCES)}, or maps metrics to them, "
                              f"got {in_words(tolerance)}.")  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import attrs
@@ -110,7 +111,8 @@ def tune(
     are never worse than the diagrams' own where those meet the limits. ``progress(stage, done, all)`` is called as it
     goes. Other arguments as for ``simulate``. Raises ParameterError.
     """
-    cases = _cases(diagrams, plants)
+    named = _named(diagrams)
+    cases = _cases(named, plants)
     bounds = _bounds(free, next(iter(cases.values())))
     units = signal_units(next(iter(cases.values())))
     goal = metric(minimise, units)
@@ -131,7 +133,7 @@ def tune(
         if not tried:
             raise
         status = "interrupted"
-    return search.best(tried, own, {name: d.with_parameters({}) for name, d in _named(diagrams).items()}, status)
+    return search.best(tried, own, named, status)
 
 
 @attrs.frozen(eq=False)
@@ -174,10 +176,12 @@ class _Search:
 
     def scores(self, sets: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.ndarray]:
         """The goal in the worst case and the largest excess of a limit, each (sets,); infinite where not finite."""
-        found = self.measured(sets)
+        return self._scores(self.measured(sets))
+
+    def _scores(self, found: Mapping[str, Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
         goal = np.max([one[self.goal.text] for one in found.values()], axis=0)
         over = [limit.excess(one[limit.name]) for limit in self.limits for one in found.values()]
-        most = np.max(over, axis=0) if over else np.full(len(sets), -np.inf)
+        most = np.max(over, axis=0) if over else np.full(len(goal), -np.inf)
         bad = ~np.isfinite(goal) | np.isnan(most)
         return np.where(bad, np.inf, goal), np.where(bad, np.inf, most)
 
@@ -278,7 +282,7 @@ class _Search:
 
         return at
 
-    @property
+    @cached_property
     def _marks(self) -> list[Sloped]:
         """What is differentiated: the goal, then each limit's metric."""
         return [sloped(self.goal), *(sloped(one.metric) for one in self.limits if one.metric is not None)]
@@ -340,13 +344,13 @@ class _Search:
         status: str,
     ) -> Tuned:  # fmt: skip
         """The best set: of those that meet the limits the one with the smallest goal, else the one that nearly does."""
-        goal, over = self.scores(tried)
+        found = self.measured([own, *tried])
+        goal, over = (side[1:] for side in self._scores(found))
         k = int(np.lexsort((goal, np.maximum(over, MET)))[0])
         if not np.isfinite(goal[k]):
             raise RunError("no set of numbers was found with which every case runs to its end.")
-        both = self.measured([own, tried[k]])
-        before, after = ({case: {name: float(v[side]) for name, v in found.items()} for case, found in both.items()}
-                         for side in (0, 1))  # fmt: skip
+        before, after = ({case: {name: float(v[side]) for name, v in each.items()} for case, each in found.items()}
+                         for side in (0, k + 1))  # fmt: skip
         values = dict(tried[k])
         made = {name: d.with_parameters(values) for name, d in diagrams.items()}
         return Tuned(values, made, self.goal.text, self.units, before, after, bool(over[k] <= MET), status)
@@ -364,9 +368,8 @@ def _named(diagrams: Any) -> dict[str, Diagram]:
     return {one.title or "diagram": one}
 
 
-def _cases(diagrams: Any, plants: Plan | None) -> dict[str, Diagram]:
+def _cases(named: dict[str, Diagram], plants: Plan | None) -> dict[str, Diagram]:
     """Every diagram with every plant."""
-    named = _named(diagrams)
     if plants is None:
         return named
     if not isinstance(plants, Plan):
