@@ -216,6 +216,39 @@ def test_a_process_killed_half_way_is_gone_on_with(whole, tmp_path):
     assert path.read_bytes() == whole
 
 
+class Losing(ThreadPoolExecutor):
+    """Loses what it is given at first, as a cluster does with a machine that goes."""
+
+    def __init__(self, times):
+        super().__init__(1)
+        self.times, self.seen = times, {}
+
+    def submit(self, function, runs, *more):
+        key = tuple(runs.runs)
+        self.seen[key] = self.seen.get(key, 0) + 1
+        if self.seen[key] <= self.times:
+            return super().submit(self.lost)
+        return super().submit(function, runs, *more)
+
+    @staticmethod
+    def lost():
+        raise ValueError("not enough values to unpack (expected 3, got 2)")
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_piece_that_was_lost_on_the_way_is_run_again(times, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
+    with Losing(times) as pool:
+        small(tmp_path / "s.csv", executor=pool)
+    assert set(pool.seen.values()) == {times + 1}
+    assert (tmp_path / "s.csv").read_bytes() == whole
+
+
+def test_an_error_that_comes_again_and_again_counts(tmp_path):
+    with Losing(3) as pool, pytest.raises(ValueError, match="not enough values"):
+        small(tmp_path / "s.csv", executor=pool)
+
+
 @pytest.mark.filterwarnings("default")
 def test_many_machines_by_dask(whole, tmp_path, monkeypatch):
     """A cluster of two worker processes; one is killed half-way, and nothing is lost."""
@@ -223,6 +256,7 @@ def test_many_machines_by_dask(whole, tmp_path, monkeypatch):
     import dask
 
     monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.running.WAITING", 1)  # the worker dies between pieces, not with one's result
     calm = {"distributed.scheduler.allowed-failures": 10, "distributed.comm.retry.count": 2}
     with (
         dask.config.set(calm),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from pickle import PicklingError
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from tsmblocks.batch import PreparedBatch, batch_of, lanes_for
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.errors import ParameterError, RunError, TsmError
 from tsmblocks.metrics import Metric
 from tsmblocks.simulate import equations
 from tsmblocks.studies.plans import plain
@@ -24,6 +24,9 @@ PIECE = 8
 """Groups of lanes in one piece of work of an executor."""
 WAITING = 256
 """Pieces that an executor is given ahead."""
+
+TRIES = 3
+"""Times that a piece is run before its error counts: a cluster may lose one with the machine that had it."""
 
 Found = tuple[np.ndarray, dict[str, np.ndarray]]
 """Numbers of runs, and their metrics, each of that shape."""
@@ -53,6 +56,10 @@ class Runs:
     def prepared(self, metrics: Sequence[Metric]) -> PreparedBatch:
         """The batch of these runs, with the signals that the metrics need."""
         return self.batch(list(dict.fromkeys(name for one in metrics for name in one.signals)))
+
+
+Piece = tuple[Runs, tuple[Metric, ...]]
+"""What an executor is given at a time: runs, and what is measured."""
 
 
 def grouped(diagram: Diagram, columns: Mapping[str, np.ndarray], how: Mapping[str, Any]) -> list[Runs]:
@@ -115,40 +122,44 @@ def elsewhere(
     groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, executor: Executor
 ) -> Generator[Found, None, None]:
     """Run what is missing on an executor, piece by piece, in whatever order they end."""
-    work, waiting = _pieces(groups, metrics, missing), set[Future[Found]]()
+    waiting: dict[Future[Found], tuple[Piece, int]] = {}
     try:
-        for piece in work:
-            waiting.add(executor.submit(worked, *piece))
+        for piece in _pieces(groups, metrics, missing):
+            waiting[executor.submit(worked, *piece)] = piece, 1
             while len(waiting) >= WAITING:
-                yield from _ended(waiting)
+                yield from _ended(waiting, executor)
         while waiting:
-            yield from _ended(waiting)
+            yield from _ended(waiting, executor)
     finally:
         for one in waiting:
             one.cancel()
 
 
-def _pieces(
-    groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray
-) -> Iterator[tuple[Runs, tuple[Metric, ...]]]:
+def _pieces(groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray) -> Iterator[Piece]:
     for group in groups:
         wanted, size = np.flatnonzero(missing[group.runs]), PIECE * group.lanes
         for first in range(0, len(wanted), size):
             yield group.part(wanted[first : first + size]), tuple(metrics)
 
 
-def _ended(waiting: set[Future[Found]]) -> Iterator[Found]:
-    """Results of those that have ended, which wait no longer."""
+def _ended(waiting: dict[Future[Found], tuple[Piece, int]], executor: Executor) -> Iterator[Found]:
+    """Results of those that have ended, which wait no longer; one that was lost on the way is run again."""
     done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-    waiting -= done
     for one in done:
+        piece, tries = waiting.pop(one)
         try:
-            yield one.result()
-        except (PicklingError, AttributeError, TypeError) as error:
-            if "pickle" not in str(error):
+            found = one.result()
+        except (TsmError, BrokenExecutor):
+            raise
+        except Exception as error:
+            if isinstance(error, (PicklingError, AttributeError, TypeError)) and "pickle" in str(error):
+                raise RunError(f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
+                               "samples, and define blocks of your own in a module.") from None  # fmt: skip
+            if tries >= TRIES:
                 raise
-            raise RunError(f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
-                           "samples, and define blocks of your own in a module.") from None  # fmt: skip
+            waiting[executor.submit(worked, *piece)] = piece, tries + 1
+        else:
+            yield found
 
 
 def worked(runs: Runs, metrics: tuple[Metric, ...]) -> Found:
