@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -249,6 +249,28 @@ def test_an_error_that_comes_again_and_again_counts(tmp_path):
         small(tmp_path / "s.csv", executor=pool)
 
 
+class Silent(Losing):
+    """Loses pieces without a word: their futures never end."""
+
+    def submit(self, function, runs, *more):
+        key = tuple(runs.runs)
+        self.seen[key] = self.seen.get(key, 0) + 1
+        if 32 in key and self.seen[key] <= self.times:
+            return Future()
+        return super(Losing, self).submit(function, runs, *more)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_piece_that_never_ends_is_given_again(times, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.running.OVERDUE", 1.5)
+    monkeypatch.setattr("tsmblocks.studies.running.PATIENCE", 0.0)
+    with Silent(times) as pool:
+        small(tmp_path / "s.csv", executor=pool)
+    assert max(pool.seen.values()) == times + 1
+    assert (tmp_path / "s.csv").read_bytes() == whole
+
+
 @pytest.mark.filterwarnings("default")
 def test_many_machines_by_dask(whole, tmp_path, monkeypatch):
     """A cluster of two worker processes; one is killed half-way, and nothing is lost."""
@@ -256,7 +278,7 @@ def test_many_machines_by_dask(whole, tmp_path, monkeypatch):
     import dask
 
     monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
-    monkeypatch.setattr("tsmblocks.studies.running.WAITING", 1)  # the worker dies between pieces, not with one's result
+    monkeypatch.setattr("tsmblocks.studies.running.PATIENCE", 1.0)
     calm = {"distributed.scheduler.allowed-failures": 10, "distributed.comm.retry.count": 2}
     with (
         dask.config.set(calm),

@@ -6,6 +6,7 @@ import os
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from pickle import PicklingError
+from time import monotonic
 from typing import Any
 
 import attrs
@@ -27,6 +28,8 @@ WAITING = 256
 
 TRIES = 3
 """Times that a piece is run before its error counts: a cluster may lose one with the machine that had it."""
+OVERDUE, PATIENCE = 4.0, 10.0
+"""A piece waited for this many times as long as the slowest yet, and at least so many seconds, is given again."""
 
 Found = tuple[np.ndarray, dict[str, np.ndarray]]
 """Numbers of runs, and their metrics, each of that shape."""
@@ -122,16 +125,16 @@ def elsewhere(
     groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, executor: Executor
 ) -> Generator[Found, None, None]:
     """Run what is missing on an executor, piece by piece, in whatever order they end."""
-    waiting: dict[Future[Found], tuple[Piece, int]] = {}
+    out = _Given(executor)
     try:
-        for piece in _pieces(groups, metrics, missing):
-            waiting[executor.submit(worked, *piece)] = piece, 1
-            while len(waiting) >= WAITING:
-                yield from _ended(waiting, executor)
-        while waiting:
-            yield from _ended(waiting, executor)
+        for number, piece in enumerate(_pieces(groups, metrics, missing)):
+            out.give(number, piece, 1)
+            while len(out.waiting) >= WAITING:
+                yield from out.ended()
+        while out.waiting:
+            yield from out.ended()
     finally:
-        for one in waiting:
+        for one in out.waiting:
             one.cancel()
 
 
@@ -142,28 +145,80 @@ def _pieces(groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarr
             yield group.part(wanted[first : first + size]), tuple(metrics)
 
 
-def _ended(waiting: dict[Future[Found], tuple[Piece, int]], executor: Executor) -> Iterator[Found]:
-    """Results of those that have ended, which wait no longer; one that was lost on the way is run again."""
-    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-    for one in done:
-        piece, tries = waiting.pop(one)
-        try:
-            found = one.result()
-        except (TsmError, BrokenExecutor):
-            raise
-        except Exception as error:
-            if isinstance(error, (PicklingError, AttributeError, TypeError)) and "pickle" in str(error):
-                raise RunError(f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
-                               "samples, and define blocks of your own in a module.") from None  # fmt: skip
-            if tries >= TRIES:
+@attrs.frozen
+class _Copy:
+    """A piece in the hands of an executor: which one, how often it was given by now, and when."""
+
+    number: int
+    piece: Piece
+    tries: int
+    since: float
+
+
+@attrs.define
+class _Given:
+    """Pieces that an executor has been given and has not answered yet.
+
+    An executor may lose a piece without a word: Dask's does when a machine dies with a result that nobody has fetched.
+    So a piece that takes far longer than any other has is given once more; whichever copy ends first counts.
+    """
+
+    executor: Executor
+    waiting: dict[Future[Found], _Copy] = attrs.field(factory=dict)
+    longest: float = 0.0
+
+    def give(self, number: int, piece: Piece, tries: int) -> None:
+        """Hand a piece over, for the first time or again."""
+        self.waiting[self.executor.submit(worked, *piece, tries)] = _Copy(number, piece, tries, monotonic())
+
+    def ended(self) -> Iterator[Found]:
+        """Results of those that have ended, which wait no longer; what was lost on the way is run again."""
+        patience = max(PATIENCE, OVERDUE * self.longest)
+        done, _ = wait(self.waiting, timeout=patience if self.longest else None, return_when=FIRST_COMPLETED)
+        for one in done:
+            if one not in self.waiting:
+                continue  # another copy has ended in this very round
+            copy = self.waiting.pop(one)
+            try:
+                found = one.result()
+            except (TsmError, BrokenExecutor):
                 raise
-            waiting[executor.submit(worked, *piece)] = piece, tries + 1
-        else:
-            yield found
+            except Exception as error:
+                self._failed(copy, error)
+            else:
+                self.longest = max(self.longest, monotonic() - copy.since)
+                self._forget(copy.number)
+                yield found
+        self._remind(patience)
+
+    def _failed(self, copy: _Copy, error: Exception) -> None:
+        if isinstance(error, (PicklingError, AttributeError, TypeError)) and "pickle" in str(error):
+            raise RunError(f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
+                           "samples, and define blocks of your own in a module.") from None  # fmt: skip
+        if copy.number in {other.number for other in self.waiting.values()}:
+            return  # a copy of it is under way
+        if copy.tries >= TRIES:
+            raise error
+        self.give(copy.number, copy.piece, copy.tries + 1)
+
+    def _forget(self, number: int) -> None:
+        for other in [f for f, copy in self.waiting.items() if copy.number == number]:
+            other.cancel()
+            del self.waiting[other]
+
+    def _remind(self, patience: float) -> None:
+        """Give again what is overdue, as long as its tries last; then it is waited for, however long that takes."""
+        latest = {copy.number: copy for copy in self.waiting.values()}  # the last copy of each, in the order given
+        for copy in latest.values():
+            if self.longest and copy.tries < TRIES and monotonic() - copy.since > patience:
+                self.give(copy.number, copy.piece, copy.tries + 1)
 
 
-def worked(runs: Runs, metrics: tuple[Metric, ...]) -> Found:
-    """One piece of work, in whichever process: run, and reduce to metrics."""
+def worked(runs: Runs, metrics: tuple[Metric, ...], _tries: int) -> Found:
+    """One piece of work, in whichever process: run, and reduce to metrics.
+
+    Which try it is makes copies differ: an executor that knows work by its arguments would give the one that it lost.
+    """
     batch = runs.prepared(metrics)
     return runs.runs, batch.results(0, batch.count, _Reduce(metrics), 1)
 
