@@ -5,11 +5,23 @@ from __future__ import annotations
 import math
 
 from tsmblocks.blocks import DeadTime, Lag, RateDependence, Resonance
+from tsmblocks.diagram import Diagram
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 
 LATE = (0.002, 0.01, 0.05, 0.15)
 """Times worth trying [s], where samples are up to ``SLOW`` apart; longer ones where they are farther apart."""
 SLOW = 0.05
+
+
+TWO_LAGS = Diagram(
+    title="two lags",
+    values={"time_constant": 0.0},
+    blocks={name: Lag(time_constant="$time_constant") for name in ("first", "second")},
+    wires=["first -> second"],
+    inputs={"u": "first"},
+    outputs={"y": "second"},
+)
+"""The same lag twice: delays as a dead time does more than as one lag does, and stands for all between the two."""
 
 
 def _times(name: str, scales: Scales, most: float) -> Trials:
@@ -50,11 +62,15 @@ EFFECTS = (
         excites="fast motion, at more than one frequency", confused=("first_order_lag", "resonance", "rate_dependence"),
         separates="a chirp to the highest frequency the drive can follow",
     ),
-    Effect(
-        "first_order_lag", "delay", "a first-order lag", "output", Lag(), {"time_constant": 0.0}, ("time_constant",),
-        _lagging, excites="fast motion, at more than one frequency",
-        confused=("dead_time", "resonance", "rate_dependence"),
-        separates="a chirp to the highest frequency the drive can follow",
+    *(
+        Effect(
+            "first_order_lag", "delay", words, "output", block, {"time_constant": 0.0}, ("time_constant",), _lagging,
+            excites="fast motion, at more than one frequency", confused=("dead_time", "resonance", "rate_dependence"),
+            separates="a chirp to the highest frequency the drive can follow", variant=variant,
+        )
+        for words, block, variant in (
+            ("a first-order lag", Lag(), ""), ("two first-order lags in a row", TWO_LAGS, "twice"),
+        )
     ),
     Effect(
         "resonance", "delay", "a resonance (elasticity behind the sensor)", "output", Resonance(), {"share": 0.0},

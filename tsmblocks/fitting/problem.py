@@ -109,15 +109,15 @@ class Problem:
         """
         low = np.maximum(theta - reach, self.unknowns.low)
         high = np.minimum(theta + reach, self.unknowns.high)
-        unknowns = range(len(theta))
-        sets = [np.where(np.arange(len(theta)) == k, side, theta) for k in unknowns for side in (low, high)]
         made, first = np.zeros((self.samples, len(theta))), 0
         for e, trial in enumerate(self.trials):
-            columns, many = self.unknowns.columns(e), self.outputs(sets, e)
+            columns = self.unknowns.columns(e)  # another experiment's start values change nothing here
+            many = self.outputs([np.where(np.arange(len(theta)) == k, side, theta)
+                                 for k in columns for side in (low, high)], e)  # fmt: skip
             for i, weight in enumerate(self.weights):
                 rows = slice(first, first + len(trial.t))
-                for k in columns:
-                    rise = many[:, i, 2 * k + 1] - many[:, i, 2 * k]
+                for n, k in enumerate(columns):
+                    rise = many[:, i, 2 * n + 1] - many[:, i, 2 * n]
                     made[rows, k] = weight * rise / (high[k] - low[k])
                 first = rows.stop
         return self.residuals(theta), made

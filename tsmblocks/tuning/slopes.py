@@ -18,16 +18,20 @@ Weighed = tuple[float, Array]
 """A number of a signal (N,), and its derivative by each sample (N,)."""
 
 
-def _peak(e: Array, sharp: float) -> Weighed:
-    """The highest value, rounded: the mean of the samples, those near the top weighed most."""
-    size = max(float(np.ptp(e)), 1e-300) * sharp
+def _peak(e: Array, sharp: float, least: float | None = None) -> Weighed:
+    """The highest value, rounded: the mean of the samples, those near the top weighed most.
+
+    It is rounded over a share of its height above the lowest sample, or above ``least``.
+    """
+    size = max(float(e.max() - (e.min() if least is None else least)), 1e-300) * sharp
     w = np.exp((e - e.max()) / size)
     w /= w.sum()
     value = float(w @ e)
     by = w * (1.0 + (e - value) / size)
     spread = sharp * float(w @ (e - value) ** 2) / size**2  # the size over which it is rounded moves too
     by[int(np.argmax(e))] -= spread
-    by[int(np.argmin(e))] += spread
+    if least is None:
+        by[int(np.argmin(e))] += spread
     return value, by
 
 
@@ -46,7 +50,7 @@ def _peak_to_peak(e: Array, t: Array, sharp: float) -> Weighed:
 
 
 def _largest(e: Array, _: Array, sharp: float) -> Weighed:
-    value, w = _peak(np.abs(e), sharp)
+    value, w = _peak(np.abs(e), sharp, 0.0)  # above zero: the smallest sample flips its sign where it passes zero
     return value, w * np.sign(e)
 
 
