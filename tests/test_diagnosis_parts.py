@@ -240,6 +240,21 @@ def test_each_block_gets_a_name_of_its_own():
     assert second.key == ("backlash", "", "backlash.y>")
 
 
+def test_start_values_keep_their_bounds_from_round_to_round():
+    """Once they were lost: a loop that forgets began at 1e129, from where every search creeps."""
+    records = recordings()
+    model = fitted(records=records)
+    loop, _ = offered(model, records, [effect("hysteresis")])
+    bounds = {f"{loop[0].block}.{k}": v for k, v in loop[0].trials.bounds.items()}
+    how = asked(start_states=True)
+    for bounded, diagram, more in ((bounds, loop[0].diagram, loop[0].free), ({}, loop[0].diagram, ())):
+        problem, setup = posed_as(model, diagram, more, records, how, bounded, loop[0].settled)
+        starts = [i for i in problem.unknowns.items if i.parameter == "hysteresis.z"]
+        assert len(starts) == len(records)
+        assert {(i.low, i.high) for i in starts} == {(-1.0, 1.0)}
+        model = searched(problem, setup, problem.unknowns.start)
+
+
 def test_a_candidate_that_makes_no_diagram_is_none():
     """An effect whose output is in another unit than the wire, or in none that is known; or that has nothing to try."""
     volts = Effect("volts", "own", "volts", "output", Gain(unit="V"), {"gain": 1.0}, ("gain",),
@@ -539,7 +554,8 @@ def test_what_ran_into_the_bound_of_its_name_is_not_named():
     assert verdict.named is near
     assert verdict.alike == (near,)
     assert verdict.ranking == (near, out)
-    assert decide(base, [out, far], part, 1.0, 0).named is None
+    assert decide(base, [out, far], part, 1.0, 0).beyond == out.loss
+    assert decide(base, [out, near], part, 1.0, 0).beyond == np.inf
     assert decide(base, [far], part, 1.0, 0).named is far
     assert decide(base, [out], part, 1.0, 0).named is None
 

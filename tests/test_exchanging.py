@@ -22,8 +22,9 @@ def effect(name, contains=()):
 class Table:
     """Models are sets of names, and the table says what each leaves: of those not listed, that of their best part."""
 
-    def __init__(self, left, contains):
+    def __init__(self, left, contains, beyond):
         self.left = {frozenset(k): v for k, v in left.items()}
+        self.beyond = {frozenset(k): v for k, v in beyond.items()}
         self.effects = [effect(k, contains.get(k, ())) for k in "ABCD"]
 
     def loss(self, model):
@@ -34,7 +35,8 @@ class Table:
         best = min(offered, key=lambda e: self.loss(model | {e.name}), default=None)
         passes = best is not None and self.loss(model) - self.loss(model | {best.name}) > WORTH
         named = self.named(best, model | {best.name}) if passes else None
-        verdict = SimpleNamespace(named=named, alike=(named,) if passes else (), ranking=(), t=(), line=0.0)
+        verdict = SimpleNamespace(named=named, alike=(named,) if passes else (), ranking=(), t=(), line=0.0,
+                                  beyond=self.beyond.get(model, float("inf")))  # fmt: skip
         return Round(model, np.array([self.loss(model)]), np.array([0.0]), (), verdict)
 
     @staticmethod
@@ -46,8 +48,8 @@ class Table:
 def searching(monkeypatch):
     """The search on a table: its effects before and after they were looked at once more."""
 
-    def search(left, contains=None):
-        table = Table(left, contains or {})
+    def search(left, contains=None, beyond=None):
+        table = Table(left, contains or {}, beyond or {})
         for module in (ROUNDS, EXCHANGING):
             monkeypatch.setattr(module, "look", table.look)
         monkeypatch.setattr(ROUNDS, "polished", lambda model: model)
@@ -89,6 +91,13 @@ def test_a_more_general_form_of_what_was_named_takes_no_place(searching):
     table = {"": 20, "A": 6, "B": 9, "C": 7, "AB": 1.04, "BC": 1.0}
     assert searching(table)[1] == "CB"
     assert searching(table, {"C": ("A",)})[1] == "AB"
+
+
+@pytest.mark.parametrize(("beyond", "named"), [(4.0, ""), (1.5, "AB"), (0.9, "")])
+def test_what_left_its_bounds_must_be_explained_by_all_together(searching, beyond, named):
+    """An effect out of its bounds leaves less than any one in them: two that leave still less stand in its place."""
+    left = {"": 20, "A": 6, "B": 9, "AB": 1.0} if named or beyond < 1 else {"": 20, "A": 6, "B": 9, "AB": 4.5}
+    assert searching(left, beyond={"": beyond})[1] == named
 
 
 def test_one_effect_is_not_looked_at_again(searching):

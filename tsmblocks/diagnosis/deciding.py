@@ -24,7 +24,7 @@ TOUCHING = 1e-3
 FAR = 1e9
 """A null beyond this is no number to be drawn to: a limit that never acts."""
 BEYOND = 0.1
-"""Share of what it removes by which an effect that left its bounds may be better than any other, and none is named."""
+"""Share of what it removes by which an effect that left its bounds may be better than any other, before it matters."""
 NEARLY = 0.95
 """Share of what another effect removes from which a simpler one, or a special case of it, is named instead."""
 FLIPS = 999
@@ -128,6 +128,8 @@ class Verdict:
     """Candidates from best to worst by held-out loss, each with its t, beside the line that chance does not pass.
 
     ``named`` is the one to name (None where none passes), ``alike`` those that it cannot be told from, itself first.
+    ``beyond`` is the loss of an effect that left its bounds, and so is none, where it explains more than any other: the
+    name then holds only together with further effects that leave less than that.
     """
 
     ranking: tuple[Tried, ...]
@@ -135,6 +137,7 @@ class Verdict:
     line: float
     named: Tried | None
     alike: tuple[Tried, ...]
+    beyond: float = np.inf
 
 
 def decide(base: np.ndarray, found: Sequence[Tried], parts: Parts, floor: float, seed: int) -> Verdict:
@@ -152,8 +155,8 @@ def decide(base: np.ndarray, found: Sequence[Tried], parts: Parts, floor: float,
     rare = _concentrated(gains[0]) and before - best.loss >= RARE * MATERIAL * floor
     shown = t[0] > line or rare
     beyond = min((one.loss for one in ranking if one.outside), default=np.inf)
-    wants_more = beyond < best.loss - BEYOND * (before - beyond)  # an effect that is none explains more than any
-    if best.outside or wants_more or not _passes(before - best.loss, before, shown, floor):
+    beyond = beyond if beyond < best.loss - BEYOND * (before - beyond) else np.inf
+    if best.outside or not _passes(before - best.loss, before, shown, floor):
         return Verdict(tuple(ranking), tuple(t), line, None, ())
     apart = max(APART * (before - best.loss), ALIKE * floor)
     near = max(ALIKE * floor, CLOSE * (before - best.loss))
@@ -164,7 +167,7 @@ def decide(base: np.ndarray, found: Sequence[Tried], parts: Parts, floor: float,
     says_more = named not in alike  # a general form that leaves no less says nothing else
     others = [one for one in alike if one is not named
               and (says_more or named.candidate.effect.name not in one.candidate.effect.contains)]  # fmt: skip
-    return Verdict(tuple(ranking), tuple(t), line, named, (named, *others))
+    return Verdict(tuple(ranking), tuple(t), line, named, (named, *others), beyond)
 
 
 def _plainest(named: Tried, ranking: Sequence[Tried], before: float) -> Tried:

@@ -38,7 +38,7 @@ def _beside_others(rounds: list[Round], k: int, count: int, search: Search) -> l
     if start is None:
         return None
     again = look(start[1], start[2], search)
-    new = again.verdict.named
+    new = again.verdict.named if again.verdict.beyond == float("inf") else None
     if new is not None and _kept(this, new):
         rounds[k] = attrs.evolve(rounds[k], beside=again)
         return None

@@ -134,7 +134,7 @@ def posed_as(
     if asked.start_states:
         states = [*(k for k in equations(diagram).x if k not in model.setup.eq.x), *begins]
         local += [k for k in dict.fromkeys(states) if k not in local]
-    kept = {i.name: (i.low, i.high) for i in items if not i.experiment}
+    kept = {i.parameter: (i.low, i.high) for i in items}
     asked = attrs.evolve(asked, step=model.setup.trials[0].times.h)
     return posed(diagram, records, asked, [*free, *more], {**kept, **(bounds or {})}, local)
 

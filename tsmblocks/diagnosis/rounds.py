@@ -146,11 +146,15 @@ def counted(rounds: Sequence[Round], search: Search) -> int:
 
     The first counts that removes half of the excess; where none does, two or more do that together remove four fifths,
     effects of the same size. A further one counts where it removes a good share of what is left, and is no mere fault
-    of the form of those before: those are small beside the noise, and beside what was removed.
+    of the form of those before: those are small beside the noise, and beside what was removed. None count that leave
+    more than an effect that left its bounds would.
     """
     losses = [mean(one.losses, search.parts) for one in rounds]
-    before, count = losses[0], 0
+    before, count, beyond = losses[0], 0, float("inf")
     for k in range(1, len(losses)):
+        beyond = min(beyond, rounds[k - 1].verdict.beyond)
+        if losses[k] > beyond:
+            continue
         removed = losses[k - 1] - losses[k]
         step = removed / max(losses[k - 1] - search.floor, 1e-12)
         whole = (before - losses[k]) / max(before - search.floor, 1e-12)

@@ -17,7 +17,7 @@ def _numbered(name: str) -> tuple[str, ...]:
 
 def _gap(scales: Scales) -> Trials:
     reach = scales.wire.reach
-    return Trials({}, tuple({"half_width": share * reach} for share in (0.01, 0.03, 0.08, 0.2, 0.4)),
+    return Trials({}, tuple({"half_width": share * reach} for share in (0.001, 0.003, 0.01, 0.03, 0.08, 0.2, 0.4)),
                   bounds={"half_width": (0.0, 5 * reach)})  # fmt: skip
 
 
