@@ -197,8 +197,14 @@ def _pairs(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
     return [
         ("two effects: both", ">= 85 %", "95 %", _count(rows, lambda r: set(r["truth"]) <= set(names(r)))),
         ("two effects: exact pair", ">= 70 %", "85 %", _count(rows, lambda r: sorted(r["truth"]) == sorted(names(r)))),
+        ("two effects: both in the printed sets", "", "", _count(rows, lambda r: set(r["truth"]) <= _sets(r))),
         ("two effects: at least one", "", "", _count(rows, lambda r: bool(set(r["truth"]) & set(names(r))))),
     ]
+
+
+def _sets(row: Row) -> set[str]:
+    """All names that are printed, those that are also possible too."""
+    return {name for e in row["effects"] for name in (e["name"], *e["also"])}
 
 
 def _placed(good: Sequence[Row]) -> list[Row]:

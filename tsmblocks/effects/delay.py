@@ -16,7 +16,7 @@ SLOW = 0.05
 TWO_LAGS = Diagram(
     title="two lags",
     values={"time_constant": 0.0},
-    blocks={name: Lag(time_constant="$time_constant") for name in ("first", "second")},
+    blocks={name: Lag(time_constant="$time_constant") for name in ("first", "second")},  # type: ignore[arg-type]
     wires=["first -> second"],
     inputs={"u": "first"},
     outputs={"y": "second"},
