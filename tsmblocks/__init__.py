@@ -24,8 +24,10 @@ _HOME = {
     "Inlet": "diagram",
     "Input": "block",
     "Noise": "data",
+    "OptimalControl": "optimal.control",
     "Output": "block",
     "Past": "block",
+    "RecedingHorizon": "optimal.receding",
     "Record": "data",
     "Run": "run",
     "Samples": "block",
@@ -48,11 +50,13 @@ _HOME = {
     "loads": "files",
     "measure": "metrics",
     "noise": "data",
+    "optimal_control": "optimal.control",
     "option": "block",
     "parameter": "block",
     "peak_to_peak": "measures",
     "read": "data",
     "read_study": "studies.results",
+    "receding_horizon": "optimal.receding",
     "rms": "measures",
     "save": "files",
     "score": "fitting.differences",
@@ -142,6 +146,10 @@ if TYPE_CHECKING:
     from tsmblocks.measures import rms as rms
     from tsmblocks.measures import tracking_error as tracking_error
     from tsmblocks.metrics import measure as measure
+    from tsmblocks.optimal.control import OptimalControl as OptimalControl
+    from tsmblocks.optimal.control import optimal_control as optimal_control
+    from tsmblocks.optimal.receding import RecedingHorizon as RecedingHorizon
+    from tsmblocks.optimal.receding import receding_horizon as receding_horizon
     from tsmblocks.run import Run as Run
     from tsmblocks.simulate import Stepper as Stepper
     from tsmblocks.simulate import equations as equations

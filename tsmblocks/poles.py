@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session
-from tsmblocks.equation_set import KEPT, Equations
+from tsmblocks.equation_set import KEPT, PER_DELAY, Equations
 
 DENSE = 120
 """Up to so many states all eigenvalues are found; above, the diagonal of the Jacobian is looked at."""
@@ -40,6 +40,13 @@ def fastest_unstable(
         return None
     worst = max(grown, key=lambda k: abs(values[k]))
     return complex(values[worst]), eq.x[owners[worst]]
+
+
+def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
+    """Poles of the equations around their start values, with inputs of zero; none where they are not finite."""
+    x, d, _ = (np.asarray(v).ravel() for v in eq.start(p))
+    a = np.asarray(_jacobian(eq)(0.0, x, d, np.zeros(len(eq.u)), np.zeros(PER_DELAY * len(eq.q)), p))
+    return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
 
 
 def _jacobian(eq: Equations) -> Any:

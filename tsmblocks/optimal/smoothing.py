@@ -1,0 +1,104 @@
+"""Equations with their kinks rounded off, so that a solver that needs slopes can pass over them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+import casadi as ca
+
+from tsmblocks.engine.program import Program
+
+
+@attrs.frozen(eq=False)
+class Smooth:
+    """A function of which every kink is rounded off over a size of its own.
+
+    ``rounded`` takes what the function takes and, last, the ``count`` sizes: at 0 it is the function itself. ``inside``
+    takes what the function takes and gives the numbers in whose zero each kink lies, shape (count,).
+    """
+
+    rounded: ca.Function
+    inside: ca.Function
+    count: int
+
+
+def smooth(function: ca.Function) -> Smooth:
+    """Round off absolute values, signs, limits and comparisons of a CasADi function of scalar operations."""
+    given = [ca.SX.sym(function.name_in(k), *function.size_in(k)) for k in range(function.n_in())]
+    program, kinks = Program(function), list[Any]()
+    bent = {k for k, (name, args) in enumerate(program.nodes) if name in _ROUNDED and not _endless(program, args)}
+    size = ca.SX.sym("size", len(bent))
+    plain, rounded = list[Any](), list[Any]()
+    for k, (name, args) in enumerate(program.nodes):
+        if name in ("CONST", "INPUT"):
+            made = ca.SX(args[0]) if name == "CONST" else given[args[0]][args[1]]
+            plain.append(made)
+            rounded.append(made)
+            continue
+        exact = _operation(name, [plain[j] for j in args])
+        plain.append(exact)
+        into = [rounded[j] for j in args]
+        if k in bent:
+            where, form = _ROUNDED[name]
+            rounded.append(form(*into, size[len(kinks)]))
+            kinks.append(where(*(plain[j] for j in args)))
+        else:
+            rounded.append(_WEIGHED[name](*into) if name in _WEIGHED else _operation(name, into))
+    shapes = [function.size_out(k) for k in range(function.n_out())]
+    outs = [ca.SX(*shape) for shape in shapes]
+    for (slot, index), node in program.outputs.items():
+        outs[slot][index] = rounded[node]
+    before, after = function.name_in(), function.name_out()
+    return Smooth(
+        ca.Function("rounded", [*given, size], outs, [*before, "size"], after),
+        ca.Function("inside", given, [ca.vertcat(*kinks)], before, ["inside"]),
+        len(kinks),
+    )
+
+
+def _endless(program: Program, args: tuple[int, ...]) -> bool:
+    """Whether one side of a limit or comparison is infinite, so that nothing ever bends."""
+    return any(name == "CONST" and math.isinf(value[0]) for name, value in (program.nodes[k] for k in args))
+
+
+def _operation(name: str, args: list[Any]) -> Any:
+    """An operation by its name in CasADi."""
+    if name == "INV":
+        return 1 / args[0]
+    code = getattr(ca, f"OP_{name}")
+    return ca.SX.unary(code, *args) if len(args) == 1 else ca.SX.binary(code, *args)
+
+
+def _abs(z: Any, size: Any) -> Any:
+    return ca.sqrt(z * z + size * size)
+
+
+def _sign(z: Any, size: Any) -> Any:
+    return z / (_abs(z, size) + 1e-300)
+
+
+def _from(z: Any, size: Any) -> Any:
+    """1 from zero on, 0 below."""
+    return (1 + _sign(z, size)) / 2
+
+
+_ROUNDED: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
+    "FABS": (lambda z: z, _abs),
+    "SIGN": (lambda z: z, _sign),
+    "FMAX": (lambda a, b: a - b, lambda a, b, size: (a + b + _abs(a - b, size)) / 2),
+    "FMIN": (lambda a, b: a - b, lambda a, b, size: (a + b - _abs(a - b, size)) / 2),
+    "LT": (lambda a, b: a - b, lambda a, b, size: _from(b - a, size)),
+    "LE": (lambda a, b: a - b, lambda a, b, size: _from(b - a, size)),
+}
+"""Operations with a kink or a jump: in whose zero it lies, and the rounded form."""
+
+_WEIGHED: dict[str, Callable[..., Any]] = {
+    "IF_ELSE_ZERO": lambda share, value: share * value,
+    "NOT": lambda share: 1 - share,
+    "AND": lambda one, other: one * other,
+    "OR": lambda one, other: one + other - one * other,
+}
+"""Choices, where a rounded comparison is a share between 0 and 1."""

@@ -1,0 +1,319 @@
+"""Optimal control as a nonlinear programme: states at the samples are variables, joined by Runge-Kutta steps.
+
+Direct transcription by multiple shooting (Bock and Plitt, 1984; Betts, Practical Methods for Optimal Control, 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.engine.feeds import Signal, rows
+from tsmblocks.engine.methods import method_named
+from tsmblocks.engine.session import gather_signals
+from tsmblocks.equation_set import Equations
+from tsmblocks.errors import RunError
+from tsmblocks.expressions import Expression
+from tsmblocks.optimal.smoothing import Smooth, smooth
+
+_RULE = method_named("rk4")
+JOINED = 1e-6
+"""By how much a constraint may be missed at most."""
+PRICE = 0.1
+"""What the square of the peak counts beside the mean square, where both are to be small."""
+
+
+@attrs.frozen(eq=False)
+class Task:
+    """What is asked of commands, apart from times: the equations, which inputs are commands, what is to be small.
+
+    ``ranges`` (2, commands) are the lowest and highest commands, ``paces`` (2, commands) their rates; ``limits`` are
+    expressions to be at least zero. ``names`` are all that expressions use, mapped to signals of the equations;
+    ``references`` are the names that stand for given signals instead.
+    """
+
+    eq: Equations
+    p: np.ndarray
+    commands: tuple[str, ...]
+    ranges: np.ndarray
+    paces: np.ndarray
+    error: Expression
+    limits: tuple[Expression, ...]
+    names: Mapping[str, str]
+    references: tuple[str, ...]
+
+    @cached_property
+    def rhs(self) -> ca.Function:
+        """The equations with their numbers: of time, states and inputs, giving rates and outputs."""
+        t, x = ca.SX.sym("t"), ca.SX.sym("x", len(self.eq.x))
+        u, none = ca.SX.sym("u", len(self.eq.u)), ca.SX(0, 1)
+        dx, y, _ = self.eq.rhs(t, x, none, u, none, ca.SX(self.p))
+        return ca.Function("rhs", [t, x, u], [dx, y], ["t", "x", "u"], ["dx", "y"])
+
+    @cached_property
+    def rounded(self) -> Smooth:
+        """The same with kinks rounded off."""
+        return smooth(self.rhs)
+
+    @cached_property
+    def places(self) -> list[tuple[int, int, int]]:
+        """Where commands enter the equations: (input of the equations, command, order of the derivative)."""
+        found = []
+        for k, feed in enumerate(self.eq.u):
+            if not feed.block and feed.name.removeprefix("d/dt " * feed.order) in self.commands:
+                command = feed.name.removeprefix("d/dt " * feed.order)
+                if feed.order > 1:
+                    raise RunError(
+                        f"'{self.eq.title}' needs the second derivative of '{command}', and a command that is linear "
+                        "between its samples has none. Put a lag or an integrator behind it."
+                    )
+                found.append((k, self.commands.index(command), feed.order))
+        return found
+
+
+def given_rows(
+    task: Task, inputs: Mapping[str, Any], references: Mapping[str, Any], hold: str, grid: np.ndarray
+) -> np.ndarray:
+    """Everything that is known beforehand at the instants of each step, shape (steps, 3, inputs + references).
+
+    Commands are zero there. Raises DataError.
+    """
+    step = float(grid[1] - grid[0])
+    flat = {name: (grid[[0, -1]], np.zeros(2)) for name in task.commands}
+    signals = gather_signals(task.eq, {**inputs, **flat}, grid, hold)
+    for name in task.references:
+        signal = Signal(name, references[name], grid, hold)
+        signal.covers(float(grid[0]), float(grid[-1]), step)
+        signals.append((signal, 0))
+    return rows(signals, float(grid[0]), step, 0, len(grid) - 1, (0.0, 0.5, 1.0))[:-1]
+
+
+@attrs.frozen(eq=False)
+class Interval:
+    """One interval between samples of the commands, as a function: ``step`` s long, in ``pieces`` Runge-Kutta steps.
+
+    ``function(x, c0, c1, t, w, size)`` gives the states at the end, the errors (pieces + 1,) and the limits
+    (limits, pieces + 1) on the way; ``w`` are the given signals of its pieces, and ``size`` rounds kinks off.
+    """
+
+    task: Task
+    step: float
+    pieces: int
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """The interval with the kinks rounded off."""
+        return self._of(rounded=True)
+
+    @cached_property
+    def exact(self) -> ca.Function:
+        """The interval as it is; its ``size`` does nothing."""
+        return self._of(rounded=False)
+
+    def _of(self, rounded: bool) -> ca.Function:
+        task, h = self.task, self.step / self.pieces
+        x = ca.SX.sym("x", len(task.eq.x))
+        c0, c1 = ca.SX.sym("c0", len(task.commands)), ca.SX.sym("c1", len(task.commands))
+        t, size = ca.SX.sym("t"), ca.SX.sym("size", task.rounded.count)
+        w = ca.SX.sym("w", len(task.eq.u) + len(task.references), 3 * self.pieces)
+
+        def rhs(state: Any, piece: int, share: float) -> tuple[Any, Any]:
+            column, at = 3 * piece + round(2 * share), (piece + share) / self.pieces
+            u = w[: len(task.eq.u), column]
+            for k, command, order in task.places:
+                rise = c1[command] - c0[command]
+                u[k] = rise / self.step if order else c0[command] + at * rise
+            given = (t + at * self.step, state, u)
+            dx, y = task.rounded.rounded(*given, size) if rounded else task.rhs(*given)
+            return dx, self._measured(y, w[len(task.eq.u) :, column])
+
+        errors, limits, state = [], [], x
+        for piece in range(self.pieces):
+            stages: list[Any] = []
+            for row, share in zip(_RULE.rows, _RULE.offsets, strict=True):
+                moved = state + h * sum((a * k for a, k in zip(row, stages, strict=True)), ca.SX(0.0))
+                slope, measured = rhs(moved, piece, share)
+                stages.append(slope)
+                if not row:
+                    errors.append(measured[0])
+                    limits.append(measured[1])
+            state = state + h * sum(b * k for b, k in zip(_RULE.weights, stages, strict=True))
+        _, last = rhs(state, self.pieces - 1, 1.0)
+        outs = [state, ca.vertcat(*errors, last[0]), ca.horzcat(*limits, last[1])]
+        return ca.Function("interval", [x, c0, c1, t, w, size], outs)
+
+    def _measured(self, y: Any, references: Any) -> tuple[Any, Any]:
+        """The error, and the limits (limits,), of outputs of the equations."""
+        task = self.task
+        values = {name: y[task.eq.y.index(signal)] for name, signal in task.names.items()}
+        values |= {name: references[k] for k, name in enumerate(task.references)}
+        parts = [one.symbolic(values) for one in task.limits]
+        return task.error.symbolic(values), ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+    def given(self, table: np.ndarray) -> np.ndarray:
+        """Rows of ``given_rows`` as the intervals take them, shape (inputs + references, 3 * pieces * intervals)."""
+        return table.reshape(-1, table.shape[2]).T
+
+    def followed(
+        self, commands: np.ndarray, begin: np.ndarray, start: float, table: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The equations as they are, from one state on.
+
+        States at the samples (n, N + 1); errors (N, pieces + 1) and limits (N, limits, pieces + 1), both from either
+        side of each sample, where a command's rate jumps.
+        """
+        w, wide, count = self.given(table), 3 * self.pieces, commands.shape[1] - 1
+        x, states, errors, limits = begin, [begin], [], []
+        none = np.zeros(self.task.rounded.count)
+        for k in range(count):
+            inside = w[:, k * wide : (k + 1) * wide]
+            made = self.exact(x, commands[:, k], commands[:, k + 1], start + k * self.step, inside, none)
+            x = np.asarray(made[0]).ravel()
+            states.append(x)
+            errors.append(np.asarray(made[1]).ravel())
+            limits.append(np.asarray(made[2]))
+        return np.column_stack(states), np.array(errors), np.array(limits)
+
+    def sizes(self, states: np.ndarray, commands: np.ndarray, start: float, table: np.ndarray) -> np.ndarray:
+        """How large the numbers are in whose zero kinks lie, along states (n, N + 1) and commands (c, N + 1)."""
+        task, count = self.task, commands.shape[1] - 1
+        if not task.rounded.count:
+            return np.zeros(0)
+        u = self.given(table)[: len(task.eq.u), :: 3 * self.pieces].copy()
+        for k, command, order in task.places:
+            u[k] = np.diff(commands[command]) / self.step if order else commands[command, :-1]
+        inside = np.asarray(task.rounded.inside.map(count)(start + self.step * np.arange(count), states[:, :-1], u))
+        inside = np.where(np.isfinite(inside), inside, 0.0)
+        size = np.sqrt(np.mean(inside**2, axis=1))
+        return np.where(size > 0, size, 1.0)
+
+
+@attrs.frozen(eq=False)
+class Programme:
+    """The nonlinear programme over ``count`` intervals.
+
+    Its ``goal`` is the least "peak" of the error, the least "rms", the least rms of those "within" a peak, or the least
+    of "both" together. Variables are commands (c, count + 1), states (n, count + 1) and the largest error; parameters
+    are states and commands at the start, the given signals, the start time, the sizes of the kinks, and the most that
+    errors may be.
+    """
+
+    interval: Interval
+    count: int
+    goal: str
+    periodic: bool
+    options: Mapping[str, Any]
+
+    @cached_property
+    def solver(self) -> Any:
+        """The solver, made once."""
+        task, count = self.interval.task, self.count
+        c, x = ca.MX.sym("c", len(task.commands), count + 1), ca.MX.sym("x", len(task.eq.x), count + 1)
+        peak = ca.MX.sym("peak")
+        width = (len(task.eq.u) + len(task.references)) * 3 * self.interval.pieces * count
+        shape = (len(task.eq.u) + len(task.references), 3 * self.interval.pieces * count)
+        begin, before = ca.MX.sym("begin", len(task.eq.x)), ca.MX.sym("before", len(task.commands))
+        w, t0 = ca.MX.sym("w", width), ca.MX.sym("t0")
+        size, most = ca.MX.sym("size", task.rounded.count), ca.MX.sym("most")
+        t = t0 + self.interval.step * ca.DM(np.arange(count)).T
+        ends, errors, limits = self.interval.function.map(count)(
+            x[:, :-1], c[:, :-1], c[:, 1:], t, ca.reshape(w, *shape), ca.repmat(size, 1, count)
+        )
+        e = ca.vec(errors)
+        joints = [ca.vec(x[:, 1:] - ends)]
+        joints += [x[:, 0] - x[:, -1], c[:, 0] - c[:, -1]] if self.periodic else [x[:, 0] - begin, c[:, 0] - before]
+        rates = ca.vec((c[:, 1:] - c[:, :-1]) / self.interval.step)
+        below = [peak - e, peak + e]
+        bounded = {"peak": below, "both": below, "within": [most - e, most + e], "rms": []}[self.goal]
+        square = ca.sumsqr(e) / e.numel()
+        f = 100.0 * {"peak": peak, "both": square + PRICE * peak**2}.get(self.goal, square)
+        made = {"x": ca.vertcat(ca.vec(c), ca.vec(x), peak), "f": f,
+                "g": ca.vertcat(*joints, rates, *bounded, ca.vec(limits)),
+                "p": ca.vertcat(begin, before, w, t0, size, most)}  # fmt: skip
+        return ca.nlpsol("programme", "ipopt", made, dict(self.options))
+
+    @cached_property
+    def bounds(self) -> dict[str, np.ndarray]:
+        """Bounds of the variables and of what is constrained."""
+        task, count = self.interval.task, self.count
+        n, c = len(task.eq.x), len(task.commands)
+        free = np.full(n * (count + 1) + 1, np.inf)
+        joints = n * count + n + c
+        after = (2 * (self.goal != "rms") + len(task.limits)) * count * (self.interval.pieces + 1)
+        return {
+            "lbx": np.concatenate([np.tile(task.ranges[0], count + 1), -free]),
+            "ubx": np.concatenate([np.tile(task.ranges[1], count + 1), free]),
+            "lbg": np.concatenate([np.zeros(joints), np.tile(task.paces[0], count), np.zeros(after)]),
+            "ubg": np.concatenate([np.zeros(joints), np.tile(task.paces[1], count), np.full(after, np.inf)]),
+        }
+
+    def solve(self, guess: Solution, known: Known, size: np.ndarray, most: float = 0.0) -> Solution:
+        """Search from a guess. ``most`` is the peak that errors are to stay within, where that is the goal."""
+        start = np.concatenate([guess.commands.ravel(order="F"), guess.states.ravel(order="F"), [guess.peak]])
+        given = np.concatenate([known.begin, known.before, self.interval.given(known.table).ravel(order="F"),
+                                [known.start], size, [most]])  # fmt: skip
+        warm = {"lam_g0": guess.forces[0], "lam_x0": guess.forces[1]} if guess.forces else {}
+        answer = self.solver(x0=start, p=given, **self.bounds, **warm)
+        z, stats = np.asarray(answer["x"]).ravel(), self.solver.stats()
+        task, count = self.interval.task, self.count + 1
+        c, n = len(task.commands), len(task.eq.x)
+        return Solution(
+            z[: c * count].reshape(c, count, order="F"), z[c * count : -1].reshape(n, count, order="F"), float(z[-1]),
+            str(stats["return_status"]), (np.asarray(answer["lam_g"]), np.asarray(answer["lam_x"])),
+            _missed(stats) <= JOINED,
+        )  # fmt: skip
+
+
+@attrs.frozen(eq=False)
+class Known:
+    """What one solution starts from: states and commands at ``start`` [s], and the given signals (``given_rows``)."""
+
+    begin: np.ndarray
+    before: np.ndarray
+    start: float
+    table: np.ndarray
+
+
+@attrs.frozen(eq=False)
+class Solution:
+    """Commands (c, N + 1) and states (n, N + 1) at the samples, the largest error, and the solver's word for its end.
+
+    ``feasible`` says whether all limits are kept and the intervals join, be it the best there is or not.
+    """
+
+    commands: np.ndarray
+    states: np.ndarray
+    peak: float
+    word: str = ""
+    forces: tuple[np.ndarray, np.ndarray] | None = None
+    feasible: bool = True
+
+    @property
+    def found(self) -> bool:
+        """Whether it meets all limits and cannot be bettered nearby."""
+        return self.word in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+
+
+def _missed(stats: Mapping[str, Any]) -> float:
+    """By how much a constraint is missed at the end of a search."""
+    course = (stats.get("iterations") or {}).get("inf_pr") or [np.inf]
+    return float(course[-1])
+
+
+def check(eq: Equations, needed: Sequence[str]) -> None:
+    """Raise RunError for what cannot be transcribed: memory that jumps, delays; or where nothing is commanded."""
+    if eq.d or eq.periods:
+        owner = next(iter(eq.sampled), eq.d[0] if eq.d else "")
+        raise RunError(f"'{eq.title}' has a part that works in jumps ({owner}); optimal control needs states that move "
+                       "smoothly. Put a continuous block in its place.")  # fmt: skip
+    if eq.q:
+        raise RunError(f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
+                       "give the references that much earlier.")  # fmt: skip
+    if not needed:
+        raise RunError("name at least one input of the diagram as a command, with its limits: "
+                       "commands={'u': (-24, 24)}.")  # fmt: skip
