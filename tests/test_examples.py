@@ -11,6 +11,7 @@ import pytest
 import tsmblocks as tsm
 
 FOLDER = Path(__file__).parents[1] / "examples"
+PLANNED = "16_beyond_the_paper"
 EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 ANSWERS = {
     "01_feedforward": [28.3, 13.7],
@@ -75,7 +76,24 @@ def test_example(path, capsys, monkeypatch, request, tmp_path):
 
 
 def test_every_example_has_its_answer():
-    assert {p.stem for p in EXAMPLES} == {*ANSWERS, *MEASURED}
+    assert {p.stem for p in EXAMPLES} == {*ANSWERS, *MEASURED, PLANNED}
+
+
+def test_what_a_plan_gains_over_the_paper(capsys, monkeypatch):
+    """Each scheme is better than the one before it, on every signal; planned, a tenth of the paper's error is left."""
+    said, *tables = printed(FOLDER / f"{PLANNED}.py", capsys, monkeypatch).split("\n\n")
+    best = [float(x) for x in re.findall(r"rad/s: (\d+\.\d+) deg", said)]
+    assert np.all(np.array(best) <= [1.06, 0.94, 0.86, 0.86])  # at most what others found, as far as 10 ms allow it
+    assert best == sorted(best, reverse=True)
+    for number, table in enumerate(tables):
+        rows = [[float(x) for x in re.findall(r"(\d+\.\d\d) \(", line)] for line in table.splitlines()[2:]]
+        figures = np.array(rows)
+        assert figures.shape == (6, 4)
+        assert np.all(np.diff(figures[:4], axis=0) < 0.05)
+        assert np.all(figures[4] < figures[3])
+        if number == 0:
+            assert np.all(figures[5] < figures[4])
+            assert np.all(figures[:, 0] <= [28.6, 13.6, 6.3, 6.0, 2.0, 1.2])
 
 
 def test_only_pieces_reach_the_noise(capsys, monkeypatch):

@@ -70,7 +70,8 @@ def test_kinks_are_told_and_rounded():
     soft = smooth(kinked())
     assert soft.count == 6  # |x|, sign, min, max, <, and | |x| - y |: the |x| inside it is the first
     ends = [float(soft.rounded(z, 2.0, np.full(soft.count, 0.1))[0]) for z in (-1e-3, 0.0, 1e-3)]
-    assert ends[0] == ends[2] and abs(ends[0] - ends[1]) < 1e-5  # no kink left
+    assert ends[0] == ends[2]
+    assert abs(ends[0] - ends[1]) < 1e-5
     assert float(soft.rounded(0.0, 2.0, np.zeros(soft.count))[0]) == 0.0
 
 
@@ -186,7 +187,8 @@ def test_with_a_short_preview_nearly_as_good(best):
                                  smallest="peak", stop=6.0)  # fmt: skip
     late = found.error.reshape(300, -1)[50:]
     assert best.peak_to_peak < np.ptp(late) < np.deg2rad(2.0)
-    assert found.seconds.shape == (300,) and found.seconds.min() > 0
+    assert found.seconds.shape == (300,)
+    assert found.seconds.min() > 0
     run = tsm.simulate(sheath(), inputs=found.inputs(), stop=6.0, step=1e-3)
     error = (HALF * np.sin(0.4 * np.pi * run.t) - run["x_out"])[run.t >= 1.0]
     assert np.ptp(error) == pytest.approx(np.ptp(late), rel=0.05)
@@ -201,7 +203,8 @@ def test_by_hand_it_is_the_same_sample_by_sample():
     made = [0.0] + [control.next({"r": r[k : k + 9]})["u"] for k in range(32)]
     assert made == pytest.approx(whole.commands["u"], abs=1e-9)
     assert control.t == pytest.approx(1.6)
-    assert control.missed == 0 and len(control.seconds) == 32
+    assert control.missed == 0
+    assert len(control.seconds) == 32
 
 
 def test_a_state_that_is_measured_counts():
