@@ -27,6 +27,7 @@ import numpy as np  # noqa: E402 - after the threads are set
 import peers  # noqa: E402
 import recovery  # noqa: E402
 import single_run  # noqa: E402
+import studies  # noqa: E402
 from measure import Report  # noqa: E402
 
 SECTIONS = {
@@ -35,6 +36,7 @@ SECTIONS = {
     "fig16": single_run.fig16,
     "cold": cold_start.cold_start,
     "batch": batches.batches,
+    "studies": studies.studies,
     "gradients": gradients.gradients,
     "fits": fits.fits,
     "recovery": recovery.recovery,

@@ -54,3 +54,45 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
         return np.asarray(simulate(np.zeros(6)))
 
     return run
+
+
+def fig16(n: dict[str, float], stop: float, step: float) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Fig 16 as a function of (pid.kp, pid.ki, plant's theta, A, alpha1): tracking error and voltage at every step."""
+    w, steps = 2 * np.pi * n["ref.frequency"], round(stop / step)
+
+    def parts(t, x, p):
+        tip_integral, integral, smooth, angle, speed, estimate, zeta = x
+        kp, ki, _, _, alpha1 = p
+        ref, rate = n["ref.amplitude"] * np.sin(w * t), n["ref.amplitude"] * w * np.cos(w * t)
+        slope = (n["alpha1"] + n["alpha2"]) / 2 + (n["alpha1"] - n["alpha2"]) / 2 * np.tanh(rate)
+        out = ((alpha1 + n["alpha2"]) / 2 + (alpha1 - n["alpha2"]) / 2 * np.tanh(speed)) * angle + zeta
+        miss = ref - out
+        error = (ref - estimate) / slope + kp * miss + ki * tip_integral - angle
+        d = (error - smooth) / n["controller.tau"]
+        wanted = n["controller.kp"] * error + n["controller.ki"] * integral + n["controller.kd"] * d
+        return miss, rate, error, d, np.clip(wanted, n["drive.low"], n["drive.high"])
+
+    def rates(t, x, _, p):
+        _, _, _, _, speed, estimate, zeta = x
+        miss, rate, error, d, u = parts(t, x, p)
+        forced = n["A"] * rate - n["theta"] * abs(rate) * estimate + n["delta"] * abs(rate)
+        moved = p[3] * speed - p[2] * abs(speed) * zeta + n["delta"] * abs(speed)
+        return np.hstack([miss, error, d, speed, (n["motor.K"] * u - speed) / n["motor.tau"], forced, moved])
+
+    advance = arc.discretize(rates, dt=step, method="rk4")
+
+    @arc.compile
+    def simulate(carried):
+        def one(carried, k):  # its scan takes nothing from outside, so the numbers are carried along
+            x, p = carried[:7], carried[7:]
+            miss, _, _, _, u = parts(k * step, x, p)
+            return np.hstack([advance(k * step, x, 0.0, p), p]), np.hstack([miss, u])
+
+        return arc.scan(one, carried, xs=np.arange(steps + 1.0))[1]
+
+    def run(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        made = np.asarray(simulate(np.concatenate([np.zeros(7), p])))
+        made = made if made.shape[0] == steps + 1 else made.T
+        return made[:, 0], made[:, 1]
+
+    return run
