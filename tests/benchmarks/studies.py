@@ -76,7 +76,7 @@ def _until_half(plan: Plan, out: Path, count: int) -> None:
 
 
 def looped(plan: Plan, found: Any) -> tuple[float, float] | None:
-    """Seconds of processor per run in Archimedes, one after another, and how far its metrics are off, if it is there."""
+    """Seconds of processor per run in Archimedes, one after another, and how far its metrics are off; or None."""
     try:
         from peers_archimedes import fig16
     except ImportError:
