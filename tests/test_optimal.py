@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from scipy.signal import cont2discrete
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Saturation, ZeroOrderHold
+from tsmblocks.blocks import DCMotor, Delay, FirstOrderLag, Gain, Integrator, Saturation, ZeroOrderHold
 from tsmblocks.errors import DataError, ParameterError, RunError
 from tsmblocks.optimal.smoothing import smooth
 
@@ -261,3 +261,20 @@ def test_a_mistake_is_told(what):
 def test_commands_before_their_start_are_refused(best):
     with pytest.raises(RunError, match="the commands begin at 0 s, so they cannot stop at -1 s"):
         best.inputs(-1.0)
+
+
+def test_the_current_of_a_motor_is_kept_within_its_limit():
+    """Voltage, current and speed: the motor as an electrical and mechanical model, its winding faster than a sample."""
+    motor = tsm.Diagram(title="motor", blocks={"motor": DCMotor()}, inputs={"u": tsm.Inlet("motor.u", unit="V")},
+                        outputs={"x": "motor.y", "i": "motor.i", "v": "motor.v"})  # fmt: skip
+    t = np.linspace(0.0, 0.4, 21)
+    how = dict(smallest="rms", references={"r": (t, np.sin(np.pi * t / 0.8) ** 2)}, step=0.02)
+    free = tsm.optimal_control(motor, {"u": (-24.0, 24.0)}, "r - x", **how)
+    limits = ["i <= 0.04", "i >= -0.04", "v <= 3.0"]
+    held = tsm.optimal_control(motor, {"u": (-24.0, 24.0)}, "r - x", limits=limits, **how)
+    assert free.found
+    assert held.found
+    assert np.abs(free.run["i"]).max() > 0.05
+    assert np.abs(held.run["i"]).max() < 0.0404
+    assert held.run["v"].max() < 3.001
+    assert held.rms > free.rms
