@@ -123,6 +123,21 @@ def test_the_smallest_peak_of_a_linear_plant_is_that_of_a_linear_programme():
     assert np.abs(r - again["y"][::50]).max() == pytest.approx(found.peak, rel=1e-3)
 
 
+@pytest.mark.parametrize("scale", [1e-7, 1e6])
+def test_the_user_s_units_change_nothing(scale):
+    t = np.linspace(0.0, 2.0, 41)
+    made = []
+    for gain, size in ((1.0, 1.0), (scale, scale), (1.0 / scale, 1.0)):  # as it is, small outputs, large commands
+        plant = line(Gain(gain=gain), FirstOrderLag(time_constant=0.3))
+        most = 1.2 * size / gain
+        found = tsm.optimal_control(
+            plant, {"u": (-most, most)}, "r - y", references={"r": (t, size * np.sin(3 * t))}, step=0.05
+        )
+        assert found.found
+        made.append(found.peak / size)
+    assert made == pytest.approx([made[0]] * 3, rel=1e-2)
+
+
 # ---- the paper's plant
 
 

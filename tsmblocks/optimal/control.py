@@ -15,7 +15,7 @@ from tsmblocks.errors import ParameterError, RunError, TsmError, in_words, near
 from tsmblocks.expressions import Expression, expression
 from tsmblocks.fitting.constraints import constraints
 from tsmblocks.measures import peak_to_peak, rms
-from tsmblocks.optimal.transcription import Interval, Known, Programme, Solution, Task, check, given_rows
+from tsmblocks.optimal.transcription import Interval, Known, Programme, Solution, Task, check, given_rows, units_of
 from tsmblocks.poles import poles
 from tsmblocks.run import Run
 from tsmblocks.simulate import equations, parameter_vector, simulate
@@ -142,7 +142,8 @@ def optimal_control(
     options = {**OPTIONS, "ipopt.max_iter": whole("iterations", iterations, 1)}
     x = np.asarray(task.eq.start(task.p)[0]).ravel()
     first = _guessed(task, guess, begin + h * np.arange(count + 1), x, interval, table)
-    known = Known(x, first.commands[:, 0], begin, table)
+    units = units_of(interval, first.commands, x, begin, table)
+    known = Known(x, first.commands[:, 0], begin, table, units)
     ended = _searched(interval, count, smallest, periodic, options, first, known, progress or (lambda *_: None))
     return result(diagram, interval, smallest, periodic, ended, known, given_inputs(inputs), hold)
 

@@ -13,7 +13,7 @@ from tsmblocks.arguments import given_inputs, number, positive, prepared, whole,
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError, ParameterError, in_words, near
 from tsmblocks.optimal.control import OPTIONS, ROUNDED, OptimalControl, Tell, asked, ending, pieces_of, result
-from tsmblocks.optimal.transcription import Interval, Known, Programme, Solution, Task, given_rows
+from tsmblocks.optimal.transcription import Interval, Known, Programme, Solution, Task, Units, given_rows, units_of
 
 FEW = 60
 """Iterations of the solver for one sample at most: the last plan is near, and the next sample comes soon."""
@@ -53,6 +53,7 @@ class RecedingHorizon:
         self.seconds: list[float] = []
         self.missed = 0
         self._plan: Solution | None = None
+        self._units: Units | None = None
         self._size = np.zeros(task.rounded.count)
 
     @property
@@ -90,8 +91,10 @@ class RecedingHorizon:
     def planned(self, table: np.ndarray) -> dict[str, float]:
         """The same, where everything given is laid out as ``given_rows`` does."""
         began = time.perf_counter()
-        known = Known(self.state, self.command, self.t, table)
-        plan = self._planned(known)
+        if self._units is None:
+            still = np.tile(self.command[:, None], self.preview + 1)
+            self._units = units_of(self.interval, still, self.state, self.t, table)
+        plan = self._planned(Known(self.state, self.command, self.t, table, self._units))
         self.seconds.append(time.perf_counter() - began)
         one = table[: self.interval.pieces]
         path, _, _ = self.interval.followed(plan.commands[:, :2], self.state, self.t, one)
@@ -162,7 +165,7 @@ def receding_horizon(
     count = whole_steps(control.t, end, h)
     grid = control.t + h / interval.pieces * np.arange((count + preview) * interval.pieces + 1)
     table = given_rows(control.task, given_inputs(inputs), dict(references), hold, grid)
-    known = Known(control.state, control.command, control.t, table[: count * interval.pieces])
+    begun = (control.state, control.command, control.t, table[: count * interval.pieces])
     made, states = [control.command], [control.state]
     for k in range(count):
         if progress is not None:
@@ -172,5 +175,7 @@ def receding_horizon(
         states.append(control.state)
     word = f"{control.missed} of {count} plans did not come out" if control.missed else "Solve_Succeeded"
     whole_run = Solution(np.column_stack(made), np.column_stack(states), 0.0, word)
+    units = Units(np.ones(len(control.command)), np.ones(len(control.state)), 1.0)
+    known = Known(*begun, units)
     ended = result(control.diagram, interval, smallest, False, whole_run, known, given_inputs(inputs), hold)
     return attrs.evolve(ended, seconds=np.array(control.seconds))

@@ -220,63 +220,96 @@ class Programme:
         begin, before = ca.MX.sym("begin", len(task.eq.x)), ca.MX.sym("before", len(task.commands))
         w, t0 = ca.MX.sym("w", width), ca.MX.sym("t0")
         size, most = ca.MX.sym("size", task.rounded.count), ca.MX.sym("most")
+        unit_c, unit_x, unit_e = (ca.MX.sym(f"unit{k}", n) for k, n in enumerate((c.shape[0], x.shape[0], 1)))
+        z = ca.vertcat(ca.vec(c), ca.vec(x), peak)
+        c, x = c * ca.repmat(unit_c, 1, count + 1), x * ca.repmat(unit_x, 1, count + 1)
         t = t0 + self.interval.step * ca.DM(np.arange(count)).T
         ends, errors, limits = self.interval.function.map(count)(
             x[:, :-1], c[:, :-1], c[:, 1:], t, ca.reshape(w, *shape), ca.repmat(size, 1, count)
         )
-        e = ca.vec(errors)
-        joints = [ca.vec(x[:, 1:] - ends)]
-        joints += [x[:, 0] - x[:, -1], c[:, 0] - c[:, -1]] if self.periodic else [x[:, 0] - begin, c[:, 0] - before]
+        e = ca.vec(errors) / unit_e
+        first, before_it = (x[:, -1], c[:, -1]) if self.periodic else (begin, before)
+        joints = [ca.vec((x[:, 1:] - ends) / ca.repmat(unit_x, 1, count)), (x[:, 0] - first) / unit_x,
+                  (c[:, 0] - before_it) / unit_c]  # fmt: skip
         rates = ca.vec((c[:, 1:] - c[:, :-1]) / self.interval.step)
         below = [peak - e, peak + e]
         bounded = {"peak": below, "both": below, "within": [most - e, most + e], "rms": []}[self.goal]
         square = ca.sumsqr(e) / e.numel()
         f = 100.0 * {"peak": peak, "both": square + PRICE * peak**2}.get(self.goal, square)
-        made = {"x": ca.vertcat(ca.vec(c), ca.vec(x), peak), "f": f,
-                "g": ca.vertcat(*joints, rates, *bounded, ca.vec(limits)),
-                "p": ca.vertcat(begin, before, w, t0, size, most)}  # fmt: skip
+        made = {"x": z, "f": f, "g": ca.vertcat(*joints, rates, *bounded, ca.vec(limits)),
+                "p": ca.vertcat(begin, before, w, t0, size, most, unit_c, unit_x, unit_e)}  # fmt: skip
         return ca.nlpsol("programme", "ipopt", made, dict(self.options))
 
-    @cached_property
-    def bounds(self) -> dict[str, np.ndarray]:
-        """Bounds of the variables and of what is constrained."""
+    def bounds(self, units: Units) -> dict[str, np.ndarray]:
+        """Bounds of the variables, in their units, and of what is constrained."""
         task, count = self.interval.task, self.count
         n, c = len(task.eq.x), len(task.commands)
         free = np.full(n * (count + 1) + 1, np.inf)
         joints = n * count + n + c
         after = (2 * (self.goal != "rms") + len(task.limits)) * count * (self.interval.pieces + 1)
         return {
-            "lbx": np.concatenate([np.tile(task.ranges[0], count + 1), -free]),
-            "ubx": np.concatenate([np.tile(task.ranges[1], count + 1), free]),
+            "lbx": np.concatenate([np.tile(task.ranges[0] / units.commands, count + 1), -free]),
+            "ubx": np.concatenate([np.tile(task.ranges[1] / units.commands, count + 1), free]),
             "lbg": np.concatenate([np.zeros(joints), np.tile(task.paces[0], count), np.zeros(after)]),
             "ubg": np.concatenate([np.zeros(joints), np.tile(task.paces[1], count), np.full(after, np.inf)]),
         }
 
     def solve(self, guess: Solution, known: Known, size: np.ndarray, most: float = 0.0) -> Solution:
         """Search from a guess. ``most`` is the peak that errors are to stay within, where that is the goal."""
-        start = np.concatenate([guess.commands.ravel(order="F"), guess.states.ravel(order="F"), [guess.peak]])
+        units = known.units
+        c0, x0 = guess.commands / units.commands[:, None], guess.states / units.states[:, None]
+        start = np.concatenate([c0.ravel(order="F"), x0.ravel(order="F"), [guess.peak / units.error]])
         given = np.concatenate([known.begin, known.before, self.interval.given(known.table).ravel(order="F"),
-                                [known.start], size, [most]])  # fmt: skip
+                                [known.start], size, [most / units.error], units.commands, units.states,
+                                [units.error]])  # fmt: skip
         warm = {"lam_g0": guess.forces[0], "lam_x0": guess.forces[1]} if guess.forces else {}
-        answer = self.solver(x0=start, p=given, **self.bounds, **warm)
+        answer = self.solver(x0=start, p=given, **self.bounds(units), **warm)
         z, stats = np.asarray(answer["x"]).ravel(), self.solver.stats()
         task, count = self.interval.task, self.count + 1
         c, n = len(task.commands), len(task.eq.x)
         return Solution(
-            z[: c * count].reshape(c, count, order="F"), z[c * count : -1].reshape(n, count, order="F"), float(z[-1]),
+            units.commands[:, None] * z[: c * count].reshape(c, count, order="F"),
+            units.states[:, None] * z[c * count : -1].reshape(n, count, order="F"), units.error * float(z[-1]),
             str(stats["return_status"]), (np.asarray(answer["lam_g"]), np.asarray(answer["lam_x"])),
             _missed(stats) <= JOINED,
         )  # fmt: skip
 
 
 @attrs.frozen(eq=False)
+class Units:
+    """Sizes that commands (c,), states (n,) and the error have: the solver counts in these, whatever the user's are."""
+
+    commands: np.ndarray
+    states: np.ndarray
+    error: float
+
+
+@attrs.frozen(eq=False)
 class Known:
-    """What one solution starts from: states and commands at ``start`` [s], and the given signals (``given_rows``)."""
+    """What one solution starts from: states and commands at ``start`` [s], given signals (``given_rows``), units."""
 
     begin: np.ndarray
     before: np.ndarray
     start: float
     table: np.ndarray
+    units: Units
+
+
+def units_of(interval: Interval, commands: np.ndarray, begin: np.ndarray, start: float, table: np.ndarray) -> Units:
+    """Sizes along commands (c, N + 1) to begin from, and along as large ones that rise and stay."""
+    task = interval.task
+    given = float(np.abs(table[:, :, len(task.eq.u) :]).max(initial=0.0)) or 1.0
+    ranges = np.abs(task.ranges)
+    finite = np.where(np.isfinite(ranges), ranges, 0.0).max(axis=0)
+    sizes = np.abs(commands).max(axis=1)
+    sizes = np.where(sizes > 0, sizes, np.where(finite > 0, finite, given))
+    states, errors = np.abs(begin), 0.0
+    for tried in (commands, np.minimum(np.arange(commands.shape[1]) / 5, 1.0) * sizes[:, None]):
+        path, error, _ = interval.followed(tried, begin, start, table)
+        if np.isfinite(path).all() and np.isfinite(error).all():
+            states = np.maximum(states, np.abs(path).max(axis=1))
+            errors = errors or float(np.abs(error).max())
+    return Units(sizes, np.where(states > 0, states, 1.0), errors or given)
 
 
 @attrs.frozen(eq=False)
