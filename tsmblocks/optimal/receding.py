@@ -45,8 +45,7 @@ class RecedingHorizon:
         goal = "both" if smallest == "peak" else smallest
         options = {**OPTIONS, "ipopt.max_iter": whole("iterations", iterations, 1)}
         self._first = Programme(self.interval, ahead, goal, False, {**options, "ipopt.max_iter": 10 * FEW})
-        self._later = Programme(self.interval, ahead, goal, False, {**options, "ipopt.mu_init": 1e-3,
-                                "ipopt.mu_strategy": "monotone"})  # fmt: skip
+        self._later = Programme(self.interval, ahead, goal, False, options)
         self.t = number("start", start)
         self.state = np.asarray(task.eq.start(task.p)[0]).ravel()
         self.command = np.clip(np.zeros(len(task.commands)), *task.ranges)
@@ -54,6 +53,7 @@ class RecedingHorizon:
         self.missed = 0
         self._plan: Solution | None = None
         self._units: Units | None = None
+        self._largest = 0.0
         self._size = np.zeros(task.rounded.count)
 
     @property
@@ -94,6 +94,9 @@ class RecedingHorizon:
         if self._units is None:
             still = np.tile(self.command[:, None], self.preview + 1)
             self._units = units_of(self.interval, still, self.state, self.t, table)
+        given = float(np.abs(table[:, :, len(self.task.eq.u) :]).max(initial=0.0))  # the size of errors that matter
+        self._units = attrs.evolve(self._units, error=max(self._largest, given) or self._units.error)
+        self._largest = max(self._largest, given)
         plan = self._planned(Known(self.state, self.command, self.t, table, self._units))
         self.seconds.append(time.perf_counter() - began)
         one = table[: self.interval.pieces]
