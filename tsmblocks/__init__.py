@@ -24,7 +24,7 @@ _HOME = {
     "Inlet": "diagram",
     "Input": "block",
     "Noise": "data",
-    "OptimalControl": "optimal.control",
+    "OptimalControl": "optimal.outcome",
     "Output": "block",
     "Past": "block",
     "RecedingHorizon": "optimal.receding",
@@ -146,8 +146,8 @@ if TYPE_CHECKING:
     from tsmblocks.measures import rms as rms
     from tsmblocks.measures import tracking_error as tracking_error
     from tsmblocks.metrics import measure as measure
-    from tsmblocks.optimal.control import OptimalControl as OptimalControl
     from tsmblocks.optimal.control import optimal_control as optimal_control
+    from tsmblocks.optimal.outcome import OptimalControl as OptimalControl
     from tsmblocks.optimal.receding import RecedingHorizon as RecedingHorizon
     from tsmblocks.optimal.receding import receding_horizon as receding_horizon
     from tsmblocks.run import Run as Run

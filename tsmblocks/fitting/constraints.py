@@ -36,8 +36,13 @@ class Ties:
     items: tuple[tuple[str, Expression], ...] = ()
 
 
-def constraints(given: Any, known: Sequence[str]) -> tuple[Constraint, ...]:
-    """Read constraints: one text, a list of texts, or a mapping from names to texts. Raises ParameterError."""
+def constraints(
+    given: Any, known: Sequence[str], *, what: str = "constraint", kind: str = "parameter"
+) -> tuple[Constraint, ...]:
+    """Read constraints: one text, a list of texts, or a mapping from names to texts. Raises ParameterError.
+
+    Messages say ``what`` they are and of what ``kind`` the names.
+    """
     if isinstance(given, str):
         given = [given]
     if isinstance(given, Mapping):
@@ -45,17 +50,19 @@ def constraints(given: Any, known: Sequence[str]) -> tuple[Constraint, ...]:
     elif isinstance(given, Sequence):
         pairs = [("", text) for text in given]
     else:
-        raise ParameterError(f"constraints must be texts such as 'theta > 0', a list or a mapping of them, "
+        raise ParameterError(f"{what}s must be texts such as 'theta > 0', a list or a mapping of them, "
                              f"got {in_words(given)}.")  # fmt: skip
-    return tuple(one for name, text in pairs for one in constraint(name, text, known))
+    return tuple(one for name, text in pairs for one in constraint(name, text, known, what=what, kind=kind))
 
 
-def constraint(name: str, text: str, known: Sequence[str]) -> tuple[Constraint, ...]:
+def constraint(
+    name: str, text: str, known: Sequence[str], *, what: str = "constraint", kind: str = "parameter"
+) -> tuple[Constraint, ...]:
     """Read one comparison; ``0 < a < b`` makes two constraints of the same ``name`` (by default, their texts).
 
     Raises ParameterError as ``expression`` does, and for what compares nothing or does not depend on a parameter.
     """
-    read = reader(f"constraint '{clip(name, 40)}'" if name else "constraint", text, known)
+    read = reader(f"{what} '{clip(name, 40)}'" if name else what, text, known, kind)
     tree = read.tree
     if isinstance(tree, ast.BoolOp):
         read.refuse("one comparison is wanted. Write several as a list.")
@@ -72,7 +79,7 @@ def constraint(name: str, text: str, known: Sequence[str]) -> tuple[Constraint, 
         holds = _decided(one)
         if holds is not None:
             always = "true" if holds else "false"
-            read.refuse(f"this is always {always}, whatever the parameters are.", left, right)
+            read.refuse(f"this is always {always}, whatever the {kind}s are.", left, right)
         made.append(one)
     return tuple(made)
 

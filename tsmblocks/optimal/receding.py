@@ -9,52 +9,71 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import given_inputs, number, positive, prepared, whole, whole_steps
+from tsmblocks.arguments import number, positive, prepared, whole, whole_steps
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DataError, ParameterError, in_words, near
-from tsmblocks.optimal.control import OPTIONS, ROUNDED, OptimalControl, Tell, asked, ending, pieces_of, result
-from tsmblocks.optimal.transcription import Interval, Known, Programme, Solution, Task, Units, given_rows, units_of
+from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
+from tsmblocks.fitting.interrupt import kept
+from tsmblocks.optimal.asking import Tell, asked, begins, ending, given_of, goal_of, pieces_of, teller
+from tsmblocks.optimal.control import OPTIONS, ROUNDED
+from tsmblocks.optimal.outcome import OptimalControl, outcome
+from tsmblocks.optimal.transcription import (
+    PRICE,
+    Given,
+    Interval,
+    Known,
+    Programme,
+    Solution,
+    Task,
+    Units,
+    given_rows,
+    units_of,
+)
 
 FEW = 60
 """Iterations of the solver for one sample at most: the last plan is near, and the next sample comes soon."""
 SHARP = 0.003
 """Size over which kinks are rounded off, as a share of what lies in them."""
+STUCK = 10.0
+"""Times the usual error of a plan from which another begin is tried: searches can end at standing still."""
+USUAL = 0.25
+"""Share of all plans before that leave no more than the usual error."""
 
 
 class RecedingHorizon:
     """A controller that plans ``preview`` samples ahead, gives the first command of the plan, and plans anew.
 
     It runs on a model of the plant, whose state it carries along; give it the state where one is measured. Arguments
-    as for ``optimal_control``. ``seconds`` lists how long each plan took, ``missed`` how many plans did not come out,
-    so that the one before went on.
+    as for ``optimal_control``; the first plan may take ten times as many ``iterations``. ``smallest="peak"`` makes the
+    peak over the preview small together with the mean square: with the peak alone most of a plan would be arbitrary.
+    ``seconds`` lists how long each plan took. ``missed`` counts plans in which no way was found to keep all limits (the
+    command then stays), ``short`` those that were not searched to their end.
     """
 
     def __init__(
-        self, diagram: Diagram, commands: Mapping[str, Any], error: str, *, references: Sequence[str],
+        self, diagram: Diagram, commands: Mapping[str, Any], error: str, *, references: Sequence[str] | str,
         preview: int = 25, smallest: str = "rms", rates: Mapping[str, Any] | None = None,
         limits: Sequence[str] | str = (), start: float = 0.0, step: float = 0.02, pieces: int | None = None,
         parameters: Mapping[str, Any] | None = None, iterations: int = FEW,
     ) -> None:  # fmt: skip
-        self.diagram = prepared(diagram, parameters)
-        task = asked(self.diagram, commands, error, limits, rates, dict.fromkeys(references))
-        if smallest not in ("peak", "rms"):
-            raise ParameterError(f"smallest is 'peak' or 'rms', got {in_words(smallest)}."
-                                 f"{near(str(smallest), ('peak', 'rms'))}")  # fmt: skip
+        self.diagram, goal = prepared(diagram, parameters), goal_of(smallest)
+        task = asked(self.diagram, commands, error, limits, rates, _names(references))
         h, ahead = positive("step", step), whole("preview", preview, 2)
+        few = whole("iterations", iterations, 1)
         self.interval = Interval(task, h, pieces_of(task, pieces, h))
-        goal = "both" if smallest == "peak" else smallest
-        options = {**OPTIONS, "ipopt.max_iter": whole("iterations", iterations, 1)}
-        self._first = Programme(self.interval, ahead, goal, False, {**options, "ipopt.max_iter": 10 * FEW})
-        self._later = Programme(self.interval, ahead, goal, False, options)
+        self._first, self._later = (
+            Programme(self.interval, ahead, "both" if goal == "peak" else goal, False,
+                      {**OPTIONS, "ipopt.max_iter": most}) for most in (10 * few, few)
+        )  # fmt: skip
         self.t = number("start", start)
         self.state = np.asarray(task.eq.start(task.p)[0]).ravel()
         self.command = np.clip(np.zeros(len(task.commands)), *task.ranges)
         self.seconds: list[float] = []
-        self.missed = 0
+        self.missed = self.short = 0
         self._plan: Solution | None = None
         self._units: Units | None = None
         self._largest = 0.0
         self._size = np.zeros(task.rounded.count)
+        self._left: list[float] = []
 
     @property
     def task(self) -> Task:
@@ -75,72 +94,104 @@ class RecedingHorizon:
         ``references`` and other ``inputs`` of the diagram are numbers, or ``preview`` + 1 samples from now on;
         ``state`` gives states by name that are known better than by the model. Raises DataError.
         """
-        task, grid = self.task, self._grid()
-        for name, value in (state or {}).items():
-            if name not in task.eq.x:
-                raise DataError(f"'{task.eq.title}' has no state '{name}'.{near(name, task.eq.x)}")
-            self.state[task.eq.x.index(name)] = number(f"the state '{name}'", value, DataError)
-        missing = [name for name in task.references if name not in references]
-        if missing:
-            raise DataError(f"the references are {', '.join(task.references)}, and {missing[0]} is not given.")
-        ahead = {k: self._ahead(k, v, grid) for k, v in {**references, **(inputs or {})}.items()}
-        table = given_rows(task, {k: v for k, v in ahead.items() if k not in task.references},
-                           {k: ahead[k] for k in task.references}, "linear", grid)  # fmt: skip
+        task, h = self.task, self.interval.step / self.interval.pieces
+        given = given_of(task.eq.title, task.commands, inputs, references, "linear")
+        grid = self.t + h * np.arange(self.preview * self.interval.pieces + 1)
+        ahead = grid[:: self.interval.pieces]
+        for name, value in {**given.references, **given.inputs}.items():
+            if np.ndim(value) and np.shape(value) != (self.preview + 1,):
+                raise DataError(f"'{name}' must be a number or {self.preview + 1} samples, one for now and one for "
+                                f"each sample of the preview; got shape {np.shape(value)}.")  # fmt: skip
+        table = given_rows(task, given.on(ahead), grid)
+        self._known_better(state)
         return self.planned(table)
+
+    def _known_better(self, state: Mapping[str, float] | None) -> None:
+        if state is not None and not isinstance(state, Mapping):
+            raise DataError(f"state must map names of states to numbers, got {in_words(state)}.")
+        better = self.state.copy()
+        for name, value in (state or {}).items():
+            if name not in self.task.eq.x:
+                raise DataError(f"'{self.task.eq.title}' has no state '{name}'.{near(str(name), self.task.eq.x)}")
+            better[self.task.eq.x.index(name)] = number(f"the state '{name}'", value, DataError)
+        self.state = better
 
     def planned(self, table: np.ndarray) -> dict[str, float]:
         """The same, where everything given is laid out as ``given_rows`` does."""
         began = time.perf_counter()
-        if self._units is None:
-            still = np.tile(self.command[:, None], self.preview + 1)
-            self._units = units_of(self.interval, still, self.state, self.t, table)
-        given = float(np.abs(table[:, :, len(self.task.eq.u) :]).max(initial=0.0))  # the size of errors that matter
-        self._units = attrs.evolve(self._units, error=max(self._largest, given) or self._units.error)
-        self._largest = max(self._largest, given)
-        plan = self._planned(Known(self.state, self.command, self.t, table, self._units))
+        plan = self._planned(self._known(table))
+        self.missed += not plan.feasible
+        self.short += plan.feasible and not plan.found
         self.seconds.append(time.perf_counter() - began)
-        one = table[: self.interval.pieces]
-        path, _, _ = self.interval.followed(plan.commands[:, :2], self.state, self.t, one)
+        path, _, _ = self.interval.followed(plan.commands[:, :2], self.state, self.t, table[: self.interval.pieces])
         self.state, self.command, self._plan = path[:, 1], plan.commands[:, 1], plan
         self.t += self.interval.step
         return dict(zip(self.task.commands, self.command.tolist(), strict=True))
 
-    def _grid(self) -> np.ndarray:
-        h = self.interval.step / self.interval.pieces
-        return self.t + h * np.arange(self.preview * self.interval.pieces + 1)
-
-    def _ahead(self, name: str, given: Any, grid: np.ndarray) -> Any:
-        if np.ndim(given) == 0:
-            return given
-        if np.shape(given) != (self.preview + 1,):
-            raise DataError(f"'{name}' must be a number or {self.preview + 1} samples, one for now and one for each "
-                            f"sample of the preview; got shape {np.shape(given)}.")  # fmt: skip
-        return grid[:: self.interval.pieces], np.asarray(given, dtype=float)
+    def _known(self, table: np.ndarray) -> Known:
+        """What a plan starts from; errors are counted in the size of the references, the largest seen so far."""
+        if self._units is None:
+            still = np.tile(self.command[:, None], self.preview + 1)
+            self._units = units_of(self.interval, still, self.state, self.t, table)
+        self._largest = max(self._largest, float(np.abs(table[:, :, len(self.task.eq.u) :]).max(initial=0.0)))
+        self._units = attrs.evolve(self._units, error=self._largest or self._units.error)
+        return Known(self.state, self.command, self.t, table, self._units)
 
     def _planned(self, known: Known) -> Solution:
-        if self._plan is None:
-            return self._begun(known)
-        last = self._plan
-        shifted = Solution(_shifted(last.commands), _shifted(last.states), last.peak)
-        shifted.commands[:, 0], shifted.states[:, 0] = known.before, known.begin
-        size = self.interval.sizes(shifted.states, shifted.commands, known.start, known.table)
-        self._size = np.maximum(self._size, size)
-        plan = self._later.solve(shifted, known, SHARP * self._size)
-        if not plan.feasible:  # what led here leads nowhere: plan from standing still
-            plan = self._begun(known)
-        self.missed += not plan.feasible
+        """A plan that goes on from the last one, or a better one from another begin where that leaves much."""
+        plan = self._begun(known) if self._plan is None else self._from(_shifted(self._plan.commands), known)
+        usual = float(np.quantile(self._left, USUAL)) if self._left else np.inf
+        left = self._cost(plan, known)
+        if left > STUCK * usual or not plan.feasible:
+            t = known.start + self.interval.step * np.arange(self.preview + 1)
+            for commands in begins(self.task, None, t, self.interval, known.table)[1:]:
+                moved = known.before[:, None] + commands - commands[:, :1]
+                other = self._from(np.clip(moved, *(side[:, None] for side in self.task.ranges)), known)
+                plan = min(plan, other, key=lambda one: (not one.feasible, self._cost(one, known)))
+            left = self._cost(plan, known)
+        self._left.append(left)
         return plan
 
+    def _from(self, commands: np.ndarray, known: Known) -> Solution:
+        """The plan that a search from commands (c, N + 1) ends at."""
+        guess = self._followed(commands, known)
+        size = self.interval.sizes(guess.states, guess.commands, known.start, known.table)
+        self._size = np.maximum(self._size, size)
+        plan = self._later.solve(guess, known, SHARP * self._size)
+        return plan if plan.feasible else self._begun(known)
+
+    def _followed(self, commands: np.ndarray, known: Known) -> Solution:
+        commands = np.column_stack([known.before, commands[:, 1:]])
+        path, error, _ = self.interval.followed(commands, known.begin, known.start, known.table)
+        if not (np.isfinite(path).all() and np.isfinite(error).all()):
+            path, error = np.tile(known.begin[:, None], commands.shape[1]), np.full(1, known.units.error)
+        return Solution(commands, path, float(np.abs(error).max()), feasible=False)
+
     def _begun(self, known: Known) -> Solution:
-        """The first plan, from standing still, while kinks are sharpened."""
-        count = self.preview + 1
-        commands, states = (np.tile(part[:, None], count) for part in (known.before, known.begin))
-        plan = Solution(commands, states, 1.0, feasible=False)
+        """A plan from standing still, while kinks are sharpened."""
+        plan = self._followed(np.tile(known.before[:, None], self.preview + 1), known)
         for share in ROUNDED:
-            self._size = self.interval.sizes(plan.states, plan.commands, known.start, known.table)
-            made = self._first.solve(plan, known, max(share, SHARP) * self._size)
+            size = self.interval.sizes(plan.states, plan.commands, known.start, known.table)
+            self._size = np.maximum(self._size, size) if plan.feasible else size
+            made = self._first.solve(plan, known, max(share, SHARP) * size)
             plan = attrs.evolve(made, forces=None) if made.feasible else plan
         return plan
+
+    def _cost(self, plan: Solution, known: Known) -> float:
+        """What a plan leaves of what is to be small, in the equations as they are and in the unit of the error."""
+        _, error, _ = self.interval.followed(plan.commands, known.begin, known.start, known.table)
+        peak = PRICE * np.max(error**2) if self._later.goal == "both" else 0.0
+        left = float(np.sqrt(np.mean(error**2) + peak))
+        return left if np.isfinite(left) else np.inf
+
+
+def _names(references: Any) -> tuple[str, ...]:
+    """Names of references, of one or several. Raises ParameterError."""
+    if isinstance(references, str):
+        return (references,)
+    if not isinstance(references, Sequence) or not all(isinstance(k, str) for k in references):
+        raise ParameterError(f"references must be names of signals, got {in_words(references)}.")
+    return tuple(references)
 
 
 def _shifted(rows: np.ndarray) -> np.ndarray:
@@ -158,27 +209,52 @@ def receding_horizon(
     """The commands of a ``RecedingHorizon`` along references that are known ``preview`` samples ahead.
 
     Arguments as for ``optimal_control``; references and inputs must reach ``preview`` samples beyond ``stop``, and
-    without it end there. ``seconds`` of the result tells how long each sample's plan took.
+    without it the run ends so long before them. ``seconds`` of the result tells how long each sample's plan took. After
+    Ctrl-C the run ends where it is.
     """
-    control = RecedingHorizon(diagram, commands, error, references=tuple(references), preview=preview,
+    title, tell = prepared(diagram).title, teller(progress)
+    given = given_of(title, tuple(commands) if isinstance(commands, Mapping) else (), inputs, references, hold)
+    control = RecedingHorizon(diagram, commands, error, references=tuple(given.references), preview=preview,
                               smallest=smallest, rates=rates, limits=limits, start=start, step=step, pieces=pieces,
                               parameters=parameters, iterations=iterations)  # fmt: skip
-    interval, h = control.interval, control.interval.step
-    end = number("stop", stop) if stop is not None else ending(references, inputs) - preview * h
-    count = whole_steps(control.t, end, h)
-    grid = control.t + h / interval.pieces * np.arange((count + preview) * interval.pieces + 1)
-    table = given_rows(control.task, given_inputs(inputs), dict(references), hold, grid)
-    begun = (control.state, control.command, control.t, table[: count * interval.pieces])
+    interval, h, begin = control.interval, control.interval.step, control.t
+    count = _count(given, begin, stop, h, preview)
+    given = given.on(begin + h * np.arange(count + preview + 1))
+    grid = begin + h / interval.pieces * np.arange((count + preview) * interval.pieces + 1)
+    table, x = given_rows(control.task, given, grid), control.state
     made, states = [control.command], [control.state]
-    for k in range(count):
-        if progress is not None:
-            progress("planned", k, count)
-        control.planned(table[k * interval.pieces : (k + preview) * interval.pieces])
-        made.append(control.command)
-        states.append(control.state)
-    word = f"{control.missed} of {count} plans did not come out" if control.missed else "Solve_Succeeded"
-    whole_run = Solution(np.column_stack(made), np.column_stack(states), 0.0, word)
-    units = Units(np.ones(len(control.command)), np.ones(len(control.state)), 1.0)
-    known = Known(*begun, units)
-    ended = result(control.diagram, interval, smallest, False, whole_run, known, given_inputs(inputs), hold)
-    return attrs.evolve(ended, seconds=np.array(control.seconds))
+    with kept() as stopped:
+        for k in range(count):
+            tell("planned", k, count)
+            control.planned(table[k * interval.pieces : (k + preview) * interval.pieces])
+            made.append(control.command)
+            states.append(control.state)
+            if stopped.stop:
+                break
+    tell("planned", len(made) - 1, count)
+    word = _word(control, len(made) - 1, stopped.stop)
+    ended = Solution(np.column_stack(made), np.column_stack(states), 0.0, word or "Solve_Succeeded")
+    found = outcome(control.diagram, interval, smallest, False, ended, x, begin, given)
+    return attrs.evolve(found, seconds=np.array(control.seconds))
+
+
+def _count(given: Given, begin: float, stop: float | None, h: float, preview: int) -> int:
+    """Samples to plan. Raises RunError."""
+    last = ending(given, begin, h) if stop is None else number("stop", stop) + preview * h
+    end = last - preview * h
+    if stop is None and end < begin + h * (1 - 1e-6):
+        raise RunError(f"what is given ends at {last:g} s, before one preview of {preview} samples of {h:g} s and one "
+                       "sample are over. Give more, or a shorter preview.")  # fmt: skip
+    count = whole_steps(begin, end, h)
+    if abs(begin + count * h - end) > 1e-6 * h and stop is not None:
+        raise RunError(f"stop={stop:g} s is no whole number of steps of {h:g} s after start={begin:g} s.")
+    return count
+
+
+def _word(control: RecedingHorizon, count: int, stopped: bool) -> str:
+    """What went wrong with plans, if anything did."""
+    if stopped:
+        return f"interrupted after {count} samples"
+    if control.missed:
+        return f"{control.missed} of {count} plans kept no limits"
+    return f"{control.short} of {count} plans were cut short" if control.short > count // 20 else ""

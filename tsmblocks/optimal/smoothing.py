@@ -23,6 +23,8 @@ class Smooth:
     rounded: ca.Function
     inside: ca.Function
     count: int
+    steps: bool
+    """Whether it rounds to whole numbers, which has no slope that leads anywhere."""
 
 
 def smooth(function: ca.Function) -> Smooth:
@@ -56,6 +58,7 @@ def smooth(function: ca.Function) -> Smooth:
         ca.Function("rounded", [*given, size], outs, [*before, "size"], after),
         ca.Function("inside", given, [ca.vertcat(*kinks)], before, ["inside"]),
         len(kinks),
+        any(name in ("FLOOR", "CEIL") for name, _ in program.nodes),
     )
 
 

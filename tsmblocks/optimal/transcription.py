@@ -13,15 +13,19 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.declare import Samples
 from tsmblocks.engine.feeds import Signal, rows
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.equation_set import Equations
-from tsmblocks.errors import RunError
+from tsmblocks.errors import DataError, RunError
 from tsmblocks.expressions import Expression
+from tsmblocks.fitting.constraints import Constraint
 from tsmblocks.optimal.smoothing import Smooth, smooth
 
 _RULE = method_named("rk4")
+HAIR = 1e-9
+"""Share of an interval by which its end comes before the next one's start."""
 JOINED = 1e-6
 """By how much a constraint may be missed at most."""
 PRICE = 0.1
@@ -33,7 +37,7 @@ class Task:
     """What is asked of commands, apart from times: the equations, which inputs are commands, what is to be small.
 
     ``ranges`` (2, commands) are the lowest and highest commands, ``paces`` (2, commands) their rates; ``limits`` are
-    expressions to be at least zero. ``names`` are all that expressions use, mapped to signals of the equations;
+    what is to hold on the way. ``names`` are all that expressions use, mapped to signals of the equations;
     ``references`` are the names that stand for given signals instead.
     """
 
@@ -43,7 +47,7 @@ class Task:
     ranges: np.ndarray
     paces: np.ndarray
     error: Expression
-    limits: tuple[Expression, ...]
+    limits: tuple[Constraint, ...]
     names: Mapping[str, str]
     references: tuple[str, ...]
 
@@ -76,18 +80,42 @@ class Task:
         return found
 
 
-def given_rows(
-    task: Task, inputs: Mapping[str, Any], references: Mapping[str, Any], hold: str, grid: np.ndarray
-) -> np.ndarray:
+@attrs.frozen(eq=False)
+class Given:
+    """Signals that are known beforehand, by name: other inputs of the diagram, and references; as for ``simulate``."""
+
+    inputs: Mapping[str, Any]
+    references: Mapping[str, Any]
+    hold: str = "linear"
+
+    def on(self, t: np.ndarray) -> Given:
+        """The same, plain values being those at the samples ``t`` [s]."""
+
+        def paired(value: Any) -> Any:
+            plain = not hasattr(value, "t") and not callable(value) and not isinstance(value, tuple)
+            return (t, value) if plain and np.ndim(value) == 1 and len(value) == len(t) else value
+
+        inputs, references = ({k: paired(v) for k, v in one.items()} for one in (self.inputs, self.references))
+        return Given(inputs, references, self.hold)
+
+
+def straight(t: np.ndarray, y: np.ndarray) -> Samples:
+    """Samples of a command: linear in between, whatever holds for other inputs."""
+    return Samples(t, y, "linear")
+
+
+def given_rows(task: Task, given: Given, grid: np.ndarray) -> np.ndarray:
     """Everything that is known beforehand at the instants of each step, shape (steps, 3, inputs + references).
 
     Commands are zero there. Raises DataError.
     """
     step = float(grid[1] - grid[0])
-    flat = {name: (grid[[0, -1]], np.zeros(2)) for name in task.commands}
-    signals = gather_signals(task.eq, {**inputs, **flat}, grid, hold)
+    flat = {name: straight(grid[[0, -1]], np.zeros(2)) for name in task.commands}
+    signals = gather_signals(task.eq, {**given.inputs, **flat}, grid, given.hold)
     for name in task.references:
-        signal = Signal(name, references[name], grid, hold)
+        if name not in given.references:
+            raise DataError(f"the references are {', '.join(task.references)}, and {name} is not given.")
+        signal = Signal(name, given.references[name], grid, given.hold)
         signal.covers(float(grid[0]), float(grid[-1]), step)
         signals.append((signal, 0))
     return rows(signals, float(grid[0]), step, 0, len(grid) - 1, (0.0, 0.5, 1.0))[:-1]
@@ -128,7 +156,8 @@ class Interval:
             for k, command, order in task.places:
                 rise = c1[command] - c0[command]
                 u[k] = rise / self.step if order else c0[command] + at * rise
-            given = (t + at * self.step, state, u)
+            before = HAIR * self.step if share == 1.0 else 0.0  # sources that jump at a sample do so after it
+            given = (t + at * self.step - before, state, u)
             dx, y = task.rounded.rounded(*given, size) if rounded else task.rhs(*given)
             return dx, self._measured(y, w[len(task.eq.u) :, column])
 
@@ -152,7 +181,7 @@ class Interval:
         task = self.task
         values = {name: y[task.eq.y.index(signal)] for name, signal in task.names.items()}
         values |= {name: references[k] for k, name in enumerate(task.references)}
-        parts = [one.symbolic(values) for one in task.limits]
+        parts = [one.expression.symbolic(values) for one in task.limits]
         return task.error.symbolic(values), ca.vertcat(*parts) if parts else ca.SX(0, 1)
 
     def given(self, table: np.ndarray) -> np.ndarray:
