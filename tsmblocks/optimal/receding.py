@@ -35,6 +35,8 @@ SHARP = 0.003
 """Size over which kinks are rounded off, as a share of what lies in them."""
 STUCK = 10.0
 """Times the usual error of a plan from which another begin is tried: searches can end at standing still."""
+LITTLE = 1e-3
+"""Share of the references' size below which an error is never much."""
 USUAL = 0.25
 """Share of all plans before that leave no more than the usual error."""
 
@@ -140,7 +142,7 @@ class RecedingHorizon:
     def _planned(self, known: Known) -> Solution:
         """A plan that goes on from the last one, or a better one from another begin where that leaves much."""
         plan = self._begun(known) if self._plan is None else self._from(_shifted(self._plan.commands), known)
-        usual = float(np.quantile(self._left, USUAL)) if self._left else np.inf
+        usual = max(float(np.quantile(self._left, USUAL)), LITTLE * known.units.error) if self._left else np.inf
         left = self._cost(plan, known)
         if left > STUCK * usual or not plan.feasible:
             t = known.start + self.interval.step * np.arange(self.preview + 1)
@@ -169,11 +171,12 @@ class RecedingHorizon:
 
     def _begun(self, known: Known) -> Solution:
         """A plan from standing still, while kinks are sharpened."""
+        programme = self._first if self._plan is None else self._later
         plan = self._followed(np.tile(known.before[:, None], self.preview + 1), known)
         for share in ROUNDED:
             size = self.interval.sizes(plan.states, plan.commands, known.start, known.table)
             self._size = np.maximum(self._size, size) if plan.feasible else size
-            made = self._first.solve(plan, known, max(share, SHARP) * size)
+            made = programme.solve(plan, known, max(share, SHARP) * size)
             plan = attrs.evolve(made, forces=None) if made.feasible else plan
         return plan
 
