@@ -15,6 +15,8 @@ SMOOTH = {
     "fig09a_without_feedforward": ["controller.kp", "motor.K", "tsm.theta", "tsm.zeta", "ref.amplitude"],
     "fig09b_feedforward": ["theta", "tsm.alpha1", "compensator.A", "controller.kd", "motor.tau"],
     "fig16_feedforward_feedback": ["pid.kp", "pid.ki", "alpha1", "delta"],
+    "observer_on_motor": ["alpha1", "theta", "controller.ki"],
+    "loop_around_model": ["alpha2", "delta", "gain.gain"],
     "motor_linear": ["motor.K", "motor.tau", "motor.speed"],
     "tendon_sheath_linear": ["gain.gain", "offset.bias"],
     "tendon_sheath_symmetric": ["tsm.beta", "tsm.gamma", "tsm.n", "tsm.A", "tsm.alpha_x"],
