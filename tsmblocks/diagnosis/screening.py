@@ -30,6 +30,10 @@ FARTHEST = 40.0
 """How much larger than the size worth trying an effect may begin."""
 
 
+NEXT = 4.0
+"""How many times a size that was tried an effect is thought to grow in proportion; shapes lie no farther apart."""
+
+
 @attrs.frozen(eq=False)
 class Absorbing:
     """What the base can take up by other numbers: an orthonormal basis (N, k), and the way back to the unknowns."""
@@ -211,7 +215,8 @@ class _Screen:
         theta = theta + np.array([shift.get(name, 0.0) for name in self.problem.unknowns.names])
         gain = -float(2 * size @ g + size @ m @ size)
         if not strengths:  # the size is part of the shape; count what another size in this direction would gain
-            gain = max(gain, float(max(-g[0], 0.0) ** 2 / max(m[0, 0], 1e-300)))
+            other = float(np.clip(-g[0] / max(m[0, 0], 1e-300), 0.0, NEXT))
+            gain = max(gain, -float(2 * other * g[0] + other**2 * m[0, 0]))
         inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
         return _Try(gain, inside_bounds, shape, z @ size, float(m[0, 0]), plain)
 
