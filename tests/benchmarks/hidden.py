@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run what is not in the file yet, then print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=10, help="plants and noises of each kind (10)")
-    parser.add_argument("--first", type=int, default=6000, metavar="SEED", help="the first of them (6000)")
+    parser.add_argument("--first", type=int, default=8000, metavar="SEED", help="the first of them (8000)")
     parser.add_argument("--groups", default=",".join(GROUPS), help="groups, with commas between them")
     parser.add_argument("--workers", type=int, default=2, help="processes side by side (2)")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="one case in N of each group: a quick look")
