@@ -67,8 +67,8 @@ def whole_steps(start: float, stop: float, h: float) -> int:
     return count
 
 
-def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
-    """The end of the shortest recorded input, on a step; 20 s when there is none."""
+def ends_of(inputs: Mapping[str, Any], start: float, h: float) -> list[float]:
+    """Where recorded inputs end [s]; those that go on for ever have no end."""
     ends = []
     for value in inputs.values():
         times = getattr(value, "t", value[0] if isinstance(value, tuple) and len(value) == 2 else None)
@@ -76,6 +76,12 @@ def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
             ends.append(float(np.asarray(times)[-1]))
         elif times is None and isinstance(value, (list, tuple, np.ndarray)) and len(value):
             ends.append(start + (len(value) - 1) * h)
+    return ends
+
+
+def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
+    """The end of the shortest recorded input, on a step; 20 s when there is none."""
+    ends = ends_of(inputs, start, h)
     return start + math.floor((min(ends) - start) / h + 1e-6) * h if ends else 20.0
 
 

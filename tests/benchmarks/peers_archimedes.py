@@ -92,7 +92,6 @@ def fig16(n: dict[str, float], stop: float, step: float) -> Callable[[np.ndarray
 
     def run(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         made = np.asarray(simulate(np.concatenate([np.zeros(7), p])))
-        made = made if made.shape[0] == steps + 1 else made.T
         return made[:, 0], made[:, 1]
 
     return run

@@ -28,8 +28,6 @@ AWAY = 1e30
 """Change of an output, in units of the noise, from which a simulation counts as one that runs away."""
 FARTHEST = 40.0
 """How much larger than the size worth trying an effect may begin."""
-
-
 NEXT = 4.0
 """How many times a size that was tried an effect is thought to grow in proportion; shapes lie no farther apart."""
 
@@ -213,10 +211,13 @@ class _Screen:
         theta = plain = self._set({**shape, **numbers})
         shift = dict(zip(self.model.problem.unknowns.names, -self.base.back @ (inside @ size), strict=True))
         theta = theta + np.array([shift.get(name, 0.0) for name in self.problem.unknowns.names])
-        gain = -float(2 * size @ g + size @ m @ size)
+
+        def fall(by: np.ndarray) -> float:
+            return -float(2 * by @ g + by @ m @ by)
+
+        gain = fall(size)
         if not strengths:  # the size is part of the shape; count what another size in this direction would gain
-            other = float(np.clip(-g[0] / max(m[0, 0], 1e-300), 0.0, NEXT))
-            gain = max(gain, -float(2 * other * g[0] + other**2 * m[0, 0]))
+            gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, NEXT)))
         inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
         return _Try(gain, inside_bounds, shape, z @ size, float(m[0, 0]), plain)
 

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.arguments import number, resolve_stop, whole
+from tsmblocks.arguments import ends_of, number, resolve_stop, whole, whole_steps
 from tsmblocks.diagram import Diagram
+from tsmblocks.equation_set import Equations
 from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.expressions import expression
 from tsmblocks.fitting.constraints import constraints
-from tsmblocks.optimal.transcription import Given, Interval, Task, check
+from tsmblocks.optimal.transcription import Given, Interval, Task
 from tsmblocks.poles import poles
 from tsmblocks.simulate import equations, parameter_vector
 
@@ -34,7 +35,10 @@ def asked(
     eq = equations(diagram)
     inputs = [f.name for f in eq.u if not f.block and not f.order]
     low_high = _ranges("commands", commands, inputs, eq.title)
-    check(eq, tuple(low_high))
+    if not low_high:
+        raise RunError("name at least one input of the diagram as a command, with its limits: "
+                       "commands={'u': (-24, 24)}.")  # fmt: skip
+    _smooth(eq)
     slow_fast = _ranges("rates", {} if rates is None else rates, tuple(low_high), eq.title)
     names = {**{name: name for name in eq.y}, **eq.aliases}
     taken = next((name for name in references if name in names), "")
@@ -57,11 +61,25 @@ def asked(
 
 
 def _searchable(task: Task) -> None:
-    """Raise RunError for what a search by slopes cannot see past."""
+    """Raise RunError for what a search by slopes cannot see past, and what commands cannot give."""
     if task.rounded.steps:
         raise RunError(f"'{task.eq.title}' rounds a signal to steps, and a search by slopes cannot see from one step "
                        "to the next. Leave the block that rounds out of the model.")  # fmt: skip
-    assert task.places  # raises where a command's second derivative is needed
+    bent = [task.commands[command] for _, command, order in task.places if order > 1]
+    if bent:
+        raise RunError(f"'{task.eq.title}' needs the second derivative of '{bent[0]}', and a command that is linear "
+                       "between its samples has none. Put a lag or an integrator behind it.")  # fmt: skip
+
+
+def _smooth(eq: Equations) -> None:
+    """Raise RunError for memory that jumps, and for delays."""
+    if eq.d or eq.periods:
+        owner = next(iter(eq.sampled), eq.d[0] if eq.d else "")
+        raise RunError(f"'{eq.title}' has a part that works in jumps ({owner}); optimal control needs states that move "
+                       "smoothly. Put a continuous block in its place.")  # fmt: skip
+    if eq.q:
+        raise RunError(f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
+                       "give the references that much earlier.")  # fmt: skip
 
 
 def _ranges(what: str, given: Any, known: Sequence[str], title: str) -> dict[str, tuple[float, float]]:
@@ -101,30 +119,33 @@ def teller(progress: Any) -> Tell:
     return progress or (lambda *_: None)
 
 
-def given_of(task_title: str, commands: Sequence[str], inputs: Any, references: Any, hold: str) -> Given:
+def given_of(title: str, commands: Any, inputs: Any, references: Any, hold: str) -> Given:
     """Everything that is known beforehand. Raises DataError where it is no mapping, or gives a command."""
     for what, given in (("inputs", inputs), ("references", references)):
         if given is not None and not (isinstance(given, Mapping) and all(isinstance(k, str) for k in given)):
             raise DataError(f"{what} must map names to signals, such as {{'x_ref': (t, values)}}, "
                             f"got {in_words(given)}.")  # fmt: skip
-    both = next((name for name in commands if name in (inputs or {})), "")
+    named = commands if isinstance(commands, (Mapping, tuple)) else ()  # anything else is refused where it is read
+    both = [name for name in inputs or () if name in named]
     if both:
-        raise DataError(f"'{both}' is a command of '{task_title}'; it cannot be given as an input too.")
+        raise DataError(f"'{both[0]}' is a command of '{title}'; it cannot be given as an input too.")
     return Given(dict(inputs or {}), dict(references or {}), hold)
 
 
 def ending(given: Given, start: float, step: float) -> float:
     """The end of what is given, where no stop is. Raises RunError."""
     signals = {**given.references, **given.inputs}
-    lasting = [v for v in signals.values() if not callable(v) and (hasattr(v, "t") or np.ndim(_first(v)) == 1)]
-    if not lasting:
+    if not ends_of(signals, start, step):
         raise RunError("say when it ends: stop=… [s], or references as (times, values).")
     return resolve_stop(signals, start, step)
 
 
-def _first(value: Any) -> Any:
-    """Times of a pair; a plain value, or list of values, itself."""
-    return value[0] if isinstance(value, tuple) and len(value) == 2 else value
+def count_of(begin: float, end: float, h: float) -> int:
+    """How many samples of ``h`` s there are from ``begin`` to ``end`` [s]. Raises RunError where that is not whole."""
+    count = whole_steps(begin, end, h)
+    if abs(begin + count * h - end) > 1e-6 * h:
+        raise RunError(f"stop={end:g} s is no whole number of steps of {h:g} s after start={begin:g} s.")
+    return count
 
 
 def pieces_of(task: Task, given: int | None, h: float) -> int:
@@ -153,16 +174,16 @@ def guessed(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
             raise ParameterError(f"guess of '{name}' must be {len(t)} finite numbers, one for each sample, or a pair "
                                  "(times, values) with times that increase.")  # fmt: skip
         commands[task.commands.index(name)] = np.interp(t, times, values)
-    return np.clip(commands, task.ranges[0][:, None], task.ranges[1][:, None])
+    return task.within(commands)
 
 
 def begins(task: Task, guess: Any, t: np.ndarray, interval: Interval, table: np.ndarray) -> list[np.ndarray]:
     """Commands to begin searches from: the guess, or else standing still, and a copy of the reference."""
     if guess is not None:
         return [guessed(task, guess, t)]
-    still = np.clip(np.zeros((len(task.commands), len(t))), task.ranges[0][:, None], task.ranges[1][:, None])
+    still = task.within(np.zeros((len(task.commands), len(t))))
     if len(task.commands) > 1 or not task.references:
         return [still]
     first = table[:: interval.pieces, 0, len(task.eq.u)]
     copied = np.append(first, table[-1, -1, len(task.eq.u)])[None, :]
-    return [still, np.clip(copied, task.ranges[0][:, None], task.ranges[1][:, None])]
+    return [still, task.within(copied)]

@@ -8,11 +8,11 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import number, positive, prepared, whole, whole_steps
+from tsmblocks.arguments import number, positive, prepared, whole
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError, in_words
 from tsmblocks.fitting.interrupt import Asked, kept
-from tsmblocks.optimal.asking import Tell, asked, begins, ending, given_of, goal_of, pieces_of, teller
+from tsmblocks.optimal.asking import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of, teller
 from tsmblocks.optimal.outcome import OptimalControl, outcome
 from tsmblocks.optimal.transcription import Interval, Known, Programme, Solution, given_rows, units_of
 
@@ -55,18 +55,16 @@ def optimal_control(
     Raises ParameterError, RunError, DataError. Source: Betts, Practical Methods for Optimal Control (2010), 4.
     """
     diagram, goal, tell = prepared(diagram, parameters), goal_of(smallest), teller(progress)
-    given = given_of(diagram.title, tuple(commands) if isinstance(commands, Mapping) else (), inputs, references, hold)
+    given = given_of(diagram.title, commands, inputs, references, hold)
     task = asked(diagram, commands, error, limits, rates, tuple(given.references))
     if not isinstance(periodic, bool):
         raise RunError(f"periodic is True or False, got {in_words(periodic)}.")
     h, begin = positive("step", step), number("start", start)
     end = number("stop", stop) if stop is not None else ending(given, begin, h)
-    count = whole_steps(begin, end, h)
-    if abs(begin + count * h - end) > 1e-6 * h:
-        raise RunError(f"stop={end:g} s is no whole number of steps of {h:g} s after start={begin:g} s.")
+    count = count_of(begin, end, h)
     interval, t = Interval(task, h, pieces_of(task, pieces, h)), begin + h * np.arange(count + 1)
     given = given.on(t)
-    table = given_rows(task, given, begin + h / interval.pieces * np.arange(count * interval.pieces + 1))
+    table = given_rows(task, given, interval.grid(begin, count))
     options = {**OPTIONS, "ipopt.max_iter": whole("iterations", iterations, 1)}
     x = np.asarray(task.eq.start(task.p)[0]).ravel()
     with kept() as stopped:
@@ -128,10 +126,10 @@ class _Search:
         rounded = ROUNDED[-1] * self.interval.sizes(end.states, end.commands, known.start, known.table)
         _, error, _ = self.interval.followed(end.commands, end.states[:, 0], known.start, known.table)
         highest = float(np.abs(error).max())
-        made = peak.solve(attrs.evolve(end, peak=highest, forces=None), known, rounded)
+        made = peak.solve(attrs.evolve(end, peak=highest), known, rounded)
         if not made.feasible:
             return attrs.evolve(end, word=made.word)
-        calm = within.solve(attrs.evolve(made, forces=None), known, rounded, ROOM * made.peak)
+        calm = within.solve(made, known, rounded, ROOM * made.peak)
         return attrs.evolve(calm, word=made.word) if calm.feasible else made
 
     def _cost(self, end: Solution, known: Known) -> float:

@@ -106,8 +106,7 @@ def outcome(
     task, count = interval.task, ended.commands.shape[1] - 1
     fine = Interval(task, interval.step, FINER * interval.pieces)
     t = start + interval.step * np.arange(count + 1)
-    lowest, highest = (side[:, None] for side in task.ranges)
-    values = np.clip(ended.commands, lowest, highest)
+    values = task.within(ended.commands)
     commands = {name: values[k] for k, name in enumerate(task.commands)}
     x = ended.states[:, 0] if periodic else begin
     states = dict(zip(task.eq.x, x.tolist(), strict=True))
@@ -118,8 +117,7 @@ def outcome(
     except NotFinite as failed:
         raise RunError(f"the commands lead where the equations are not finite: {failed} Ask for more pieces of each "
                        f"interval (pieces={2 * interval.pieces}), or narrower ranges.") from failed  # fmt: skip
-    grid = start + fine.step / fine.pieces * np.arange(count * fine.pieces + 1)
-    path, error, limits = fine.followed(values, x, start, given_rows(task, given, grid))
+    path, error, limits = fine.followed(values, x, start, given_rows(task, given, fine.grid(start, count)))
     missed, amiss = _missed(task, limits)
     if not ended.found:
         amiss = ended.word

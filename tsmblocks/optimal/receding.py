@@ -13,7 +13,7 @@ from tsmblocks.arguments import number, positive, prepared, whole, whole_steps
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.fitting.interrupt import kept
-from tsmblocks.optimal.asking import Tell, asked, begins, ending, given_of, goal_of, pieces_of, teller
+from tsmblocks.optimal.asking import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of, teller
 from tsmblocks.optimal.control import OPTIONS, ROUNDED
 from tsmblocks.optimal.outcome import OptimalControl, outcome
 from tsmblocks.optimal.transcription import (
@@ -96,9 +96,8 @@ class RecedingHorizon:
         ``references`` and other ``inputs`` of the diagram are numbers, or ``preview`` + 1 samples from now on;
         ``state`` gives states by name that are known better than by the model. Raises DataError.
         """
-        task, h = self.task, self.interval.step / self.interval.pieces
+        task, grid = self.task, self.interval.grid(self.t, self.preview)
         given = given_of(task.eq.title, task.commands, inputs, references, "linear")
-        grid = self.t + h * np.arange(self.preview * self.interval.pieces + 1)
         ahead = grid[:: self.interval.pieces]
         for name, value in {**given.references, **given.inputs}.items():
             if np.ndim(value) and np.shape(value) != (self.preview + 1,):
@@ -148,7 +147,7 @@ class RecedingHorizon:
             t = known.start + self.interval.step * np.arange(self.preview + 1)
             for commands in begins(self.task, None, t, self.interval, known.table)[1:]:
                 moved = known.before[:, None] + commands - commands[:, :1]
-                other = self._from(np.clip(moved, *(side[:, None] for side in self.task.ranges)), known)
+                other = self._from(self.task.within(moved), known)
                 plan = min(plan, other, key=lambda one: (not one.feasible, self._cost(one, known)))
             left = self._cost(plan, known)
         self._left.append(left)
@@ -177,7 +176,7 @@ class RecedingHorizon:
             size = self.interval.sizes(plan.states, plan.commands, known.start, known.table)
             self._size = np.maximum(self._size, size) if plan.feasible else size
             made = programme.solve(plan, known, max(share, SHARP) * size)
-            plan = attrs.evolve(made, forces=None) if made.feasible else plan
+            plan = made if made.feasible else plan
         return plan
 
     def _cost(self, plan: Solution, known: Known) -> float:
@@ -216,15 +215,14 @@ def receding_horizon(
     Ctrl-C the run ends where it is.
     """
     title, tell = prepared(diagram).title, teller(progress)
-    given = given_of(title, tuple(commands) if isinstance(commands, Mapping) else (), inputs, references, hold)
+    given = given_of(title, commands, inputs, references, hold)
     control = RecedingHorizon(diagram, commands, error, references=tuple(given.references), preview=preview,
                               smallest=smallest, rates=rates, limits=limits, start=start, step=step, pieces=pieces,
                               parameters=parameters, iterations=iterations)  # fmt: skip
     interval, h, begin = control.interval, control.interval.step, control.t
     count = _count(given, begin, stop, h, preview)
     given = given.on(begin + h * np.arange(count + preview + 1))
-    grid = begin + h / interval.pieces * np.arange((count + preview) * interval.pieces + 1)
-    table, x = given_rows(control.task, given, grid), control.state
+    table, x = given_rows(control.task, given, interval.grid(begin, count + preview)), control.state
     made, states = [control.command], [control.state]
     with kept() as stopped:
         for k in range(count):
@@ -243,15 +241,13 @@ def receding_horizon(
 
 def _count(given: Given, begin: float, stop: float | None, h: float, preview: int) -> int:
     """Samples to plan. Raises RunError."""
-    last = ending(given, begin, h) if stop is None else number("stop", stop) + preview * h
-    end = last - preview * h
-    if stop is None and end < begin + h * (1 - 1e-6):
+    if stop is not None:
+        return count_of(begin, number("stop", stop), h)
+    last = ending(given, begin, h)
+    if last - preview * h < begin + h * (1 - 1e-6):
         raise RunError(f"what is given ends at {last:g} s, before one preview of {preview} samples of {h:g} s and one "
                        "sample are over. Give more, or a shorter preview.")  # fmt: skip
-    count = whole_steps(begin, end, h)
-    if abs(begin + count * h - end) > 1e-6 * h and stop is not None:
-        raise RunError(f"stop={stop:g} s is no whole number of steps of {h:g} s after start={begin:g} s.")
-    return count
+    return whole_steps(begin, last - preview * h, h)
 
 
 def _word(control: RecedingHorizon, count: int, stopped: bool) -> str:

@@ -5,7 +5,7 @@ Direct transcription by multiple shooting (Bock and Plitt, 1984; Betts, Practica
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ from tsmblocks.engine.feeds import Signal, rows
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.equation_set import Equations
-from tsmblocks.errors import DataError, RunError
+from tsmblocks.errors import DataError
 from tsmblocks.expressions import Expression
 from tsmblocks.fitting.constraints import Constraint
 from tsmblocks.optimal.smoothing import Smooth, smooth
@@ -51,6 +51,10 @@ class Task:
     names: Mapping[str, str]
     references: tuple[str, ...]
 
+    def within(self, commands: np.ndarray) -> np.ndarray:
+        """Commands (c, N), held in their ranges."""
+        return np.clip(commands, self.ranges[0][:, None], self.ranges[1][:, None])
+
     @cached_property
     def rhs(self) -> ca.Function:
         """The equations with their numbers: of time, states and inputs, giving rates and outputs."""
@@ -71,11 +75,6 @@ class Task:
         for k, feed in enumerate(self.eq.u):
             if not feed.block and feed.name.removeprefix("d/dt " * feed.order) in self.commands:
                 command = feed.name.removeprefix("d/dt " * feed.order)
-                if feed.order > 1:
-                    raise RunError(
-                        f"'{self.eq.title}' needs the second derivative of '{command}', and a command that is linear "
-                        "between its samples has none. Put a lag or an integrator behind it."
-                    )
                 found.append((k, self.commands.index(command), feed.order))
         return found
 
@@ -184,6 +183,10 @@ class Interval:
         parts = [one.expression.symbolic(values) for one in task.limits]
         return task.error.symbolic(values), ca.vertcat(*parts) if parts else ca.SX(0, 1)
 
+    def grid(self, start: float, count: int) -> np.ndarray:
+        """The ends of all Runge-Kutta steps of ``count`` intervals [s]."""
+        return start + self.step / self.pieces * np.arange(count * self.pieces + 1)
+
     def given(self, table: np.ndarray) -> np.ndarray:
         """Rows of ``given_rows`` as the intervals take them, shape (inputs + references, 3 * pieces * intervals)."""
         return table.reshape(-1, table.shape[2]).T
@@ -244,17 +247,16 @@ class Programme:
         task, count = self.interval.task, self.count
         c, x = ca.MX.sym("c", len(task.commands), count + 1), ca.MX.sym("x", len(task.eq.x), count + 1)
         peak = ca.MX.sym("peak")
-        width = (len(task.eq.u) + len(task.references)) * 3 * self.interval.pieces * count
-        shape = (len(task.eq.u) + len(task.references), 3 * self.interval.pieces * count)
         begin, before = ca.MX.sym("begin", len(task.eq.x)), ca.MX.sym("before", len(task.commands))
-        w, t0 = ca.MX.sym("w", width), ca.MX.sym("t0")
+        w = ca.MX.sym("w", len(task.eq.u) + len(task.references), 3 * self.interval.pieces * count)
+        t0 = ca.MX.sym("t0")
         size, most = ca.MX.sym("size", task.rounded.count), ca.MX.sym("most")
         unit_c, unit_x, unit_e = (ca.MX.sym(f"unit{k}", n) for k, n in enumerate((c.shape[0], x.shape[0], 1)))
         z = ca.vertcat(ca.vec(c), ca.vec(x), peak)
         c, x = c * ca.repmat(unit_c, 1, count + 1), x * ca.repmat(unit_x, 1, count + 1)
         t = t0 + self.interval.step * ca.DM(np.arange(count)).T
         ends, errors, limits = self.interval.function.map(count)(
-            x[:, :-1], c[:, :-1], c[:, 1:], t, ca.reshape(w, *shape), ca.repmat(size, 1, count)
+            x[:, :-1], c[:, :-1], c[:, 1:], t, w, ca.repmat(size, 1, count)
         )
         e = ca.vec(errors) / unit_e
         first, before_it = (x[:, -1], c[:, -1]) if self.periodic else (begin, before)
@@ -266,7 +268,7 @@ class Programme:
         square = ca.sumsqr(e) / e.numel()
         f = 100.0 * {"peak": peak, "both": square + PRICE * peak**2}.get(self.goal, square)
         made = {"x": z, "f": f, "g": ca.vertcat(*joints, rates, *bounded, ca.vec(limits)),
-                "p": ca.vertcat(begin, before, w, t0, size, most, unit_c, unit_x, unit_e)}  # fmt: skip
+                "p": ca.vertcat(begin, before, ca.vec(w), t0, size, most, unit_c, unit_x, unit_e)}  # fmt: skip
         return ca.nlpsol("programme", "ipopt", made, dict(self.options))
 
     def bounds(self, units: Units) -> dict[str, np.ndarray]:
@@ -291,16 +293,14 @@ class Programme:
         given = np.concatenate([known.begin, known.before, self.interval.given(known.table).ravel(order="F"),
                                 [known.start], size, [most / units.error], units.commands, units.states,
                                 [units.error]])  # fmt: skip
-        warm = {"lam_g0": guess.forces[0], "lam_x0": guess.forces[1]} if guess.forces else {}
-        answer = self.solver(x0=start, p=given, **self.bounds(units), **warm)
+        answer = self.solver(x0=start, p=given, **self.bounds(units))
         z, stats = np.asarray(answer["x"]).ravel(), self.solver.stats()
         task, count = self.interval.task, self.count + 1
         c, n = len(task.commands), len(task.eq.x)
         return Solution(
             units.commands[:, None] * z[: c * count].reshape(c, count, order="F"),
             units.states[:, None] * z[c * count : -1].reshape(n, count, order="F"), units.error * float(z[-1]),
-            str(stats["return_status"]), (np.asarray(answer["lam_g"]), np.asarray(answer["lam_x"])),
-            _missed(stats) <= JOINED,
+            str(stats["return_status"]), _missed(stats) <= JOINED,
         )  # fmt: skip
 
 
@@ -352,7 +352,6 @@ class Solution:
     states: np.ndarray
     peak: float
     word: str = ""
-    forces: tuple[np.ndarray, np.ndarray] | None = None
     feasible: bool = True
 
     @property
@@ -365,17 +364,3 @@ def _missed(stats: Mapping[str, Any]) -> float:
     """By how much a constraint is missed at the end of a search."""
     course = (stats.get("iterations") or {}).get("inf_pr") or [np.inf]
     return float(course[-1])
-
-
-def check(eq: Equations, needed: Sequence[str]) -> None:
-    """Raise RunError for what cannot be transcribed: memory that jumps, delays; or where nothing is commanded."""
-    if eq.d or eq.periods:
-        owner = next(iter(eq.sampled), eq.d[0] if eq.d else "")
-        raise RunError(f"'{eq.title}' has a part that works in jumps ({owner}); optimal control needs states that move "
-                       "smoothly. Put a continuous block in its place.")  # fmt: skip
-    if eq.q:
-        raise RunError(f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
-                       "give the references that much earlier.")  # fmt: skip
-    if not needed:
-        raise RunError("name at least one input of the diagram as a command, with its limits: "
-                       "commands={'u': (-24, 24)}.")  # fmt: skip
