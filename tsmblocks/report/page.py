@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 from tsmblocks.diagnosis.difference import difference
@@ -35,12 +35,10 @@ from tsmblocks.errors import TsmError
 from tsmblocks.fitting.telling import listed
 from tsmblocks.fitting.unknowns import is_start, numbers
 from tsmblocks.report import figures
-from tsmblocks.report.style import CSS
+from tsmblocks.report.html import document, key, picture, sentence, table
 
 ROOM = 12000
 """Points of a line in all traces together, so that the page stays small."""
-WIDE = 4
-"""Columns from which a table is moved sideways on a phone and not squeezed."""
 MOST, LEAST = 500, 100
 """Points of one line at most and at least."""
 WORDS = {"named": "Found", "unknown": "Unknown effect", "none": "Nothing missing"}
@@ -54,10 +52,7 @@ def page(diagnosis: Diagnosis) -> str:
         body = build(diagnosis)
         if body:
             parts.append(body)
-    return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-            '<meta name="viewport" content="width=device-width,initial-scale=1">'
-            f'<meta name="color-scheme" content="light dark"><style>{CSS}</style></head>\n<body>\n'
-            + "\n".join(parts) + "\n</body></html>\n")  # fmt: skip
+    return document(title, parts)
 
 
 # ---- verdict and gap -----------------------------------------------------------------------------
@@ -68,7 +63,7 @@ def _head(diagnosis: Diagnosis, title: str) -> str:
     for segment in in_order(diagnosis):
         word = WORDS.get(segment.verdict, segment.verdict)
         boxes.append(f'<div class="verdict {escape(segment.verdict)}"><p><b class="word">{escape(word)}.</b> '
-                     f"{_text(verdict(segment))}</p></div>")  # fmt: skip
+                     f"{sentence(verdict(segment))}</p></div>")  # fmt: skip
     named = ", ".join(diagnosis.experiments)
     count = len(diagnosis.experiments)
     stopped = "" if diagnosis.status == "done" else f" <b>{escape(STATUS.get(diagnosis.status, diagnosis.status))}.</b>"
@@ -82,18 +77,18 @@ def _gaps(diagnosis: Diagnosis) -> str:
                      for s, g in shown)  # fmt: skip
     between = any(len(s.effects) > 1 for s in diagnosis.segments)
     any_named = any(s.effects for s in diagnosis.segments)
-    key = _key([("--before", "before"), *([("--between", "on the way")] if between else []),
-                *([("--after", "with all that was named")] if any_named else []),
-                ("hollow", "hollow: the same, fitted to these data too"), ("--floor", "noise floor")])  # fmt: skip
+    colours = key([("--before", "before"), *([("--between", "on the way")] if between else []),
+                   *([("--after", "with all that was named")] if any_named else []),
+                   ("hollow", "hollow: the same, fitted to these data too"), ("--floor", "noise floor")])  # fmt: skip
     words = ("Error on blocks of time that the model was not fitted to. Where a hollow bar is much shorter than its "
              "filled one, the model fits what it will not foretell.")  # fmt: skip
-    return f'<h2>How the gap shrinks</h2><p>{words}</p>{key}<div class="cards">{charts}</div>'
+    return f'<h2>How the gap shrinks</h2><p>{words}</p>{colours}<div class="cards">{charts}</div>'
 
 
 def _gap_words(segment: Segment, gap: Gap) -> str:
     steps_ = steps(segment)
     k, unit = for_people(gap.unit)
-    path = " → ".join(f"{digits(k * v)} ({_text(name)})" for v, name in zip(gap.held_out, steps_, strict=True))
+    path = " → ".join(f"{digits(k * v)} ({sentence(name)})" for v, name in zip(gap.held_out, steps_, strict=True))
     return (f"{escape(gap.output)} ({escape(segment.name)}): {path} {escape(unit)}; noise floor "
             f"{digits(k * gap.noise_floor)} {escape(unit)} ({escape(gap.method)}).")  # fmt: skip
 
@@ -106,7 +101,7 @@ def _disagreement(diagnosis: Diagnosis) -> str:
     points = max(LEAST, min(MOST, ROOM // max(count, 1)))
     several = len(diagnosis.segments) > 1
     parts = ["<h2>Where model and data disagree</h2>",
-             _key([("--measured", "measured"), ("--before", "before"),
+             key([("--measured", "measured"), ("--before", "before"),
                    *([("--after", "with what was named")] if diagnosis.effects else []),
                    ("--noise", "noise, ± 2 rms")])]  # fmt: skip
     for segment in in_order(diagnosis):
@@ -185,12 +180,12 @@ def _round(rows: Sequence[Ranked], experiments: int) -> str:
         "line",
         "l:",
     )
-    table = _table(names, body, ["named" if r.named else "" for r in fitted]) if fitted else ""
+    shown = table(names, body, ["named" if r.named else "" for r in fitted]) if fitted else ""
     if not rest:
-        return table
+        return shown
     more = [(escape(titled(r)), escape(r.family), escape(r.wire.strip()), percent(r.share)) for r in rest]
-    inner = _table(("l:effect", "l:family", "l:on the wire", "promised"), more)
-    return f"{table}<details><summary>{len(rest)} more promised too little to be fitted</summary>{inner}</details>"
+    inner = table(("l:effect", "l:family", "l:on the wire", "promised"), more)
+    return f"{shown}<details><summary>{len(rest)} more promised too little to be fitted</summary>{inner}</details>"
 
 
 def _ranked(r: Ranked, experiments: int) -> tuple[str, ...]:
@@ -209,19 +204,17 @@ def _ranked(r: Ranked, experiments: int) -> tuple[str, ...]:
 
 def _diagrams(diagnosis: Diagnosis) -> str:
     if not diagnosis.effects:
-        return f"<h2>The diagram</h2>{_picture(to_svg(diagnosis.base))}"
+        return f"<h2>The diagram</h2>{picture(to_svg(diagnosis.base))}"
     blocks = [e.block for e in diagnosis.effects]
-    pictures = (f"<h3>Before</h3>{_picture(to_svg(diagnosis.base))}"
-                f"<h3>After</h3>{_picture(_marked(diagnosis, blocks))}")  # fmt: skip
+    pictures = (f"<h3>Before</h3>{picture(to_svg(diagnosis.base))}"
+                f"<h3>After</h3>{picture(_marked(diagnosis, blocks))}")  # fmt: skip
     lines = "\n".join(f'<span class="{_sign(sign)}">{sign} {escape(line)}</span>'
                       for sign, line in difference(diagnosis.base, diagnosis.augmented).lines)  # fmt: skip
-    lists = "".join(f"<tr><td class=l>{escape(e.block)}</td><td class=l>{escape(e.words)}</td>"
-                    f"<td class=l>{escape(e.wire.strip())}</td><td class=l>{_numbers(diagnosis, e.block)}</td></tr>"
-                    for e in diagnosis.effects)  # fmt: skip
-    head = "".join(f"<th class=l>{name}</th>" for name in ("block", "what it is", "on the wire", "numbers"))
+    listed_blocks = [(escape(e.block), escape(e.words), escape(e.wire.strip()), _numbers(diagnosis, e.block))
+                     for e in diagnosis.effects]  # fmt: skip
+    shown = table(("l:block", "l:what it is", "l:on the wire", "l:numbers"), listed_blocks)
     script = "\n".join(escape(line) for line in code(diagnosis))
-    table = f'<div class="scroll" tabindex="0"><table><tr>{head}</tr>{lists}</table></div>'
-    return (f"<h2>The diagram, before and after</h2>{table}{pictures}"
+    return (f"<h2>The diagram, before and after</h2>{shown}{pictures}"
             f"<h3>What changed</h3><pre>{lines}</pre><h3>In a script</h3><pre>{script}</pre>")  # fmt: skip
 
 
@@ -249,15 +242,11 @@ def _sign(sign: str) -> str:
     return {"+": "add", "-": "gone"}.get(sign, "")
 
 
-def _picture(svg: str) -> str:
-    return f'<div class="picture" tabindex="0">{svg}</div>'
-
-
 # ---- what else there is to know ------------------------------------------------------------------
 
 
 def _confusion(diagnosis: Diagnosis) -> str:
-    rows = [f"<li><b>{escape(e.name)}</b> cannot be told from {_text(listed(e.also_possible, 9))} with these data. To "
+    rows = [f"<li><b>{escape(e.name)}</b> cannot be told from {sentence(listed(e.also_possible, 9))} with these data. To "
             f"separate them: {escape(e.separating_experiment or 'another experiment')}.</li>"
             for e in diagnosis.effects if e.also_possible]  # fmt: skip
     if not rows:
@@ -274,7 +263,7 @@ def _limits(diagnosis: Diagnosis) -> str:
         ordered = sorted(segment.limits, key=lambda m: m.value is None)
         rows = [(escape(m.name), escape(limit(m)), escape(m.excites)) for m in ordered]
         kinds = ["blind" if m.value is None else "" for m in ordered]
-        parts.append(_table(("l:effect", "l:smallest size", "l:what shows it"), rows, kinds))
+        parts.append(table(("l:effect", "l:smallest size", "l:what shows it"), rows, kinds))
     return "".join(parts) if any(s.limits for s in diagnosis.segments) else ""
 
 
@@ -288,7 +277,7 @@ def _consequence(diagnosis: Diagnosis) -> str:
         ("compensator on the new model", found.augmented))]  # fmt: skip
     said = (f"The motion of <i>{escape(found.reference)}</i> tracked in simulation, the new model being the plant; "
             f"errors in {escape(unit)}.")  # fmt: skip
-    return f"<h2>What it means for control</h2><p>{said}</p>{_table(('l:', 'peak to peak', 'rms'), rows)}"
+    return f"<h2>What it means for control</h2><p>{said}</p>{table(('l:', 'peak to peak', 'rms'), rows)}"
 
 
 def _notes(diagnosis: Diagnosis) -> str:
@@ -296,33 +285,3 @@ def _notes(diagnosis: Diagnosis) -> str:
     rows = "".join(f"<li>{escape(text)}</li>" for text in notes)
     end = f"Seed {diagnosis.seed}; status: {escape(STATUS.get(diagnosis.status, diagnosis.status))}."
     return f"<h2>Notes</h2>{f'<ul>{rows}</ul>' if rows else ''}<p class=soft>{end}</p>"
-
-
-# ---- small things --------------------------------------------------------------------------------
-
-
-def _table(names: Sequence[str], rows: Iterable[Sequence[str]], kinds: Sequence[str] = ()) -> str:
-    """Cells are HTML already; a name that begins with ``l:`` is of a column that is flush left."""
-    sides = [' class="l"' if name.startswith("l:") else "" for name in names]
-    head = "".join(f"<th{side}>{escape(name.removeprefix('l:'))}</th>" for name, side in zip(names, sides, strict=True))
-    body = []
-    for place, row in enumerate(rows):
-        kind = f' class="{kinds[place]}"' if kinds and kinds[place] else ""
-        cells = "".join(f"<td{side}>{cell}</td>" for cell, side in zip(row, sides, strict=True))
-        body.append(f"<tr{kind}>{cells}</tr>")
-    wide = ' class="wide"' if len(names) > WIDE else ""
-    inner = f"<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody>"
-    return f'<div class="scroll" tabindex="0"><table{wide}>{inner}</table></div>'
-
-
-def _key(items: Sequence[tuple[str, str]]) -> str:
-    shown = []
-    for colour, words in items:
-        style = "--c:transparent;--b:var(--ink)" if colour == "hollow" else f"--c:var({colour})"
-        shown.append(f'<span style="{style}">{escape(words)}</span>')
-    return f'<div class="key">{"".join(shown)}</div>'
-
-
-def _text(words: str) -> str:
-    """A sentence as HTML; a number and its percent sign stay together."""
-    return escape(words).replace(" %", "&nbsp;%").replace(" ± ", "&nbsp;±&nbsp;").replace(" -&gt;", "&nbsp;→")
