@@ -280,6 +280,17 @@ def counter(what: str) -> Callable[[str, int, float], None] | None:
     return tell
 
 
+def stages() -> Callable[[str, float], None] | None:
+    """Give a line that says what is done now, of several things; none when standard error is no terminal."""
+    if not sys.stderr.isatty():
+        return None
+
+    def tell(what: str, done: float) -> None:
+        print(f"\r\x1b[K{what}: {100 * done:3.0f} %", end="", file=sys.stderr, flush=True)
+
+    return tell
+
+
 def clear_progress(tell: Callable[..., None] | None) -> None:
     """Take the line of ``progress`` away again."""
     if tell is not None:

@@ -1,44 +1,46 @@
-"""The paper's tracking experiments: without compensation, with feedforward, with feedforward and feedback.
+"""The main job, in under a minute: the paper's experiments, then a mechanism in which something is hidden.
 
-Runs three diagrams on the paper's three signals (and on a measured reference, with --data), prints the
-peak-to-peak tracking error beside what the paper measured, and writes plots, drawings and a table.
+The paper's three diagrams are run on its three signals (and on a measured
+reference, with --data). Then a tendon sheath with an effect that its model has
+not is measured, with noise; the model is identified, what it misses is found
+and added, the compensators are rebuilt on it, and the tracking error of the
+mechanism is told before and after. The folder holds all of it, with index.html
+to begin at.
+
+  tsmblocks demo --out story
+  tsmblocks demo --hide none      (is anything found where nothing is?)
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import math
 import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import attrs
-
-from tsmblocks import units
 from tsmblocks.cli import common, recordings
 from tsmblocks.tables import columns
 
-HELP = "run the paper's diagrams on its signals; plots and a table in a folder"
-DIAGRAMS = {
-    "fig09a_without_feedforward": "without compensation",
-    "fig09b_feedforward": "feedforward",
-    "fig16_feedforward_feedback": "feedforward + PID",
-}
-STEP = 1e-3
-STOP = 40.0
-"""Seconds simulated: 8 periods of the slowest sine, the second half of them past the start."""
-WHY = (
-    "Even with a perfect model and an ideal motor (11) leaves 13 deg: by (14) it takes the state and "
-    "the slope at the reference, but those of the plant follow the motor, which around a reversal moves much "
-    "further than the reference, so that the plant's hysteresis switches sooner than the observer's."
-)
+if TYPE_CHECKING:
+    from tsmblocks.demo.compensators import Tracked
+    from tsmblocks.demo.paper import Case
+    from tsmblocks.demo.story import Story
+
+HELP = "the paper's experiments, and a hidden effect found; one page with pictures"
+NAMES = ("position_ripple", "backlash", "odd_nonlinearity", "none")
+"""What may be hidden, the usual first."""
+WIDTH = 80
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
     add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
+    add("--hide", metavar="EFFECT", default=NAMES[0], help=f"what is hidden: {', '.join(NAMES)} ({NAMES[0]})")
+    add("--seed", metavar="N", type=common.count, default=0, help="of the noise and of random starts (0)")
+    add("--json", action="store_true", help="print one JSON object and nothing else")
     recordings.data_arguments(parser)
     add("--column", metavar="NAME", help="column of --data with a measured reference; with its unit, if the "
         "file has none: 'x_ref [deg]'")  # fmt: skip
@@ -46,154 +48,196 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
-    cases = [*_paper_cases(), *_measured_case(args)]
+    hidden = common.choose(args.hide, NAMES, "effect to hide")
+    cases = _cases(args)
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
-    tell = common.progress("running")
-    try:
-        finished = _simulate(cases, tell)
-    finally:
-        common.clear_progress(tell)
-    print(_table(cases))
-    print("\n" + textwrap.fill(WHY, 100))
-    _write(cases, folder)
-    print(f"\nPlots, drawings and results.csv are in {folder}")
-    if not finished:
+    say: Callable[[str], None] = (lambda _: None) if args.json else print
+    whole = _run_paper(cases)
+    say(_paper(cases))
+    _write_paper(cases, folder)
+    if not whole:
         common.complain("stopped early; the table and the files hold what was done until then.")
         return common.INTERRUPTED
+    story = _tell_story(hidden, args.seed)
+    for chapter in (_measured(story), _identified(story), _diagnosed(story), _rebuilt(story), _revealed(story)):
+        say("\n" + chapter)
+    _write_story(cases, story, folder)
+    say(f"\nAll of it with pictures: {folder / 'index.html'}")
+    if args.json:
+        common.give(_facts(cases, story, folder))
     return 0
 
 
-@attrs.define
-class Case:
-    """One reference signal: the source that makes it, the runs on it, and what the paper measured [deg]."""
+def _cases(args: argparse.Namespace) -> list[Case]:
+    """The paper's signals, and the reference that --data and --column name."""
+    from tsmblocks.demo import paper
 
-    key: str
-    words: str
-    source: Any
-    stop: float = STOP
-    paper: tuple[float | None, ...] = (None, None, None)
-    runs: dict[str, Any] = attrs.field(factory=dict)
-
-    @property
-    def settled(self) -> float:
-        """From when on the start is over and the error counts [s]."""
-        return self.stop / 2
-
-    def error(self, diagram: str) -> Any:
-        """Tracking error of one diagram in deg, None when it was not run."""
-        from tsmblocks.measures import tracking_error
-
-        run = self.runs.get(diagram)
-        return tracking_error(run, after=self.settled).to("deg") if run is not None else None
-
-
-def _paper_cases() -> list[Case]:
-    from tsmblocks.blocks import MultiSine, Sine
-
-    def pair(f1: float, f2: float) -> Any:
-        tone = math.radians(28.0)
-        return MultiSine(amplitudes=(tone, tone), frequencies=(f1, f2), phases=(0.0, 0.0), unit="rad")
-
-    one = Sine(amplitude=math.radians(55.0), frequency=0.2, unit="rad")
-    return [
-        Case("sine", "55 deg at 0.2 Hz", one, paper=(27.0, 8.0, 5.8)),
-        Case("two_sines", "28 deg at 0.2 Hz + 28 deg at 0.5 Hz", pair(0.2, 0.5), paper=(27.0, 8.5, None)),
-        Case("no_period", "28 deg at 0.25 Hz + 28 deg at 0.25√3 Hz", pair(0.25, 0.25 * math.sqrt(3)),
-             paper=(28.0, 9.2, None)),
-    ]  # fmt: skip
-
-
-def _measured_case(args: argparse.Namespace) -> list[Case]:
-    """Return the reference that --data and --column name, as a recorded signal that begins at t = 0."""
     if not args.data and not args.column:
-        return []
+        return paper.cases()
     if not args.data or not args.column:
         raise common.UsageError("a measured reference needs both --data FILE and --column NAME.")
-    from tsmblocks.blocks import Recorded
     from tsmblocks.data import split_heading
 
     name, unit = split_heading(args.column)
     record = recordings.read_record(args, only=[name])
-    unit = record.unit(name) or unit
-    if not unit:
+    if not (record.unit(name) or unit):
         raise common.UsageError(f"{record.origin}: '{name}' has no unit, and the models work in rad. "
                                 f"Say what it is: --column '{name} [deg]'.")  # fmt: skip
-    values = record.values(name, "rad") if record.unit(name) else record[name] * units.factor(unit, "rad")
-    t = record.t - record.t[0]
-    stop = math.floor(float(t[-1]) / STEP) * STEP
-    source = Recorded(times=tuple(t), values=tuple(values), hold="cubic", unit="rad")
-    return [Case("measured", f"{name} of {Path(args.data).name}, {stop:.4g} s", source, stop=stop)]
+    return [*paper.cases(), paper.measured_case(record, name, unit)]
 
 
-def _simulate(cases: list[Case], tell: Any) -> bool:
-    """Run every diagram on every signal; False when Ctrl-C came in between."""
-    from tsmblocks.files import load
-    from tsmblocks.simulate import simulate
+def _run_paper(cases: list[Case]) -> bool:
+    from tsmblocks.demo import paper
 
-    plans = [(case, name) for case in cases for name in DIAGRAMS]
-    diagrams = {name: load(name) for name in DIAGRAMS}
-    for k, (case, name) in enumerate(plans):
-        if tell:
-            tell(k / len(plans))
-        run = simulate(diagrams[name].replace("ref", case.source), stop=case.stop, step=STEP, log="outputs")
-        if not run.complete:
-            return False
-        case.runs[name] = run
-    return True
+    tell = common.progress("running")
+    try:
+        return paper.run(cases, tell)
+    finally:
+        common.clear_progress(tell)
+
+
+def _tell_story(hidden: str, seed: int) -> Story:
+    from tsmblocks.demo.story import told
+
+    tell = common.stages()
+    try:
+        return told(hidden, seed, tell)
+    finally:
+        common.clear_progress(tell)
+
+
+# ---- what is said ---------------------------------------------------------------------------------
+
+
+def _paper(cases: Sequence[Case]) -> str:
+    from tsmblocks.demo import paper
+
+    head = ("", "none", "(11)", "(11) + PID", "paper measured")
+    table = columns([head, *paper.compared(cases)])
+    title = _wrapped("1. The paper's diagrams: peak-to-peak tracking error in deg, over the second half of each run, "
+                     "without compensation, with feedforward, with feedback as well")  # fmt: skip
+    return f"{title}\n\n{table}\n\n{_wrapped(paper.WHY)}"
+
+
+def _measured(story: Story) -> str:
+    from tsmblocks.demo.mechanism import DEG
+    from tsmblocks.demo.story import FLOOR
+
+    return _wrapped(
+        f"2. A mechanism is measured: {', '.join(story.records)}, with an encoder at the motor and a "
+        f"sensor of {FLOOR / DEG:.3f} deg rms at the tip. Something is in it that its model has not."
+    )
+
+
+def _identified(story: Story) -> str:
+    from tsmblocks.demo.mechanism import DEG
+    from tsmblocks.demo.story import FLOOR
+    from tsmblocks.fitting.telling import numbers
+
+    left = story.fit.differences.rms
+    end = _wrapped(f"What is left is {left / DEG:.3f} deg rms, {left / FLOOR:.1f} times the sensor's noise.")
+    return f"3. The paper's model is identified from all experiments at once\n\n{numbers(story.fit)}\n\n{end}"
+
+
+def _diagnosed(story: Story) -> str:
+    from tsmblocks.diagnosis.telling import verdict
+
+    segment = story.diagnosis.worst
+    return f"4. What is missing is found\n\n{_wrapped(f'{segment.verdict.upper()}. {verdict(segment)}')}"
+
+
+def _rebuilt(story: Story) -> str:
+    from tsmblocks.demo.story import AUGMENTED, IDENTIFIED
+
+    names = [name for name in (IDENTIFIED, AUGMENTED) if story.on(name)]
+    first = story.tracked[0]
+    rows: list[tuple[str, ...]] = [("model:", *names), (first.words, *([_error(first)] * len(names)))]
+    rows += [(words, *(_error(story.on(name).get(words)) for name in names)) for words in story.on(IDENTIFIED)]
+    title = _wrapped("5. The compensators are rebuilt on both models, and the mechanism tracks 55 deg at 0.2 Hz: "
+                     "peak-to-peak error in deg, rms in brackets")  # fmt: skip
+    return f"{title}\n\n{columns(rows)}"
+
+
+def _error(one: Tracked | None) -> str:
+    return "-" if one is None else f"{one.error.peak_to_peak:.2f} ({one.error.rms:.3f})"
+
+
+def _revealed(story: Story) -> str:
+    from tsmblocks.demo.story import AUGMENTED, IDENTIFIED
+
+    rows: list[tuple[str, ...]] = [("", "in truth", IDENTIFIED, AUGMENTED)]
+    rows += [(name, *("-" if v is None else f"{v:.3g}" for v in values)) for name, *values in story.revealed]
+    return f"{_wrapped(f'6. What had been hidden: {story.hidden.words}')}\n\n{columns(rows)}"
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, WIDTH, break_on_hyphens=False)
+
+
+def _facts(cases: Sequence[Case], story: Story, folder: Path) -> dict:
+    from tsmblocks.demo import paper
+
+    head, *rows = paper.rows(cases)
+    tracked = [{"compensator": one.words, "model": one.model, "peak_to_peak": one.error.peak_to_peak,
+                "rms": one.error.rms, "unit": "deg"} for one in story.tracked]  # fmt: skip
+    return {
+        "paper": [dict(zip(head, row, strict=True)) for row in rows], "hidden": story.name,
+        "verdict": story.diagnosis.verdict, "effects": [e.name for e in story.diagnosis.effects],
+        "tracking": tracked, "page": str(folder / "index.html"),
+    }  # fmt: skip
 
 
 # ---- what is written ----------------------------------------------------------------------------
 
 
-def _write(cases: list[Case], folder: Path) -> None:
-    """Write plots of each signal, drawings of each diagram, and the table."""
+def _write_paper(cases: list[Case], folder: Path) -> None:
+    """Write the table, drawings of each diagram, and, where matplotlib is there, plots of each signal."""
     from tsmblocks.cli import draw
+    from tsmblocks.demo import paper
     from tsmblocks.files import load
-    from tsmblocks.plots import plot_loop, plot_tracking
 
     with (folder / "results.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows(_rows(cases))
-    for case in cases:
-        if not case.runs:
-            continue
-        labelled = {DIAGRAMS[name]: run for name, run in case.runs.items()}
-        plot_tracking(labelled, title=case.words, after=case.settled).savefig(
-            folder / f"tracking_{case.key}.png", dpi=150
-        )
-        panel: Any = None
+        csv.writer(file).writerows(paper.rows(cases))
+    for name in paper.DIAGRAMS:
+        for ending in (".svg", ".png"):
+            draw.write(load(name), folder / f"{name}{ending}")
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        return
+    _plot_paper(cases, folder)
+
+
+def _plot_paper(cases: list[Case], folder: Path) -> None:
+    from tsmblocks.demo import paper
+    from tsmblocks.plots import plot_loop, plot_tracking
+
+    for case in (one for one in cases if one.runs):
+        labelled = {paper.DIAGRAMS[name]: run for name, run in case.runs.items()}
+        figure = plot_tracking(labelled, title=case.words, after=case.settled)
+        figure.savefig(folder / f"tracking_{case.key}.png", dpi=150)
+        panel = None
         for label, run in labelled.items():
             late = run.t >= case.settled
             figure = plot_loop(run["x_in"][late], run["x_out"][late], panel, label=label)
             panel = figure.axes[0]
-        panel.set_title(case.words, loc="left", fontsize=11)
+        figure.axes[0].set_title(case.words, loc="left", fontsize=11)
         figure.savefig(folder / f"loop_{case.key}.png", dpi=150)
-    for name in DIAGRAMS:
-        diagram = load(name)
-        for ending in (".svg", ".png"):
-            draw.write(diagram, folder / f"{name}{ending}")
 
 
-def _rows(cases: list[Case]) -> list[list[str]]:
-    """Return the table as a file holds it: one row for each signal and diagram."""
-    rows = [["signal", "diagram", "peak to peak [deg]", "rms [deg]", "largest [deg]", "paper, peak to peak [deg]"]]
-    for case in cases:
-        for name, paper in zip(DIAGRAMS, case.paper, strict=True):
-            error = case.error(name)
-            if error is not None:
-                numbers = (error.peak_to_peak, error.rms, error.largest)
-                rows.append([case.words, name, *(f"{x:.6g}" for x in numbers), "" if paper is None else f"{paper:g}"])
-    return rows
+def _write_story(cases: Sequence[Case], story: Story, folder: Path) -> None:
+    """Write the page, the recordings, the models, and the report of the diagnosis."""
+    from tsmblocks.demo.mechanism import model
+    from tsmblocks.demo.page import page
+    from tsmblocks.files import save
 
-
-def _table(cases: list[Case]) -> str:
-    """Return the table as the terminal shows it."""
-    rows = [("", *DIAGRAMS.values(), "the paper measured")]
-    for case in cases:
-        errors = [case.error(name) for name in DIAGRAMS]
-        shown = ["-" if e is None else f"{e.peak_to_peak:.1f}" for e in errors]
-        paper = " / ".join("-" if p is None else f"{p:g}" for p in case.paper)
-        rows.append((case.words, *shown, paper if any(case.paper) else "-"))
-    title = ("Peak-to-peak tracking error in deg, over the second half of each run\n"
-             "(the paper's models and gains; with PID, its second set of numbers)")  # fmt: skip
-    return f"{title}\n\n{columns(rows)}"
+    (folder / "recordings").mkdir(exist_ok=True)
+    for name, record in story.records.items():
+        lines = [",".join(["t [s]", *(f"{k} [{record.unit(k)}]" for k in record.names)])]
+        lines += [",".join(f"{v:.6g}" for v in row) for row in zip(record.t, *record.signals.values(), strict=True)]
+        (folder / "recordings" / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    save(model(), folder / "model.toml")
+    save(story.fit.diagram, folder / "identified.toml")
+    story.diagnosis.save(folder / "found")
+    (folder / "index.html").write_text(page(cases, story), encoding="utf-8", newline="\n")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsmblocks.blocks import Integrator, Sum
+from tsmblocks.blocks import FirstOrderLag, Integrator, Sum
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.result import Consequence
@@ -13,7 +13,7 @@ from tsmblocks.errors import TsmError
 from tsmblocks.measures import peak_to_peak, rms
 from tsmblocks.simulate import simulate
 
-FAST = 0.5
+FAST = 0.25
 """Gain of the loop around a model, over one step: as fast as the step can follow."""
 SETTLING = 0.1
 """Share of a motion, from its start, in which the loop catches up; errors count after it."""
@@ -54,9 +54,8 @@ def _errors(
     blocks: dict = {"plant": plant}
     wires, ports = [], [f"plant.{inlet}"]
     if model is not None:
-        blocks |= {"error": Sum(signs="+-"), "fast": Integrator(gain=FAST / h, unit=unit), "model": model}
-        wires = [f"error -> fast -> model.{inlet}", f"model.{outlet} -> error.minus", f"fast -> plant.{inlet}"]
-        ports = ["error.plus"]
+        blocks["compensator"] = inverse(model, inlet, outlet, gain=FAST / h)
+        wires, ports = [f"compensator -> plant.{inlet}"], ["compensator.wanted"]
     loop = Diagram(title="consequence", blocks=blocks, wires=wires, inputs={"wanted": Inlet(ports, unit)},
                    outputs={"x_out": f"plant.{outlet}"})  # fmt: skip
     start = float(record.t[0])
@@ -65,3 +64,29 @@ def _errors(
     error = run["x_out"] - np.interp(run.t, record.t, wanted)
     late = error[run.t >= start + SETTLING * (record.t[-1] - start)]
     return peak_to_peak(late), rms(late)
+
+
+def inverse(model: Diagram, inlet: str, outlet: str, gain: float) -> Diagram:
+    r"""A compensator for any model: the command that makes the model's output follow ``wanted``, by a loop around it.
+
+    .. math:: x' = \tfrac{1}{\tau}(c - x), \qquad c' = K (w - \hat y(x)), \qquad \tau = \tfrac{1}{4 K}
+
+    ``gain`` is K [1/s]. The lag damps the loop critically where the model's slope is 1, and lets it stand around models
+    that answer to the rate of their input too, as the paper's slope does: without it their output would depend on
+    itself at the same instant. Output ``command``, in the unit of the model's input.
+    """
+    unit = model.inports[inlet].unit
+    blocks = {
+        "miss": Sum(signs="+-"),
+        "fast": Integrator(gain=gain, unit=unit),
+        "soft": FirstOrderLag(time_constant=1 / (4 * gain)),
+        "model": model,
+    }
+    wires = [f"miss -> fast -> soft -> model.{inlet}", f"model.{outlet} -> miss.minus"]
+    return Diagram(
+        title="inverse by a loop around the model",
+        blocks=blocks,
+        wires=wires,
+        inputs={"wanted": Inlet(["miss.plus"], model.unit(outlet))},
+        outputs={"command": "soft"},
+    )

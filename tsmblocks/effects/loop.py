@@ -58,11 +58,16 @@ def _curvature(scales: Scales) -> Trials:
 
 
 EFFECTS = (
-    Effect(
-        "backlash", "loop", "a backlash gap", "output", Play(half_width=0.0), {"half_width": 0.0}, ("half_width",),
-        _gap, excites="reversals at two amplitudes or more", settled=("m",),
-        confused=("nonlocal_memory", "hysteresis", "presliding_friction"),
-        separates="two amplitudes, minor loops, or an odd multisine",
+    *(
+        Effect(
+            "backlash", "loop", words, place, Play(half_width=0.0), {"half_width": 0.0}, ("half_width",),
+            _gap, excites="reversals at two amplitudes or more", settled=("m",),
+            confused=("nonlocal_memory", "hysteresis", "presliding_friction"),
+            separates="two amplitudes, minor loops, or an odd multisine", variant=variant,
+        )
+        for place, words, variant in (
+            ("output", "a backlash gap", ""), ("input", "a backlash gap in front of the model", "input"),
+        )
     ),
     Effect(
         "hysteresis", "loop", "hysteresis", "output", Stretch(), {"half_width": 0.0}, ("half_width", "distance"), _loop,

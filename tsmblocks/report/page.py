@@ -246,8 +246,8 @@ def _sign(sign: str) -> str:
 
 
 def _confusion(diagnosis: Diagnosis) -> str:
-    rows = [f"<li><b>{escape(e.name)}</b> cannot be told from {sentence(listed(e.also_possible, 9))} with these data. To "
-            f"separate them: {escape(e.separating_experiment or 'another experiment')}.</li>"
+    rows = [f"<li><b>{escape(e.name)}</b> cannot be told from {sentence(listed(e.also_possible, 9))} with these data. "
+            f"To separate them: {escape(e.separating_experiment or 'another experiment')}.</li>"
             for e in diagnosis.effects if e.also_possible]  # fmt: skip
     if not rows:
         return ""

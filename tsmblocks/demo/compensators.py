@@ -1,0 +1,98 @@
+"""Compensators for the mechanism, built on a model of it, and what is left when the real one is driven by them."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tsmblocks.blocks import ElasticBacklash, FeedforwardCompensator, Play, Recorded
+from tsmblocks.demo.mechanism import STEP, STOP, behind_the_motor, references
+from tsmblocks.diagnosis.consequence import inverse
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import TsmError
+from tsmblocks.measures import TrackingError, tracking_error
+from tsmblocks.optimal.control import optimal_control
+from tsmblocks.run import Run
+from tsmblocks.simulate import simulate
+
+REFERENCE = "large"
+"""The experiment whose reference is tracked."""
+GAIN = 200.0
+"""Of the loop around a model [1/s]."""
+SPEED = 3.0
+"""Limit of the planned command's rate [rad/s]."""
+PERIOD, GRID = 5.0, 0.02
+"""Of the reference, and between samples of a plan [s]."""
+ROUNDED = {"alpha_x": 1.0, "rho": 1.0, "roundness": 0.1, "growth_up": 0.0, "growth_down": 0.0}
+"""With these an ElasticBacklash is a gap whose corners are rounded a little: a plan needs states that move smoothly."""
+SETTLED = STOP / 2
+"""From when on the error counts [s]."""
+
+
+@attrs.frozen(eq=False)
+class Tracked:
+    """The mechanism behind one compensator: the run, and what is left of the reference."""
+
+    words: str
+    model: str
+    run: Run = attrs.field(repr=False)
+
+    @property
+    def error(self) -> TrackingError:
+        """Tracking error in deg, the start left out."""
+        return tracking_error(self.run, after=SETTLED).to("deg")
+
+
+def uncompensated(sheath: Diagram) -> Tracked:
+    """The reference as the command."""
+    return _tracked("no compensation", "", _loop(sheath))
+
+
+def feedforward(sheath: Diagram, model: Diagram, words: str) -> Tracked:
+    """The paper's (11) with the numbers of a model, which has no place for anything else that is in it."""
+    numbers = {k: model.parameters[f"tsm.{k}"] for k in ("alpha1", "alpha2", "A", "theta", "delta")}
+    loop = _loop(sheath).insert("compensator", FeedforwardCompensator(**numbers), before="error.plus")
+    return _tracked("feedforward (11)", words, loop)
+
+
+def around(sheath: Diagram, model: Diagram, words: str) -> Tracked:
+    """A fast loop around a model."""
+    made = inverse(model, "x_in", "x_out", GAIN)
+    loop = _loop(sheath).insert("compensator", made, before="error.plus")
+    return _tracked("loop around the model", words, loop)
+
+
+def planned(sheath: Diagram, model: Diagram, words: str) -> Tracked | None:
+    """The best command there is for a model, all of the reference known; None where the search found none."""
+    t = np.arange(0.0, PERIOD + GRID / 2, GRID)
+    x_ref = np.asarray(simulate(_loop(sheath), stop=PERIOD, step=GRID / 4, log="outputs")["x_ref"])[::4]
+    try:
+        best = optimal_control(
+            plannable(model), {"x_in": (None, None)}, "x_ref - x_out", rates={"x_in": (-SPEED, SPEED)},
+            references={"x_ref": (t, x_ref)}, step=GRID, periodic=True, guess={"x_in": 1.25 * x_ref},
+        )  # fmt: skip
+    except TsmError:
+        return None
+    command = best.inputs(STOP + PERIOD)["x_in"]
+    plan = Recorded(times=tuple(command.t), values=tuple(command.y), unit="rad")
+    loop = _loop(sheath)
+    loop = loop.rewire(blocks={**loop.blocks, "plan": plan}, cut=["ref -> error.plus"], add=["plan -> error.plus"])
+    return _tracked("planned", words, loop)
+
+
+def plannable(model: Diagram) -> Diagram:
+    """The same model with its gaps rounded off."""
+    made = model
+    for name, block in model.blocks.items():
+        if isinstance(block, Play):
+            rounded = ElasticBacklash(half_width=model.parameters[f"{name}.half_width"], **ROUNDED)
+            made = made.replace(name, rounded, ports={"u": "x"})
+    return made
+
+
+def _loop(sheath: Diagram) -> Diagram:
+    return behind_the_motor(sheath, references()[REFERENCE])
+
+
+def _tracked(words: str, model: str, loop: Diagram) -> Tracked:
+    return Tracked(words, model, simulate(loop, stop=STOP, step=STEP, log="outputs"))

@@ -1,0 +1,88 @@
+"""The whole story of one mechanism: measured, identified, diagnosed, its compensators rebuilt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import attrs
+
+from tsmblocks.data import Record
+from tsmblocks.demo import compensators
+from tsmblocks.demo.compensators import Tracked
+from tsmblocks.demo.mechanism import HIDDEN, INTERVAL, NOISE, NUMBERS, Hidden, measured, model, truth
+from tsmblocks.diagnosis.diagnose import diagnose
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagram import Diagram
+from tsmblocks.fitting.estimate import fit
+from tsmblocks.fitting.result import Fit
+
+FLOOR = math.hypot(NOISE, INTERVAL / math.sqrt(12))
+"""Rms of the noise and the rounding of the sensor at the tip [rad], as its data sheet would give it."""
+FINE = 0.0025
+"""Step of the models that are compared [s]: a gap in front of one closes between two samples."""
+IDENTIFIED, AUGMENTED = "identified", "with what was found"
+"""The two models compensators are built on."""
+
+
+@attrs.frozen(eq=False)
+class Story:
+    """What was measured of a mechanism, what was made of it, and what had been hidden.
+
+    ``tracked`` are runs of the mechanism itself: first without compensation, then behind compensators on the model
+    identified, and on that which the diagnosis gave.
+    """
+
+    name: str
+    hidden: Hidden
+    mechanism: Diagram = attrs.field(repr=False)
+    records: Mapping[str, Record] = attrs.field(repr=False)
+    fit: Fit = attrs.field(repr=False)
+    diagnosis: Diagnosis = attrs.field(repr=False)
+    tracked: tuple[Tracked, ...] = attrs.field(repr=False)
+
+    def on(self, model: str) -> dict[str, Tracked]:
+        """The runs behind compensators on one of the models, by what they are called."""
+        return {one.words: one for one in self.tracked if one.model == model}
+
+    @property
+    def revealed(self) -> list[tuple[str, float, float, float | None]]:
+        """Each of the sheath's numbers: its name, what it is, as first identified, and with what was found in place."""
+        named = bool(self.diagnosis.effects)
+        after = self.diagnosis.augmented.parameters
+        return [(k, v, self.fit.diagram.parameters[f"tsm.{k}"], after[f"tsm.{k}"] if named else None)
+                for k, v in NUMBERS.items()]  # fmt: skip
+
+
+def told(name: str, seed: int, tell: Callable[[str, float], None] | None = None) -> Story:
+    """Hide ``name`` (of ``HIDDEN``), measure, identify, diagnose, rebuild. ``tell`` is given words and a share done."""
+
+    def at(words: str, share: float) -> None:
+        if tell:
+            tell(words, share)
+
+    at("measuring", 0.0)
+    sheath = truth(HIDDEN[name])
+    records = measured(sheath, seed)
+    at("identifying", 0.1)
+    found = fit(model(), records, seed=seed, step=FINE)
+    _go_on(found.status)
+    at("diagnosing", 0.2)
+    diagnosis = diagnose(model(), records, noise_floor=FLOOR, seed=seed, step=FINE)
+    _go_on(diagnosis.status)
+    at("rebuilding the compensators", 0.7)
+    tracked = [compensators.uncompensated(sheath)]
+    models = {IDENTIFIED: found.diagram}
+    if diagnosis.effects:
+        models[AUGMENTED] = diagnosis.augmented
+    for words, made in models.items():
+        built = (compensators.feedforward, compensators.around, compensators.planned)
+        tracked += [one for build in built if (one := build(sheath, made, words)) is not None]
+        at("rebuilding the compensators", 0.85)
+    return Story(name, HIDDEN[name], sheath, records, found, diagnosis, tuple(tracked))
+
+
+def _go_on(status: str) -> None:
+    """Raise KeyboardInterrupt where a search was stopped: half a story is none."""
+    if status == "interrupted":
+        raise KeyboardInterrupt
