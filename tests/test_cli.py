@@ -12,6 +12,7 @@ import pytest
 from tsmblocks.cli import main
 from tsmblocks.data import read
 
+PAPER = importlib.import_module("tsmblocks.demo.paper")
 SIMULATE = importlib.import_module("tsmblocks.simulate")  # the package shows a function of that name
 
 GROWS = """
@@ -240,8 +241,24 @@ def test_ctrl_c_gives_the_result_so_far(tsm, here, monkeypatch):
     assert "tracking error" in out
     assert "stopped at t =" in err
     assert 0 < read(here / "part.csv").t[-1] < 100
+
+
+def test_ctrl_c_in_the_demo_leaves_what_was_done(tsm, here, monkeypatch):
+    def once(d, **k):
+        monkeypatch.setattr(PAPER, "simulate", stopped)
+        return SIMULATE.simulate(d, **k)
+
+    def stopped(d, **k):
+        return SIMULATE.simulate(d, **k, progress=raised)
+
+    def raised(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PAPER, "simulate", once)
     status, out, err = tsm("demo", "--out", "d")
     assert (status, "stopped early" in err) == (130, True)
+    assert "55 deg at 0.2 Hz" in out
+    assert len((here / "d/results.csv").read_text().splitlines()) == 2
 
 
 def test_a_fault_of_ours_is_told_apart(tsm, monkeypatch):
@@ -315,10 +332,11 @@ def test_demo_repeats_the_paper(tsm, here):
     rows = [f"{a:.3f}, {b:.6f}" for a, b in zip(t, 60 * np.sin(t), strict=True)]
     (here / "calib.txt").write_text("\n".join(rows))
     data = ["--data", "calib.txt", "--columns", "t,x_ref"]
-    status, out, err = tsm("demo", "--out", "d", *data, "--column", "x_ref [deg]")
+    status, out, err = tsm("demo", "--out", "d", "--hide", "none", *data, "--column", "x_ref [deg]")
     assert (status, err) == (0, "")
     assert "27 / 8 / 5.8" in out
-    assert "(11) leaves 13 deg" in out
+    assert "(11) leaves 13 deg" in " ".join(out.split())
+    assert "x_ref as measured, 11.97 s" in out
     table = np.genfromtxt(here / "d/results.csv", delimiter=",", dtype=str, skip_header=1, usecols=(1, 2), max_rows=9)
     for name, low, high in (("fig09a", 26, 30), ("fig09b", 12, 16), ("fig16", 6, 10)):
         errors = [float(value) for diagram, value in table if diagram.startswith(name)]
@@ -327,7 +345,7 @@ def test_demo_repeats_the_paper(tsm, here):
     made = {path.name for path in (here / "d").iterdir()}
     for case in ("sine", "two_sines", "no_period", "measured"):
         assert {f"tracking_{case}.png", f"loop_{case}.png"} <= made
-    assert {"fig16_feedforward_feedback.svg", "fig16_feedforward_feedback.png", "results.csv"} <= made
+    assert {"fig16_feedforward_feedback.svg", "fig16_feedforward_feedback.png", "results.csv", "index.html"} <= made
 
 
 def test_demo_refuses_half_a_measurement(tsm, here):

@@ -272,6 +272,18 @@ def test_a_loop_is_hidden_in_a_straight_line():
     assert excess_of(made) == pytest.approx(1.0, rel=0.15)
 
 
+def test_a_gap_in_front_of_the_sheath_is_another_one_than_behind_it():
+    front = case("front", seed=1, protocol="paper", amplitude=1.5, step=COARSE)
+    assert front.truth == ("backlash",)
+    assert not np.any(effect_of(front, "x_in"))
+    behind = case("single", effect="backlash", seed=1, protocol="paper", amplitude=1.5, step=COARSE)
+    assert rms(effect_of(front)) > 0.1
+    lost = [float(np.ptp(stacked(made.without, "x_out")) - np.ptp(stacked(made.clean, "x_out"))) for made in
+            (front, behind)]  # fmt: skip
+    gain = front.numbers["c"]
+    assert lost == pytest.approx([2 * 1.5 * gain, 2 * 1.5], rel=0.15)
+
+
 @pytest.mark.parametrize("name", SENSOR_FAULTS)
 def test_a_fault_of_the_encoder_shows_on_both_sides_of_it(name):
     made = case("sensor", effect=name, seed=1, amplitude=0.05 if name == "parameter_change" else 0.5, step=COARSE)

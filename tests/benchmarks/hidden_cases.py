@@ -47,6 +47,7 @@ def listed(seeds: int, first: int) -> dict[str, list[tuple[Spec, str]]]:
         "outside": [Spec("outside", e, size, s) for s in each for size in (1.0, 3.0) for e in OUTSIDE],
         "shape": [Spec("shape", seed=2 * s + k) for s in each for k in range(2)],
         "base_line": [Spec("base_line", size=size, seed=s) for s in each for size in (1.0, 10.0)],
+        "front": [Spec("front", "backlash", size, s) for s in each for size in (0.3, 1.0, 10.0)],
         "poor": [Spec("poor", e, 1.0, s, p) for s in some for p in ("paper", "sine") for e in SHEATH_EFFECTS],
         "unexcited": [Spec("unexcited", e, seed=s) for s in each for e in UNEXCITED],
         **motor,

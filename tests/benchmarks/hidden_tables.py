@@ -148,9 +148,15 @@ def acceptance(good: Sequence[Row]) -> None:
         ("not excited: nothing said", "", "", _count(_of(good, "unexcited"), lambda r: not _alarm(r))),
         ("other loop shape: nothing said", "", "", _count(_of(good, "shape"), lambda r: not _alarm(r))),
         ("line as base: hysteresis first", "", "", _count(_of(good, "base_line"), right)),
+        ("backlash in front of the sheath: named", "", "", _count(_of(good, "front"), right)),
+        ("the same, and placed there", "", "", _count(_of(good, "front"), lambda r: right(r) and _in_front(r))),
         *_naming([r for r in _of(good, "poor") if r["excess"] >= EDGE * CLEAR], "poor excitation"),
     ]  # fmt: skip
     table("Acceptance", ["quantity", "gate", "stretch", "measured (95 % interval)"], body)
+
+
+def _in_front(row: Row) -> bool:
+    return all(e["wire"].startswith("x_in") for e in row["effects"])
 
 
 def _alarm(row: Row) -> bool:

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from .kinds import FAMILY, MOTOR_EFFECTS, OUTSIDE, SENSOR_FAULTS, SHEATH_EFFECTS, UNEXCITED, Spec
+from .kinds import FAMILY, FRONT_EFFECTS, MOTOR_EFFECTS, OUTSIDE, SENSOR_FAULTS, SHEATH_EFFECTS, UNEXCITED, Spec
 from .signals import TURN
 
 POOLS = {
     "single": SHEATH_EFFECTS,
     "poor": SHEATH_EFFECTS,
     "outside": OUTSIDE,
+    "front": FRONT_EFFECTS,
     "unexcited": UNEXCITED,
     "motor_open": MOTOR_EFFECTS,
     "motor_closed": MOTOR_EFFECTS,

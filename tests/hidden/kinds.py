@@ -55,6 +55,7 @@ MOTOR_EFFECTS = (
     "rate_limit",
     "periodic_disturbance",
 )
+FRONT_EFFECTS = ("backlash",)
 OUTSIDE = ("mixed_term", "bursts", "telegraph", "chaos", "history_product")
 UNEXCITED = ("dead_zone", "saturation", "rate_limit", "position_ripple")
 SENSOR_FAULTS = ("jump", "position_ripple", "parameter_change")
@@ -65,6 +66,7 @@ GROUPS = (
     "outside",
     "shape",
     "base_line",
+    "front",
     "poor",
     "unexcited",
     "motor_open",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .bench import Bench
@@ -91,7 +93,15 @@ def clean_sheath(bench: Bench, plant, start):
 
 
 def hidden_sheath(bench: Bench, plant, start, hidden, plain):
-    """Output [deg] with effects in it: `hidden` is name -> (amplitudes (lanes,), numbers of the effect)."""
+    """Output [deg] with effects in it: `hidden` is name -> (amplitudes (lanes,), numbers of the effect).
+
+    In the group "front" they stand between what was measured of the motor and the sheath.
+    """
+    if bench.specs[0].group == "front":
+        moved = bench.x
+        for name, (a, p) in hidden.items():
+            moved = OUTPUT[name](bench, moved, a, p)
+        return clean_sheath(replace(bench, x=moved), plant, start)[0]
     y, drive, delta = plain, None, 0.0
     inner = [name for name in hidden if name in INSIDE]
     for name in inner:
