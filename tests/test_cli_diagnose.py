@@ -2,12 +2,13 @@
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import json
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.cli import diagnose, main
+from tsmblocks.cli import console, diagnose, main
 
 T = np.arange(0.0, 6.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
@@ -196,13 +197,13 @@ def stops(monkeypatch, stage, after=0):
         if told.count(stage) > after:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(diagnose, "_counter", lambda: tell)
+    monkeypatch.setattr(console, "progress", lambda words, quiet: nullcontext(tell))
     return told
 
 
 def test_ctrl_c_before_anything_was_found_says_so(run, monkeypatch, tmp_path):
     stops(monkeypatch, "calibrated")
-    assert run(*BASE, *FEW, "--out", "found") == (130, "", "\r\x1b[Ktsmblocks: stopped before everything was done.\n")
+    assert run(*BASE, *FEW, "--out", "found") == (130, "", "tsmblocks: stopped before everything was done.\n")
     assert list((tmp_path / "found").iterdir()) == []
 
 
@@ -222,10 +223,6 @@ def test_ctrl_c_keeps_what_was_found(run, monkeypatch, tmp_path):
     assert {r["name"] for r in facts["ranking"]} == {"backlash", "drift", "dead_time"}
 
 
-def test_a_terminal_is_told_how_far_the_search_is(monkeypatch, capsys):
-    assert diagnose._counter() is None
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    tell = diagnose._counter()
-    tell("fitted", 2, 5)
-    tell("calibrated", 0, 1)
-    assert capsys.readouterr().err == "\r\x1b[Kdiagnosing: fitted, 2 of 5\r\x1b[Kdiagnosing: calibrated"
+def test_a_terminal_is_told_how_far_the_search_is():
+    assert diagnose._far("fitted", 2, 5) == "diagnosing: fitted, 2 of 5"
+    assert diagnose._far("calibrated", 0, 1) == "diagnosing: calibrated"

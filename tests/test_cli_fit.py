@@ -3,6 +3,7 @@
 
 import json
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tsmblocks.cli import common, main
+from tsmblocks.cli import console, main
 from tsmblocks.fitting import telling
 
 T = np.arange(0.0, 8.0, 0.02)
@@ -65,8 +66,7 @@ def stops_after(calls, monkeypatch):
         if len(seen) == calls:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(common, "counter", lambda _: tell)
-    monkeypatch.setattr(common, "clear_progress", lambda _: None)
+    monkeypatch.setattr(console, "progress", lambda words, quiet: nullcontext(tell))
     return seen
 
 
@@ -397,11 +397,11 @@ def test_help_fits_a_terminal(run, monkeypatch):
 
 def test_messages_are_folded_on_a_terminal_only(capsys, monkeypatch):
     text = "a file: " + "several words " * 12
-    common.note(text)
+    console.note(text)
     assert len(capsys.readouterr().err.splitlines()) == 1
     monkeypatch.setenv("COLUMNS", "60")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    common.note(text)
+    console.note(text)
     lines = capsys.readouterr().err.splitlines()
     assert max(map(len, lines)) <= 60
     assert " ".join(line.strip() for line in lines) == f"note: {text}".strip()

@@ -10,7 +10,7 @@ from tests.test_fit_methods import LINEAR, noisy, own_play
 from tests.test_fit_problem import record
 from tsmblocks.block import Block, Input, Output, block, parameter
 from tsmblocks.blocks import Gain
-from tsmblocks.cli import common
+from tsmblocks.cli import console
 from tsmblocks.fitting.compare import ready_made
 
 T = 0.01 * np.arange(601)
@@ -197,7 +197,7 @@ def test_rows_by_name_and_in_order(ranked):
 
 
 def test_all_of_it_is_plain_json(ranked):
-    told = json.loads(json.dumps(common._plain(ranked.to_dict()), allow_nan=False))
+    told = json.loads(json.dumps(console.plain(ranked.to_dict()), allow_nan=False))
     assert [m["name"] for m in told["models"]] == ["slack", "line"]
     assert told["models"][0]["held_out"]["rms"] == pytest.approx(ranked.best.figure)
     assert told["models"][0]["fit"]["format"] == told["format"] == 1

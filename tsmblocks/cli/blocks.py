@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import re
 import textwrap
 from typing import Any
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, console
 from tsmblocks.tables import columns
 
 HELP = "list the blocks, or show one block's card"
@@ -22,7 +23,7 @@ ORDER = [
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("name", metavar="NAME", nargs="?", help="a block")
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    common.json_argument(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -32,13 +33,13 @@ def execute(args: argparse.Namespace) -> int:
 
     if args.name:
         made = card(REGISTRY[common.choose(args.name, REGISTRY, "block")])
-        common.give(made) if args.json else print(card_in_words(made))
+        console.give(made) if args.json else print(card_in_words(made))
         return 0
     listed: dict[str, dict[str, str]] = {}
     for name, cls in sorted(REGISTRY.items()):
         listed.setdefault(family(cls), {})[name] = words(cls)[0]
     ordered = {k: listed[k] for k in sorted(listed, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))}
-    common.give(ordered) if args.json else print(list_in_words(ordered))
+    console.give(ordered) if args.json else print(list_in_words(ordered))
     return 0
 
 
@@ -90,34 +91,37 @@ def list_in_words(listed: dict[str, dict[str, str]]) -> str:
     width = max(len(name) for blocks in listed.values() for name in blocks)
     lines: list[str] = []
     for name, blocks in listed.items():
-        lines += [name, *(f"  {k.ljust(width)}  {text}" for k, text in blocks.items()), ""]
+        rows = [(k.ljust(width), text) for k, text in blocks.items()]
+        lines += [name, columns(rows, "  ", _LEFT, console.width()), ""]
     return "\n".join([*lines, "'tsmblocks blocks NAME' shows one block's card."])
 
 
 def card_in_words(made: dict[str, Any]) -> str:
     """Return the card as the terminal shows it."""
-    lines = [f"{made['name']} ({made['family']})", *textwrap.wrap(made["words"], 100), ""]
+    wide = console.width()
+    lines = [f"{made['name']} ({made['family']})", console.wrapped(_unmarked(made["words"]), wide), ""]
     if made["equation"]:
-        lines += [textwrap.indent(made["equation"], "    "), ""]
+        lines += [textwrap.indent(console.wrapped(made["equation"], wide - 4, "  "), "    "), ""]
     if made["remarks"]:
-        lines += [*textwrap.wrap(made["remarks"], 100), ""]
-    lines.append(f"Source: {made['source']}")
+        lines += [console.wrapped(_unmarked(made["remarks"]), wide), ""]
+    lines.append(console.wrapped(f"Source: {made['source']}", wide, "  "))
     for title in ("inputs", "outputs"):
         rows = [(p["name"], f"[{p['unit'] or 'any'}]", p["about"] + _rate(p)) for p in made[title]]
-        lines += ["", title, columns(rows, "  ", _LEFT) if rows else "  none"]
-    fields = [
-        (p["name"], f"[{p['unit'] or '-'}]", _value(p["default"]), _limits(p), _about(p)) for p in made["parameters"]
-    ]
-    lines += ["", "parameters", columns(fields, "  ", _LEFT - {2}) if fields else "  none"]
+        lines += ["", title, columns(rows, "  ", _LEFT, wide) if rows else "  none"]
+    fields = [(p["name"], f"[{p['unit'] or '-'}]", _value(p["default"]), _about(p)) for p in made["parameters"]]
+    lines += ["", "parameters", columns(fields, "  ", _LEFT - {2}, wide) if fields else "  none"]
     if any("?" in p["unit"] for kind in ("inputs", "outputs", "parameters") for p in made[kind]):
-        lines += [
-            "",
-            "A unit with a question mark, as [?u], is any unit, the same wherever the letter occurs.",
-        ]
+        any_unit = "A unit with a question mark, as [?u], is any unit, the same wherever the letter occurs."
+        lines += ["", console.wrapped(any_unit, wide)]
     return "\n".join(lines)
 
 
-_LEFT = frozenset(range(5))
+_LEFT = frozenset(range(4))
+
+
+def _unmarked(text: str) -> str:
+    """Words of a docstring without the marks around code and formulas."""
+    return re.sub(r"(?::math:)?(`+)(.+?)\1", r"\2", text)
 
 
 def _rate(port: dict[str, Any]) -> str:
@@ -138,4 +142,5 @@ def _limits(parameter: dict[str, Any]) -> str:
 
 
 def _about(parameter: dict[str, Any]) -> str:
-    return {"state": "start value: ", "option": "option: "}.get(parameter["kind"], "") + str(parameter["about"])
+    kind = {"state": "start value: ", "option": "option: "}.get(parameter["kind"], "")
+    return "; ".join(filter(None, [f"{kind}{parameter['about']}", _limits(parameter)]))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any
 
-from tsmblocks.cli import common
-from tsmblocks.errors import TsmError
+from tsmblocks.cli import common, console
+from tsmblocks.errors import DiagramError, FileError, TsmError
 
 HELP = "check diagram files and list their faults"
 
@@ -14,40 +15,56 @@ HELP = "check diagram files and list their faults"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("files", metavar="FILE", nargs="+", help="diagram files, or names of ready-made ones")
+    common.json_argument(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status is 2 when any file has a fault."""
-    faulty = 0
+    found = []
     for name in args.files:
         try:
-            print(f"{name}: {summary(name)}")
+            found.append({"file": name, "sound": True, **parts(name)})
+            if not args.json:
+                print(console.folded(f"{name}: {in_words(found[-1])}", sys.stdout))
         except (TsmError, OSError) as error:
-            common.complain(str(error))
-            faulty += 1
-    if faulty and len(args.files) > 1:
-        common.complain(f"{faulty} of {len(args.files)} files have faults.")
+            found.append({"file": name, "sound": False, "faults": _faults(error)})
+            if not args.json:
+                console.complain(str(error))
+    faulty = sum(not one["sound"] for one in found)
+    if args.json:
+        console.give({"faulty": faulty, "files": found})
+    elif faulty and len(found) > 1:
+        console.complain(f"{faulty} of {len(found)} files have faults.")
     return 2 if faulty else 0
 
 
-def summary(name: str) -> str:
-    """Say what a sound diagram is made of, in one line."""
+def _faults(error: Exception) -> list[str]:
+    return list(error.problems) if isinstance(error, (DiagramError, FileError)) else [str(error)]
+
+
+def parts(name: str) -> dict[str, Any]:
+    """What a sound diagram is made of: counts of blocks, states and parameters; inputs and outputs with their units."""
     from tsmblocks.compile import compile_diagram
     from tsmblocks.files import load
 
     diagram = load(name)
     eq = compile_diagram(diagram)
-    counts = ", ".join(
-        (_count(len(eq.reads), "block"), _count(len(eq.x), "state"), _count(len(eq.p), "parameter"))
-    )  # fmt: skip
-    inputs = {k: p.unit for k, p in diagram.inports.items()}
-    outputs = {k: diagram.unit(k) for k in diagram.outputs}
-    return f"ok; {counts}; inputs: {_named(inputs)}; outputs: {_named(outputs)}"
+    return {
+        "title": diagram.title, "blocks": len(eq.reads), "states": len(eq.x), "parameters": len(eq.p),
+        "inputs": {k: p.unit for k, p in diagram.inports.items()},
+        "outputs": {k: diagram.unit(k) for k in diagram.outputs},
+    }  # fmt: skip
+
+
+def in_words(made: dict[str, Any]) -> str:
+    """What a sound diagram is made of, in one line."""
+    counts = ", ".join(_count(made[f"{word}s"], word) for word in ("block", "state", "parameter"))
+    return f"ok; {counts}; inputs: {_named(made['inputs'])}; outputs: {_named(made['outputs'])}"
 
 
 def _count(n: int, word: str) -> str:
     return f"{n} {word}{'' if n == 1 else 's'}"
 
 
-def _named(signals: dict[str, Any]) -> str:
+def _named(signals: dict[str, str]) -> str:
     return ", ".join(f"{k} [{u}]" if u else k for k, u in signals.items()) or "none"

@@ -1,19 +1,17 @@
-"""What the commands share: reading arguments, tables, notes, progress. Light: nothing heavy at import."""
+"""What the commands share: arguments, and how their results are handed over. Light: nothing heavy at import."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
-import shutil
-import sys
 import textwrap
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from tsmblocks.cli.console import complain, give, wrapped
 from tsmblocks.errors import TsmError, near
 
 INTERRUPTED = 130
@@ -24,6 +22,15 @@ PICTURES = (".png", ".svg", ".pdf")
 
 class UsageError(TsmError):
     """A command line that cannot be understood."""
+
+
+class Formatter(argparse.HelpFormatter):
+    """Help in lines as wide as the terminal; what is indented (an example) stays as it is."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        parts = [part if part.startswith(" ") else wrapped(" ".join(part.split()), width)
+                 for part in text.strip("\n").split("\n\n")]  # fmt: skip
+        return textwrap.indent("\n\n".join(parts), indent)
 
 
 class Parser(argparse.ArgumentParser):
@@ -170,31 +177,16 @@ def result_arguments(options: argparse._ActionsContainer, written: str) -> None:
     add = options.add_argument
     add("--out", metavar="FILE", help=f"write {written} to a .toml file")
     add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    json_argument(options)
+
+
+def json_argument(options: argparse._ActionsContainer) -> None:
+    """Declare --json, which every command has that prints results."""
+    options.add_argument("--json", action="store_true",
+                         help="print one JSON object and nothing else; null is what is no finite number")  # fmt: skip
 
 
 # ---- what is said -------------------------------------------------------------------------------
-
-
-def complain(text: str) -> None:
-    """One message to standard error under the program's name."""
-    print(_folded(f"tsmblocks: {text}"), file=sys.stderr)
-
-
-def note(text: str) -> None:
-    """Something the user should know but need not act on."""
-    print(_folded(f"note: {text}"), file=sys.stderr)
-
-
-def _folded(text: str) -> str:
-    """A text in lines as wide as the terminal; as it is where nobody looks at it, so that programs can."""
-    if not sys.stderr.isatty():
-        return text
-    width = max(shutil.get_terminal_size().columns, 40)
-    return "\n".join(
-        textwrap.fill(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
-        for line in text.split("\n")
-    )
 
 
 def hand_over(facts: dict[str, Any], written: Sequence[str], args: argparse.Namespace) -> None:
@@ -238,63 +230,9 @@ def as_typed(error: TsmError, typed: Iterable[tuple[str, str]]) -> TsmError:
     return error
 
 
-def give(value: dict[str, Any]) -> None:
-    """One JSON object on standard output, infinities and NaN as null."""
-    print(json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
-
-
 def show(value: float) -> str:
     """Return a number as a table shows it."""
     return f"{value:.4g}"
-
-
-def progress(what: str) -> Callable[[float], None] | None:
-    """Give a line that says how far a long run has come; none when standard error is no terminal."""
-    if not sys.stderr.isatty():
-        return None
-
-    def tell(done: float) -> None:
-        print(f"\r{what}: {100 * done:3.0f} %", end="" if done < 1 else "\n", file=sys.stderr, flush=True)
-
-    return tell
-
-
-def counter(what: str) -> Callable[[str, int, float], None] | None:
-    """Give a line that says how far a search has come; none when standard error is no terminal."""
-    if not sys.stderr.isatty():
-        return None
-
-    def tell(stage: str, runs: int, rms: float) -> None:
-        print(f"\r\x1b[K{what}: {stage}, {runs} runs, rms {rms:.4g}", end="", file=sys.stderr, flush=True)
-
-    return tell
-
-
-def stages() -> Callable[[str, float], None] | None:
-    """Give a line that says what is done now, of several things; none when standard error is no terminal."""
-    if not sys.stderr.isatty():
-        return None
-
-    def tell(what: str, done: float) -> None:
-        print(f"\r\x1b[K{what}: {100 * done:3.0f} %", end="", file=sys.stderr, flush=True)
-
-    return tell
-
-
-def clear_progress(tell: Callable[..., None] | None) -> None:
-    """Take the line of ``progress`` away again."""
-    if tell is not None:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 def choose(name: str, known: Iterable[str], what: str) -> str:

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsmblocks.cli import common, recordings
+from tsmblocks.cli import common, console, recordings
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.compare import Comparison
@@ -81,15 +81,12 @@ def _compared(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) 
     from tsmblocks.fitting.compare import compare
 
     found: dict[str, Comparison] = {}
-    tell = None if args.json else common.counter("fitting")
-    try:
+    with console.progress(console.searched("fitting"), quiet=args.json) as tell:
         for name, records in groups.items():
             found[name] = compare(models, records, train=args.train, held_out=args.held_out, starts=args.starts,
                                   seed=args.seed, step=args.step, progress=tell)  # fmt: skip
             if found[name].interrupted:
                 break
-    finally:
-        common.clear_progress(tell)
     return found
 
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsmblocks.cli import common, recordings
+from tsmblocks.cli import common, console, recordings
 from tsmblocks.tables import columns
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
     add("--hide", metavar="EFFECT", default=NAMES[0], help=f"what is hidden: {', '.join(NAMES)} ({NAMES[0]})")
     add("--seed", metavar="N", type=common.count, default=0, help="of the noise and of random starts (0)")
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    common.json_argument(parser)
     recordings.data_arguments(parser)
     add("--column", metavar="NAME", help="column of --data with a measured reference; with its unit, if the "
         "file has none: 'x_ref [deg]'")  # fmt: skip
@@ -53,19 +53,19 @@ def execute(args: argparse.Namespace) -> int:
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
     say: Callable[[str], None] = (lambda _: None) if args.json else print
-    whole = _run_paper(cases)
+    whole = _run_paper(cases, args.json)
     say(_paper(cases))
     _write_paper(cases, folder)
     if not whole:
-        common.complain("stopped early; the table and the files hold what was done until then.")
+        console.complain("stopped early; the table and the files hold what was done until then.")
         return common.INTERRUPTED
-    story = _tell_story(hidden, args.seed)
+    story = _tell_story(hidden, args.seed, args.json)
     for chapter in (_measured(story), _identified(story), _diagnosed(story), _rebuilt(story), _revealed(story)):
         say("\n" + chapter)
     _write_story(cases, story, folder)
     say(f"\nAll of it with pictures: {folder / 'index.html'}")
     if args.json:
-        common.give(_facts(cases, story, folder))
+        console.give(_facts(cases, story, folder))
     return 0
 
 
@@ -87,24 +87,18 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     return [*paper.cases(), paper.measured_case(record, name, unit)]
 
 
-def _run_paper(cases: list[Case]) -> bool:
+def _run_paper(cases: list[Case], quiet: bool) -> bool:
     from tsmblocks.demo import paper
 
-    tell = common.progress("running")
-    try:
+    with console.progress(console.percent("running"), quiet=quiet) as tell:
         return paper.run(cases, tell)
-    finally:
-        common.clear_progress(tell)
 
 
-def _tell_story(hidden: str, seed: int) -> Story:
+def _tell_story(hidden: str, seed: int, quiet: bool) -> Story:
     from tsmblocks.demo.story import told
 
-    tell = common.stages()
-    try:
+    with console.progress(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=quiet) as tell:
         return told(hidden, seed, tell)
-    finally:
-        common.clear_progress(tell)
 
 
 # ---- what is said ---------------------------------------------------------------------------------

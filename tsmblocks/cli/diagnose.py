@@ -17,12 +17,11 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsmblocks.cli import common, recordings
+from tsmblocks.cli import common, console, recordings
 from tsmblocks.errors import near
 
 if TYPE_CHECKING:
@@ -83,10 +82,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)")  # fmt: skip
     add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
     add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
-    results = parser.add_argument_group("results").add_argument
+    group = parser.add_argument_group("results")
+    results = group.add_argument
     results("--out", metavar="DIR", help="write report.html, diagnosis.json and augmented.toml into a folder")
     results("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
-    results("--json", action="store_true", help="print one JSON object and nothing else")
+    common.json_argument(group)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -98,17 +98,15 @@ def execute(args: argparse.Namespace) -> int:
     folder, plot = _folder(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram)
     records = recordings.read_experiments(args, diagram)
-    tell = None if args.json else _counter()
     try:
-        found = diagnose(
-            diagram, records, free=args.free, noise_floor=_floors(args.noise_floor, diagram, records),
-            effects=args.effects, outputs=args.outputs, condition=args.condition, seed=args.seed, step=args.step,
-            progress=tell,
-        )  # fmt: skip
+        with console.progress(_far, quiet=args.json) as tell:
+            found = diagnose(
+                diagram, records, free=args.free, noise_floor=_floors(args.noise_floor, diagram, records),
+                effects=args.effects, outputs=args.outputs, condition=args.condition, seed=args.seed, step=args.step,
+                progress=tell,
+            )  # fmt: skip
     except TsmError as error:
         raise common.as_typed(error, TYPED) from None
-    finally:
-        common.clear_progress(tell)
     if not args.json:
         print(found)
     written = _saved(found, folder)
@@ -170,13 +168,6 @@ def _converted(
         return None
 
 
-def _counter() -> Callable[[str, int, int], None] | None:
-    """A line that says how far the search has come; none when standard error is no terminal."""
-    if not sys.stderr.isatty():
-        return None
-
-    def tell(stage: str, done: int, of: int) -> None:
-        far = f", {done} of {of}" if of > 1 else ""
-        print(f"\r\x1b[Kdiagnosing: {stage}{far}", end="", file=sys.stderr, flush=True)
-
-    return tell
+def _far(stage: str, done: int, of: int) -> str:
+    """How far the search has come."""
+    return f"diagnosing: {stage}" + (f", {done} of {of}" if of > 1 else "")

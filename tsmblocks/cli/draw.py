@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, console
 
 HELP = "draw a diagram to .svg, .png or .mmd"
 ENDINGS = (".svg", ".png", ".mmd")
@@ -16,6 +16,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
     parser.add_argument("--out", metavar="FILE", help=".svg, .png or .mmd (default: NAME.svg in this folder)")
+    common.json_argument(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -26,7 +27,10 @@ def execute(args: argparse.Namespace) -> int:
     assert path is not None
     diagram = load(args.diagram)
     write(diagram, path)
-    print(f"wrote {path}")
+    if args.json:
+        console.give({"diagram": args.diagram, "title": diagram.title, "written": [path]})
+    else:
+        print(f"wrote {path}")
     return 0
 
 
@@ -38,4 +42,4 @@ def write(diagram: Any, path: Path) -> None:
         draw.to_png(diagram, path)
         return
     text = draw.to_svg(diagram) if path.suffix.lower() == ".svg" else draw.to_mermaid(diagram)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding="utf-8", newline="\n")

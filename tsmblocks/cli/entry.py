@@ -5,7 +5,6 @@ Only argparse is imported here; each command imports what it needs when it is ru
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import traceback
@@ -15,7 +14,8 @@ from typing import Any
 
 from tsmblocks import __version__
 from tsmblocks.cli import blocks, check, compare, demo, diagnose, draw, export, fit, run, study
-from tsmblocks.cli.common import INTERRUPTED, Parser, UsageError, complain
+from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
+from tsmblocks.cli.console import complain, legible
 from tsmblocks.errors import TsmError, near
 
 COMMANDS = {
@@ -26,10 +26,16 @@ COMMANDS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit status. Nothing is raised, and messages go to standard error."""
+    with legible():
+        return _guarded(list(sys.argv[1:] if argv is None else argv))
+
+
+def _guarded(argv: list[str]) -> int:
+    """One command, whatever becomes of it; the exit status."""
     try:
         with warnings.catch_warnings():
             _quiet_warnings()
-            status = _dispatch(list(sys.argv[1:] if argv is None else argv))
+            status = _dispatch(argv)
             sys.stdout.flush()
             return status
     except SystemExit as stop:  # --help and --version
@@ -78,7 +84,7 @@ def _parsers() -> tuple[Parser, dict[str, Parser]]:
     for name, module in COMMANDS.items():
         made[name] = inside.add_parser(
             name, help=module.HELP, description=module.__doc__, allow_abbrev=False,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            formatter_class=Formatter,
         )  # fmt: skip
         module.arguments(made[name])
     return parser, made

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, console
 
 HELP = "write a diagram as C source, or as a MAT file"
 
@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--method", metavar="M", default=None, help="of the C code: euler, heun or rk4 (default)")
     add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
         default=[], help="another value for a parameter; may be given several times")  # fmt: skip
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    common.json_argument(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -45,7 +45,7 @@ def execute(args: argparse.Namespace) -> int:
         step, method = args.step if args.step is not None else 1e-3, args.method or "rk4"
         written = [str(path) for path in to_c(diagram, step=step, method=method, name=out.stem).save(out.parent)]
     if args.json:
-        common.give({"diagram": args.diagram, "title": diagram.title, "written": written})
+        console.give({"diagram": args.diagram, "title": diagram.title, "written": written})
     else:
         print("\n".join(f"wrote {path}" for path in written))
     return 0

@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsmblocks.cli import common, recordings
+from tsmblocks.cli import common, console, recordings
 from tsmblocks.errors import TsmError
 
 if TYPE_CHECKING:
@@ -85,18 +85,16 @@ def execute(args: argparse.Namespace) -> int:
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     records = recordings.read_experiments(args, diagram)
-    tell = None if args.json else common.counter("fitting")
     try:
-        found = fit(
-            diagram, records, free=args.free, local=args.local, start_states=args.start_states,
-            bounds=dict(args.bounds), constraints=args.constraint, ties=dict(args.tie), priors=dict(args.prior),
-            outputs=args.outputs, window=args.window, method=args.method, segments=args.segments, starts=args.starts,
-            seed=args.seed, step=args.step, progress=tell,
-        )  # fmt: skip
+        with console.progress(console.searched("fitting"), quiet=args.json) as tell:
+            found = fit(
+                diagram, records, free=args.free, local=args.local, start_states=args.start_states,
+                bounds=dict(args.bounds), constraints=args.constraint, ties=dict(args.tie), priors=dict(args.prior),
+                outputs=args.outputs, window=args.window, method=args.method, segments=args.segments,
+                starts=args.starts, seed=args.seed, step=args.step, progress=tell,
+            )  # fmt: skip
     except TsmError as error:
         raise common.as_typed(error, TYPED) from None
-    finally:
-        common.clear_progress(tell)
     if not args.json:
         print(found)
     written = _saved(found, out, each=bool(args.local))

@@ -7,7 +7,8 @@ import os
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from tsmblocks.cli.common import UsageError, note, number, pair, span
+from tsmblocks.cli.common import UsageError, number, pair, span
+from tsmblocks.cli.console import note
 from tsmblocks.errors import near
 
 

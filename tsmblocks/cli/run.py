@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.cli import common, recordings
+from tsmblocks.cli import common, console, recordings
 from tsmblocks.errors import RunError
 from tsmblocks.tables import columns
 
@@ -42,7 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
     add("--every", type=common.whole, metavar="N", default=1, help="keep every N-th instant (default 1)")
     add("--backend", metavar="B", default="", help="llvm or casadi (default: llvm where it is installed)")
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    common.json_argument(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -58,13 +58,13 @@ def execute(args: argparse.Namespace) -> int:
         written.append(str(_plot(run, plot)))
     summary = {**summarise(run, args.diagram, record), "every": args.every}
     if args.json:
-        common.give({**summary, "written": written})
+        console.give({**summary, "written": written})
     else:
         print(in_words(summary))
         for path in written:
             print(f"wrote {path}")
     if not run.complete:
-        common.complain(f"stopped at t = {run.t[-1]:g} s; the result up to there is what you see"
+        console.complain(f"stopped at t = {run.t[-1]:g} s; the result up to there is what you see"
                         f"{' and what was written' if written else ''}.")  # fmt: skip
         return common.INTERRUPTED
     return 0
@@ -74,18 +74,16 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
     """Run the diagram; a run that breaks off leaves what there was of it in the file asked for."""
     from tsmblocks.simulate import simulate
 
-    tell = None if args.json else common.progress("running")
     start = float(record.t[0]) if record is not None else 0.0
     try:
-        return simulate(diagram, start=start, stop=args.stop, step=args.step, method=args.method,
-                        inputs=inputs, log="outputs" if diagram.outputs else "all", every=args.every,
-                        progress=tell, backend=args.backend)  # fmt: skip
+        with console.progress(console.percent("running"), quiet=args.json) as tell:
+            return simulate(diagram, start=start, stop=args.stop, step=args.step, method=args.method,
+                            inputs=inputs, log="outputs" if diagram.outputs else "all", every=args.every,
+                            progress=tell, backend=args.backend)  # fmt: skip
     except RunError as error:
         if out and error.run is not None and len(error.run.t):
-            common.note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
+            console.note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
         raise
-    finally:
-        common.clear_progress(tell)
 
 
 def _plot(run: Any, path: Path) -> Path:

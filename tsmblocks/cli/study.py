@@ -14,7 +14,6 @@ on the machines of a Dask scheduler.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
@@ -22,7 +21,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.cli import common, recordings
+from tsmblocks.cli import common, console, recordings
 
 HELP = "run a diagram many times with other parameters, print and keep its metrics"
 
@@ -37,7 +36,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     options = parser.add_argument_group("results")
     options.add_argument("--out", metavar="FILE", help="keep results in a .csv file, and go on with what is in it")
     options.add_argument("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
-    options.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    common.json_argument(options)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -64,13 +63,9 @@ def _run(args: argparse.Namespace, out: Path | None) -> Any:
     args.hold = asked.how.get("hold", "linear")
     record, inputs = recordings.read_inputs(args, asked.diagram, asked.diagram.title)
     how = {**asked.how, **({"start": float(record.t[0])} if record is not None else {})}
-    tell = None if args.json else counted()
-    try:
-        with _executor(args) as executor:
-            return study(asked.diagram, asked.plan, asked.metrics, inputs=inputs, out=out, executor=executor,
-                         progress=tell, title=asked.title, **how)  # fmt: skip
-    finally:
-        common.clear_progress(tell)
+    with console.progress(counted(), quiet=args.json) as tell, _executor(args) as executor:
+        return study(asked.diagram, asked.plan, asked.metrics, inputs=inputs, out=out, executor=executor,
+                     progress=tell, title=asked.title, **how)  # fmt: skip
 
 
 @contextmanager
@@ -97,20 +92,18 @@ def _executor(args: argparse.Namespace) -> Iterator[Executor | None]:
         yield None
 
 
-def counted() -> Callable[[int, int], None] | None:
-    """Give a line with runs done, their rate and the time left; none when standard error is no terminal."""
-    if not sys.stderr.isatty():
-        return None
+def counted() -> Callable[[int, int], str]:
+    """Words for the runs that are done, their rate and the time left."""
     began: list[tuple[float, int]] = []
 
-    def tell(done: int, count: int) -> None:
+    def words(done: int, count: int) -> str:
         now = time.monotonic()
         began.append((now, done))
         rate = (done - began[0][1]) / max(now - began[0][0], 1e-9)
         rest = f", {rate:.3g} runs/s, {in_time((count - done) / rate)} left" if done > began[0][1] else ""
-        print(f"\r\x1b[K{done} of {count} runs{rest}", end="", file=sys.stderr, flush=True)
+        return f"{done} of {count} runs{rest}"
 
-    return tell
+    return words
 
 
 def in_time(seconds: float) -> str:

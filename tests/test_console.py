@@ -1,0 +1,299 @@
+"""What leaves the command line: widths, JSON, letters a console lacks, and the line that tells how far things are."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tsmblocks.blocks
+from tsmblocks.block import REGISTRY
+from tsmblocks.cli import console, main
+from tsmblocks.cli.entry import COMMANDS
+from tsmblocks.shelf import names
+from tsmblocks.tables import columns
+
+STUDY = """
+format = 1
+title = "Größe θ"
+diagram = "fig09b_feedforward"
+stop = 2
+step = 0.01
+[metrics]
+error = "rms(x_ref - x_out)"
+[vary]
+theta = [4.0, 5.0]
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with a recording and a study."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(0.0, 3.0, 0.01)
+    x = 0.8 * np.sin(3 * t)
+    lines = [f"{a:.2f},{b:.6f},{0.8 * b + 0.02 * np.sign(c):.6f}" for a, b, c in zip(t, x, np.cos(3 * t), strict=True)]
+    Path("bend.csv").write_text("\n".join(["t [s],x_in [rad],x_out [rad]", *lines]), encoding="utf-8")
+    Path("study.toml").write_text(STUDY, encoding="utf-8")
+    return tmp_path
+
+
+class Terminal(io.StringIO):
+    """A standard error that somebody looks at."""
+
+    def isatty(self):
+        return True
+
+    def seen(self):
+        """What stands there at last, and every line as it was."""
+        lines = self.getvalue().split("\n")
+        return [part for line in lines for part in line.split("\r")]
+
+
+# ---- widths
+
+
+@pytest.mark.parametrize("wide", [80, 60, 200])
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_fits_the_terminal(command, wide, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(wide))
+    assert main([*filter(None, [command]), "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    examples = [line for line in lines if line.startswith(("  tsmblocks ", "      --", "usage:", "       "))]
+    long = [line for line in lines if len(line) > wide and not (wide < 80 and line in examples)]
+    assert long == []
+    assert any(command in line for line in lines)
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY))
+def test_every_card_fits_the_terminal(name, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["blocks", name]) == 0
+    out = capsys.readouterr().out
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+    assert "``" not in out
+    assert ":math:" not in out
+
+
+def test_the_list_of_blocks_is_as_wide_as_the_terminal(monkeypatch, capsys):
+    said = {}
+    for wide in (60, 80):
+        monkeypatch.setenv("COLUMNS", str(wide))
+        main(["blocks"])
+        said[wide] = capsys.readouterr().out
+        assert wide - 12 < max(map(len, said[wide].splitlines())) <= wide
+    assert said[60].split() == said[80].split()
+
+
+def test_words_of_the_last_column_go_on_below_themselves():
+    rows = [("a", "one two three four five six seven"), ("long", "")]
+    assert columns(rows, " ", (0, 1), 32) == " a     one two three four five\n       six seven\n long"
+    assert columns(rows, width=10) == columns(rows, width=30)
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_run_and_check_say_of_a_ready_made_diagram_fits(name, here, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert main(["check", name]) == 0
+    told = capsys.readouterr().out
+    from tsmblocks.files import load
+
+    wanted = list(load(name).inports)
+    Path("plain.csv").write_text(Path("bend.csv").read_text("utf-8").replace(" [rad]", ""), "utf-8")
+    data = ["--data", "plain.csv", "--map", f"{wanted[0]}=x_in"] if wanted else ["--stop", "1"]
+    assert main(["run", name, *data]) == 0
+    told += capsys.readouterr().out
+    assert "ok; " in told
+    assert " s in steps of 0.001 s" in told
+    assert [line for line in told.splitlines() if len(line) > 80] == []
+
+
+def test_a_line_for_programs_is_not_folded(capsys):
+    main(["check", "fig16_feedforward_feedback"])
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+# ---- JSON
+
+
+def test_every_command_that_prints_results_takes_json(capsys):
+    for command in COMMANDS:
+        main([command, "--help"])
+        assert ("--json" in capsys.readouterr().out) == (command != "completion")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "fig09b_feedforward", "--stop", "1", "--out", "run.csv"],
+        ["fit", "tendon_sheath_linear", "--data", "bend.csv", "--starts", "1", "--out", "f.toml", "--plot", "f.png"],
+        ["compare", "tendon_sheath_linear", "--data", "bend.csv", "--starts", "1"],
+        ["diagnose", "tendon_sheath_linear", "--data", "bend.csv", "--noise-floor", "0.01", "--effects", "backlash"],
+        ["study", "study.toml", "--out", "s.csv"],
+        ["draw", "fig09b_feedforward"],
+        ["check", "fig09b_feedforward", "study.toml"],
+        ["export", "eq11_compensator", "--out", "c.c"],
+        ["blocks"],
+        ["blocks", "Play"],
+    ],
+    ids=" ".join,
+)
+def test_json_is_one_object_and_nothing_else(words, here, capsys):
+    status = main([*words, "--json"])
+    told = capsys.readouterr()
+    assert isinstance(json.loads(told.out, parse_constant=pytest.fail), dict)
+    assert (status, told.err) == (2 if "check" in words else 0, "")
+
+
+def test_check_gives_the_faults_of_each_file(here, capsys):
+    Path("bad.toml").write_text('format = 1\nwires = ["rf -> lag"]\n[blocks]\nlag = { type = "Lga" }\n', "utf-8")
+    assert main(["check", "bad.toml", "nothing.toml", "motor_linear", "--json"]) == 2
+    told = json.loads(capsys.readouterr().out)
+    bad, missing, sound = told["files"]
+    assert told["faulty"] == 2
+    assert any("Lga" in fault for fault in bad["faults"])
+    assert "nothing.toml" in missing["faults"][0]
+    assert (sound["sound"], sound["states"], sound["inputs"]) == (True, 2, {"u": "V"})
+
+
+def test_numbers_of_numpy_are_numbers_and_what_is_none_is_null(capsys):
+    console.give({
+        "nan": float("nan"), "inf": np.float64("-inf"), "whole": np.int64(3), "yes": np.bool_(True),
+        "array": np.array([[1.0, np.nan], [np.inf, 2.5]]), "path": Path("a"), "pair": (1, None), 1: np.float32(0.5),
+    })  # fmt: skip
+    assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == {
+        "nan": None, "inf": None, "whole": 3, "yes": True, "array": [[1.0, None], [None, 2.5]], "path": "a",
+        "pair": [1, None], "1": 0.5,
+    }  # fmt: skip
+
+
+def test_what_is_no_value_of_json_is_a_fault_of_ours():
+    with pytest.raises(TypeError):
+        console.give({"what": object()})
+
+
+# ---- letters
+
+
+def tsmblocks(*words, encoding):
+    place = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0", "COLUMNS": "80"}
+    done = subprocess.run([sys.executable, "-m", "tsmblocks", *words], capture_output=True, timeout=120, check=False,
+                          env=place)  # fmt: skip
+    assert b"Traceback" not in done.stderr
+    return done.returncode, done.stdout.decode(encoding), done.stderr.decode(encoding)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "cp437"])
+def test_no_letter_is_too_much_for_a_console(encoding, here):
+    calls = (
+        ["blocks"], ["blocks", "DiscretePID"], ["study", "study.toml"], ["check", "study.toml", "höhe→.toml"],
+        ["run", "fig09b_feedforward", "--stop", "1"], ["rün"], ["diagnose", "--help"],
+        ["fit", "tendon_sheath_linear", "--data", "bend.csv", "--starts", "1"],
+    )  # fmt: skip
+    said = {" ".join(words): tsmblocks(*words, encoding=encoding) for words in calls}
+    assert [status for status, *_ in said.values()] == [0, 0, 0, 2, 0, 2, 0, 0]
+    card, study = said["blocks DiscretePID"][1], said["study study.toml"][1]
+    if encoding == "ascii":
+        assert "Source: Astrom and Hagglund" in card
+        assert "Grosse theta" in study
+        assert "hohe->.toml" in said["check study.toml höhe→.toml"][2]
+    else:
+        assert "Source: Åström and Hägglund" in card
+        assert "Größe" in study
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
+def test_json_is_json_in_every_encoding(encoding, here):
+    status, out, err = tsmblocks("study", "study.toml", "--json", encoding=encoding)
+    assert (status, err) == (0, "")
+    assert json.loads(out)["title"] == "Größe θ"
+    assert out.isascii() == (encoding != "utf-8")
+    assert json.loads(out.encode(encoding))["title"] == "Größe θ"  # whoever reads it takes it for UTF-8
+
+
+def test_letters_are_told_by_likeness():
+    letters = {"→": "->", "θ": "theta", "Ω": "Omega", "é": "e", "½": "1/2", "漢": "?", "µ": "u", "²": "^2",
+               "\udcff": "?"}  # fmt: skip
+    assert {one: console.plain_letter(one) for one in letters} == letters
+
+
+def test_the_streams_are_left_as_they_were(monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="cp1252", errors="strict")
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert main(["blocks", "--json"]) == 0
+    assert stream.errors == "strict"
+
+
+# ---- how far things are
+
+
+def watched(monkeypatch, wide=80, term="xterm"):
+    stream = Terminal()
+    clock = iter(range(1000))
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    monkeypatch.setenv("COLUMNS", str(wide))
+    monkeypatch.setenv("TERM", term)
+    return stream
+
+
+def test_progress_is_one_line_that_is_gone_at_the_end(monkeypatch):
+    stream = watched(monkeypatch)
+    with console.progress(console.searched("fitting")) as tell:
+        tell("first", 100, 0.5)
+        tell("b", 2, 0.25)
+    assert stream.seen() == [
+        "", "fitting: first, 100 runs, rms 0.5", "fitting: b, 2 runs, rms 0.25     ", " " * 28, ""
+    ]  # fmt: skip
+    assert "\n" not in stream.getvalue()
+    assert "\x1b" not in stream.getvalue()
+
+
+def test_progress_is_gone_after_ctrl_c_too_and_cut_to_the_terminal(monkeypatch):
+    stream = watched(monkeypatch, wide=20)
+
+    def work():
+        with console.progress(console.percent("a very long piece of work")) as tell:
+            tell(0.5)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert stream.seen() == ["", "a very long piece o", " " * 19, ""]
+
+
+@pytest.mark.parametrize(("term", "quiet"), [("dumb", False), ("xterm", True)])
+def test_progress_is_quiet_where_nobody_looks(term, quiet, monkeypatch, capsys):
+    stream = watched(monkeypatch, term=term)
+    with console.progress(console.percent("x"), quiet=quiet) as tell:
+        assert tell is None
+    assert stream.getvalue() == ""
+    monkeypatch.undo()
+    with console.progress(console.percent("x")) as tell:
+        assert tell is None  # standard error is caught here, no terminal
+    assert capsys.readouterr().err == ""
+
+
+def test_progress_is_shown_as_often_as_it_can_be_read(monkeypatch):
+    stream = watched(monkeypatch)
+    clock = iter([0.0, 0.01, 0.02, 0.2, 0.21])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    with console.progress(console.percent("x")) as tell:
+        for share in (0.1, 0.2, 0.3, 0.4):
+            tell(share)
+    assert stream.seen()[1:3] == ["x:  10 %", "x:  40 %"]
+
+
+@pytest.mark.parametrize("command", ["run", "fit", "study"])
+def test_commands_leave_nothing_of_it_on_a_terminal(command, here, monkeypatch, capsys):
+    stream = watched(monkeypatch)
+    words = {"run": ["fig09b_feedforward", "--stop", "100"], "study": ["study.toml"],
+             "fit": ["tendon_sheath_linear", "--data", "bend.csv", "--starts", "2"]}  # fmt: skip
+    assert main([command, *words[command]]) == 0
+    assert stream.seen()[-1] == stream.seen()[-2].strip() == ""
+    assert any(part.strip() for part in stream.seen()), "something was told on the way"
