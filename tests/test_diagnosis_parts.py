@@ -265,6 +265,16 @@ def test_a_candidate_that_makes_no_diagram_is_none():
     assert offered(fitted(records=records), records, [volts, bare, silent])[0] == []
 
 
+def test_an_input_that_rests_has_no_gap():
+    """Bounds in proportion to it would be a point: once they were refused, and with them the whole diagnosis."""
+    diagram = Diagram(title="two", blocks={"sum": Sum(signs="++"), "lag": Lag(time_constant=0.1)}, wires=["sum -> lag"],
+                      inputs={"u": "sum.plus1", "v": "sum.plus2"}, outputs={"y": "lag"})  # fmt: skip
+    records = {"one": tsm.Record("one", T, {"u": motion(0), "v": np.zeros_like(T), "y": motion(1)}, {})}
+    model = calibrated(diagram, records, Asked(("lag.time_constant",), {"y": SIGMA}, ("y",)))
+    found, _ = offered(model, records, [e for e in catalogue() if e.name == "backlash"], outputs=["y"])
+    assert [c.key for c in found] == [("backlash", "", "lag.y>"), ("backlash", "input", "u>")]
+
+
 def test_an_effect_of_ones_own_is_among_the_candidates():
     own = Effect("stuck", "own", "a sensor that sticks", "output", Play(half_width=0.0), {"half_width": 0.0},
                  ("half_width",), lambda scales: Trials({}, ({"half_width": 0.1},)))  # fmt: skip

@@ -148,13 +148,18 @@ def candidates(
             if (site.place, site.adds) != (effect.place, effect.adds):
                 continue
             trials = effect.trials(around.scales(site))
-            if trials is None:
+            if trials is None or _at_rest(trials):
                 continue
             effect.accepts(trials)
             made = _edited(base, effect, site, trials)
             if made is not None:
                 found.append(Candidate(effect, site, _name(base, effect.name), made, trials))
     return found
+
+
+def _at_rest(trials: Trials) -> bool:
+    """Whether bounds in proportion to the signal leave no room: it never moves, so there is nothing to try."""
+    return any(low is not None and low == high for low, high in trials.bounds.values())
 
 
 def _name(diagram: Diagram, wanted: str) -> str:
