@@ -13,7 +13,7 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Gain, ZeroOrderHold
 from tsmblocks.fitting.trials import median_step
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "08_emps.py"
+EXAMPLE = Path(__file__).parents[1] / "examples" / "20_emps.py"
 PUBLISHED = {"mass": 95.1089, "viscous": 203.5034, "dry": 20.3935, "offset": -3.1648}
 SPREAD = {"mass": 0.5, "viscous": 3.0, "dry": 0.4, "offset": 0.1}
 """What is allowed between one procedure and another: of the mass half a percent, of friction two."""

@@ -30,22 +30,22 @@ def numbers(text):
 
 @pytest.fixture(scope="module")
 def sheath(measured):
-    return said_by("11_tendon_sheath_diagnosed.py")[0]
+    return said_by("22_tendon_sheath_diagnosed.py")[0]
 
 
 @pytest.fixture(scope="module")
 def axis(measured):
-    return said_by("12_emps_diagnosed.py")
+    return said_by("23_emps_diagnosed.py")
 
 
 @pytest.fixture(scope="module")
 def tanks(measured):
-    return said_by("13_tanks.py")
+    return said_by("24_tanks.py")
 
 
 @pytest.fixture(scope="module")
 def oscillator(measured):
-    return said_by("14_silverbox.py")
+    return said_by("25_silverbox.py")
 
 
 def rows(sheath, model):
