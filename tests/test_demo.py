@@ -3,6 +3,7 @@
 import json
 import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -137,6 +138,31 @@ def test_the_command_writes_what_the_page_says_and_it_can_be_gone_on_with(tmp_pa
     assert json.loads(capsys.readouterr().out)["verdict"] == "named"
     assert main(run.split()[1:]) == 0
     assert tsm.load(folder / "identified.toml").parameters["tsm.theta"] == pytest.approx(4.6, rel=0.05)
+
+
+def test_what_the_readme_shows_is_what_the_demo_prints(tmp_path, capsys, monkeypatch):
+    """Word by word; numbers may differ in what another processor rounds otherwise."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tsmblocks.demo.story.told", lambda *_: story("position_ripple"))
+    assert main(["demo"]) == 0
+    printed = capsys.readouterr().out.split()
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"<!-- main-output -->\n```\n(.*?)```", text, re.DOTALL)
+    parts = [part.split() for part in shown.split("[...]")]
+    assert min(map(len, parts)) > 40
+    begin = 0
+    for part in parts:
+        begin = next((k for k in range(begin, len(printed)) if printed[k : k + 4] == part[:4]), len(printed))
+        assert [word for pair in zip(part, printed[begin:], strict=False) if not alike(*pair) for word in pair] == []
+        begin += len(part)
+        assert begin <= len(printed)
+
+
+def alike(shown, printed):
+    try:
+        return float(printed.strip("().,")) == pytest.approx(float(shown.strip("().,")), rel=0.03)
+    except ValueError:
+        return shown == printed
 
 
 def test_what_is_printed_fits_a_terminal():
