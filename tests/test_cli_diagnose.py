@@ -135,6 +135,15 @@ def test_inputs_are_left_alone_on_request(run):
     assert not any("x_in" in text for text in notes[1])
 
 
+def test_a_window_is_typed_as_for_fit(run):
+    status, out, _ = run(*BASE, *FEW, "--window", "1:", "--json")
+    facts = json.loads(out)
+    assert status == 0
+    assert facts["windows"] == {"full": [1.0, 5.98], "half": [1.0, 5.98]}
+    assert [e["name"] for e in facts["effects"]] == ["backlash"]
+    assert "full: only 1 s to 5.98 s is compared." in facts["notes"]
+
+
 def test_only_what_is_free_is_fitted(run, tmp_path):
     assert run(*BASE, "--effects", "drift", "--free", "offset.*", "--out", "found")[0] == 0
     augmented, base = tsm.load(tmp_path / "found/augmented.toml"), tsm.load("tendon_sheath_linear")

@@ -78,6 +78,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)")  # fmt: skip
     add("--outputs", metavar="NAME", nargs="+", action="extend",
         help="outputs that are compared (default: all that were measured)")  # fmt: skip
+    add("--window", metavar="START:STOP", type=common.times, default=None, help="times in s that count (default: all)")
     add("--no-condition", dest="condition", action="store_false",
         help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)")  # fmt: skip
     add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
@@ -102,8 +103,8 @@ def execute(args: argparse.Namespace) -> int:
         with console.progress(_far, quiet=args.json) as tell:
             found = diagnose(
                 diagram, records, free=args.free, noise_floor=_floors(args.noise_floor, diagram, records),
-                effects=args.effects, outputs=args.outputs, condition=args.condition, seed=args.seed, step=args.step,
-                progress=tell,
+                effects=args.effects, outputs=args.outputs, window=args.window, condition=args.condition,
+                seed=args.seed, step=args.step, progress=tell,
             )  # fmt: skip
     except TsmError as error:
         raise common.as_typed(error, TYPED) from None

@@ -29,21 +29,23 @@ from tsmblocks.errors import DataError, ParameterError, near
 from tsmblocks.fitting import asking
 from tsmblocks.fitting.interrupt import Asked as Stop
 from tsmblocks.fitting.interrupt import kept
-from tsmblocks.fitting.setting_up import Data, recordings
-from tsmblocks.fitting.trials import compared
+from tsmblocks.fitting.setting_up import Data, recordings, windows
+from tsmblocks.fitting.trials import Window, compared, span
 from tsmblocks.fitting.unknowns import chosen
 
 ENOUGH = 200
 """Samples of all experiments together that a diagnosis takes at least."""
 
 Tell = Callable[[str, int, int], None]
+Inside = Mapping[str, Window] | None
+"""The part of each experiment that counts [s]; None where all of them count."""
 
 
 def diagnose(
     diagram: Diagram, experiments: Data, *, free: Iterable[str] | None = None, noise_floor: Any = None,
-    effects: Iterable[str] | None = None, outputs: Sequence[str] | None = None, start_states: bool = True,
-    condition: bool = True, seed: int = 0, step: float | None = None, integrator: str = "rk4", hold: str = "cubic",
-    progress: Tell | None = None,
+    effects: Iterable[str] | None = None, outputs: Sequence[str] | None = None, window: Any = None,
+    start_states: bool = True, condition: bool = True, seed: int = 0, step: float | None = None,
+    integrator: str = "rk4", hold: str = "cubic", progress: Tell | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what a model misses, name it, add it to the diagram, and show how the gap shrinks on data held out.
 
@@ -57,6 +59,9 @@ def diagnose(
     held out: it is named where it removes 6 % of the noise's variance at least, more than chance does, and half
     of what can be explained. What cannot be told from it with these data is listed beside it.
 
+    What is compared: ``outputs`` (by default all that were measured) in ``window`` (start, stop) [s], which may differ
+    by experiment; the simulation runs from the start of the recording all the same.
+
     ``noise_floor`` is the rms noise of the outputs [their units], one number or by output; by default it is looked
     for in the recordings (repeats, periods, rests). ``condition`` takes the noise out of measured inputs (zero
     phase, held still at rest), since it would move hysteresis. ``seed`` makes the random parts repeatable: same data,
@@ -67,15 +72,19 @@ def diagnose(
     """
     asking.progress(progress, "stage, done and of")
     records, diagram = recordings(experiments), prepared(diagram)
-    measured = _measured(records, diagram, outputs)
+    inside = None if window is None else windows(window, records)
+    measured = _measured(records, diagram, outputs, inside)
     effects_chosen, seed = _chosen(effects), whole("seed", seed, 0)
     if free is not None:
         chosen(diagram, free)  # names nobody has are told before any work
     asked_floors(noise_floor, measured)
     asked = Asked(None if free is None else tuple(asking.names("free", free, "tsm.*")), {}, (),
-                  asking.flag("start_states", start_states), step, integrator, hold, seed=seed)  # fmt: skip
+                  asking.flag("start_states", start_states), step, integrator, hold, seed=seed,
+                  window=inside)  # fmt: skip
     done, stopped = list[Work](), False
+    spans = {k: (float(t[0]), float(t[-1])) for k, t in _compared(records, inside).items() if len(t) < len(records[k])}
     notes = [f"{name}: {text}" for name, r in records.items() for text in r.notes]
+    notes += [f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in spans.items()]
     with kept() as stop, np.errstate(over="ignore", invalid="ignore"):  # trials that run away are left out
         tell = _told(progress, stop)
         for part in parted(diagram, measured):
@@ -89,7 +98,7 @@ def diagnose(
                 break
     if not done:
         raise KeyboardInterrupt
-    return _result(diagram, records, done, seed, notes, "interrupted" if stopped else "done")
+    return _result(diagram, spans, tuple(records), done, seed, notes, "interrupted" if stopped else "done")
 
 
 class _Stopped(Exception):
@@ -109,11 +118,13 @@ def _told(progress: Tell | None, stop: Stop) -> Tell:
     return tell
 
 
-def _measured(records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str] | None) -> tuple[str, ...]:
+def _measured(
+    records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str] | None, inside: Inside
+) -> tuple[str, ...]:  # fmt: skip
     """The outputs that were measured. Raises DataError where there are too few samples to judge by."""
     asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
     names = compared(records, diagram, asked)
-    total = sum(len(r) for r in records.values())
+    total = sum(len(t) for t in _compared(records, inside).values())
     if total < ENOUGH:
         raise DataError(f"a diagnosis takes at least {ENOUGH} samples of all experiments together, and there are "
                         f"{total}: with fewer, no effect can be told from chance.")  # fmt: skip
@@ -122,6 +133,11 @@ def _measured(records: Mapping[str, Record], diagram: Diagram, outputs: Sequence
         raise DataError(f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
                         "itself: there is nothing in between to diagnose.")  # fmt: skip
     return found
+
+
+def _compared(records: Mapping[str, Record], inside: Inside) -> dict[str, np.ndarray]:
+    """The instants [s] of each experiment that count. Raises DataError where next to none do."""
+    return {name: r.t if inside is None else r.t[span(name, r, inside[name])] for name, r in records.items()}
 
 
 def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
@@ -150,13 +166,15 @@ def _work(
     tell("conditioned", 0, 1)
     records = all_conditioned(raw, names) if condition else dict(raw)
     notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
-    found = _floors(raw, part, noise_floor)
+    counts = _cut(raw, asked.window)
+    found = _floors(counts, part, noise_floor)
     own = attrs.evolve(asked, sigma=found.sigma, outputs=part.outputs, free=_free(asked, part.diagram))
     rounds: list[Round] = []
     search: Search | None = None
     try:
         if remembers(part.diagram, records, own):
-            records, raw = pieces(records), pieces(raw)
+            records, raw = pieces(_cut(records, asked.window)), pieces(counts)
+            own = attrs.evolve(own, window=None)
             notes.append(f"{part.name}: the plant never forgets where it began, so it is started anew every second.")
         tell("calibrated", 0, 1)
         base = calibrated(part.diagram, records, own, lambda *_: tell("calibrated", 0, 1))
@@ -169,6 +187,11 @@ def _work(
             raise _Stopped(None) from None
         raise _Stopped(Work(part, search, found, rounds, counted(rounds, search))) from None
     return Work(part, search, found, rounds, counted(rounds, search))
+
+
+def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:
+    """What counts of each recording."""
+    return {name: r if inside is None else r.part(*inside[name]) for name, r in records.items()}
 
 
 def _free(asked: Asked, diagram: Diagram) -> tuple[str, ...] | None:
@@ -185,7 +208,8 @@ def _floors(records: Mapping[str, Record], part: Part, given: Any) -> Floors:
 
 
 def _result(
-    diagram: Diagram, records: Mapping[str, Record], done: Sequence[Work], seed: int, notes: list[str], status: str
+    diagram: Diagram, spans: Mapping[str, tuple[float, float]], experiments: tuple[str, ...], done: Sequence[Work],
+    seed: int, notes: list[str], status: str,
 ) -> Diagnosis:  # fmt: skip
     segments = tuple(summed(work, diagram) for work in done)
     order = {"named": 2, "unknown": 1, "none": 0}
@@ -193,8 +217,8 @@ def _result(
     said = [s.sentence for s in sorted(segments, key=lambda s: -order[s.verdict]) if s.verdict == verdict]
     base, augmented = _whole(diagram, done, False), _whole(diagram, done, True)
     return Diagnosis(
-        diagram.title, tuple(records), seed, verdict, " ".join(said), tuple(e for s in segments for e in s.effects),
-        segments, base, augmented, _consequence(done, segments), tuple(dict.fromkeys(notes)), status,
+        diagram.title, experiments, seed, verdict, " ".join(said), tuple(e for s in segments for e in s.effects),
+        segments, base, augmented, _consequence(done, segments), tuple(dict.fromkeys(notes)), status, spans,
     )  # fmt: skip
 
 

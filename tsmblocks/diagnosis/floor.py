@@ -31,7 +31,8 @@ def carried(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed
             continue
         again = conditioned(noisy, names)
         other = prepare(trial.name, again, model.diagram, model.setup.eq, outputs=model.setup.outputs, rule=trial.rule,
-                        step=trial.times.h, hold=trial.hold, window=(None, None), backend=trial.backend)  # fmt: skip
+                        step=trial.times.h, hold=trial.hold, window=(trial.t[0], trial.t[-1]),
+                        backend=trial.backend)  # fmt: skip
         p = model.problem.unknowns.parameters(model.theta, e)
         change = (other.outputs(p) - trial.outputs(p)) * model.problem.weights
         total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))

@@ -15,6 +15,7 @@ from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.problem import Problem
 from tsmblocks.fitting.search import Found, feasible_start, held
 from tsmblocks.fitting.setting_up import Setup, pose
+from tsmblocks.fitting.trials import Window
 from tsmblocks.simulate import equations
 
 STEPS = 40
@@ -36,7 +37,7 @@ class Asked:
 
     ``free`` are patterns of the base's parameters (None for all but start values); ``sigma`` is the noise of each
     output, in whose units everything is counted; ``step`` [s] is that of the simulation, None where it is still to
-    be found; ``seed`` that of random starts.
+    be found; ``seed`` that of random starts. ``window`` is the part of each experiment that counts [s], None for all.
     """
 
     free: tuple[str, ...] | None
@@ -48,6 +49,7 @@ class Asked:
     hold: str = "cubic"
     starts: int = 6
     seed: int = 0
+    window: Mapping[str, Window] | None = None
 
 
 @attrs.frozen(eq=False)
@@ -114,8 +116,8 @@ def posed(
     return pose(
         diagram, dict(records), free=free, bounds=bounds, start=None, local=local or (),
         start_states=asked.start_states and local is None,
-        constraints=None, ties=None, priors=None, sigma=dict(asked.sigma), outputs=asked.outputs, window=None,
-        step=asked.step, integrator=asked.integrator, hold=asked.hold, backend="",
+        constraints=None, ties=None, priors=None, sigma=dict(asked.sigma), outputs=asked.outputs,
+        window=asked.window, step=asked.step, integrator=asked.integrator, hold=asked.hold, backend="",
     )  # fmt: skip
 
 

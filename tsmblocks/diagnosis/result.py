@@ -171,7 +171,8 @@ class Diagnosis:
     ``verdict`` is ``"named"`` where effects were named, ``"unknown"`` where something is missing that no block of the
     catalogue explains, ``"none"`` where nothing is missing that these data could show. ``base`` is the diagram with
     its numbers refitted, ``augmented`` the one with the named blocks in place. ``status`` is ``"done"``, or
-    ``"interrupted"`` after Ctrl-C: what was found until then is here.
+    ``"interrupted"`` after Ctrl-C: what was found until then is here. ``windows`` are the first and the last instant
+    compared [s] of each experiment of which a part was asked for.
     """
 
     diagram: str
@@ -186,6 +187,7 @@ class Diagnosis:
     consequence: Consequence | None
     notes: tuple[str, ...]
     status: str
+    windows: Mapping[str, tuple[float, float]] = attrs.field(factory=dict)
 
     @property
     def worst(self) -> Segment:
@@ -196,7 +198,8 @@ class Diagnosis:
         """Return everything as plain values, as ``diagnosis.json`` holds it."""
         worst = self.worst
         return {
-            "format": 1, "diagram": self.diagram, "experiments": list(self.experiments), "seed": self.seed,
+            "format": 1, "diagram": self.diagram, "experiments": list(self.experiments),
+            "windows": _plain({k: list(pair) for k, pair in self.windows.items()}), "seed": self.seed,
             "verdict": self.verdict, "sentence": self.sentence, "status": self.status,
             "effects": [_effect(e) for e in self.effects],
             "gap": _gap(worst.gaps[0]),

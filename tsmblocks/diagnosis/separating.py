@@ -70,7 +70,7 @@ def separations(
     named: Tried, others: Sequence[Tried], records: Mapping[str, Record], asked: Asked
 ) -> Iterator[Separation]:  # fmt: skip
     """For each motion the separation from that of ``others`` that comes closest."""
-    inputs = list(named.model.diagram.inputs)
+    inputs, asked = list(named.model.diagram.inputs), attrs.evolve(asked, window=None)  # all of a motion counts
     if not inputs:
         return
     trial = named.model.setup.trials[0]

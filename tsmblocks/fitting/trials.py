@@ -229,11 +229,16 @@ def span(name: str, record: Record, window: Window) -> slice:
     first, last = np.searchsorted(record.t, low), int(np.searchsorted(record.t, high, side="right"))
     if last - first < FEWEST:
         count = max(last - int(first), 0)
-        begin, end = record.t[0] if window[0] is None else low, record.t[-1] if window[1] is None else high
-        raise DataError(f"experiment '{name}': the window from {begin:g} to {end:g} s holds {count} "
+        raise DataError(f"experiment '{name}': the window{_ends(window)} holds {count} "
                         f"sample{'s' if count != 1 else ''}, and at least {FEWEST} are needed; it was recorded from "
                         f"{record.t[0]:g} to {record.t[-1]:g} s.")  # fmt: skip
     return slice(int(first), last)
+
+
+def _ends(window: Window) -> str:
+    """`` from 1 to 5 s``; ends that are open are left out."""
+    words = [f" {word} {end:g}" for word, end in zip(("from", "to"), window, strict=True) if end is not None]
+    return f"{''.join(words)} s{' on' if window[1] is None else ''}" if words else ""
 
 
 def median_step(t: np.ndarray) -> float:
