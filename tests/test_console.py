@@ -15,7 +15,7 @@ from tsmblocks.block import REGISTRY
 from tsmblocks.cli import console, main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.shelf import names
-from tsmblocks.tables import columns
+from tsmblocks.tables import columns, in_parts
 
 STUDY = """
 format = 1
@@ -92,7 +92,23 @@ def test_the_list_of_blocks_is_as_wide_as_the_terminal(monkeypatch, capsys):
 def test_words_of_the_last_column_go_on_below_themselves():
     rows = [("a", "one two three four five six seven"), ("long", "")]
     assert columns(rows, " ", (0, 1), 32) == " a     one two three four five\n       six seven\n long"
-    assert columns(rows, width=10) == columns(rows, width=30)
+    assert columns(rows, " ", (0, 1), 20) == " a\n     one two three four five\n     six seven\n long"
+
+
+def test_a_name_that_leaves_the_rest_no_room_stands_above_its_row():
+    rows = [("", "rms", "unit"), ("short", "1.25", "deg"), ("a name of thirty letters or so", "12", "deg")]
+    shown = ["        rms  unit", "short  1.25   deg", "a name of thirty letters or so", "         12   deg"]
+    assert columns(rows, width=20).splitlines() == shown
+    assert columns(rows, width=80).splitlines()[2] == "a name of thirty letters or so    12   deg"
+
+
+def test_columns_that_are_too_many_stand_in_several_tables():
+    rows = [("case", "first", "tuned", "second", "tuned"), ("a", "1", "2", "3", "4")]
+    assert in_parts(rows, together=2) == columns(rows)
+    first, second = in_parts(rows, together=2, width=22).split("\n\n")
+    assert first == columns([row[:3] for row in rows])
+    assert second == columns([(row[0], *row[3:]) for row in rows])
+    assert in_parts(rows, width=3).count("\n\n") == 3, "what fits nowhere stands alone"
 
 
 @pytest.mark.parametrize("name", names())

@@ -5,31 +5,77 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
 
+WIDTH = 80
+"""Columns of a terminal that tables fit, as far as they can."""
 NARROW = 24
-"""Columns that words at the end of a row have at least, however narrow the terminal is."""
+"""Columns that words at the end of a row have at least; where fewer are left they stand below it."""
 
 
 def columns(
-    rows: Iterable[Sequence[str]], indent: str = "", left: Collection[int] = (0,), width: int | None = None
+    rows: Iterable[Sequence[str]], indent: str = "", left: Collection[int] = (0,), width: int = WIDTH
 ) -> str:  # fmt: skip
     """Rows with their cells in columns; those in ``left`` (by default the first) are flush left.
 
-    With a ``width``, words in the last column go on below themselves where a row would be longer.
+    Where that is wider than ``width``, words at the end of a row (the last column, where it is flush left) go on below
+    themselves, and a name in front that leaves the rest no room stands above its row.
     """
     table = [list(row) for row in rows]
-    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
+    if not table:
+        return ""
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    end = len(widths) - 1
+    words = end > 0 and end in left
+    rest = len(indent) + sum(w + 2 for w in (widths[1:end] if words else widths[1:])) + 2 * words
+    if rest + widths[0] > width:
+        widths[0] = max((len(row[0]) for row in table if rest + len(row[0]) <= width), default=0)
+    room = width - rest - widths[0]
     lines = []
     for row in table:
+        if len(row[0]) > widths[0]:
+            lines.append(indent + row[0])
+            row = ["", *row[1:]]
         cells = [c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
-        before = indent + "".join(f"{cell}  " for cell in cells[:-1])
-        last = [cells[-1]] if width is None else textwrap.wrap(
-            row[-1], max(width - len(before), NARROW), break_long_words=False, break_on_hyphens=False
-        ) or [""]  # fmt: skip
-        lines += [
-            f"{start}{part}".rstrip()
-            for start, part in zip([before, *[" " * len(before)] * (len(last) - 1)], last, strict=True)
-        ]
+        if not words or len(row[end]) <= room:
+            lines.append((indent + "  ".join(cells)).rstrip())
+        else:
+            lines += _with_words(indent + "  ".join(cells[:-1]) + "  ", row[end], width, f"{indent}    ")
     return "\n".join(lines)
+
+
+def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
+    """A row with words at its end: beside it in lines that fit, or below it where there is no room for that."""
+    room = width - len(before)
+    if room < NARROW:
+        return [before.rstrip(), *_folded(words, width - len(below), below)]
+    first, *others = _folded(words, room, "")
+    return [before + first, *(" " * len(before) + other for other in others)]
+
+
+def _folded(words: str, width: int, indent: str) -> list[str]:
+    lines = textwrap.wrap(words, max(width, NARROW), break_long_words=False, break_on_hyphens=False)
+    return [indent + line for line in lines]
+
+
+def in_parts(rows: Iterable[Sequence[str]], together: int = 1, width: int = WIDTH) -> str:
+    """Columns of numbers as ``columns`` shows them, as several tables below each other where one would be too wide.
+
+    Each has the first column, and of the others some times ``together``.
+    """
+    table = [list(row) for row in rows]
+    count = len(table[0]) - 1
+    most = max(len(row[0]) for row in table)
+    for each in range(count, 0, -together):
+        if each % together:
+            continue
+        parts = [[[row[0], *row[1 + k : 1 + k + each]] for row in table] for k in range(0, count, each)]
+        if all(most + _beside(part) <= width for part in parts):
+            break
+    return "\n\n".join(columns(part, width=width) for part in parts)
+
+
+def _beside(rows: Sequence[Sequence[str]]) -> int:
+    """Width of all columns but the first."""
+    return sum(2 + max(len(row[k]) for row in rows) for k in range(1, len(rows[0])))
 
 
 def unlike(names: Iterable[str]) -> list[str]:

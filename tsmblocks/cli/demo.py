@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tsmblocks.cli import common, console, recordings
-from tsmblocks.tables import columns
+from tsmblocks.tables import WIDTH, columns
 
 if TYPE_CHECKING:
     from tsmblocks.demo.compensators import Tracked
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 HELP = "the paper's experiments, and a hidden effect found; one page with pictures"
 NAMES = ("position_ripple", "backlash", "odd_nonlinearity", "none")
 """What may be hidden, the usual first."""
-WIDTH = 80
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

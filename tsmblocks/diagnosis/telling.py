@@ -19,8 +19,8 @@ from tsmblocks.diagnosis.showing import (
     leading,
     with_interval,
 )
-from tsmblocks.fitting.telling import WIDTH, listed
-from tsmblocks.tables import columns
+from tsmblocks.fitting.telling import listed
+from tsmblocks.tables import WIDTH, columns
 
 WEAK = 0.05
 """Excess over the noise, as a share of it, that is told even where nothing can be named."""

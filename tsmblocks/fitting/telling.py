@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks import units
 from tsmblocks.fitting.differences import Differences
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
-from tsmblocks.tables import columns
+from tsmblocks.tables import WIDTH, columns, in_parts
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.compare import Comparison
@@ -21,8 +21,6 @@ CLOSE = 0.95
 """Correlation from which two parameters are told as hard to tell apart."""
 MOST = 5
 """Pairs of parameters, and names of a list, that are told; the rest is counted."""
-WIDTH = 80
-"""Columns that sentences are wrapped at."""
 LEAST, EXACT = 3, 7
 """Significant digits that are shown of every number, and of the best known one."""
 
@@ -156,8 +154,8 @@ def by_file(found: Mapping[str, Comparison]) -> str:
         rows.append((model, *(f"{k * y:.4g}{'*' if y == best else ' '}" if np.isfinite(y) else "- "
                               for y, best in zip((*figures, rms), least, strict=True))))  # fmt: skip
     text = columns(rows)
-    if max(map(len, text.split("\n"))) > WIDTH:
-        text = columns([["file", *(f"{row[0]} " for row in rows[1:])], *(
+    if sum(2 + max(len(row[j]) for row in rows) for j in range(len(rows[0]))) > WIDTH:
+        text = in_parts([["file", *(f"{row[0]} " for row in rows[1:])], *(
             [rows[0][j].strip(), *(row[j] for row in rows[1:])] for j in range(1, len(rows[0])))])  # fmt: skip
     what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held out"
     parts = [f"{what} [{unit}], every file fitted by itself; * is the best", text]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from tsmblocks.errors import DataError, RunError, near
 from tsmblocks.metrics import named
 from tsmblocks.studies.plans import plain
 from tsmblocks.studies.store import Table, read_table, value_of
+from tsmblocks.tables import WIDTH
 from tsmblocks.tables import columns as in_columns
 
 QUANTILES = {"lowest": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "highest": 1.0}
@@ -145,7 +147,7 @@ class Results:
 
     def __str__(self) -> str:
         done = f"{len(self)} of {self.count} runs" if len(self) < self.count else f"{self.count} runs"
-        lines = [f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}"]
+        lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", WIDTH)
         if self.failed.any():
             lines.append(f"{int(self.failed.sum())} runs have a metric that is no number (an unstable loop, say)")
         table = [("", *QUANTILES, "lowest at")]
@@ -154,7 +156,7 @@ class Results:
             at = self.best(name) if np.isfinite(self[name]).any() else {}
             where = ", ".join(f"{k} {_short(at[k])}" for k in self.parameters if k in at)
             table.append((heading(name, self.units[name]), *(f"{v:.4g}" for v in numbers.values()), where))
-        return "\n".join([*lines, "", in_columns(table)])
+        return "\n".join([*lines, "", in_columns(table, left=(0, len(QUANTILES) + 1))])
 
     def __repr__(self) -> str:
         return f"Results({self.title!r}, {len(self)} of {self.count} runs, metrics {', '.join(self.metrics)})"

@@ -79,7 +79,7 @@ class Tuned:
                 "after": {k: dict(v) for k, v in self.after.items()}}  # fmt: skip
 
     def __str__(self) -> str:
-        from tsmblocks.tables import columns
+        from tsmblocks.tables import in_parts
 
         names = list(next(iter(self.after.values())))
         rows = [("", *(x for name in names for x in (heading(name, self.units[name]), "tuned")))]
@@ -90,7 +90,7 @@ class Tuned:
         more = f"\n… ({len(self.after)} in all)" if len(self.after) > len(shown) else ""
         found = ", ".join(f"{k} {v:.4g}" for k, v in self.values.items())
         ends = "" if self.met else "\nnot every limit is met"
-        return f"{found}{ends}\n\n{columns(rows)}{more}"
+        return f"{found}{ends}\n\n{in_parts(rows, together=2)}{more}"
 
 
 def tune(
