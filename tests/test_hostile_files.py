@@ -446,7 +446,7 @@ def test_a_name_without_its_ending_is_helped(tmp_path, monkeypatch):
 
 
 def test_a_folder_is_not_a_file(tmp_path):
-    assert fault_of(tmp_path) == f"{tmp_path}: this is a folder, and a diagram file is needed."
+    assert fault_of(tmp_path) == f"{tmp_path}: this is a folder, and a file is needed."
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="needs a device that never ends")

@@ -252,13 +252,21 @@ def test_signals_that_part():
 
 REFUSED = {
     GUARD.replace("format = 1", "format = 2"): "1: format = 1 is needed, got 2.",
-    GUARD.replace("rms(u)", "rms(w)"): "2: metric 'effort': there is no signal 'w'.",
-    GUARD.replace('"loose"', '"lose"'): "2: tolerance of 'effort': there is no class 'lose'. Did you mean 'loose'?",
+    GUARD.replace("rms(u)", "rms(w)"): "8: metric 'effort': there is no signal 'w'.",
+    GUARD.replace('"loose"', '"lose"'): "8: tolerance of 'effort': there is no class 'lose'. Did you mean 'loose'?",
     GUARD.replace("tolerance", "tolerence"): "8: a metric has no 'tolerence'. Did you mean 'tolerance'?",
     GUARD.replace("diagram =", "title ="): ": a guard needs its diagram",
     GUARD.replace("5.0", '"x"'): "3: 'stop' must be a number, got 'x'.",
     GUARD + "[cases]\na = { kp = 1 }\n": "10: diagram",
-    GUARD.replace("[metrics]", "metrics = 3\n[set]"): "6: 'metrics' must be a table: [metrics].",
+    GUARD.replace("[metrics]", "metrics = 3\n[set]"): "6: 'metrics' must be a table: [metrics], got 3.",
+    GUARD.replace("rms(u)", "rms(u"): "8: metric 'effort': this cannot be read from here on.",
+    GUARD.replace('of = "rms(u)", ', ""): '8: a metric with a tolerance says what it measures: { of = "rms(u)", '
+    'tolerance = "loose" }.',
+    GUARD.replace(
+        "format = 1\n", 'format = 1\ntolerance = "lose"\n'
+    ): "8: tolerance of 'error': there is no class 'lose'.",
+    GUARD + "[cases]\na = 3\n": "10: 'cases.a' must be a table of parameters, got 3.",
+    GUARD + "[set]\nkp = 3\n": "10: diagram",
 }
 
 
@@ -288,3 +296,11 @@ def test_what_is_no_baseline(tmp_path):
         assert said in str(found.value)
     with pytest.raises(ParameterError, match="tolerance: there is no metric 'rsm'"):
         small(tolerance={"rsm": "tight"})
+
+
+def test_all_faults_of_a_guard_are_told_at_once(tmp_path):
+    path = tmp_path / "loop.tracking.toml"
+    path.write_text(GUARD.replace("stop =", "stopp =").replace("rms(u)", "rms(w)") + "[set]\nkp = 3\n")
+    with pytest.raises(FileError) as found:
+        read_guards(path)
+    assert [one.split(":")[1] for one in found.value.problems] == ["3", "8", "10"]

@@ -21,7 +21,7 @@ def read(path: Path) -> str:
     """Return the text of a file; raises FileError where it cannot be had."""
     try:
         if path.is_dir():
-            raise FileError(str(path), [f"{path}: this is a folder, and a diagram file is needed."])
+            raise FileError(str(path), [f"{path}: this is a folder, and a file is needed."])
         if not path.is_file():
             beside = [p.name for p in path.parent.glob("*.toml")]
             raise FileError(clip(str(path)), [

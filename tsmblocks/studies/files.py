@@ -1,29 +1,23 @@
 """Studies as TOML files: which diagram, what varies, what is measured. Nothing that a file says is ever run.
 
-Format 1 has ``title``, ``diagram`` (a ready-made one, or a file beside this one), ``stop``, ``step``, ``method``,
-``[set]`` for numbers that all runs have, ``[metrics]``, ``[plan]`` and ``[vary]``.
+Format 1 has what ``page`` says, ``stop``, ``step``, ``method``, ``hold``, ``[plan]`` and ``[vary]``.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import attrs
 
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import FileError, TsmError, in_words, near
-from tsmblocks.file_places import Places
-from tsmblocks.file_text import read, tables
-from tsmblocks.files import load_beside
-from tsmblocks.metrics import metric, metrics
+from tsmblocks.errors import TsmError, in_words, near
+from tsmblocks.studies.page import Page
 from tsmblocks.studies.plans import MOST, Belief, Normal, Plan, Uniform, grid, latin_hypercube, monte_carlo, sweep
-from tsmblocks.studies.study import own_numbers, signal_units
+from tsmblocks.studies.study import own_numbers
 
-FORMAT = 1
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "hold", "set", "metrics", "plan", "vary")
 PLANS = ("grid", "sweep", "latin_hypercube", "monte_carlo")
 RANDOM = PLANS[2:]
@@ -44,85 +38,24 @@ class StudyFile:
 
 def load_study(path: str | Path) -> StudyFile:
     """Read a study from a file. Raises FileError with every fault and its line."""
-    where = Path(path)
-    table, places = tables(read(where), str(where))
-    return _Page(str(where), places, where.parent).whole(table)
+    page = _StudyPage(path, "study", KEYS)
+    diagram, how = page.diagram(), page.how(("stop", "step"), ("method", "hold"))
+    title = page.title or (diagram.title if diagram else "")
+    asked = page.section("metrics") if "metrics" in page.table else None
+    plan = page.plan(diagram) if diagram is not None else None
+    if diagram is not None:
+        page.metrics(asked, diagram)
+    page.checked()
+    assert diagram is not None
+    assert plan is not None
+    return StudyFile(title, diagram, plan, asked, how)
 
 
-class _Page:
-    """One file that is being read, and the faults found so far."""
+class _StudyPage(Page):
+    """The page of a study: what varies, by which plan."""
 
-    def __init__(self, where: str, places: Places, folder: Path) -> None:
-        self.where, self.places, self.folder = where, places, folder
-        self.faults: list[tuple[int, str]] = []
-
-    def whole(self, table: dict[str, Any]) -> StudyFile:
-        for key in table:
-            if key not in KEYS:
-                self.fault(f"there is no '{key}' in a study.{near(key, KEYS, 12)}", key)
-        if table.get("format") != FORMAT:
-            self.fault(f"format = {FORMAT} is needed, got {in_words(table.get('format'))}.", "format")
-        diagram = self.diagram(table)
-        how: dict[str, Any] = {k: self.of("a number", float, table[k], k) for k in ("stop", "step") if k in table}
-        how |= {k: self.of("a text", str, table[k], k) for k in ("method", "hold") if k in table}
-        title = self.of("a text", str, table.get("title", ""), "title") or (diagram.title if diagram else "")
-        asked = self.section(table, "metrics") if "metrics" in table else None
-        plan = self.plan(table, diagram) if diagram is not None else None
-        if diagram is not None:
-            self.metrics(asked, diagram)
-        if self.faults or diagram is None or plan is None:
-            raise FileError(self.where, [f"{self.where}{f':{line}' if line else ''}: {text}"
-                                         for line, text in sorted(self.faults)])  # fmt: skip
-        return StudyFile(title, diagram, plan, asked, how)
-
-    def fault(self, text: str, *path: str) -> None:
-        self.faults.append((self.places.line(*path) or 0, text))
-
-    def of(self, what: str, kind: type, value: Any, *path: str) -> Any:
-        """A value of a kind, or None where it is something else."""
-        if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
-            return float(value)
-        if kind is not float and isinstance(value, kind) and not isinstance(value, bool):
-            return value
-        self.fault(f"'{'.'.join(path)}' must be {what}, got {in_words(value)}.", *path)
-        return None
-
-    def section(self, table: Mapping[str, Any], key: str) -> dict[str, Any]:
-        return self.of(f"a table: [{key}]", dict, table.get(key, {}), key) or {}
-
-    def tried(self, make: Callable[[], Any], *path: str) -> Any:
-        """What is made, or None where it is refused."""
-        try:
-            return make()
-        except FileError as error:
-            for problem in error.problems:
-                self.fault(problem, *path)
-        except TsmError as error:
-            self.fault(str(error), *path)
-        return None
-
-    def diagram(self, table: Mapping[str, Any]) -> Diagram | None:
-        if "diagram" not in table:
-            self.fault('a study needs its diagram: diagram = "fig16_feedforward_feedback".')
-            return None
-        name = self.of("the name or file of a diagram", str, table["diagram"], "diagram")
-        if name is None:
-            return None
-        found = self.tried(partial(load_beside, self.folder, name), "diagram")
-        for key, value in self.section(table, "set").items() if found is not None else ():
-            found = self.tried(partial(found.with_parameters, {key: value}), "set", key) or found
-        return found
-
-    def metrics(self, asked: dict[str, Any] | None, diagram: Diagram) -> None:
-        known = signal_units(diagram)
-        if asked is None:
-            self.tried(lambda: metrics(None, known), "diagram")
-            return
-        for name, text in asked.items():
-            self.tried(partial(metric, text, known, name), "metrics", name)
-
-    def plan(self, table: Mapping[str, Any], diagram: Diagram) -> Plan | None:
-        plan, vary = self.section(table, "plan"), self.section(table, "vary")
+    def plan(self, diagram: Diagram) -> Plan | None:
+        plan, vary = self.section("plan"), self.section("vary")
         kind = plan.get("kind", "grid")
         if kind not in PLANS:
             self.fault(f"there is no plan {in_words(kind)}.{near(kind, PLANS)}", "plan", "kind")

@@ -2,79 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.errors import FileError, TsmError, in_words, near
-from tsmblocks.file_text import read, tables
-from tsmblocks.files import load_beside
+from tsmblocks.errors import near
+from tsmblocks.metrics import named
+from tsmblocks.studies.page import Page
 from tsmblocks.testing.tracking import Guard, guard
 
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "tolerance", "metrics", "set", "cases")
-FORMAT = 1
 
 
 def read_guards(path: Path) -> dict[str, Guard]:
     """The guards of a file, by case; the case of a file without ``[cases]`` has no name.
 
     A metric is a text, or ``{ of = "rms(u)", tolerance = "loose" }``; a case is a table of parameters. Raises FileError
-    with the line.
+    with every fault and its line.
     """
-    table, places = tables(read(path), str(path))
-
-    def refuse(text: str, *place: str) -> FileError:
-        line = places.line(*place)
-        return FileError(str(path), [f"{path}{f':{line}' if line else ''}: {text}"])
-
-    for text, place in _faults(table):
-        raise refuse(text, *place)
-    wanted, classes = _metrics(table.get("metrics"), table.get("tolerance", "normal"))
-    how = {k: table[k] for k in ("stop", "step", "method") if k in table}
+    page = Page(path, "guard", KEYS)
+    diagram, how = page.diagram(), page.how(("stop", "step"), ("method",))
+    usual = page.of("a class of tolerance", str, page.table.get("tolerance", "normal"), "tolerance")
+    asked = page.section("metrics") if "metrics" in page.table else None
+    texts = None if asked is None else {k: _text(page, k, one) for k, one in asked.items()}
+    classes = usual if asked is None else {named(k)[0]: _class(one, usual) for k, one in asked.items()}
+    cases = {k: page.of("a table of parameters", dict, v, "cases", k) for k, v in page.section("cases").items()}
+    if diagram is None:
+        page.checked()
+    assert diagram is not None
+    for name, text in (texts or {}).items():
+        if text is not None:
+            alone = partial(guard, diagram, {name: text}, tolerance=classes[named(name)[0]])
+            page.tried(alone, "metrics", name)
+    page.checked()
     made = {}
-    for case, changes in (table.get("cases") or {"": {}}).items():
-        try:
-            diagram = load_beside(path.parent, table["diagram"]).with_parameters(table.get("set", {}))
-            made[case] = guard(diagram, wanted, tolerance=classes, parameters=changes, **how)
-        except FileError as error:
-            raise refuse(error.problems[0], "diagram") from None
-        except TsmError as error:
-            raise refuse(str(error), *(("cases", case) if case else ("diagram",))) from None
+    for case, changes in (cases or {"": {}}).items():
+        place = ("cases", case) if case else ("metrics" if asked is not None else "diagram",)
+        made[case] = page.tried(partial(guard, diagram, texts, tolerance=classes, parameters=changes, **how), *place)
+    page.checked()
     return made
 
 
-def _faults(table: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What is wrong with a file, and where."""
-    for key in table:
-        if key not in KEYS:
-            yield f"there is no '{key}' in a guard.{near(key, KEYS, 12)}", (key,)
-    if table.get("format") != FORMAT:
-        yield f"format = {FORMAT} is needed, got {in_words(table.get('format'))}.", ("format",)
-    for key in ("metrics", "set", "cases"):
-        if not isinstance(table.get(key, {}), dict):
-            yield f"'{key}' must be a table: [{key}].", (key,)
-    if not isinstance(table.get("diagram"), str):
-        yield 'a guard needs its diagram: diagram = "fig16_feedforward_feedback".', ("diagram",)
-    yield from _wrong_values(table)
+def _text(page: Page, name: str, given: Any) -> Any:
+    """What a metric measures: a text, or that of a table; None where it says nothing."""
+    if not isinstance(given, Mapping):
+        return given
+    for key in given:
+        if key not in ("of", "tolerance"):
+            page.fault(f"a metric has no '{key}'.{near(key, ('of', 'tolerance'))}", "metrics", name)
+    if "of" not in given:
+        page.fault('a metric with a tolerance says what it measures: { of = "rms(u)", tolerance = "loose" }.',
+                   "metrics", name)  # fmt: skip
+    return given.get("of")
 
 
-def _wrong_values(table: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    for key in ("stop", "step"):
-        if key in table and (not isinstance(table[key], (int, float)) or isinstance(table[key], bool)):
-            yield f"'{key}' must be a number, got {in_words(table[key])}.", (key,)
-    for name, one in table.get("metrics", {}).items():
-        for key in one if isinstance(one, dict) else ():
-            if key not in ("of", "tolerance"):
-                yield f"a metric has no '{key}'.{near(key, ('of', 'tolerance'))}", ("metrics", name)
-
-
-def _metrics(given: Any, usual: Any) -> tuple[Any, Any]:
-    """Texts of metrics by name, and the class of each."""
-    from tsmblocks.metrics import named
-
-    if given is None:
-        return None, usual
-    texts = {k: v["of"] if isinstance(v, dict) and "of" in v else v for k, v in given.items()}
-    classes = {named(k)[0]: v.get("tolerance", usual) if isinstance(v, dict) else usual
-               for k, v in given.items()}  # fmt: skip
-    return texts, classes
+def _class(given: Any, usual: str) -> Any:
+    return given.get("tolerance", usual) if isinstance(given, Mapping) else usual
