@@ -15,6 +15,21 @@ PLANNED = "15_beyond_the_paper"
 EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 ANSWERS = {
     "01_feedforward": [28.3, 13.7],
+    "08_paper_loops": [
+        0.2, 26.47, 27.01, 28.67, 0.2, 0.5, 26.43, 26.98, 28.94, 0.25, 0.43, 26.57, 27.11, 29.11,
+        18.48, 20.53, 21.10, 18.48, 17.19, 18.52, 0.91, 0.87, 0.88, 0.91, 0.94, 0.92,
+        0.76, 0.0, 1.55, 4.14, 0.0, 2.58, 2.27, 64.97,
+    ],
+    "09_paper_models": [
+        0.8972, 0.9008, 0.885, 0.916, 0.9487, 0.9392, 0.924, 0.954, 0.8745, 0.8303, 0.893, 0.767,
+        5.034, 5.199, 4.697, 5.702, 0.1452, 0.0309, 0.008, 0.069,
+        0.2, 1.59, 0.64, 0.2, 0.5, 1.49, 0.71, 0.25, 0.43, 1.52, 0.65, 5.1,
+    ],
+    "10_paper_tracking": [
+        0.2, 27.0, 28.3, 8.0, 13.7, 13.17, 13.7, 0.2, 0.5, 27.0, 28.3, 8.5, 15.1, 4.25, 13.85, 15.0,
+        0.25, 0.43, 28.0, 28.4, 9.2, 14.9, 4.6, 13.87, 14.7,
+    ],
+    "11_paper_feedback": [8.0, 13.6, 5.8, 8.0, 8.1, 11.8, 9.8],
     "12_why_not_zero": [13.0, 0.8],
     "13_observer_on_the_motor": [13.7, 2.7, 6.5, 0.5],
     "03_sampled_controller": [1.02, 1.03, 1.05, 1.09],
@@ -40,7 +55,13 @@ ANSWERS = {
         0.2, 7.95, 7.98, 4.23, 4.58, 0.2, 0.5, 8.75, 8.77, 5.64, 5.80, 0.25, 0.43, 8.83, 8.86, 5.34, 5.52,
     ],
 }  # fmt: skip
-FIGURES = {"16_identify_the_paper": ["generalised.png", "proposed.png", "symmetric.png"]}
+FIGURES = {
+    "08_paper_loops": ["figs_3_5_6.png"],
+    "09_paper_models": ["figs_10_11_12.png"],
+    "10_paper_tracking": ["fig_13.png", "fig_14.png", "fig_15.png"],
+    "11_paper_feedback": ["fig_17.png"],
+}
+"""What examples write into the folder they are given."""
 MEASURED = (
     "19_measured_tendon_sheath", "20_emps", "22_tendon_sheath_diagnosed", "23_emps_diagnosed", "24_tanks",
     "25_silverbox",

@@ -120,6 +120,12 @@ class Differences:
         """Whether all are of one output in one unit, so that their residuals may be pooled as they are."""
         return len({(d.unit, d.output) for d in self.items}) == 1
 
+    def plot(self) -> Any:
+        """Measured and simulated signals, what is left, its loop and its colour: a row for each. Needs matplotlib."""
+        from tsmblocks.plots import plot_fit
+
+        return plot_fit(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as plain values."""
         return {"rms": self.rms, "unit": self.unit, "items": [d.to_dict() for d in self.items]}
