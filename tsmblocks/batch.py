@@ -22,6 +22,7 @@ from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_pla
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, in_words, near
 from tsmblocks.simulate import equations, parameter_vector
+from tsmblocks.tables import few
 
 MOST_DIRECTIONS = 32
 """Derivative directions side by side in one run."""
@@ -50,6 +51,15 @@ class Batch:
     def failed(self) -> np.ndarray:
         """Which sets have a result that is not finite, shape (sets,)."""
         return np.any([~np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in self.results.values()], axis=0)
+
+    def __repr__(self) -> str:
+        count = len(next(iter(self.parameters.values())))
+        return f"Batch({count} sets of {few(self.parameters)}, results {few(self.results)})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import batch_card
+
+        return batch_card(self)
 
     def to_pandas(self) -> Any:
         """A frame with a row per set: parameters, then reduced results. Needs pandas."""

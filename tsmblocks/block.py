@@ -162,6 +162,15 @@ class Block:
             object.__setattr__(other, k, value if f.kind == "option" else map_leaves(symbol, value, k))
         return other
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={_short(getattr(self, name))}" for name in self._fields)
+        return f"{type(self).__name__}({values})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import block_card
+
+        return block_card(self)
+
     def __attrs_post_init__(self) -> None:
         for name, field in self._fields.items():
             value = plain(getattr(self, name))
@@ -170,6 +179,13 @@ class Block:
             object.__setattr__(self, name, int(value) if whole else value)
         if not any(is_reference(v) for k in self.parameters for _, v in leaves(getattr(self, k))):
             self.check()
+
+
+def _short(value: Any) -> str:
+    """A value as it is typed, of a long list its begin."""
+    if isinstance(value, tuple) and len(value) > 8:
+        return f"({', '.join(map(repr, value[:3]))}, … {len(value)} in all)"
+    return repr(value)
 
 
 B = TypeVar("B", bound=type[Block])
@@ -190,7 +206,7 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
             f"{cls.__name__} must derive from Block itself, not from {base}. Write class {cls.__name__}(Block)."
         )
     specs = {k: v for k, v in vars(cls).items() if isinstance(v, (Input, Output, Tape, Past))}
-    made: Any = attrs.frozen(kw_only=True, slots=False)(cls)
+    made: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(cls)
     made._declared = specs
     made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
     _check_declarations(made)

@@ -17,6 +17,7 @@ import attrs
 from tsmblocks import checks, unit_checks, units
 from tsmblocks.block import Block, Input, Output, is_reference, leaves
 from tsmblocks.errors import DiagramError, ParameterError, in_words, near
+from tsmblocks.tables import few
 from tsmblocks.wires import Link, chains, kind, not_a_block, short
 
 _HERE = str(Path(__file__).parent)
@@ -335,6 +336,14 @@ class Diagram:
         lines += [f"  {name} -> {', '.join(v.ports)}" for name, v in self.inputs.items()]
         lines += [f"  {signal} => {name}" for name, signal in self.outputs.items()]
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        ends = {"inputs": {k: p.unit for k, p in self.inports.items()},
+                "outputs": {k: self.unit(k) for k in self.outputs}}  # fmt: skip
+        said = [f"{word} {few(f'{k} [{u}]' if u else k for k, u in named.items())}"
+                for word, named in ends.items() if named]  # fmt: skip
+        count = f"{len(self.blocks)} block{'' if len(self.blocks) == 1 else 's'}"
+        return f"Diagram({', '.join([repr(self.title), count, *said])})"
 
     def short(self, end: tuple[str, str]) -> str:
         """``block`` or ``block.port`` for an output port, as short as it can be said."""

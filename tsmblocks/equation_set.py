@@ -8,6 +8,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.tables import few
+
 KEPT = 4
 """Instants of a delayed signal that are read at a time."""
 
@@ -64,6 +66,9 @@ class Equations:
     """For messages: block name -> (class name, {input port: signal it reads})."""
     sampled: dict[str, float]
     """For messages: sampled block name -> its period [s]."""
+
+    def __repr__(self) -> str:
+        return f"Equations({self.title!r}, {len(self.x)} states, {len(self.p)} parameters, outputs {few(self.aliases)})"
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.errors import DataError, RunError, near
+from tsmblocks.tables import few
 
 
 @attrs.frozen(eq=False)
@@ -88,6 +89,16 @@ class Run:
         from tsmblocks.plots import plot_run
 
         return plot_run(self, names, ax)
+
+    def __repr__(self) -> str:
+        span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self.t) else ""
+        part = "" if self.complete else ", stopped before its end"
+        return f"Run({self.title!r}, {span}{len(self.t)} instants, {few(self.keys())}{part})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import run_card
+
+        return run_card(self)
 
     def save(self, path: str | Path, names: list[str] | None = None) -> Path:
         """Write signals (the diagram's outputs unless named) to .csv, .npz or .mat; returns the path.

@@ -271,6 +271,9 @@ class Stepper:
         self.memory = start_memory(eq, self.kernel, parameter_vector(eq, diagram), self.h, initial)
         self.k = 0
 
+    def __repr__(self) -> str:
+        return f"Stepper({self.eq.title!r}, t = {self.t:g} s in steps of {self.h:g} s)"
+
     @property
     def t(self) -> float:
         """Time now, in s."""

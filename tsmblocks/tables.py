@@ -78,6 +78,13 @@ def _beside(rows: Sequence[Sequence[str]]) -> int:
     return sum(2 + max(len(row[k]) for row in rows) for k in range(1, len(rows[0])))
 
 
+def few(names: Iterable[str], most: int = 6) -> str:
+    """``a, b, c``; beyond ``most`` the rest is counted: ``a, b, … (9 in all)``."""
+    every = list(names)
+    shown = every if len(every) <= most else [*every[: most - 1], f"… ({len(every)} in all)"]
+    return ", ".join(shown)
+
+
 def unlike(names: Iterable[str]) -> list[str]:
     """Names of which no two are alike: a second ``x`` is ``x_2``."""
     made: list[str] = []

@@ -105,6 +105,16 @@ def same(a: str, b: str) -> bool:
     return x.dimension == y.dimension and math.isclose(x.factor, y.factor, rel_tol=1e-12)
 
 
+PEOPLE = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
+"""Units as people read them."""
+
+
+def for_people(label: str) -> tuple[float, str]:
+    """Factor and unit in which people read a number: angles and their rates in degrees, anything else as it is."""
+    wanted = PEOPLE.get(label, label)
+    return (factor(label, wanted) if wanted != label else 1.0), wanted
+
+
 def times(label: str, power_of: str, exponent: int = 1) -> str:
     """A readable label for ``label * power_of**exponent`` (used for rates and integrals)."""
     if label in ("", "1"):

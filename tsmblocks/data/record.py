@@ -15,6 +15,7 @@ from tsmblocks.block import Samples
 from tsmblocks.data import grid
 from tsmblocks.data import signals as one_by_one
 from tsmblocks.errors import DataError, near
+from tsmblocks.tables import few
 
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
 
@@ -102,6 +103,15 @@ class Record:
     def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
         """Return a signal, converted to ``unit``, as an input of a run."""
         return Samples(self.t, self.values(name, unit), hold)
+
+    def __repr__(self) -> str:
+        span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self) else ""
+        return f"Record({self.name!r}, {span}{len(self)} samples, {few(heading(k, self.unit(k)) for k in self)})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import record_card
+
+        return record_card(self)
 
     # ---- the time axis: grid.py, parts.py
 

@@ -11,6 +11,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagram import Diagram
+from tsmblocks.tables import few
 
 
 @attrs.frozen
@@ -226,6 +227,15 @@ class Diagnosis:
         from tsmblocks.plots import plot_diagnosis
 
         return plot_diagnosis(self)
+
+    def __repr__(self) -> str:
+        found = [f"{e.name} on {e.wire.strip()}" for e in self.effects]
+        return f"Diagnosis({self.diagram!r}, {self.verdict}{': ' if found else ''}{few(found)})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import diagnosis_card
+
+        return diagnosis_card(self)
 
     def __str__(self) -> str:
         from tsmblocks.diagnosis.telling import told

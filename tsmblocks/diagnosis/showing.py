@@ -7,30 +7,22 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks import units
 from tsmblocks.diagnosis.restarts import whole
 from tsmblocks.diagnosis.result import Named, Quantity, Segment, Trace
 from tsmblocks.diagnosis.where import coordinates
 from tsmblocks.diagram import Diagram
 from tsmblocks.fitting.unknowns import numbers, unknown
+from tsmblocks.units import for_people
 
 BINS = 24
 """Bins of a coordinate in which the error is shown."""
 FEWEST = 3
 """Blocks of time that a bin needs before what they differ by says how sure its mean is."""
-PEOPLE = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
-"""Units as people read them."""
 COORDINATE_UNITS = {
     "position": "{}", "direction": "", "direction x position": "{}", "speed": "{}/s", "acceleration": "{}/s^2",
     "distance since reversal": "{}", "time since reversal": "s", "session time": "s", "experiment": "",
 }  # fmt: skip
 """The unit of each coordinate, the motion's in the place of the braces."""
-
-
-def for_people(unit: str) -> tuple[float, str]:
-    """Factor and unit in which people read a number: angles and their rates in degrees, anything else as it is."""
-    wanted = PEOPLE.get(unit, unit)
-    return (units.factor(unit, wanted) if wanted != unit else 1.0), wanted
 
 
 def with_interval(q: Quantity) -> str:

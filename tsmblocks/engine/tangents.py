@@ -21,6 +21,7 @@ from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, spread
 from tsmblocks.equation_set import KEPT, PER_DELAY, Equations
+from tsmblocks.tables import few
 
 
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
@@ -90,3 +91,6 @@ class Sensitivities:
     jacobian: np.ndarray
     signals: tuple[str, ...]
     parameters: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"Sensitivities({few(self.signals)} by {few(self.parameters)}, {len(self.t)} instants)"

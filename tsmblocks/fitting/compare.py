@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks import units
 from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError, RunError, TsmError, in_words, near
@@ -18,6 +19,7 @@ from tsmblocks.fitting.estimate import fit
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setting_up import Data, recordings, windows
 from tsmblocks.fitting.trials import Window
+from tsmblocks.tables import few
 
 SHIPPED = "tendon_sheath_"
 """Ready-made diagrams whose names begin so are compared when no models are given."""
@@ -48,6 +50,12 @@ class Row:
         """What models are ranked by: the rms held out, or that of the fit where nothing was; infinite on a fault."""
         best = self.held_out or self.train
         return np.inf if best is None else best.rms
+
+    def __repr__(self) -> str:
+        if self.train is None:
+            return f"Row({self.name!r}, {self.fault!r})"
+        k, unit = units.for_people(self.train.unit)
+        return f"Row({self.name!r}, {self.parameters} parameters, rms {k * self.figure:.4g} {unit})"
 
 
 @attrs.frozen(eq=False)
@@ -89,6 +97,14 @@ class Comparison:
         from tsmblocks.plots import plot_comparison
 
         return plot_comparison(self)
+
+    def __repr__(self) -> str:
+        return f"Comparison(best {self.best.name!r} of {len(self)}: {few(r.name for r in self)})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import comparison_card
+
+        return comparison_card(self)
 
     def __str__(self) -> str:
         from tsmblocks.fitting.telling import ranking

@@ -17,6 +17,7 @@ from tsmblocks.fitting.setting_up import Setup, recordings, set_up
 from tsmblocks.fitting.sums import square
 from tsmblocks.fitting.trials import Trial
 from tsmblocks.simulate import parameter_vector
+from tsmblocks.tables import few
 
 
 @attrs.frozen(eq=False)
@@ -126,9 +127,28 @@ class Differences:
 
         return plot_fit(self)
 
+    def in_degrees(self) -> Differences:
+        """Return the same with angles in degrees, as people read them."""
+        return Differences(self.title, tuple(d.in_degrees() for d in self.items))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as plain values."""
         return {"rms": self.rms, "unit": self.unit, "items": [d.to_dict() for d in self.items]}
+
+    def __repr__(self) -> str:
+        names = few(f"{d.experiment}, {d.output}" for d in self.items)
+        shown = self.in_degrees()
+        return f"Differences({self.title!r}, {names}, {f'rms {shown.rms:.4g} {shown.unit}'.rstrip()})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import differences_card
+
+        return differences_card(self)
+
+    def __str__(self) -> str:
+        from tsmblocks.fitting.telling import left
+
+        return "\n\n".join(filter(None, [self.title, left(self)]))
 
 
 def _rms(parts: Sequence[np.ndarray]) -> float:

@@ -165,6 +165,16 @@ class Fit:
     def _samples(self) -> int:
         return sum(len(d.t) for d in self.differences)
 
+    def __repr__(self) -> str:
+        one = self.differences.in_degrees()
+        left = f"rms {one.rms:.4g} {one.unit}".rstrip()
+        return f"Fit({self.diagram.title!r}, {self.status}, {len(self.estimates)} numbers, {left})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import fit_card
+
+        return fit_card(self)
+
     def __str__(self) -> str:
         from tsmblocks.fitting.telling import in_words
 

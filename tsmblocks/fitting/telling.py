@@ -45,17 +45,27 @@ def in_words(fit: Fit) -> str:
 
 def numbers(fit: Fit) -> str:
     """The table of estimates: as many digits as the intervals leave, angles in degrees too."""
-    rows: list[Sequence[str]] = [("parameter", "value", "95 % from", "to", "unit", "", "")]
+    return columns(estimate_rows(fit), left=(0, 4, 6))
+
+
+def estimate_rows(fit: Fit) -> list[tuple[str, ...]]:
+    """The rows of the table of estimates, the heading first: name, value, interval, unit, in degrees, verdict."""
+    rows: list[tuple[str, ...]] = [("parameter", "value", "95 % from", "to", "unit", "", "")]
     for e in fit.estimates:
         show = _digits(e.value, e.low, e.high)
         span = (show(e.low), show(e.high)) if np.isfinite(e.low) else ("", "")
         rows.append((e.name, show(e.value), *span, e.unit, _in_degrees(e), e.verdict))
-    return columns(rows, left=(0, 4, 6))
+    return rows
 
 
 def left(differences: Differences) -> str:
     """The table of what is left between simulation and measurement, angles in degrees."""
-    rows: list[Sequence[str]] = [("what is left", "rms", "largest", "unit", "fit", "samples")]
+    return columns(left_rows(differences), left=(0, 3))
+
+
+def left_rows(differences: Differences) -> list[tuple[str, ...]]:
+    """The rows of the table of what is left, the heading first: signal, rms, largest, unit, fit, samples."""
+    rows: list[tuple[str, ...]] = [("what is left", "rms", "largest", "unit", "fit", "samples")]
     shown = [d.in_degrees() for d in differences]
     rows += [(f"{d.experiment}, {d.output}", f"{d.rms:.4g}", f"{d.largest:.4g}", d.unit, _share(d.fit_percent),
               str(len(d.t))) for d in shown]  # fmt: skip
@@ -64,7 +74,7 @@ def left(differences: Differences) -> str:
         rms = np.sqrt(n @ np.array([d.rms**2 for d in shown]) / n.sum())
         rows.append((f"all, {shown[0].output}", f"{rms:.4g}", f"{max(d.largest for d in shown):.4g}", shown[0].unit,
                      "", str(n.sum())))  # fmt: skip
-    return columns(rows, left=(0, 3))
+    return rows
 
 
 def _share(percent: float) -> str:
@@ -122,23 +132,26 @@ def _in_degrees(e: Estimate) -> str:
 
 def ranking(comparison: Comparison) -> str:
     """The table of models from best to worst, what could not be fitted, and what to beware of."""
-    k, unit = for_people(comparison.unit)
-    whole = all(row.held_out is None for row in comparison)
-    head = ("model", "parameters", f"rms held out [{unit}]", f"rms fitted [{unit}]")
-    rows: list[Sequence[str]] = [(*head[:2], head[3]) if whole else head]
-    faults, warnings = list[str](), list[str]()
-    for row in comparison:
-        if row.fit is None or row.train is None:
-            faults.append(_bullet(f"{row.name}: {row.fault}"))
-            continue
-        fitted = f"{k * row.train.rms:.4g}"
-        figures = (fitted,) if whole else (f"{k * row.figure:.4g}", fitted)
-        rows.append((row.name, str(row.parameters), *figures))
-        warnings += [_bullet(f"{row.name}: {text}") for text in doubts(row.fit)]
+    rows = ranking_rows(comparison)
+    faults = [_bullet(f"{row.name}: {row.fault}") for row in comparison if row.fit is None]
+    warnings = [_bullet(f"{row.name}: {text}") for row in comparison if row.fit is not None for text in doubts(row.fit)]
     parts = [columns(rows)] if len(rows) > 1 else []
     parts += ["\n".join(["could not be fitted:", *faults])] if faults else []
     parts += ["\n".join(["beware:", *warnings])] if warnings else []
     return "\n\n".join(parts)
+
+
+def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """The rows of the table of models that could be fitted, the heading first: model, parameters, errors."""
+    k, unit = for_people(comparison.unit)
+    whole = all(row.held_out is None for row in comparison)
+    head = ("model", "parameters", f"rms held out [{unit}]", f"rms fitted [{unit}]")
+    rows: list[tuple[str, ...]] = [(*head[:2], head[3]) if whole else head]
+    for row in comparison:
+        if row.train is not None:
+            fitted = f"{k * row.train.rms:.4g}"
+            rows.append((row.name, str(row.parameters), *([] if whole else [f"{k * row.figure:.4g}"]), fitted))
+    return rows
 
 
 def by_file(found: Mapping[str, Comparison]) -> str:
@@ -179,7 +192,8 @@ def doubts(fit: Fit) -> list[str]:
 
 def for_people(unit: str) -> tuple[float, str]:
     """Factor and unit in which people read an error: angles in degrees; no unit at all is a share."""
-    return (180 / np.pi, "deg") if unit == "rad" else (1.0, unit or "of the spread")
+    k, shown = units.for_people(unit)
+    return k, shown or "of the spread"
 
 
 # ---- sentences and tables ------------------------------------------------------------------------

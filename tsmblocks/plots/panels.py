@@ -27,10 +27,8 @@ LEGEND: dict[str, Any] = {
 
 def shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
     """Return a signal as a figure shows it: angles and their rates in degrees, anything else as it is."""
-    for own, wanted in (("rad", "deg"), ("rad/s", "deg/s")):
-        if unit == own:
-            return values * units.factor(own, wanted), wanted
-    return values, unit
+    k, wanted = units.for_people(unit)
+    return (values if wanted == unit else k * values), wanted
 
 
 def axes(ax: Any, count: int, *, height: float, width: float = 8.0) -> list[Any]:

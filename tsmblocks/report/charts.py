@@ -122,6 +122,14 @@ def band(frame: Frame, low: float, high: float, kind: str) -> str:
     return box(frame.left, float(top), frame.right - frame.left, float(bottom - top), kind)
 
 
+def area(frame: Frame, x: np.ndarray, low: np.ndarray, high: np.ndarray, kind: str) -> str:
+    """What lies between two lines over the same ``x``, none of them missing."""
+    across = frame.across(np.concatenate([x, x[::-1]]))
+    up = np.clip(frame.up(np.concatenate([high, low[::-1]])), frame.top, frame.bottom)
+    corners = " ".join(f"{_n(a)},{_n(b)}" for a, b in zip(across, up, strict=True))
+    return f'<polygon class="{kind}" points="{corners}"/>'
+
+
 def points(frame: Frame, x: np.ndarray, y: np.ndarray, error: np.ndarray, kind: str) -> str:
     """Dots with bars of their standard error, where there is one."""
     parts = []

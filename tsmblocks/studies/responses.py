@@ -14,6 +14,7 @@ from tsmblocks.errors import RunError, near
 from tsmblocks.studies.plans import Plan
 from tsmblocks.studies.running import grouped
 from tsmblocks.studies.study import own_numbers, planned, signal_units
+from tsmblocks.tables import few
 
 
 @attrs.frozen(eq=False)
@@ -34,6 +35,15 @@ class Responses:
     def unit(self, name: str) -> str:
         """Unit label of a signal, ``""`` when none is known."""
         return self.units.get(name, "")
+
+    def __repr__(self) -> str:
+        count = len(next(iter(self.signals.values()), ()))
+        return f"Responses({self.title!r}, {count} runs, {len(self.t)} instants, {few(self.signals)})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import responses_card
+
+        return responses_card(self)
 
     def plot(self, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
         """Where a signal lies in these runs, its median and bands; see ``plots.plot_envelope``. Needs matplotlib."""

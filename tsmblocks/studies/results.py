@@ -16,7 +16,7 @@ from tsmblocks.errors import DataError, RunError, near
 from tsmblocks.metrics import named
 from tsmblocks.studies.plans import plain
 from tsmblocks.studies.store import Table, read_table, value_of
-from tsmblocks.tables import WIDTH
+from tsmblocks.tables import WIDTH, few
 from tsmblocks.tables import columns as in_columns
 
 QUANTILES = {"lowest": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "highest": 1.0}
@@ -145,6 +145,11 @@ class Results:
 
         return plot_study(self, metrics)
 
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import study_card
+
+        return study_card(self)
+
     def __str__(self) -> str:
         done = f"{len(self)} of {self.count} runs" if len(self) < self.count else f"{self.count} runs"
         lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", WIDTH)
@@ -159,7 +164,7 @@ class Results:
         return "\n".join([*lines, "", in_columns(table, left=(0, len(QUANTILES) + 1))])
 
     def __repr__(self) -> str:
-        return f"Results({self.title!r}, {len(self)} of {self.count} runs, metrics {', '.join(self.metrics)})"
+        return f"Results({self.title!r}, {len(self)} of {self.count} runs, metrics {few(self.metrics)})"
 
 
 def read_study(path: str | Path) -> Results:

@@ -12,7 +12,6 @@ import numpy as np
 
 from tsmblocks.arguments import prepared, whole
 from tsmblocks.batch import sensitivities
-from tsmblocks.data import heading
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, RunError, in_words, near
 from tsmblocks.metrics import Metric, metric
@@ -20,6 +19,7 @@ from tsmblocks.studies import Plan, Uniform, latin_hypercube, study, table
 from tsmblocks.studies.study import signal_units
 from tsmblocks.tuning.limits import Limit, limit
 from tsmblocks.tuning.slopes import Sloped, sloped
+from tsmblocks.tuning.tuned import Tuned
 
 SHARP = (0.05, 0.01, 0.002)
 """How far a peak or a share is rounded, as a share of the signal's size, in one search after another."""
@@ -42,55 +42,6 @@ WIDE = 20.0
 
 
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-@attrs.frozen(eq=False)
-class Tuned:
-    """Parameters found. ``before`` and ``after`` map cases to metrics by name, with the diagrams' numbers and these.
-
-    ``diagrams`` are the diagrams with the numbers, by case as they were given; ``met`` whether all limits hold
-    everywhere, ``objective`` the metric that was to be small.
-    """
-
-    values: Mapping[str, float]
-    diagrams: Mapping[str, Diagram] = attrs.field(repr=False)
-    objective: str
-    units: Mapping[str, str] = attrs.field(repr=False)
-    before: Mapping[str, Mapping[str, float]] = attrs.field(repr=False)
-    after: Mapping[str, Mapping[str, float]] = attrs.field(repr=False)
-    met: bool
-    status: str = "complete"
-
-    @property
-    def diagram(self) -> Diagram:
-        """The diagram, or the first of several."""
-        return next(iter(self.diagrams.values()))
-
-    @property
-    def worst(self) -> tuple[float, float]:
-        """The objective in the worst case, before and after."""
-        before, after = (max(case[self.objective] for case in side.values()) for side in (self.before, self.after))
-        return before, after
-
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain values."""
-        return {"values": dict(self.values), "objective": self.objective, "worst": self.worst, "met": self.met,
-                "status": self.status, "before": {k: dict(v) for k, v in self.before.items()},
-                "after": {k: dict(v) for k, v in self.after.items()}}  # fmt: skip
-
-    def __str__(self) -> str:
-        from tsmblocks.tables import in_parts
-
-        names = list(next(iter(self.after.values())))
-        rows = [("", *(x for name in names for x in (heading(name, self.units[name]), "tuned")))]
-        shown = list(self.after)[:12]
-        for case in shown:
-            cells = [f"{side[case][name]:.4g}" for name in names for side in (self.before, self.after)]
-            rows.append((case, *cells))
-        more = f"\n… ({len(self.after)} in all)" if len(self.after) > len(shown) else ""
-        found = ", ".join(f"{k} {v:.4g}" for k, v in self.values.items())
-        ends = "" if self.met else "\nnot every limit is met"
-        return f"{found}{ends}\n\n{in_parts(rows, together=2)}{more}"
 
 
 def tune(

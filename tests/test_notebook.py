@@ -1,0 +1,236 @@
+"""What notebooks and prompts show of results: HTML that is whole, safe, small and needs nothing, and short texts."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tests.pages import Page
+from tsmblocks.block import REGISTRY
+from tsmblocks.blocks import PID, LookupTable, Play, Sine
+from tsmblocks.studies import grid, responses
+
+NASTY = "<b>&\"'</b><script>alert(1)</script>"
+T = np.arange(0.0, 6.0, 0.01)
+X = 0.8 * np.sin(2 * T)
+LOOP = tsm.load("fig16_feedforward_feedback")
+
+
+def record(name="bend", gap=0.03, seed=1, **more):
+    gap = tsm.Diagram(blocks={"gap": Play(half_width=gap)}, inputs={"x_in": tsm.Inlet("gap.u", "rad")},
+                      outputs={"x_out": "gap"})  # fmt: skip
+    run = tsm.simulate(gap, inputs={"x_in": (T, X)}, stop=T[-1], step=0.01)
+    y = run["x_out"] + np.random.default_rng(seed).normal(0.0, 0.002, len(T))
+    return tsm.Record(name, T, {"x_in": X, "x_out": y}, {"x_in": "rad", "x_out": "rad"}, **more)
+
+
+@pytest.fixture(scope="module")
+def things():
+    """One of everything that has a card, with names that are no HTML."""
+    linear, measured = tsm.load("tendon_sheath_linear").rewire(title=NASTY), record(NASTY, notes=(NASTY,), origin=NASTY)
+    fit = tsm.fit(linear, measured, starts=2)
+    return {
+        "run": tsm.simulate(LOOP.rewire(title=NASTY), stop=2.0),
+        "record": measured,
+        "fit": fit,
+        "differences": fit.differences,
+        "comparison": tsm.compare({NASTY: linear, "play": tsm.load("tendon_sheath_play")}, measured, starts=1),
+        "diagnosis": tsm.diagnose(linear, {NASTY: measured}, noise_floor=0.002, effects=["backlash", "drift"]),
+        "study": tsm.study(LOOP, {"pid.kp": [0.5, 1.0, 2.0]}, {NASTY: "rms(x_ref - x_out)"}, stop=1.0, title=NASTY),
+        "responses": responses(LOOP, {"pid.kp": [0.5, 1.0, 2.0]}, stop=1.0),
+        "batch": tsm.simulate_batch(LOOP, {"pid.kp": [0.5, 1.0]}, stop=0.5),
+        "reduced": tsm.simulate_batch(LOOP, {"pid.kp": np.linspace(0.5, 1.0, 50)}, stop=0.1,
+                                      reduce=lambda t, y: {"last": y["x_out"][-1]}),
+        "tuned": tsm.tune({NASTY: LOOP}, {"pid.kp": (0.5, 2.0)}, "rms(x_ref - x_out)", stop=1.0, starts=1),
+        "block": PID(kp=2.0),
+        "source": Sine(unit="rad"),
+    }  # fmt: skip
+
+
+KINDS = ["run", "record", "fit", "differences", "comparison", "diagnosis", "study", "responses", "batch", "reduced",
+         "tuned", "block", "source"]  # fmt: skip
+
+
+def words(html):
+    return re.sub(r"\s+", " ", re.sub(r"<style>.*?</style>|<[^>]+>", " ", html))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_card_is_whole_safe_and_asks_for_nothing(kind, things):
+    text = things[kind]._repr_html_()
+    page = Page(text)
+    assert page.open == []
+    assert page.fetched == []
+    assert not page.seen & {"script", "img", "link", "iframe", "b&"}
+    assert NASTY not in text
+    for asking in ("url(", "@import", "http:", "https:", "onload", "javascript"):
+        assert asking not in text
+    assert "nan" not in re.findall(r'd="[^"]*"', text)
+    assert len(text) < 120_000
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ink_and_paper_are_those_of_the_page(kind, things):
+    style = re.findall(r"<style>(.*?)</style>", things[kind]._repr_html_())
+    assert len(style) == 1
+    rules = re.findall(r"([^{}]+)\{", style[0])
+    assert all(part.strip().startswith(".tsmblocks") for rule in rules for part in rule.split(",") if rule.strip())
+    grounds = re.findall(r"background:([^;}]+)", style[0])
+    assert set(grounds) == {"transparent", "var(--c)"}
+    assert re.findall(r"(?<![-\w])color:([^;}]+)", style[0]) == ["inherit", "inherit"]
+
+
+def luminance(colour):
+    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    r, g, b = (v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in parts)
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b
+
+
+def test_lines_stand_out_from_white_and_from_dark_paper():
+    from tsmblocks.notebook.card import COLOURS
+
+    for colour in COLOURS:
+        for paper in ("#ffffff", "#111111"):
+            dark, light = sorted((luminance(colour), luminance(paper)))
+            assert (light + 0.05) / (dark + 0.05) > 3, colour  # WCAG 2.1, 1.4.11, for graphics
+
+
+def test_a_run_shows_its_outputs_in_people_s_units(things):
+    run = things["run"]
+    text = words(run._repr_html_())
+    assert "0 to 2 s in steps of 0.001 s (rk4), 2001 instants" in text
+    assert f"x_out {np.degrees(run['x_out'].min()):.4g} {np.degrees(run['x_out'].max()):.4g}" in text
+    assert f"u {run['u'].min():.4g} {run['u'].max():.4g}" in text
+    assert "Other signals: ref.y" in text
+    assert run._repr_html_().count('class="chart"') == 2, "angles share one, the voltage has its own"
+
+
+def test_a_recording_shows_what_was_repaired_and_where_it_is_from(things):
+    text = words(things["record"]._repr_html_())
+    assert "600 samples, 0 to 5.99 s, every 0.01 s" in text
+    assert "repaired" in text
+    assert "&lt;script&gt;" in text
+
+
+def test_a_fit_shows_the_printed_numbers_with_intervals(things):
+    fit = things["fit"]
+    text = words(fit._repr_html_())
+    printed = [line.split() for line in str(fit).splitlines() if line.startswith(("gain.", "offset."))]
+    assert len(printed) == 2
+    for line in printed:
+        assert " ".join(line[:4]) in text
+    assert "what is left" in text
+
+
+def test_a_diagnosis_shows_verdict_effect_and_gap(things):
+    text = words(things["diagnosis"]._repr_html_())
+    assert "Found." in text
+    assert "backlash" in text
+    assert "half_width" in text
+    assert "noise 0.115" in text
+
+
+def test_a_study_shows_quantiles_and_where_it_is_lowest(things):
+    study = things["study"]
+    text = words(study._repr_html_())
+    best = study.best(NASTY)
+    assert f"{best[NASTY]:.4g}" in text
+    assert f"pid.kp {best['pid.kp']:.4g}" in text
+
+
+def test_numbers_of_a_block_s_own_stand_out(things):
+    text = things["block"]._repr_html_()
+    (own,) = re.findall(r'<tr class="named">(.*?)</tr>', text)
+    assert words(own).split()[:2] == ["kp", "2"]
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY))
+def test_every_block_has_a_card(name):
+    text = REGISTRY[name]()._repr_html_()
+    assert Page(text).open == []
+    assert len(text) < 20_000
+
+
+def test_what_is_large_stays_small():
+    t = np.linspace(0.0, 1000.0, 200_001)
+    names = [f"s{k}" for k in range(300)]
+    units = {name: ("rad", "V", "N", "A", "s", "m", "kg")[k % 7] for k, name in enumerate(names)}
+    wide = tsm.Record("wide", t, {name: np.sin(k + t) for k, name in enumerate(names)}, units, notes=("x",) * 1000)
+    text = wide._repr_html_()
+    assert len(text) < 250_000
+    assert "(300 in all)" in text
+    assert "(1000 in all)" in text
+    long = LookupTable(points=tuple(map(float, range(5000))), values=tuple(map(float, range(5000))))
+    assert len(long._repr_html_()) < 10_000
+    assert repr(long) == (
+        "LookupTable(points=(0.0, 1.0, 2.0, … 5000 in all), values=(0.0, 1.0, 2.0, … 5000 in all), outside='hold')"
+    )
+
+
+def test_signals_that_are_missing_or_flat_are_drawn_all_the_same():
+    empty = tsm.Record("empty", [], {"x": []}, {})
+    flat = tsm.Record("flat", T, {"x": np.zeros(len(T)), "y": np.full(len(T), np.nan), "z": X * 1e308}, {"x": "rad"})
+    for one in (empty, flat):
+        assert Page(one._repr_html_()).open == []
+        assert "NaN" not in one._repr_html_()
+
+
+def test_a_card_needs_no_matplotlib_and_no_pandas():
+    code = (
+        "import sys, tsmblocks as tsm; run = tsm.simulate(tsm.load('fig16_feedforward_feedback'), stop=0.1); "
+        "run._repr_html_(); print({'matplotlib', 'pandas', 'xarray'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_a_diagram_is_its_picture():
+    assert LOOP._repr_svg_() == tsm.to_svg(LOOP)
+
+
+# ---- at the prompt
+
+SHORT = {
+    "run": "Run(… 0 to 2 s, 2001 instants, x_ref, x_out, x_in, u, ref.y, … (23 in all))",
+    "record": "Record(… 0 to 5.99 s, 600 samples, x_in [rad], x_out [rad])",
+    "fit": "Fit(… converged, 2 numbers, rms 1.",
+    "differences": "Differences(… …, x_out, rms 1.",
+    "comparison": "Comparison(best 'play' of 2: play, …",
+    "diagnosis": "Diagnosis(… named: backlash on ",
+    "study": "Results(… 3 of 3 runs, metrics …",
+    "responses": "Responses('Feedforward plus PID feedback of the tip', 3 runs, 101 instants, x_ref, x_out, x_in, u)",
+    "batch": "Batch(2 sets of pid.kp, results x_ref, x_out, x_in, u)",
+    "reduced": "Batch(50 sets of pid.kp, results last)",
+    "tuned": "Tuned(pid.kp 2; rms(x_ref - x_out) 0.",
+    "block": "PID(kp=2.0, ki=2.0, kd=0.0, tau=0.01, integral=0.0, smooth=0.0)",
+    "source": "Sine(amplitude=0.9599310885968813, frequency=0.2, ",
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_prompt_is_told_in_a_line(kind, things):
+    said = repr(things[kind]).replace(repr(NASTY) + ",", "…").replace(NASTY, "…")
+    assert said.startswith(SHORT[kind])
+    assert "\n" not in said
+    assert len(said) < 200
+
+
+def test_what_else_is_told_in_a_line():
+    eq = tsm.equations(LOOP)
+    motor = tsm.load("motor_linear")
+    said = {
+        repr(LOOP): "Diagram('Feedforward plus PID feedback of the tip', 10 blocks, outputs x_ref [rad], x_out [rad], "
+        "x_in [rad], u [V])",
+        repr(motor): "Diagram('Motor as a linear transfer function', 1 block, inputs u [V], outputs x [rad])",
+        repr(eq): "Equations('Feedforward plus PID feedback of the tip', 8 states, 29 parameters, outputs x_ref, "
+        "x_out, x_in, u)",
+        repr(tsm.Stepper(motor, step=0.01)): "Stepper('Motor as a linear transfer function', t = 0 s in steps of "
+        "0.01 s)",
+        repr(tsm.sensitivities(LOOP, ["pid.kp"], stop=0.1)): "Sensitivities(x_ref, x_out, x_in, u by pid.kp, 101 "
+        "instants)",
+        repr(grid({"pid.kp": [1.0, 2.0]})): "Plan(columns={'pid.kp': array([1., 2.])}, kind='grid')",
+    }  # fmt: skip
+    assert list(said) == list(said.values())

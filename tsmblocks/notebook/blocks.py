@@ -1,0 +1,33 @@
+"""The card of a block: what it is, its equation, its ports and its numbers."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+from tsmblocks.block import Block
+from tsmblocks.notebook.card import card, rows
+from tsmblocks.tables import few
+
+LONGEST = 60
+"""Characters of a value at most."""
+
+
+def block_card(block: Block) -> str:
+    """A block: its first sentence, ports, and the numbers it has, those of its own in bold."""
+    ports = [("in", k, p.unit or "any", p.about) for k, p in block.inports.items()]
+    ports += [("out", k, p.unit or "any", p.about) for k, p in block.outports.items()]
+    fields = type(block).fields()
+    cells = [(k, _value(getattr(block, k)), f.unit, f.about) for k, f in fields.items()]
+    own = ["named" if getattr(block, k) != f.default else "" for k, f in fields.items()]
+    sentence = inspect.cleandoc(type(block).__doc__ or "").partition("\n\n")[0]
+    parts = [rows(["l:", "l:port", "l:unit", "l:what it is"], ports)] if ports else []
+    parts += [rows(["l:parameter", "value", "l:unit", "l:what it is"], cells, own, most=30)] if cells else []
+    return card(type(block).__name__, " ".join(sentence.split()), *parts)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{few([_value(v) for v in value], 4)}]"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -1,0 +1,67 @@
+"""Cards of studies and tuning results: what metrics range over, and what was found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tsmblocks import units
+from tsmblocks.data import heading
+from tsmblocks.notebook.card import LEFT, MOST_CHARTS, RIGHT, card, listed, number, rows
+from tsmblocks.report import charts
+from tsmblocks.report.charts import Frame
+from tsmblocks.studies.results import QUANTILES, Results
+from tsmblocks.tables import few
+from tsmblocks.tuning.tuned import Tuned
+
+BARS = 24
+"""Bars of a distribution."""
+
+
+def study_card(found: Results) -> str:
+    """The results of a study: quantiles of each metric, the run where it is lowest, how it is spread."""
+    done = f"{len(found)} of {found.count} runs" if len(found) < found.count else f"{found.count} runs"
+    cells = []
+    for name in found.metrics:
+        best = found.best(name) if np.isfinite(found[name]).any() else {}
+        where = ", ".join(f"{k} {_value(best[k])}" for k in found.parameters if k in best)
+        cells.append([heading(name, found.units[name]), *map(number, found.quantiles(name).values()), where])
+    failed = int(found.failed.sum())
+    said = [f"{failed} runs have a metric that is no number (an unstable loop, say)."] if failed else []
+    drawn = [_spread(found, name) for name in list(found.metrics)[:MOST_CHARTS]]
+    return card(f"{found.title}: {found.kind}, {done}", f"over {few(found.parameters)}",
+                rows(["l:metric", *QUANTILES, "l:lowest at"], cells), f'<div class="charts">{"".join(drawn)}</div>',
+                listed(said))  # fmt: skip
+
+
+def tuned_card(found: Tuned) -> str:
+    """What tuning found: the parameters, and each metric in each case before and after."""
+    values = rows(["l:parameter", "tuned"], [(name, number(v)) for name, v in found.values.items()])
+    names = list(next(iter(found.after.values())))
+    cells = [(case, heading(name, found.units[name]), number(found.before[case][name]), number(after[name]))
+             for case, after in found.after.items() for name in names]  # fmt: skip
+    before, after = found.worst
+    worst = f"{found.objective} in the worst case: {number(before)} before, {number(after)} tuned"
+    said = [] if found.met else ["Not every limit is met."]
+    said += [] if found.status == "complete" else ["Interrupted; these are the best numbers so far."]
+    return card("Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(said))
+
+
+def _spread(found: Results, name: str) -> str:
+    """How often a metric takes which values, as bars."""
+    k, unit = units.for_people(found.units[name])
+    values = k * found[name][np.isfinite(found[name])]
+    if len(values) < 2:
+        return ""
+    counts, edges = np.histogram(values, bins=min(BARS, max(4, int(np.sqrt(len(values))))))
+    frame = Frame(LEFT, 22, RIGHT, 100, (float(edges[0]), float(edges[-1])), (0.0, float(counts.max()) * 1.05))
+    across = frame.across(edges)
+    up = frame.up(counts)
+    bars = [charts.box(x, y, end - x - 1, frame.bottom - y, "bar")
+            for x, end, y in zip(across, across[1:], up, strict=False)]  # fmt: skip
+    return charts.chart([charts.axes(frame, heading(name, unit), "runs"), *bars], 132, f"how {name} is spread")
+
+
+def _value(value: Any) -> str:
+    return number(value) if isinstance(value, float) else str(value)
