@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from html import escape
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tests.pages import Page
 from tsmblocks.block import REGISTRY
 from tsmblocks.blocks import PID, LookupTable, Play, Sine
 from tsmblocks.studies import grid, responses
+from tsmblocks.studies.responses import Responses
 
 NASTY = "<b>&\"'</b><script>alert(1)</script>"
 T = np.arange(0.0, 6.0, 0.01)
@@ -176,6 +178,11 @@ def test_signals_that_are_missing_or_flat_are_drawn_all_the_same():
     for one in (empty, flat):
         assert Page(one._repr_html_()).open == []
         assert "NaN" not in one._repr_html_()
+
+
+def test_responses_that_are_not_finite_are_told_and_names_stay_text():
+    one = Responses("r", T, {NASTY: np.full((2, len(T)), np.nan)}, {})
+    assert f"{escape(NASTY)}: no run is finite all along." in one._repr_html_()
 
 
 def test_a_card_needs_no_matplotlib_and_no_pandas():

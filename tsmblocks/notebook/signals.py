@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from html import escape
 
 import numpy as np
 
@@ -91,9 +92,11 @@ def _envelope(found: Responses, name: str) -> str:
     y = np.array(every)
     y = y[np.isfinite(y).all(axis=1)]
     if not len(y):
-        return f"<p>{name}: no run is finite all along.</p>"
+        return f"<p>{escape(name)}: no run is finite all along.</p>"
     frame = Frame(LEFT, 22, RIGHT, 120, ends(t), charts.spread(y))
     parts = [charts.axes(frame, "t [s]", heading(name, unit))]
-    parts += [charts.area(frame, t, *np.quantile(y, band, axis=0), "band") for band in BANDS]
+    for shares in BANDS:
+        low, high = np.quantile(y, shares, axis=0)
+        parts.append(charts.area(frame, t, low, high, "band"))
     parts.append(charts.line(frame, t, np.median(y, axis=0), "c0"))
     return f"<div>{charts.chart(parts, 152, f'{name} of {len(y)} runs over time')}</div>"
