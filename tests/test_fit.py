@@ -492,12 +492,12 @@ def test_a_signal_without_unit_is_taken_in_the_ports_and_that_is_noted():
     assert found.notes == ("a: x_out has no unit and is taken to be in rad.",)
 
 
-def test_a_step_that_shows_in_the_outputs_is_told():
+def test_a_step_that_shows_in_the_numbers_is_told():
     """A lag that turns out far faster than where the search began, and so than the step that was chosen there."""
     fast = tsm.simulate(LAG, step=1e-4, inputs={"u": tsm.Samples(T, U)}, parameters={"lag.time_constant": 0.006})
     found = tsm.fit(LAG, record(u=U, y=fast["y"][:: round(STEP / 1e-4)]), starts=1)
     assert len(found.notes) == 1
-    assert found.notes[0].startswith("a: halving the step of 0.01 s changes the outputs by ")
+    assert found.notes[0].startswith("halving the step of 0.01 s moves ")
 
 
 # ---- the result

@@ -14,6 +14,7 @@ from tsmblocks.data import Record
 from tsmblocks.diagnosis.conditioning import all_conditioned
 from tsmblocks.diagnosis.consequence import consequence
 from tsmblocks.diagnosis.exchanging import exchanged
+from tsmblocks.diagnosis.finishing import finished
 from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import parts
 from tsmblocks.diagnosis.model import Asked, calibrated
@@ -185,8 +186,12 @@ def _work(
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise _Stopped(None) from None
-        raise _Stopped(Work(part, search, found, rounds, counted(rounds, search))) from None
-    return Work(part, search, found, rounds, counted(rounds, search))
+        count = counted(rounds, search)
+        raise _Stopped(Work(part, search, found, rounds, count, rounds[count].base)) from None
+    count = counted(rounds, search)
+    final, words = finished(rounds[count].base, asked.step is not None)
+    notes += [f"{part.name}: {text}" for text in words]
+    return Work(part, search, found, rounds, count, final)
 
 
 def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:

@@ -43,11 +43,13 @@ class Work:
     floors: Floors
     rounds: Sequence[Round]
     count: int
+    final: Model
+    """The last model that counts, simulated finely enough."""
 
     @property
     def models(self) -> list[Model]:
         """The base, and the model after each effect that counts."""
-        return [one.base for one in self.rounds[: self.count + 1]]
+        return [*(one.base for one in self.rounds[: self.count]), self.final]
 
     @property
     def named(self) -> list[Tried]:

@@ -86,7 +86,7 @@ def fit(
             if asked.stop or any(f.status == "interrupted" for f in found):
                 found[0] = attrs.evolve(found[0], status="interrupted")
                 break
-    return summed_up(problem, setup, method, found, step is None)
+    return summed_up(problem, setup, method, found)
 
 
 def _check(method: str, segments: Any) -> None:

@@ -40,9 +40,6 @@ FINEST = 64
 SETTLED = 1e-3
 """Change of the outputs by halving the step, as a share of what was measured, that a fit puts up with."""
 
-SHOWS = 0.05
-"""Change of the outputs by halving the step, as a share of what a fit leaves, that is told."""
-
 Data = Any
 """A recording (Record, file, pandas frame), a list of them, or a mapping from names to them."""
 
@@ -190,25 +187,6 @@ def _change(coarse: Trial, fine: Trial, p: np.ndarray) -> float:
         size = np.maximum(coarse.measured.std(axis=0), 1e-12 * np.abs(coarse.measured).max() + 1e-300)
         change = np.sqrt(np.mean((a - b) ** 2, axis=0)) / size
     return float(change.max()) if np.isfinite(change).all() else math.inf
-
-
-def step_note(problem: Problem, setup: Setup, theta: np.ndarray) -> list[str]:
-    """Words of warning where, with the numbers found, the chosen step shows in the outputs."""
-    said = []
-    for e, trial in enumerate(setup.trials):
-        fine = setup.finer[e] if setup.finer else None
-        if fine is None:
-            fine = prepare(trial.name, trial.record, setup.diagram, setup.eq, outputs=setup.outputs, rule=trial.rule,
-                           step=trial.times.h / 2, hold=trial.hold, window=(trial.t[0], trial.t[-1]),
-                           backend=trial.backend)  # fmt: skip
-        p = problem.unknowns.parameters(theta, e)
-        coarse, finer = trial.outputs(p), fine.outputs(p)
-        left = np.sqrt(np.mean((coarse - trial.measured) ** 2, axis=0))
-        change = np.sqrt(np.mean((coarse - finer) ** 2, axis=0)) / np.where(left > 0, left, np.inf)
-        if change.max() > SHOWS:
-            said.append(f"{trial.name}: halving the step of {trial.times.h:.3g} s changes the outputs by "
-                        f"{100 * change.max():.0f} % of what is left; give a smaller step.")  # fmt: skip
-    return said
 
 
 # ---- the problem --------------------------------------------------------------------------------

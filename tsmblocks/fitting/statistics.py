@@ -92,6 +92,20 @@ def uncertainty(
     return Uncertainty(_opened(covariance + from_prior, open_), _opened(white, open_), freedom, noises.colours)
 
 
+def moved(
+    J: np.ndarray, change: np.ndarray, *, prior: np.ndarray | None = None, held: np.ndarray | None = None
+) -> np.ndarray:  # fmt: skip
+    r"""How far the estimate moves, to first order, when the residuals change by ``change`` (N,), shape (p,).
+
+    .. math:: \Delta\theta = -H^{-1} J^T \Delta r
+
+    Other arguments as for ``uncertainty``; what the data leave open and what is held does not move.
+    """
+    rows = np.ascontiguousarray(np.asarray(J, dtype=float).T)
+    basis, _ = _determined(rows, np.zeros((len(rows), len(rows))) if prior is None else prior, held)
+    return -basis @ (basis.T @ (rows @ change))
+
+
 def _check(J: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> None:
     if J.ndim != 2 or r.shape != J.shape[:1]:
         raise DataError(f"a Jacobian of shape (N, p) and N residuals are needed, got shapes {J.shape} and {r.shape}.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 
+import attrs
 import numpy as np
 
 from tsmblocks.data import Record, cautions
@@ -14,8 +15,9 @@ from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
 from tsmblocks.fitting.problem import Problem
 from tsmblocks.fitting.result import Estimate, Fit
 from tsmblocks.fitting.search import Found
-from tsmblocks.fitting.setting_up import Setup, step_note
+from tsmblocks.fitting.setting_up import Setup
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
+from tsmblocks.fitting.stepping import halved, shift_note, shifts
 from tsmblocks.fitting.unknowns import is_start, numbers
 
 TOUCHING = 1e-7
@@ -26,7 +28,7 @@ SAME = 1.0
 """Costs that differ by less than this many variances of a sample belong to one optimum."""
 
 
-def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found], chosen_step: bool) -> Fit:
+def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found]) -> Fit:
     """The result of a fit from the ends of its searches, best first."""
     best, unknowns = found[0], problem.unknowns
     theta = best.theta
@@ -48,13 +50,37 @@ def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found], c
     diagrams = {name: _fitted(setup.diagram, problem, theta, e) for e, name in enumerate(unknowns.experiments)}
     variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
     agreeing = sum(abs(f.cost - best.cost) <= SAME * variance for f in found)
-    notes = [*setup.notes, *(step_note(problem, setup, theta) if chosen_step else []), *_remarks(setup, differences)]
+    seen = _Seen(theta, r, jacobian, known, prior, fixed)
+    notes = [*setup.notes, *_of_the_step(problem, setup, seen), *_remarks(setup, differences)]
     return Fit(
         next(iter(diagrams.values())), diagrams, _estimates(problem, setup, theta, known, where, open_),
         differences, known.covariance, open_, tuple(where.values()),
         method, tuple(found), agreeing, setup.trials[0].times.h, setup.trials[0].rule.name, setup.trials[0].hold,
         {trial.name: trial.record for trial in setup.trials}, tuple(notes),
     )  # fmt: skip
+
+
+@attrs.frozen(eq=False)
+class _Seen:
+    """A problem where the search ended: unknowns, residuals, their derivatives, and what these tell."""
+
+    theta: np.ndarray
+    r: np.ndarray
+    J: np.ndarray
+    known: Uncertainty
+    prior: np.ndarray | None
+    held: np.ndarray | None
+
+
+def _of_the_step(problem: Problem, setup: Setup, seen: _Seen) -> list[str]:
+    """Words of warning where the intervals do not cover the error of the step."""
+    try:
+        fine, _ = halved(problem, setup)
+    except RunError:  # more steps than fit into memory
+        return []
+    low, high = intervals(seen.theta, seen.known.covariance, seen.known.freedom)
+    off = shifts(seen.r, fine.residuals(seen.theta), seen.J, (high - low) / 2, prior=seen.prior, held=seen.held)
+    return shift_note(problem.unknowns.names, off, setup.trials[0].times.h)
 
 
 def _sizes(problem: Problem, theta: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
