@@ -60,7 +60,8 @@ def fit(
     that run away) or ``"ga"`` (a genetic algorithm, then Nelder-Mead: the paper's route). ``starts`` > 1
     begins from the diagram's numbers and from the best of ``SCREENED`` random sets too; ``seed`` makes
     that repeatable; ``iterations`` limits each search (with ``"ga"`` each of its two stages), which then ends with
-    ``status`` ``"limit"``. ``step`` [s] is that of the simulation, chosen to resolve the diagram by default.
+    ``status`` ``"limit"``. ``step`` [s] is that of the simulation, chosen to resolve the diagram by default;
+    where the intervals do not cover the error of the step, ``notes`` say so.
     ``progress(stage, evaluations, rms)`` is called now and then. Ctrl-C ends the search; the best so far
     is returned with ``status`` ``"interrupted"``.
 
