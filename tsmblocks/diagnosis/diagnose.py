@@ -68,8 +68,8 @@ def diagnose(
     phase, held still at rest), since it would move hysteresis. ``step`` [s] is that of the simulation; by default one
     is chosen for the base, and the last model gets a finer one where its intervals would not cover the error of the
     step. ``seed`` makes the random parts repeatable: same data, same seed, same result.
-    ``progress(stage, done, of)`` is called now and then. Ctrl-C ends the search; what was found is returned with ``status``
-    ``"interrupted"``.
+    ``progress(stage, done, of)`` is called now and then. Ctrl-C ends the search; what was found is returned with
+    ``status`` ``"interrupted"``.
 
     Raises DataError (signals, samples), ParameterError (names, floors), and what ``tsm.fit`` raises.
     """
