@@ -1,14 +1,18 @@
 """When a run begins and ends, and what is kept of it."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tsmblocks.arguments import Times, resolve_stop, run_times, whole_steps
+from tsmblocks.batch import sensitivities
 from tsmblocks.block import Samples
-from tsmblocks.blocks import Gain, Sine
-from tsmblocks.diagram import Diagram
+from tsmblocks.blocks import FirstOrderLag, Gain, Sine, StateSpace
+from tsmblocks.data import Record
+from tsmblocks.diagram import Diagram, Inlet
+from tsmblocks.errors import DataError
 from tsmblocks.simulate import simulate
 
 SINE = Diagram(blocks=dict(ref=Sine(), k=Gain()), wires=["ref -> k"], outputs={"y": "k"})
@@ -71,3 +75,67 @@ def test_what_is_kept_stands_on_the_grid(every):
     run, whole = simulate(SINE, stop=0.1, every=every), simulate(SINE, stop=0.1)
     assert (run.t == whole.t[::every]).all()
     assert (run["y"] == whole["y"][::every]).all()
+
+
+# ---- what inputs may be
+
+
+def lag(unit="rad", **numbers):
+    return Diagram(
+        title="lag", blocks=dict(g=FirstOrderLag(**numbers)), inputs={"u": Inlet("g", unit)}, outputs={"y": "g"}
+    )
+
+
+T = 0.01 * np.arange(101)
+WAVE = np.sin(7.0 * T)
+
+
+def answer(given, **how):
+    return simulate(lag(), inputs={"u": given}, step=0.01, **how)["y"]
+
+
+def test_a_recording_stands_for_its_signal_of_that_name_in_the_inputs_unit():
+    wanted = answer((T, WAVE))
+    recording = Record("wave", T, {"u": np.rad2deg(WAVE), "other": T}, {"u": "deg", "other": "s"})
+    assert answer(recording) == pytest.approx(wanted, abs=1e-12)
+    assert answer(simulate(lag(), inputs={"u": (T, WAVE)}, step=0.01)) == pytest.approx(wanted, abs=1e-12)
+    with pytest.raises(DataError, match="there is no signal 'u'"):
+        answer(Record("others", T, {"other": T}, {"other": "s"}, "others.csv"))
+
+
+def test_a_column_of_pandas_brings_its_times():
+    slow = answer((2.0 * T, WAVE), stop=1.0)
+    assert answer(pd.Series(WAVE, index=2.0 * T), stop=1.0) == pytest.approx(slow, abs=1e-15)
+    assert answer(pd.Series(WAVE)) == pytest.approx(answer(WAVE), abs=0)  # rows that are only counted
+    ramp = answer((np.array([0.0, 2.0]), np.array([0.0, 1.0])), stop=1.0)
+    assert answer(pd.Series([0.0, 1.0], index=[0, 2]), stop=1.0) == pytest.approx(ramp, abs=0)
+
+
+def test_numbers_of_numpy_are_numbers():
+    two = np.float32(2.0)
+    for number in (two, np.int64(2), np.array(2), np.array(2.0), 2):
+        assert lag(gain=number) == lag(gain=2.0)
+        tied = Diagram(blocks=dict(k=Gain(gain="$k")), inputs={"u": "k"}, values={"k": number})
+        assert tied.parameters == {"k": 2.0}
+        assert tied.with_parameters({"k": number}).parameters == {"k": 2.0}
+    with pytest.warns(PendingDeprecationWarning):
+        A = np.matrix([[-1.0]])
+    assert StateSpace(A=A, B=np.ones((1, 1)), C=[[1]]) == StateSpace(A=((-1.0,),), B=((1.0,),), C=((1.0,),))
+    assert simulate(lag(), inputs={"u": two}, stop=np.float32(0.25), step=np.float64(0.125)).t.tolist() == [
+        0.0,
+        0.125,
+        0.25,
+    ]
+
+
+def test_as_many_instants_as_there_are_are_left_out():
+    assert run_times({}, 0.0, 1.0, 0.1, 10**30).kept == 1
+    assert simulate(SINE, stop=0.01, every=10**30).t.tolist() == [0.0]
+
+
+def test_one_name_need_not_be_a_list(tmp_path):
+    run = simulate(SINE, stop=0.01)
+    assert list(run.to_pandas("ref.y")) == ["ref.y"]
+    assert run.save(tmp_path / "one.csv", "ref.y").read_text().splitlines()[0] == "t [s],ref.y"
+    found = sensitivities(SINE, "k.gain", outputs="y", stop=0.01)
+    assert found.jacobian[:, 0, 0] == pytest.approx(run["ref.y"])

@@ -1,5 +1,6 @@
 """The engine against independent integrators, closed forms, and itself by other routes."""
 
+import copy
 import gc
 import multiprocessing
 import os
@@ -839,3 +840,29 @@ def test_no_signal_takes_the_place_of_another(ending, outputs, names, taken, tmp
     with pytest.raises(DataError, match=f"the name '{taken}' is taken there"):
         two_signals(**outputs).save(tmp_path / f"r{ending}", names)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_stepper_goes_on_from_a_run_that_began_elsewhere():
+    """Time goes on with the state: what depends on it is the same as in one long run."""
+    d = tsm.Diagram(title="wave", blocks={"s": tsm.blocks.Sine(), "g": tsm.blocks.FirstOrderLag()}, wires=["s -> g"],
+                    outputs={"y": "g"})  # fmt: skip
+    whole = tsm.simulate(d, start=3.0, stop=5.0, step=0.01)
+    first = tsm.simulate(d, start=3.0, stop=4.0, step=0.01)
+    stepper = tsm.Stepper(d, step=0.01)
+    stepper.restore(first.state)
+    assert stepper.t == pytest.approx(4.0)
+    found = [stepper.step()["y"] for _ in range(100)]
+    assert stepper.t == pytest.approx(5.0)
+    assert found == pytest.approx(whole["y"][101:], abs=1e-12)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))], ids=["copy", "pickle"])
+def test_a_copy_of_a_stepper_goes_on_by_itself(copied):
+    d = tsm.Diagram(title="lag", blocks={"g": tsm.blocks.FirstOrderLag()}, inputs={"u": "g"}, outputs={"y": "g"})
+    stepper = tsm.Stepper(d, step=0.01, method="heun", parameters={"g.gain": 3.0}, initial={"g.value": 0.5})
+    stepper.step({"u": 1.0})
+    other = copied(stepper)
+    assert other.t == stepper.t
+    ahead = [other.step({"u": 1.0})["y"] for _ in range(5)]
+    assert stepper.t == pytest.approx(0.01)
+    assert [stepper.step({"u": 1.0})["y"] for _ in range(5)] == ahead

@@ -3,36 +3,54 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 import attrs
 import numpy as np
 
-from tsmblocks.diagram import Diagram
+from tsmblocks.diagram import Diagram, needed
 from tsmblocks.errors import DataError, RunError, TsmError, in_words
+
+MOST_STEPS = 1e15
+"""Steps of a run that can be told apart in time; such a run would take years."""
 
 
 def prepared(diagram: Diagram, parameters: Mapping[str, Any] | None = None) -> Diagram:
     """The diagram to run, with its parameters changed. Raises RunError when it is none."""
-    if not isinstance(diagram, Diagram):
-        hint = f" Load it first: tsmblocks.load({diagram!r})." if isinstance(diagram, str) else ""
-        raise RunError(f"only a diagram can be run, got {in_words(diagram)}.{hint}")
+    diagram = needed(diagram, "run", RunError)
     return diagram if parameters is None else diagram.with_parameters(parameters)
 
 
 def given_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Inputs by name. Raises DataError when they are anything else."""
-    if inputs is not None and not isinstance(inputs, Mapping):
-        raise DataError(f"inputs must map names to signals, such as {{'u': 1.0}}, got {in_words(inputs)}.")
-    return dict(inputs or {})
+    """Inputs by name; a column of pandas becomes (times, values). Raises DataError when they are anything else."""
+    if inputs is None:
+        return {}
+    if not isinstance(inputs, Mapping):
+        hint = " Of a recording say {'u': recording}." if hasattr(inputs, "t") else ""
+        raise DataError(f"inputs must map names to signals, such as {{'u': 1.0}}, got {in_words(inputs)}.{hint}")
+    return {name: _timed(name, v) if hasattr(v, "to_numpy") else v for name, v in inputs.items()}
+
+
+def _timed(name: str, column: Any) -> Any:
+    """A column of pandas as (times, values), or as values where its rows are only counted. Raises DataError."""
+    times, values = np.asarray(getattr(column, "index", np.empty(0))), column.to_numpy()
+    if np.ndim(values) != 1:
+        raise DataError(f"input '{name}' must be one column, got {in_words(values)}.")
+    if times.dtype.kind not in "iuf":
+        raise DataError(f"input '{name}': the index of its samples must be time in s, got {times.dtype}.")
+    counted = times.dtype.kind != "f" and np.array_equal(times, np.arange(len(values)))
+    return values if counted else (times, values)
 
 
 def is_number(value: Any) -> bool:
     """Whether a value is a finite number; True and False are none."""
-    plain = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
-    return plain and abs(value) <= sys.float_info.max
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:  # a whole number of hundreds of digits
+        return False
 
 
 def number(what: str, value: Any, error: type[TsmError] = RunError) -> float:
@@ -61,6 +79,8 @@ def whole_steps(start: float, stop: float, h: float) -> int:
     if not start < stop:
         raise RunError(f"the run must end after it starts, got start={start:g} s and stop={stop:g} s.")
     steps = (stop - start) / h
+    if steps > MOST_STEPS:
+        raise RunError(f"the run of {stop - start:g} s would take {steps:.1g} steps of {h:g} s.")
     count = round(steps) if math.isclose(steps, round(steps), rel_tol=1e-9) else math.floor(steps)
     if count < 1:
         raise RunError(f"the step of {h:g} s is longer than the run of {stop - start:g} s.")
@@ -109,4 +129,5 @@ def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every
     """The instants asked for; without ``stop``, to the end of the inputs. Raises RunError."""
     begin, h, spacing = number("start", start), positive("step", step), whole("every", every, 1)
     end = resolve_stop(inputs, begin, h) if stop is None else number("stop", stop)
-    return Times(begin, h, whole_steps(begin, end, h), spacing)
+    steps = whole_steps(begin, end, h)
+    return Times(begin, h, steps, min(spacing, steps + 1))

@@ -154,11 +154,13 @@ def batch_of(
     study give it, so that their results agree to the last digit however the work is cut.
     """
     given = given_inputs(inputs)
+    if not isinstance(parameters, Mapping):
+        raise ParameterError(f"parameters must map names to one number per set each, got {in_words(parameters)}.")
     diagram = prepared(diagram).untied(parameters)
     times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     sets, count = _sets(eq, diagram, parameters)
-    names = list(outputs) if outputs is not None else list(eq.aliases)
+    names = _named(outputs) if outputs is not None else list(eq.aliases)
     chosen, lanes = _columns(eq, names), lanes or lanes_for(count, len(eq.x))
     vary = frozenset(eq.p.index(k) for k in sets)
     kernel = batch_kernel(eq, method_named(method), chosen, lanes, vary, backend)
@@ -206,12 +208,14 @@ def sensitivities(
     At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
     for an unknown name.
     """
-    given = given_inputs(inputs)
+    given, names = given_inputs(inputs), _named(names)
+    if not names:
+        raise ParameterError(f"sensitivities of '{prepared(diagram).title}' need the name of a parameter at least.")
     diagram = prepared(diagram).untied(names)
     times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     base, known = parameter_vector(eq, diagram), [_index(eq, name, diagram) for name in names]
-    shown = list(outputs) if outputs is not None else list(eq.aliases)
+    shown = _named(outputs) if outputs is not None else list(eq.aliases)
     chosen, lanes = _columns(eq, shown), directions(len(known))
     kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)
     whole = _whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)
@@ -334,6 +338,11 @@ def _go_together(
             return {key: map_leaves(functools.partial(number, k), v, key) for key, v in block.parameters.items()}
 
         yield prefix + name, block, varied
+
+
+def _named(names: Sequence[str] | str) -> list[str]:
+    """Names asked for, of which one alone need not be a list."""
+    return [names] if isinstance(names, str) else list(names)
 
 
 def _index(eq: Equations, name: str, diagram: Diagram) -> int:

@@ -211,6 +211,7 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
     made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
     _check_declarations(made)
     type.__setattr__(made, "__init__", _guarded(made.__init__, made))
+    type.__setattr__(made, "__setattr__", _unchanging)
     if register:
         _register(made)
     return made
@@ -248,6 +249,15 @@ def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]
         init(self, **values)
 
     return made
+
+
+def _unchanging(self: Block, name: str, value: Any) -> None:
+    """What setting an attribute of a block does: say how a changed block, or diagram, is had."""
+    kind = type(self).__name__
+    raise AttributeError(
+        f"a block does not change. A {kind} with another {name} is block.replace({name}={in_words(value)}); a diagram "
+        f"with it is diagram.with_parameters({{'NAME.{name}': {in_words(value)}}}), NAME being the block's."
+    )
 
 
 def _register(cls: type[Block]) -> None:

@@ -7,7 +7,7 @@ leaves a port open) is not said.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -23,6 +23,15 @@ if TYPE_CHECKING:
 End = tuple[str, str]
 ENOUGH = 50
 """Faults of one kind after which no more are looked for; looking for near misses takes time."""
+
+
+MAPPINGS = {
+    "blocks": ("blocks", "'pid': PID()"),
+    "inputs": ("the ports they drive", "'u': 'motor.u'"),
+    "outputs": ("signals", "'x': 'motor.y'"),
+    "values": ("numbers", "'theta': 5.0"),
+}
+"""What each mapping of a diagram maps names to, and an example."""
 
 
 @attrs.frozen
@@ -69,12 +78,23 @@ def examine(
     return Checked(links, inlets, shown, found, interface, [*faults, *bad_units])
 
 
+def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
+    """Parts of a diagram that are no text, or no mapping, where one is needed; nothing else can be said of those."""
+    for name, given in parts.items():
+        what, example = MAPPINGS.get(name, ("", ""))
+        if what and not isinstance(given, Mapping):
+            yield f"{name} must map names to {what}, such as {{{example}}}, got {in_words(given)}."
+        elif not what and name != "wires" and not isinstance(given, str):
+            yield f"{name} must be text, got {in_words(given)}."
+
+
 def read_wires(
     wires: Any, blocks: Mapping[str, Any], inputs: Collection[str] = (), outputs: Collection[str] = ()
 ) -> tuple[list[Link], list[str]]:
     """Links from chains (or links already read), with the faults found."""
-    if isinstance(wires, str):
-        return [], [f"wires must be a list of chains such as ['error -> pid'], got one text, {in_words(wires)}."]
+    no_list = wires_fault("wires", wires)
+    if no_list:
+        return [], [no_list]
     links: list[Link] = []
     faults: list[str] = []
     for text in wires:
@@ -90,6 +110,14 @@ def read_wires(
         links += found
         faults += [located(_instead(fault, inputs, outputs), place_of(text)) for fault in wrong]
     return links, faults
+
+
+def wires_fault(name: str, given: Any) -> str:
+    """What is wrong with ``given`` as a list of chains, ``""`` if it is one; ``name`` is the argument's."""
+    if isinstance(given, Iterable) and not isinstance(given, str):
+        return ""
+    one = "one text, " if isinstance(given, str) else ""
+    return f"{name} must be a list of chains such as ['error -> pid'], got {one}{in_words(given)}."
 
 
 def _stands(link: Link, blocks: Mapping[str, Any]) -> bool:

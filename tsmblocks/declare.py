@@ -174,10 +174,12 @@ def state(*, default: float, about: str, unit: str = "") -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Numbers as float, sequences as tuples; anything else as it came."""
+    """Numbers as float, sequences and arrays as tuples; anything else as it came."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()  # of an array without a dimension, the number
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
-    if isinstance(value, (list, tuple, np.ndarray)):
+    if isinstance(value, (list, tuple)):
         return tuple(plain(v) for v in value)
     if isinstance(value, (int, float, np.integer, np.floating)):
         try:

@@ -15,8 +15,8 @@ from typing import Any
 import attrs
 
 from tsmblocks import checks, unit_checks, units
-from tsmblocks.block import Block, Input, Output, is_reference, leaves
-from tsmblocks.errors import DiagramError, ParameterError, in_words, near
+from tsmblocks.block import Block, Input, Output, is_reference, leaves, plain
+from tsmblocks.errors import DiagramError, ParameterError, TsmError, in_words, near
 from tsmblocks.tables import few
 from tsmblocks.wires import Link, chains, kind, not_a_block, short
 
@@ -38,20 +38,23 @@ class Inlet:
     about: str = ""
 
 
-def _inlets(given: Mapping[str, Any]) -> Mapping[str, Inlet]:
-    return _frozen({k: v if isinstance(v, Inlet) else Inlet(v) for k, v in given.items()})
+def _frozen(given: Any) -> Any:
+    """A mapping that stays as it is; anything else as it came, to be refused with a message."""
+    return MappingProxyType(dict(given)) if isinstance(given, Mapping) else given
 
 
-def _frozen(given: Any) -> Mapping[Any, Any]:
-    return MappingProxyType(dict(given))
+def _inlets(given: Any) -> Any:
+    made = isinstance(given, Mapping)
+    return _frozen({k: v if isinstance(v, Inlet) else Inlet(v) for k, v in given.items()} if made else given)
 
 
-def _values(given: Mapping[str, Any]) -> Mapping[str, float]:
-    return _frozen({k: float(v) if type(v) is int else v for k, v in given.items()})
+def _values(given: Any) -> Any:
+    return _frozen({k: plain(v) for k, v in given.items()} if isinstance(given, Mapping) else given)
 
 
 def _listed(wires: Any) -> Any:
-    return wires if isinstance(wires, str) else tuple(wires)  # one text is refused with the other faults
+    whole = isinstance(wires, str) or not isinstance(wires, Iterable)
+    return wires if whole else tuple(wires)  # one text, or no list, is refused with the other faults
 
 
 def _caller() -> str:
@@ -105,7 +108,9 @@ class Diagram:
     def _checked(self) -> checks.Checked:
         """What the wires, inputs and outputs mean; raises DiagramError with every fault found."""
         blocks = self.blocks
-        wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
+        wrong = [*checks.kind_faults({a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init})]
+        if not wrong:
+            wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
         if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
             wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
@@ -271,9 +276,9 @@ class Diagram:
         if bool(after) == bool(before):
             got = "both" if after else "neither"
             raise self._fault(f"insert '{name}' takes either after= or before=, got {got}.")
-        from tsmblocks.edits import inserted  # the how stands apart; this class stays readable
+        from tsmblocks.edits import inserted, wires_in  # the how stands apart; this class stays readable
 
-        return inserted(self, name, block, after, before, tuple(wires))
+        return inserted(self, name, block, after, before, wires_in(self, "wires", wires))
 
     def replace(self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None) -> Diagram:
         """The diagram with another block in the place of ``name``, wired the same way.
@@ -316,7 +321,7 @@ class Diagram:
         source: str | None = None,
     ) -> Diagram:
         """The diagram with wires cut (``"a.y -> b.u"``) and added, and other fields where they are given."""
-        from tsmblocks.edits import rewired
+        from tsmblocks.edits import rewired, wires_in
 
         fields = {
             "blocks": blocks,
@@ -326,7 +331,8 @@ class Diagram:
             "title": title,
             "source": source,
         }
-        return rewired(self, tuple(cut), tuple(add), {k: v for k, v in fields.items() if v is not None})
+        return rewired(self, wires_in(self, "cut", cut), wires_in(self, "add", add),
+                       {k: v for k, v in fields.items() if v is not None})  # fmt: skip
 
     def __hash__(self) -> int:  # of what tells most diagrams apart
         return hash((self.title, frozenset(self.blocks), frozenset(self.links)))
@@ -360,6 +366,14 @@ class Diagram:
                  "inputs": dict(self.inputs), "outputs": dict(self.outputs), "values": dict(self.values),
                  "where": self.where}  # fmt: skip
         return _rebuild, (plain,)
+
+
+def needed(given: Any, use: str, error: type[TsmError]) -> Diagram:
+    """``given``, if it is a diagram. Raises ``error``: only a diagram can be ``use`` ("run", "drawn")."""
+    if isinstance(given, Diagram):
+        return given
+    hint = f" Load it first: tsmblocks.load({given!r})." if isinstance(given, str) else ""
+    raise error(f"only a diagram can be {use}, got {in_words(given)}.{hint}")
 
 
 def _rebuild(fields: dict[str, Any]) -> Diagram:

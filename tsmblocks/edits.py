@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.block import Block
-from tsmblocks.checks import name_faults
+from tsmblocks.checks import name_faults, wires_fault
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.errors import DiagramError, near, several
 from tsmblocks.wires import Fault, Link, kind, not_a_block, parse, resolve, sentence
@@ -16,6 +16,14 @@ from tsmblocks.wires import Fault, Link, kind, not_a_block, parse, resolve, sent
 
 def _fail(diagram: Diagram, text: str) -> DiagramError:
     return DiagramError(diagram.title, [text], diagram.where)
+
+
+def wires_in(diagram: Diagram, name: str, given: Any) -> tuple[str, ...]:
+    """Chains given to an edit as its argument ``name``; raises DiagramError for anything but a list of them."""
+    wrong = wires_fault(name, given)
+    if wrong:
+        raise _fail(diagram, wrong)
+    return tuple(given)
 
 
 def _usual(diagram: Diagram, name: str, block: Any, side: str, wires: tuple[str, ...]) -> str:

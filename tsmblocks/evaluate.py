@@ -7,6 +7,7 @@ loop, and the way back to it is the loop's path. No recursion, so long chains ar
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from typing import Any
 
@@ -300,7 +301,27 @@ class Evaluator:
         return (
             f"{ring} has no state in it, so its value at one instant depends on itself. "
             "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a "
-            "sampled block."
+            f"sampled block.{self._of_zeros(nodes)}"
+        )
+
+    def _of_zeros(self, nodes: list[Node]) -> str:
+        """Which blocks of a loop pass nothing on with their numbers as they are: a path made of a 0 that was given."""
+        flat, idle = self.flat, list[str]()
+        numbers = ca.vertcat(*flat.p), ca.DM(flat.p_values)
+        for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):
+            names = flat.twins[path].read_names
+            symbols = [ca.SX.sym(name) for name in names]
+            if kind != "y":
+                continue
+            made = call(flat.twins[path], "outputs", flat.t, self._states(path), signals(names, symbols), path)[port]
+            around = [s for k, s in zip(names, symbols, strict=True) if self._source(path, k, strict=False) == read]
+            if around and not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
+                idle.append(path)
+        if not idle:
+            return ""
+        return (
+            f" Now {' and '.join(idle)} would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, "
+            "counts as a path until it is left out."
         )
 
 

@@ -131,7 +131,8 @@ class Page:
             return Part(None, 0)
         given = table.get("format")
         if type(given) is not int or given != FORMAT:
-            found = f"the format is {in_words(_plain(given))}" if "format" in table else "there is no format"
+            shown = str(given) if isinstance(given, float) else in_words(_plain(given))  # 1.0 is not 1
+            found = f"the format is {shown}" if "format" in table else "there is no format"
             self.fault(("format",), f"{found}; this version reads format = {FORMAT}, at the top of the file.")
             return Part(None, 0)
         rest = {k: v for k, v in table.items() if k != "format"}

@@ -68,6 +68,8 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
     Raises FileError when the diagram cannot be written down, or the file cannot be written.
     """
     text = dumps(diagram)
+    if not isinstance(path, (str, os.PathLike)):
+        raise FileError("save", [f"a file is named by text or a path, got {in_words(path)}."])
     try:
         replace_file(Path(os.path.realpath(path)), text)  # a link stays a link
     except (OSError, ValueError) as error:

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks import units
-from tsmblocks.errors import DataError
+from tsmblocks.errors import DataError, in_words
 
 
 @attrs.frozen
@@ -32,13 +32,13 @@ class TrackingError:
 
 
 def peak_to_peak(x: Any) -> float:
-    """Largest minus smallest value, in the unit of ``x``."""
+    """Largest minus smallest value, in the unit of ``x``, shape (N,). Raises DataError for what is no such list."""
     values = _signal("x", x)
     return float(values.max() - values.min())
 
 
 def rms(x: Any) -> float:
-    r"""Root mean square, in the unit of ``x``.
+    r"""Root mean square, in the unit of ``x``, shape (N,). Raises DataError for what is no such list.
 
     .. math:: \sqrt{\tfrac1N \sum_k x_k^2}
     """
@@ -101,7 +101,10 @@ def tracking_error(
 
 
 def _signal(name: str, values: Any) -> np.ndarray:
-    array = np.asarray(values, dtype=float)
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be a list of numbers, got {in_words(values)}.") from None
     if array.ndim != 1 or not array.size:
         raise DataError(f"{name} must be a list of at least one number, got shape {array.shape}.")
     return array

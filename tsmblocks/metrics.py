@@ -16,7 +16,7 @@ import attrs
 import numpy as np
 
 from tsmblocks import units
-from tsmblocks.errors import DataError, ParameterError, clip, in_words, near
+from tsmblocks.errors import DataError, ParameterError, RunError, clip, in_words, near
 from tsmblocks.expressions import FUNCTIONS, Expression, Reader, name_in, number, reader
 from tsmblocks.reductions import NONE, REDUCTIONS
 
@@ -150,8 +150,10 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     """Metrics of a run, by name: ``measure(run, "rms(x_ref - x_out)")``.
 
     ``wanted`` is one text, a list, or a mapping from names to texts, as for ``metric``; by default the tracking
-    errors. Raises as ``metric`` does.
+    errors. Raises as ``metric`` does, and RunError for what is no run.
     """
+    if not all(hasattr(run, part) for part in ("t", "unit", "keys")):
+        raise RunError(f"only a run can be measured, got {in_words(run)}.")
     found = metrics(wanted, {name: run.unit(name) for name in run})
     return {one.name: one(run.t, {k: run[k] for k in one.signals}) for one in found}
 

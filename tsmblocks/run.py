@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.errors import DataError, RunError, near
+from tsmblocks.errors import DataError, RunError, in_words, near
 from tsmblocks.tables import few
 
 
@@ -41,6 +41,8 @@ class Run:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A signal by name; raises RunError with the near miss."""
+        if not isinstance(name, str):
+            raise RunError(f"signals of a run go by name, one at a time, got {in_words(name)}.")
         target = self.aliases.get(name, name)
         try:
             column = self.names.index(target)
@@ -77,11 +79,11 @@ class Run:
         unit = self.unit(name)
         return f"{name} [{unit}]" if unit else name
 
-    def to_pandas(self, names: list[str] | None = None) -> Any:
-        """A frame indexed by time [s], one column per signal. Needs pandas."""
+    def to_pandas(self, names: Sequence[str] | None = None) -> Any:
+        """A frame indexed by time [s], one column per signal (all unless named). Needs pandas."""
         import pandas as pd
 
-        chosen = names or self.keys()
+        chosen = _listed(names) or self.keys()
         return pd.DataFrame({n: self[n] for n in chosen}, index=pd.Index(self.t, name="t"))
 
     def plot(self, *names: str, ax: Any = None) -> Any:
@@ -100,13 +102,13 @@ class Run:
 
         return run_card(self)
 
-    def save(self, path: str | Path, names: list[str] | None = None) -> Path:
+    def save(self, path: str | Path, names: Sequence[str] | None = None) -> Path:
         """Write signals (the diagram's outputs unless named) to .csv, .npz or .mat; returns the path.
 
         In .mat a dot becomes an underscore. Raises DataError for another ending, and for two signals
         that would take one name there.
         """
-        path, chosen = Path(path), names or list(self.aliases) or self.keys()
+        path, chosen = Path(path), _listed(names) or list(self.aliases) or self.keys()
         kinds: dict[str, Callable[[str], str]] = {".csv": self.heading, ".npz": str, ".mat": _variable}
         if path.suffix not in kinds:
             raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
@@ -133,6 +135,11 @@ class Run:
 
 _TAKEN = ("t", "units", "file", "allow_pickle")
 """Names that NumPy's archives, or this package in them, use for something else."""
+
+
+def _listed(names: Sequence[str] | None) -> list[str]:
+    """Names asked for, of which one alone need not be a list."""
+    return [names] if isinstance(names, str) else list(names or ())
 
 
 def _variable(name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from fnmatch import fnmatchcase
@@ -69,7 +70,11 @@ def _shape(value: Any) -> Any:
 
 
 def equations(diagram: Diagram) -> Equations:
-    """The equations of a diagram, kept so that other numbers do not compile it again."""
+    """The equations of a diagram, kept so that other numbers do not compile it again.
+
+    Raises RunError for what is no diagram, and what compile raises.
+    """
+    diagram = prepared(diagram)
     key = (diagram.title, signature(diagram))
     found = _COMPILED.pop(key, None)
     if found is None:
@@ -134,6 +139,8 @@ def simulate(
     """
     diagram, given = prepared(diagram, parameters), given_inputs(inputs)
     times = run_times(given, start, stop, step, every)
+    if progress is not None and not callable(progress):
+        raise RunError(f"progress must be a function of the fraction done, got {in_words(progress)}.")
     eq = equations(diagram)
     chosen, names = _logged(eq, log, times)
     rule, p = method_named(method), parameter_vector(eq, diagram)
@@ -202,9 +209,10 @@ def _logged(eq: Equations, log: str | Iterable[str], times: Times) -> tuple[tupl
     """Which signals are kept: columns and names. Raises RunError when they would not fit."""
     chosen = _chosen(eq, log)
     if times.kept * len(chosen) > MOST_NUMBERS:
+        fewer = times.every * 10 ** math.ceil(math.log10(times.kept * len(chosen) / MOST_NUMBERS))
         raise RunError(
             f"{times.kept} instants of {len(chosen)} signals would take "
-            f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep less: log='outputs', or every={times.every * 10}."
+            f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep less: log='outputs', or every={fewer}."
         )
     return chosen, tuple(eq.y[k] for k in chosen)
 
@@ -213,6 +221,8 @@ def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     if log == "all":
         return tuple(range(len(eq.y)))
     shown = set(eq.aliases.values())
+    if not isinstance(log, Iterable):
+        raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(log)}.")
     patterns = [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
     for pattern in patterns:
         if not isinstance(pattern, str):
@@ -245,7 +255,7 @@ class Stepper:
     """A diagram run sample by sample, for loops that live outside: hardware, games, other simulators.
 
     ``stepper.step({"u": 1.0})`` applies inputs for one step (held constant) and returns the outputs at
-    its end; ``save()`` and ``restore(saved)`` go back and forth in time.
+    its end; ``save()`` and ``restore(saved)`` go back and forth in time. A copy goes on by itself.
     """
 
     def __init__(
@@ -258,8 +268,8 @@ class Stepper:
         initial: Mapping[str, float] | None = None,
         backend: str = "",
     ) -> None:
-        diagram = prepared(diagram, parameters)
-        self.h = positive("step", step)
+        diagram = self.diagram = prepared(diagram, parameters)
+        self.h, self.start = positive("step", step), 0.0
         eq = self.eq = equations(diagram)
         for feed in eq.u:
             _need_single(diagram.title, feed)
@@ -277,7 +287,7 @@ class Stepper:
     @property
     def t(self) -> float:
         """Time now, in s."""
-        return self.k * self.h
+        return self.start + self.k * self.h
 
     def step(self, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
         """Take one step with inputs held constant; the outputs at its end, with those inputs.
@@ -301,10 +311,10 @@ class Stepper:
     def _not_finite(self, before: Memory, values: list[float]) -> NotFinite:
         """The error that says where a step stopped being finite."""
         kernel = single_kernel(self.eq, self.kernel.plan.method, tuple(range(len(self.eq.y))), self.backend)
-        ends = np.array([0.0, self.h])
+        ends = np.array([0.0, self.h])  # held before and after
         held = [(Signal(f.name, v, ends, "zero"), 0) for f, v in zip(self.eq.u, values, strict=True)]
         text, block, time = explain(
-            self.eq, Session(self.eq, kernel, before, held, 0.0, self.h, 1, self.k, self.hits), 1
+            self.eq, Session(self.eq, kernel, before, held, self.start, self.h, 1, self.k, self.hits), 1
         )
         error = NotFinite(text)
         error.block, error.time = block, time
@@ -314,7 +324,7 @@ class Stepper:
         self.kernel.advance(
             memory,
             u,
-            t0=0.0,
+            t0=self.start,
             h=self.h,
             k0=self.k,
             n=n,
@@ -338,17 +348,29 @@ class Stepper:
             raise DataError(f"diagram '{self.eq.title}' needs a value of its input '{name}' at each step.")
         return number(f"input '{name}'", inputs[name], DataError)
 
+    def __reduce__(self) -> Any:  # machine code neither copies nor pickles; it is made, or found, again
+        return _revived, (self.diagram, self.h, self.kernel.plan.method.name, self.backend, self.save())
+
     def save(self) -> Saved:
         """The state now, to come back to."""
-        return Saved(self.memory.copy(), self.k, 0.0, self.h)
+        return Saved(self.memory.copy(), self.k, self.start, self.h)
 
     def restore(self, saved: Saved) -> None:
-        """Go on from a saved state of the same diagram and step. Raises RunError otherwise."""
+        """Go on from a saved state of the same diagram and step, or from ``run.state``. Raises RunError otherwise."""
+        if not isinstance(saved, Saved):
+            raise RunError(f"restore takes what save gave, or the state of a run, got {in_words(saved)}.")
         if saved.step != self.h:
             raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {self.h:g} s.")
         if any(getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring")):
             raise RunError(f"the saved state belongs to a diagram other than '{self.eq.title}'.")
-        self.memory, self.k = saved.memory.copy(), saved.k
+        self.memory, self.k, self.start = saved.memory.copy(), saved.k, saved.start
+
+
+def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: Saved) -> Stepper:
+    """A stepper that goes on where another stood."""
+    stepper = Stepper(diagram, step=step, method=method, backend=backend)
+    stepper.restore(saved)
+    return stepper
 
 
 def _need_single(title: str, feed: Feed) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from functools import cache
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ _BASE: dict[str, tuple[float, dict[str, int]]] = {
     "mrad": (1e-3, {"rad": 1}),
     "deg": (math.pi / 180, {"rad": 1}),
     "rev": (2 * math.pi, {"rad": 1}),
+    "rpm": (2 * math.pi / 60, {"rad": 1, "s": -1}),
     "s": (1.0, {"s": 1}),
     "ms": (1e-3, {"s": 1}),
     "us": (1e-6, {"s": 1}),
@@ -42,6 +44,7 @@ _BASE: dict[str, tuple[float, dict[str, int]]] = {
     "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
     "mN": (1e-3, {"kg": 1, "m": 1, "s": -2}),
     "kN": (1e3, {"kg": 1, "m": 1, "s": -2}),
+    "Nm": (1.0, {"kg": 1, "m": 2, "s": -2}),
     "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
     "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
     "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
@@ -52,7 +55,7 @@ _BASE: dict[str, tuple[float, dict[str, int]]] = {
 }
 _ALIAS = {"": "1", "-": "1", "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad",
           "radians": "rad", "sec": "s", "second": "s", "seconds": "s", "Ohm": "ohm", "Ω": "ohm",
-          "µm": "um", "µs": "us", "rpm": "rev/min"}  # fmt: skip
+          "µm": "um", "µs": "us"}  # fmt: skip
 
 
 class Unit(NamedTuple):
@@ -68,24 +71,38 @@ class UnitError(TsmError):
 
 @cache
 def parse(label: str) -> Unit:
-    """Read ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss."""
+    """Read ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss.
+
+    ``N/m*s`` is refused: some read it as ``N/(m*s)``, some as ``N*s/m``.
+    """
     factor, powers = 1.0, dict[str, int]()
-    text = _ALIAS.get(label.strip(), label.strip())
-    over, _, under = text.partition("/")
-    for sign, part in ((1, over), *((-1, p) for p in under.split("/") if under)):
-        for word in re.split(r"[*·. ]+", part.strip().strip("()")):
-            name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
-            name = _ALIAS.get(name, name)
-            if name not in _BASE or not re.fullmatch(r"(-?\d)?", power):
-                raise UnitError(f"'{label}' is not a unit known here.{near(name, _BASE)}")
-            n = sign * int(power or 1)
-            scale, base = _BASE[name]
-            factor *= scale**n
-            for key, exponent in base.items():
-                powers[key] = powers.get(key, 0) + n * exponent
+    for word, sign in _words(label):
+        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+        name = _ALIAS.get(name, name)
+        if name not in _BASE or not re.fullmatch(r"(-?\d)?", power):
+            raise UnitError(f"'{label}' is not a unit known here.{near(name, _BASE)}")
+        n = sign * int(power or 1)
+        scale, base = _BASE[name]
+        factor *= scale**n
+        for key, exponent in base.items():
+            powers[key] = powers.get(key, 0) + n * exponent
     if not 1e-60 < factor < 1e60:  # powers of powers; a product of a few such would overflow
         raise UnitError(f"'{label}' is not a unit known here: its size cannot be held.")
     return Unit(factor, tuple(sorted((k, n) for k, n in powers.items() if n)))
+
+
+def _words(label: str) -> Iterator[tuple[str, int]]:
+    """The factors of a label, with 1 where they stand above the line and -1 below. Raises UnitError."""
+    text = label.strip().replace("μ", "µ")  # the Greek letter for the sign of the same look
+    text = re.sub(r"^\(([^()]*)\)$", r"\1", _ALIAS.get(text, text))
+    for k, part in enumerate(p.strip() for p in text.split("/")):
+        inside = re.fullmatch(r"\(([^()]+)\)", part)
+        words = re.split(r"[*·. ]+", (inside[1] if inside else part).strip())
+        if k and len(words) > 1 and not inside and not set("()") & set(part):
+            over = text.partition("/")[0].strip()
+            both = f"{over}/({'*'.join(words)}) or {'*'.join([over, *words[1:]])}/{words[0]}"
+            raise UnitError(f"'{label}' can be read in two ways. Write {both}.")
+        yield from ((word, -1 if k else 1) for word in words)
 
 
 def factor(source: str, target: str) -> float:
@@ -120,7 +137,8 @@ def times(label: str, power_of: str, exponent: int = 1) -> str:
     if label in ("", "1"):
         return power_of if exponent == 1 else f"1/{power_of}"
     if exponent == 1:
-        return label.removesuffix(f"/{power_of}") if label.endswith(f"/{power_of}") else f"{label}*{power_of}"
+        over, slash, under = label.partition("/")
+        return label.removesuffix(f"/{power_of}") if under == power_of else f"{over}*{power_of}{slash}{under}"
     return label.removesuffix(f"*{power_of}") if label.endswith(f"*{power_of}") else _rate(label, power_of)
 
 

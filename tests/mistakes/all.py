@@ -6,6 +6,7 @@ from tests.mistakes import (  # noqa: F401 - fill the table
     equations,
     filing,
     fitting,
+    kinds,
     parameters,
     running,
     wiring,

@@ -221,7 +221,7 @@ def a_step_longer_than_the_run():
 
 @mistake(
     RunError,
-    "10000000001 instants of 9 signals would take 720 GB. Keep less: log='outputs', or every=10.",
+    "10000000001 instants of 9 signals would take 720 GB. Keep less: log='outputs', or every=1000.",
 )
 def a_run_too_long_to_keep():
     simulate(position_loop(), stop=1e6, step=1e-4)

@@ -573,7 +573,7 @@ def an_input_with_another_unit():
     DiagramError,
     """
 diagram 'angles' (HERE) has 1 problem:
-  1. input 'x': 'volt' is not a unit known here. Known here: %, 1, A, H, Hz, J, K, N, … (32 in all).
+  1. input 'x': 'volt' is not a unit known here. Known here: %, 1, A, H, Hz, J, K, N, … (34 in all).
 """,
 )
 def an_input_with_an_unknown_unit():

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.analysis.point import Point, Still, called, point_of, still
-from tsmblocks.arguments import prepared, whole
+from tsmblocks.arguments import number, prepared, whole
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import RunError, in_words, near
@@ -45,7 +45,10 @@ def linearize(
     diagram = prepared(diagram)
     if at is not None and not isinstance(at, Point):
         raise RunError(f"at is a point that trim has found, got {in_words(at)}.")
-    here = still(diagram, at.inputs if at is not None else {}, at.t if at is not None else t)
+    here = still(diagram, at.inputs if at is not None else {}, at.t if at is not None else number("t", t))
+    if not here.inputs:
+        raise RunError(f"diagram '{here.eq.title}' has no input for a linear model to begin at: give it one, or open "
+                       "a loop (analysis.opened, analysis.loop_gain).")  # fmt: skip
     names = _chosen(here, inputs, list(here.inputs), "input")
     shown = _chosen(here, outputs, [*here.eq.aliases, *here.eq.y], "signal", list(here.eq.aliases))
     x = here.x
@@ -67,9 +70,11 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: in
     ``at`` is a wire (``"controller -> drive"``) or a signal (``"drive.y"``, all its wires). The sign is that of
     negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its margins. States that
     are not on the way from ``cut`` to ``back`` are left out. ``point`` is one of the closed loop (by default its start
-    values). Other arguments and errors as for ``linearize``.
+    values). Raises RunError where no loop goes that way; other arguments and errors as for ``linearize``.
     """
     cut = opened(diagram, at)
+    if not _comes_back(diagram, at):
+        raise RunError(f"at='{at}': nothing that goes this way comes back, so there is no loop to open.")
     closed = diagram.rewire(outputs={**diagram.outputs, BACK: _source(diagram, at)})
     there = still(closed, point.inputs if point is not None else {}, point.t if point is not None else 0.0)
     x = np.array([point.states[k] for k in there.eq.x]) if point is not None else there.x
@@ -116,6 +121,16 @@ def _source(diagram: Diagram, at: str) -> str:
     return ".".join(_links(diagram, at)[0].source)
 
 
+def _comes_back(diagram: Diagram, at: str) -> bool:
+    """Whether there is a way along the wires from where these lead to the block they come from."""
+    links = _links(diagram, at)
+    reached, fresh = set[str](), {link.target[0] for link in links}
+    while fresh:
+        reached |= fresh
+        fresh = {link.target[0] for link in diagram.links if link.source[0] in fresh} - reached
+    return links[0].source[0] in reached
+
+
 def _links(diagram: Diagram, at: str) -> list[Link]:
     """The wires that a text means: one, or all from a signal."""
     if not isinstance(at, str):
@@ -148,7 +163,8 @@ def _chosen(
         if name not in known:
             raise RunError(f"diagram '{here.eq.title}' has no {what} '{name}'.{near(name, known)}")
     if not chosen:
-        raise RunError(f"diagram '{here.eq.title}' has no {what} to name: say {what}s=[…].")
+        argument = "inputs" if what == "input" else "outputs"
+        raise RunError(f"no {what} of diagram '{here.eq.title}' is asked for: say {argument}=[…].{near('', known)}")
     return chosen
 
 
@@ -164,9 +180,11 @@ def _jacobians(here: Still, x: np.ndarray, shown: Sequence[str]) -> dict[tuple[s
         raise RunError(f"'{eq.title}' follows the slope of a delayed signal, which no state space holds. Put a lag "
                        "behind the delay.")  # fmt: skip
     found = dict(zip(_KEYS, made, strict=True))
-    bad = [f"{eq.x[k]}" for k in np.flatnonzero(~np.isfinite(found["dx", "x"]).all(axis=1))]
+    rows = {"dx": [f"the rate of {name}" for name in eq.x], "y": list(shown), "s": [f"what {q} delays" for q in eq.q]}
+    bad = [rows[a][k] for (a, _), J in found.items() for k in np.flatnonzero(~np.isfinite(J).all(axis=1))]
     if bad:
-        raise RunError(f"the slopes of '{eq.title}' are not finite here: the rate of {', '.join(bad[:3])}.")
+        said = ", ".join(list(dict.fromkeys(bad))[:3])
+        raise RunError(f"the slopes of '{eq.title}' are not finite here: {said}.")
     return found
 
 

@@ -162,7 +162,11 @@ def trim(
     are at ``t`` [s]. Where many points will do (hysteresis at rest, an integrator in front of a still motor) it is the
     one nearest to the start. Raises RunError where there is none, naming the state that does not stand still.
     """
-    diagram, given, wanted = prepared(diagram), given_inputs(inputs), dict(outputs or {})
+    diagram, given = prepared(diagram), given_inputs(inputs)
+    for name, values in (("outputs", outputs), ("start", start)):
+        if values is not None and not isinstance(values, Mapping):
+            raise RunError(f"{name} must map names to numbers, got {in_words(values)}.")
+    wanted = dict(outputs or {})
     here = still(diagram, {k: number(f"input '{k}'", v, DataError) for k, v in given.items()}, number("t", t))
     free = [name for name in here.inputs if name not in given] if wanted else []
     begin = _begin(here, start or {}, free)

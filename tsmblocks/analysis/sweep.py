@@ -171,7 +171,7 @@ def _output(diagram: Diagram, name: str | None) -> str:
 
 def _positive(what: str, values: Any) -> np.ndarray:
     try:
-        array = np.atleast_1d(np.asarray(values, dtype=float))
+        array = np.atleast_1d(np.asarray(values, dtype=float)) if not isinstance(values, str) else np.empty(0)
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.ndim != 1 or not len(array) or not (np.isfinite(array) & (array > 0)).all():

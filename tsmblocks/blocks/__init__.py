@@ -1,5 +1,7 @@
 """Every block of the toolbox, by family. Importing this registers them all."""
 
+from typing import Any
+
 from tsmblocks.blocks.arithmetic import (
     Abs,
     Convert,
@@ -198,3 +200,9 @@ __all__ = [
     "from_control",
     "function_block",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    from tsmblocks.errors import near
+
+    raise AttributeError(f"tsmblocks.blocks has no '{name}'.{near(name, __all__)}")

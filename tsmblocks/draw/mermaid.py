@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 
-from tsmblocks.diagram import Diagram
+from tsmblocks.diagram import Diagram, needed
 from tsmblocks.draw.graph import PRODUCTS, SUMS, symbol_of
+from tsmblocks.errors import TsmError
 
 
 def to_mermaid(diagram: Diagram) -> str:
-    """The diagram as a Mermaid flow chart: a line for each block, each link, input and output."""
+    """The diagram as a Mermaid flow chart: a line for each block, each link, input and output.
+
+    Raises TsmError for what is no diagram.
+    """
+    diagram = needed(diagram, "drawn", TsmError)
     lines = ["---", f"title: {json.dumps(diagram.title, ensure_ascii=False)}", "---"] if diagram.title else []
     lines.append("flowchart LR")
     lines += [f"  in_{name}([{_quoted(name)}])" for name in diagram.inputs]

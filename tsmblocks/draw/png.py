@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.diagram import Diagram
+from tsmblocks.diagram import Diagram, needed
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Box, Label, Picture, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FRAME, INK, PAPER, colour, marked, weight
@@ -27,7 +27,8 @@ def to_png(
 ) -> None:
     """Write the drawing to a PNG file, ``scale`` pixels for each of the SVG's.
 
-    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError when matplotlib is not installed.
+    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, and when matplotlib is
+    not installed.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -35,7 +36,7 @@ def to_png(
     except ImportError as error:
         how = 'pip install "tsmblocks[plots]"'
         raise TsmError(f"a PNG file needs matplotlib; install it with: {how}") from error
-    accent = marked(diagram, highlight)
+    accent = marked(needed(diagram, "drawn", TsmError), highlight)
     picture = layout(diagram, values=values)
     figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=DPI * scale, facecolor=PAPER)
     FigureCanvasAgg(figure)

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
-from tsmblocks.diagram import Diagram
+from tsmblocks.diagram import Diagram, needed
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Arrow, Box, Label, Point, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FONT, FRAME, INK, PAPER, colour, marked, weight
+from tsmblocks.errors import TsmError
 
 
 def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:
@@ -18,9 +19,9 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
     ``highlight`` names blocks to be drawn in the accent colour (``"motor.slack"`` marks ``motor``);
     ``values`` maps signals (``"tsm.y"``) to texts or numbers that are written on their wires, numbers with
     their unit. The paper is white, so it is readable on a dark page too. Raises TsmError for a name
-    that is not in the diagram.
+    that is not in the diagram, and for what is no diagram.
     """
-    accent = marked(diagram, highlight)
+    accent = marked(needed(diagram, "drawn", TsmError), highlight)
     picture = layout(diagram, values=values)
     width, height = _n(picture.width), _n(picture.height)
     lines = [

@@ -167,7 +167,7 @@ class _Plain:
 
 def _number(name: str, value: Any) -> float:
     try:
-        number = float(value)
+        number = float(_real(value))
     except (TypeError, ValueError):
         raise DataError(f"input '{name}' must be a number, samples or a function of time, "
                         f"got {in_words(value)}.") from None  # fmt: skip
@@ -176,12 +176,21 @@ def _number(name: str, value: Any) -> float:
     return number
 
 
+def _real(given: Any) -> np.ndarray:
+    """Numbers as floats, those that are masked as NaN. Raises TypeError for text, times of day, complex numbers."""
+    array = np.ma.asanyarray(given)
+    if array.dtype.kind in "cSUmM":
+        raise TypeError
+    return np.ma.filled(array.astype(float, copy=False), np.nan)
+
+
 def _numbers(name: str, given: Any) -> np.ndarray:
     try:
-        return np.asarray(given, dtype=float)
+        return _real(given)
     except (TypeError, ValueError):
+        what = f" of {given.dtype}" if np.ndim(given) and hasattr(given, "dtype") else ""
         raise DataError(
-            f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}."
+            f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}{what}."
         ) from None
 
 

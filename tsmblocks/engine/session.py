@@ -98,8 +98,10 @@ def start_memory(
 ) -> Memory:
     """Memory before the first step, for one run."""
     x, d, s = (np.asarray(v).ravel() for v in eq.start(p))
+    if start is not None and not isinstance(start, Mapping):
+        raise RunError(f"initial must map states to their start values, got {in_words(start)}.")
     for name, value in (start or {}).items():
-        if not isinstance(value, (int, float, np.number)) or not math.isfinite(value):
+        if not isinstance(value, (int, float, np.integer, np.floating)) or not math.isfinite(value):
             raise RunError(f"the start value of '{name}' must be a finite number, got {in_words(value)}.")
         if name in eq.x:
             x[eq.x.index(name)] = value
@@ -135,12 +137,18 @@ def gather_signals(
     for feed in eq.u:
         key = (feed.block, feed.tape or feed.name.removeprefix("d/dt " * feed.order))
         if key not in known:
-            given = taped[feed.block][feed.tape] if feed.block else inputs[key[1]]
+            given = taped[feed.block][feed.tape] if feed.block else _sampled(inputs[key[1]], key[1], feed.unit, hold)
             known[key] = feeds.Signal(f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold)
             step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
             known[key].covers(*span, step)
         made.append((known[key], feed.order))
     return made
+
+
+def _sampled(given: Any, name: str, unit: str, hold: str) -> Any:
+    """A recording (or a run) given for an input stands for its signal of that name, in the input's unit."""
+    given = given.record(name) if hasattr(given, "record") else given
+    return given.samples(name, unit or None, hold) if hasattr(given, "samples") else given
 
 
 @attrs.define(eq=False)

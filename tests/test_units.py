@@ -1,0 +1,55 @@
+"""Unit labels: what is read, what is refused, and labels of rates and integrals."""
+
+import math
+
+import pytest
+
+from tsmblocks import units
+from tsmblocks.units import UnitError, factor, same, times
+
+
+@pytest.mark.parametrize(
+    ("label", "other"),
+    [
+        ("N/(m*s)", "N/m/s"),
+        ("1/(V s)", "1/V/s"),
+        ("(m/s)", "m/s"),
+        ("(N*m)/rad", "Nm/rad"),
+        ("N m", "Nm"),
+        ("μm", "um"),  # the Greek letter
+        ("µm", "um"),  # the sign of micro
+        ("rpm/s", "rev/min/s"),
+        ("m / s²", "m/s^2"),
+    ],
+)
+def test_labels_of_one_meaning(label, other):
+    assert same(label, other)
+
+
+def test_units_of_a_motors_data_sheet():
+    assert factor("V/rpm", "V*s/rad") == pytest.approx(60 / (2 * math.pi))
+    assert factor("mN*m/A", "Nm/A") == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("label", ["N/m*s", "rad/V*s", "1/s*m/kg"])
+def test_a_product_below_the_line_wants_brackets(label):
+    with pytest.raises(UnitError, match="can be read in two ways"):
+        units.parse(label)
+
+
+@pytest.mark.parametrize("label", ["m/(s/kg)", "(N*m", "N(m)", "(m)(s)"])
+def test_brackets_that_do_not_close_are_refused(label):
+    with pytest.raises(UnitError, match="is not a unit known here"):
+        units.parse(label)
+
+
+@pytest.mark.parametrize("label", ["rad", "rad/s", "rad/V", "m/s^2", "rad/us", "1/s", "N*m", "N/(m*s)", "1", "V/rpm"])
+def test_a_rate_and_an_integral_are_what_they_say(label):
+    """A label made of another by a factor of time means that much more or less of it."""
+    plain, second = units.parse(label), units.parse("s")
+    for exponent in (1, -1):
+        made = units.parse(times(label, "s", exponent))
+        assert made.factor == pytest.approx(plain.factor * second.factor**exponent)
+        powers = dict(plain.dimension)
+        powers["s"] = powers.get("s", 0) + exponent
+        assert dict(made.dimension) == {k: n for k, n in powers.items() if n}
