@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import inspect
 import re
 import textwrap
 from typing import Any
 
 from tsmblocks.cli import common, console
+from tsmblocks.reference.cards import by_family, card, words
 from tsmblocks.tables import columns
 
 HELP = "list the blocks, or show one block's card"
-FAMILIES = {"lti": "linear"}
-"""Modules whose blocks belong to the family of another."""
-ORDER = [
-    "sources", "arithmetic", "linear", "limits", "friction", "hysteresis", "control", "motor", "discrete",
-    "sensors",
-]  # fmt: skip
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,55 +29,9 @@ def execute(args: argparse.Namespace) -> int:
         made = card(REGISTRY[common.choose(args.name, REGISTRY, "block")])
         console.give(made) if args.json else print(card_in_words(made))
         return 0
-    listed: dict[str, dict[str, str]] = {}
-    for name, cls in sorted(REGISTRY.items()):
-        listed.setdefault(family(cls), {})[name] = words(cls)[0]
-    ordered = {k: listed[k] for k in sorted(listed, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))}
-    console.give(ordered) if args.json else print(list_in_words(ordered))
+    listed = {k: {name: words(cls)[0] for name, cls in some.items()} for k, some in by_family(REGISTRY).items()}
+    console.give(listed) if args.json else print(list_in_words(listed))
     return 0
-
-
-def family(cls: type) -> str:
-    """Return the family of a block: the module it stands in."""
-    module = cls.__module__.rpartition(".")[2]
-    return FAMILIES.get(module, module)
-
-
-def words(cls: type) -> tuple[str, str, str]:
-    """First sentence, equation and remarks of a block, out of its docstring."""
-    sentence, equations, remarks = "", list[str](), list[str]()
-    parts = inspect.cleandoc(cls.__doc__ or "").split("\n\n")
-    in_math = False
-    for part in parts:
-        if part.startswith(".. math::"):
-            in_math = True
-            body = textwrap.dedent(part.removeprefix(".. math::").strip("\n ")).strip()
-            equations += [body] if body else []
-        elif in_math and part.startswith("    "):
-            equations.append(textwrap.dedent(part).strip())
-        else:
-            in_math = False
-            text = " ".join(part.split())
-            sentence, remarks = (sentence, [*remarks, text]) if sentence else (text, remarks)
-    return sentence, "\n".join(equations), "\n".join(remarks)
-
-
-def card(cls: Any) -> dict[str, Any]:
-    """All that is declared of a block, as plain values."""
-    block = cls()
-    sentence, equation, remarks = words(cls)
-    ports = block.inports.items()
-    return {
-        "name": cls.__name__, "family": family(cls), "words": sentence, "equation": equation,
-        "remarks": remarks, "source": block.source, "symbol": block.symbol, "sampled": block.sampled,
-        "inputs": [{"name": k, "unit": p.unit, "about": p.about, "rate_of": p.rate_of} for k, p in ports],
-        "outputs": [{"name": k, "unit": p.unit, "about": p.about} for k, p in block.outports.items()],
-        "parameters": [
-            {"name": k, "kind": f.kind, "default": getattr(block, k), "unit": f.unit, "bounds": f.bounds(),
-             "low": f.low, "high": f.high, "choices": list(f.choices), "about": f.about}
-            for k, f in cls.fields().items()
-        ],
-    }  # fmt: skip
 
 
 def list_in_words(listed: dict[str, dict[str, str]]) -> str:

@@ -13,14 +13,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from tsmblocks import __version__
-from tsmblocks.cli import blocks, check, compare, demo, diagnose, draw, export, fit, run, study
+from tsmblocks.cli import blocks, check, compare, demo, diagnose, draw, export, fit, reference, run, study
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
 from tsmblocks.cli.console import complain, legible
 from tsmblocks.errors import TsmError, near
 
 COMMANDS = {
     "run": run, "fit": fit, "compare": compare, "diagnose": diagnose, "study": study, "draw": draw, "check": check,
-    "export": export, "blocks": blocks, "demo": demo,
+    "export": export, "blocks": blocks, "reference": reference, "demo": demo,
 }  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def _guarded(argv: list[str]) -> int:
 
 
 def _dispatch(argv: list[str]) -> int:
-    parser, parsers = _parsers()
+    parser, known_to = parsers()
     if not argv:
         parser.print_help(sys.stderr)
         return 2
@@ -67,7 +67,7 @@ def _dispatch(argv: list[str]) -> int:
         raise UsageError(f"there is no command '{argv[0]}'.{near(argv[0], COMMANDS)}")
     args, extra = parser.parse_known_args(argv)
     if extra:
-        known = parsers[args.command].options()
+        known = known_to[args.command].options()
         word = extra[0].partition("=")[0]
         kind = "option" if word.startswith("-") else "argument"
         hint = near(word, known, most=20) if kind == "option" else ""
@@ -75,7 +75,8 @@ def _dispatch(argv: list[str]) -> int:
     return int(COMMANDS[args.command].execute(args))
 
 
-def _parsers() -> tuple[Parser, dict[str, Parser]]:
+def parsers() -> tuple[Parser, dict[str, Parser]]:
+    """The parser of the whole, and that of each command."""
     about = "Block diagrams for mechanisms with friction, backlash and hysteresis."
     parser = Parser(prog="tsmblocks", description=about, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"tsmblocks {__version__}")

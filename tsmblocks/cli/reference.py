@@ -1,0 +1,67 @@
+"""Build the reference as a folder of HTML that needs no network: blocks, diagrams, effects, concepts, Python, commands.
+
+Every page of a block is written from the block itself. Needs Sphinx and its
+theme: pip install "tsmblocks[reference]".
+
+  tsmblocks reference --out reference
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from tsmblocks.cli import common, console
+
+HELP = "build the reference pages: blocks, diagrams, effects, concepts, Python, commands"
+WIDTH = 80
+"""Columns of what a command's help prints in its page."""
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--out", metavar="DIR", default="tsmblocks-reference",
+                        help="folder for the pages (tsmblocks-reference)")  # fmt: skip
+    common.json_argument(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    from tsmblocks.reference.site import build, need_sphinx
+
+    need_sphinx()
+    folder = Path(args.out)
+    folder.mkdir(parents=True, exist_ok=True)
+    with console.progress(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=args.json) as tell:
+        count = build(folder, _helps(), tell)
+    if args.json:
+        console.give({"pages": count, "index": folder / "index.html"})
+    else:
+        print(f"{count} pages; begin at {folder / 'index.html'}")
+    return 0
+
+
+def _helps() -> Mapping[str, tuple[str, str]]:
+    """What each command does, and what its help prints."""
+    from tsmblocks.cli.entry import COMMANDS, parsers
+
+    with _wide(WIDTH):
+        _, made = parsers()
+        return {name: (COMMANDS[name].HELP, parser.format_help()) for name, parser in made.items()}
+
+
+@contextmanager
+def _wide(columns: int) -> Iterator[None]:
+    """A terminal of so many columns, so that the pages are the same everywhere."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = str(columns)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before

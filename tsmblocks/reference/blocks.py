@@ -1,0 +1,276 @@
+"""Pages of blocks, each written from the block itself: its declarations, its equations, its docstring, its example."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from tsmblocks.block import Block, State
+from tsmblocks.reference import examples, figures, rst, uses
+from tsmblocks.reference.cards import by_family
+from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
+from tsmblocks.structure import Structure, structure_of
+
+LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
+ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "lateness", "arithmetic", "sensors")
+"""Families whose answer is drawn over the input too."""
+FAMILY_WORDS = {
+    "sources": "Signals that are made, or were recorded.",
+    "arithmetic": "What is done to signals at one instant.",
+    "linear": "Lags, integrators, delays and transfer functions in continuous time.",
+    "limits": "Limits, dead zones, relays, rounding and tables.",
+    "friction": "What resists a motion, as a function of its rate and of what went before.",
+    "hysteresis": "Transmissions that remember: the paper's models, play, and their relatives.",
+    "control": "Controllers, and the paper's observer and compensator.",
+    "motor": "Motors.",
+    "discrete": "Blocks that act at multiples of a period and hold in between.",
+    "sensors": "What a measurement does to a signal.",
+    "lateness": "Delays and lags that may be zero, for fits that are to find out.",
+    "loops": "Loops added to a signal that passes through; with their defaults they pass it on as it is.",
+    "transmission": "Departures added to a signal that passes through; with their defaults they pass it on as it is.",
+    "vessels": "Vessels of liquids.",
+}
+
+
+def families() -> dict[str, dict[str, type[Block]]]:
+    """The blocks of the toolbox by family; those of users stay out."""
+    import tsmblocks.blocks as shelf
+    from tsmblocks.block import REGISTRY
+
+    return by_family({name: cls for name, cls in REGISTRY.items() if getattr(shelf, name, None) is cls})
+
+
+def pages() -> dict[str, str]:
+    """Every page by its path, the index among them."""
+    found = families()
+    made = {f"blocks/{name}": page(cls, list(some)) for some in found.values() for name, cls in some.items()}
+    return {"blocks/index": _index(found), **made}
+
+
+def _index(found: dict[str, dict[str, type[Block]]]) -> str:
+    parts = [rst.heading("Blocks"), "Every block of the toolbox, by family. The page of a block is written from the "
+             "block: its equations are those that are simulated, fitted, differentiated and exported."]  # fmt: skip
+    for family, some in found.items():
+        rows = [(rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(_sentence(cls)))
+                for name, cls in some.items()]  # fmt: skip
+        parts += [rst.heading(family.capitalize(), 1), FAMILY_WORDS.get(family, ""),
+                  rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58))]  # fmt: skip
+    toc = "\n".join(f"   {name}" for name in sorted(name for some in found.values() for name in some))
+    return rst.page(*parts, f".. toctree::\n   :hidden:\n\n{toc}")
+
+
+def _sentence(cls: type) -> str:
+    return " ".join(inspect.cleandoc(cls.__doc__ or "").partition("\n\n")[0].split())
+
+
+def page(cls: type[Block], family: list[str]) -> str:
+    """The page of one block; ``family`` are the names of its kin."""
+    block = cls()
+    made = examples.example(cls)
+    return rst.page(
+        rst.heading(cls.__name__),
+        inspect.cleandoc(cls.__doc__ or ""),
+        f":Source: {rst.plain(block.source)}\n:In Python: ``from tsmblocks.blocks import {cls.__name__}``\n"
+        f":In a file: ``{{ type = \"{cls.__name__}\" }}``",
+        rst.html(uses.linked_picture(made)),
+        rst.html(_charts(cls)),
+        _ports(block),
+        _numbers(block),
+        _states(block),
+        _behaviour(block),
+        _computed(block),
+        _shown(cls),
+        _related(cls.__name__, family),
+    )  # fmt: skip
+
+
+# ---- tables ---------------------------------------------------------------------------------------
+
+
+def unit(label: str) -> str:
+    """A unit as a table shows it; a letter of the block's own in italics."""
+    if label == "":
+        return "any"
+    return f"*{label.replace('?', '')}*" if "?" in label else rst.plain(label)
+
+
+def _ports(block: Block) -> str:
+    rows = []
+    for name, port in block.inports.items():
+        more = f"; formed exactly from ``{port.rate_of}`` where it is not connected" if port.rate_of else ""
+        rows.append((rst.code(name), "input", unit(port.unit), rst.words(port.about) + more))
+    for name, outlet in block.outports.items():
+        rows.append((rst.code(name), "output", unit(outlet.unit), rst.words(outlet.about)))
+    for name, tape in block.tape_ports.items():
+        rows.append((rst.code(name), "made for a run", "", rst.words(tape.about)))
+    for name, past in block.past_ports.items():
+        rows.append((rst.code(name), "past", "", f"{rst.words(past.about)}: ``{past.of}``, ``{past.by}`` ago"))
+    letters = LETTERS if any("?" in text for text in _units(block)) else ""
+    return rst.page(
+        rst.heading("Ports", 1), rst.table(("Port", "", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters
+    )
+
+
+def _units(block: Block) -> list[str]:
+    return [p.unit for p in block.inports.values()] + [p.unit for p in block.outports.values()]
+
+
+def _numbers(block: Block) -> str:
+    fields = block.fields().items()
+    rows = [(rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
+            for k, f in fields if f.kind == "parameter"]  # fmt: skip
+    options = [(rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
+               for k, f in fields if f.kind == "option"]  # fmt: skip
+    parts = []
+    head = ("Name", "Default", "Unit", "Bounds", "Meaning")
+    if rows:
+        parts += [rst.heading("Parameters", 1), "They stay symbols until the run: they can be set, swept, fitted and "
+                  "differentiated.", rst.table(head, rows, (16, 14, 10, 18, 42))]  # fmt: skip
+    if options:
+        parts += [rst.heading("Options", 1), "They shape the equations, and cannot be fitted.",
+                  rst.table(head, options, (16, 14, 10, 18, 42))]  # fmt: skip
+    return rst.page(*parts)
+
+
+def number(value: Any) -> str:
+    """A default as a table shows it: six digits, the name ``""`` of an empty text."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(number(v) for v in value) + "]"
+    if isinstance(value, float):
+        return f"{value:.6g}" if math.isfinite(value) else ("∞" if value > 0 else "−∞")
+    return f'``"{value}"``' if isinstance(value, str) else str(value).lower()
+
+
+def bounds(field: Any) -> str:
+    """What a field may be."""
+    if field.choices:
+        return "one of " + ", ".join(f"``{c}``" for c in field.choices)
+    made = field.bounds()
+    return "" if made == "(-inf, inf)" else made.replace("-inf", "−∞").replace("inf", "∞")
+
+
+def _states(block: Block) -> str:
+    shape, states = structure_of(block), block.states
+    if not states:
+        return ""
+    rows = [(rst.code(k), _kind(block, shape, k), _start(s), unit(s.unit) if s.unit else "", rst.words(s.about))
+            for k, s in states.items()]  # fmt: skip
+    return rst.page(rst.heading("States", 1), rst.table(("State", "Kind", "Starts at", "Unit", "Meaning"), rows,
+                                                        (16, 20, 12, 10, 42)))  # fmt: skip
+
+
+def _start(state: State) -> str:
+    """A start value; a time long before all runs is said in words."""
+    return "before the run" if isinstance(state.start, float) and state.start < -1e8 else number(state.start)
+
+
+def _kind(block: Block, shape: Structure, name: str) -> str:
+    if name in shape.resets:
+        return "continuous, with resets"
+    if name in shape.continuous:
+        return "continuous"
+    return "memory, set at each sample" if block.sampled else "memory, set at each step"
+
+
+# ---- what it does ---------------------------------------------------------------------------------
+
+
+def _behaviour(block: Block) -> str:
+    items = [_time(block), _feedthrough(block), _switches(listing(block)), _in_c(block)]
+    return rst.page(rst.heading("Behaviour", 1), rst.listed(items))
+
+
+def _time(block: Block) -> str:
+    shape = structure_of(block)
+    if block.sampled:
+        return ("**Sampled**: it acts at multiples of its ``period`` and holds its outputs in between; see "
+                ":doc:`/concepts/fixed_step`.")  # fmt: skip
+    if shape.memory:
+        return "**Time**: continuous, with memory that is set once at the start of each step."
+    if shape.continuous:
+        return "**Time**: continuous; its states are integrated by the method of the run."
+    return "**Time**: none; it has no state, and its output is a function of the same instant."
+
+
+def _feedthrough(block: Block) -> str:
+    parts = []
+    inputs = set(block.inports)
+    for name, wanted in structure_of(block).outputs.items():
+        at_once = [f"``{k}``" for k in block.inports if k in wanted & inputs]
+        parts.append(f"``{name}`` depends on {' and '.join(at_once)} at the same instant" if at_once
+                     else f"``{name}`` does not depend on any input at the same instant")  # fmt: skip
+    breaks = "" if any(w & inputs for w in structure_of(block).outputs.values()) or not inputs else \
+        " (it breaks an algebraic loop)"  # fmt: skip
+    return f"**Direct feedthrough** (read from the equations): {'; '.join(parts) or 'no output'}{breaks}."
+
+
+def _switches(made: Listing) -> str:
+    if not made.switches:
+        return "**Kinks and jumps**: none; its equations are smooth."
+    if made.size > LONGEST or sum(map(len, made.switches)) > 700:
+        return f"**Kinks and jumps**: {len(made.switches)} (see :doc:`/concepts/fixed_step`)."
+    places = ", ".join(f":math:`{spaced(place)}`" for place in made.switches)
+    return f"**Kinks and jumps** (see :doc:`/concepts/fixed_step`) where {places}."
+
+
+def _in_c(block: Block) -> str:
+    if block.tape_ports:
+        return "**Export to C**: not possible, for its signal is made for a whole run at once."
+    return "**Export to C**: possible (``tsmblocks export``)."
+
+
+def _computed(block: Block) -> str:
+    made = listing(block)
+    if made.size > LONGEST:
+        return ""
+    lines = [*made.shared, *made.equations]
+    text = "\\\\\n".join(f"{left} &= {spaced(right)}" for left, right in lines)
+    rows = ["What is simulated, fitted, differentiated and exported, written out of the expressions themselves. Names "
+            "in upright letters are those of the tables above; a dot is a rate, a plus the value after the next "
+            f"{'sample' if block.sampled else 'step'}."]  # fmt: skip
+    return rst.page(rst.heading("As it is computed", 1), *rows, rst.formula(text))
+
+
+# ---- the example ----------------------------------------------------------------------------------
+
+
+def _charts(cls: type[Block]) -> str:
+    run, made = examples.run(cls), examples.example(cls)
+    names = list(made.outputs)
+    labels = {k: f"{k} [{made.unit(k)}]" if made.unit(k) else k for k in names}
+    signals = {k: run[k] for k in names}
+    drawn = [figures.over_time(run.t, signals, labels)]
+    driven = [k for k in cls().inports if k in names]
+    first = next(iter(cls().outports), "")
+    if len(driven) == 1 and first and _family(cls) in ACROSS:
+        drawn.append(figures.over_another(run[driven[0]], run[first], (labels[driven[0]], labels[first])))
+    return figures.side_by_side(drawn, names)
+
+
+def _family(cls: type[Block]) -> str:
+    from tsmblocks.reference.cards import family
+
+    return family(cls)
+
+
+def _shown(cls: type[Block]) -> str:
+    from tsmblocks.files import dumps
+
+    made = examples.example(cls)
+    return rst.page(
+        rst.heading("Example", 1),
+        "What is drawn and run at the top of this page, as a script and as a file.",
+        rst.block(examples.script(made, examples.stop_of(cls)), "python"),
+        rst.block(dumps(made), "toml"),
+    )
+
+
+def _related(name: str, family: Iterable[str]) -> str:
+    kin = ", ".join(rst.link(f"/blocks/{k}", k) for k in family if k != name)
+    diagrams = ", ".join(rst.link(f"/diagrams/{k}", k) for k in uses.diagrams_with(name))
+    effects = ", ".join(rst.link(f"/effects/{k}", k) for k in uses.effects_with(name))
+    items = [f"In the diagrams {diagrams}." if diagrams else "", f"In the effects {effects}." if effects else "",
+             f"Of the same family: {kin}." if kin else ""]  # fmt: skip
+    return rst.page(rst.heading("Where it is used", 1), rst.listed(filter(None, items)))

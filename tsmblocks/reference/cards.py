@@ -1,0 +1,66 @@
+"""What a block declares, as plain values: words, equation, source, ports, parameters."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+FAMILIES = {"lti": "linear"}
+"""Modules whose blocks belong to the family of another."""
+ORDER = [
+    "sources", "arithmetic", "linear", "limits", "friction", "hysteresis", "control", "motor", "discrete",
+    "sensors",
+]  # fmt: skip
+
+
+def family(cls: type) -> str:
+    """Return the family of a block: the module it stands in."""
+    module = cls.__module__.rpartition(".")[2]
+    return FAMILIES.get(module, module)
+
+
+def by_family(registry: Mapping[str, type]) -> dict[str, dict[str, type]]:
+    """Blocks by family and name; the families from sources to sensors, then those that other modules make up."""
+    found: dict[str, dict[str, type]] = {}
+    for name, cls in sorted(registry.items()):
+        found.setdefault(family(cls), {})[name] = cls
+    return {k: found[k] for k in sorted(found, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))}
+
+
+def words(cls: type) -> tuple[str, str, str]:
+    """First sentence, equation and remarks of a block, out of its docstring."""
+    sentence, equations, remarks = "", list[str](), list[str]()
+    parts = inspect.cleandoc(cls.__doc__ or "").split("\n\n")
+    in_math = False
+    for part in parts:
+        if part.startswith(".. math::"):
+            in_math = True
+            body = textwrap.dedent(part.removeprefix(".. math::").strip("\n ")).strip()
+            equations += [body] if body else []
+        elif in_math and part.startswith("    "):
+            equations.append(textwrap.dedent(part).strip())
+        else:
+            in_math = False
+            text = " ".join(part.split())
+            sentence, remarks = (sentence, [*remarks, text]) if sentence else (text, remarks)
+    return sentence, "\n".join(equations), "\n".join(remarks)
+
+
+def card(cls: Any) -> dict[str, Any]:
+    """All that is declared of a block, as plain values."""
+    block = cls()
+    sentence, equation, remarks = words(cls)
+    ports = block.inports.items()
+    return {
+        "name": cls.__name__, "family": family(cls), "words": sentence, "equation": equation,
+        "remarks": remarks, "source": block.source, "symbol": block.symbol, "sampled": block.sampled,
+        "inputs": [{"name": k, "unit": p.unit, "about": p.about, "rate_of": p.rate_of} for k, p in ports],
+        "outputs": [{"name": k, "unit": p.unit, "about": p.about} for k, p in block.outports.items()],
+        "parameters": [
+            {"name": k, "kind": f.kind, "default": getattr(block, k), "unit": f.unit, "bounds": f.bounds(),
+             "low": f.low, "high": f.high, "choices": list(f.choices), "about": f.about}
+            for k, f in cls.fields().items()
+        ],
+    }  # fmt: skip

@@ -1,0 +1,135 @@
+"""Pages of the ready-made diagrams: picture, blocks and numbers, what they answer, the file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tsmblocks.block import is_reference
+from tsmblocks.blocks import MultiSine
+from tsmblocks.diagram import Diagram
+from tsmblocks.reference import figures, rst, uses
+from tsmblocks.reference.blocks import number, unit
+
+DRIVE = {
+    "rad": MultiSine(unit="rad"),
+    "V": MultiSine(amplitudes=(1.5, 1.5), unit="V"),
+    "rad/s": MultiSine(unit="rad/s"),
+}
+"""What drives the input of an open diagram on its page, by unit."""
+STOP, STEP = 20.0, 1e-3
+PLOTTED = ("x_ref", "x_in", "x_out")
+"""Outputs that belong into one chart, where a diagram has them."""
+
+
+def pages() -> dict[str, str]:
+    """Every page by its path, the index among them."""
+    made = {f"diagrams/{name}": page(name, diagram) for name, diagram in uses.shipped().items()}
+    rows = [(rst.link(f"/diagrams/{name}", name), rst.plain(d.title), rst.plain(d.source))
+            for name, d in uses.shipped().items()]  # fmt: skip
+    toc = "\n".join(f"   {name}" for name in uses.shipped())
+    index = rst.page(
+        rst.heading("Diagrams"),
+        "Files that come with the toolbox. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
+        "is given by its path.",
+        rst.table(("Diagram", "What it is", "Source"), rows, (28, 40, 32)),
+        f".. toctree::\n   :hidden:\n\n{toc}",
+    )
+    return {"diagrams/index": index, **made}
+
+
+def page(name: str, diagram: Diagram) -> str:
+    """The page of one diagram."""
+    from tsmblocks.shelf import shelf
+
+    text = (shelf() / f"{name}.toml").read_text(encoding="utf-8")
+    return rst.page(
+        rst.heading(name),
+        f"{rst.plain(diagram.title)}.",
+        f":Source: {rst.plain(diagram.source) or 'definition'}\n:In Python: ``tsm.load(\"{name}\")``\n"
+        f":At the terminal: ``tsmblocks run {name}``"
+        if not diagram.inputs else
+        f":Source: {rst.plain(diagram.source) or 'definition'}\n:In Python: ``tsm.load(\"{name}\")``\n"
+        f":At the terminal: ``tsmblocks run {name} --data FILE``, ``tsmblocks fit {name} --data FILE``",
+        "Each block leads to its page.",
+        rst.html(uses.linked_picture(diagram)),
+        rst.html(_chart(diagram)),
+        _edges(diagram),
+        _blocks(diagram),
+        _structure(diagram),
+        rst.heading("The file", 1),
+        rst.block(text, "toml"),
+    )  # fmt: skip
+
+
+def _chart(diagram: Diagram) -> str:
+    from tsmblocks.plots.panels import shown
+    from tsmblocks.simulate import simulate
+
+    driven = Diagram(
+        title=diagram.title,
+        blocks={"diagram": diagram, **{k: DRIVE[v.unit] for k, v in diagram.inports.items()}},
+        wires=[f"{k} -> diagram.{k}" for k in diagram.inputs],
+        outputs={**{k: k for k in diagram.inputs}, **{k: f"diagram.{k}" for k in diagram.outputs}},
+    )
+    run = simulate(driven, stop=STOP, step=STEP)
+    names = [k for k in driven.outputs if k in PLOTTED] or list(driven.outputs)
+    if not set(names) & set(diagram.outputs):
+        names = list(driven.outputs)
+    values = {k: shown(run[k], driven.unit(k)) for k in names}
+    labels = {k: f"{k} [{values[k][1]}]" if values[k][1] else k for k in names}
+    signals = {k: v for k, (v, _) in values.items()}
+    drawn = [figures.over_time(run.t, signals, labels)]
+    x = next(k for k in ("x_in", "x_ref", *names) if k in names)
+    y = "x_out" if "x_out" in names else names[-1]
+    if x != y:
+        late = run.t >= STOP / 2
+        drawn.append(figures.over_another(signals[x][late], signals[y][late], (labels[x], labels[y])))
+    return figures.side_by_side(drawn, names)
+
+
+def _edges(diagram: Diagram) -> str:
+    rows = [(rst.code(k), "input", unit(v.unit), rst.words(v.about), ", ".join(map(rst.code, diagram.inputs[k].ports)))
+            for k, v in diagram.inports.items()]  # fmt: skip
+    rows += [(rst.code(k), "output", unit(diagram.unit(k)), "", rst.code(diagram.outputs[k])) for k in diagram.outputs]
+    head = ("Name", "", "Unit", "Meaning", "Drives, or shows")
+    return rst.page(rst.heading("Inputs and outputs", 1), rst.table(head, rows, (16, 12, 10, 36, 26)))
+
+
+def _blocks(diagram: Diagram) -> str:
+    rows = []
+    for name, block in diagram.blocks.items():
+        if isinstance(block, Diagram):
+            rows.append((rst.code(name), rst.plain(block.title), ""))
+            continue
+        said = [f"{k} = {_value(getattr(block, k))}{_unit(f.unit)}" for k, f in block.fields().items()
+                if f.kind != "state" or getattr(block, k)]  # fmt: skip
+        kind = type(block).__name__
+        rows.append((rst.code(name), rst.link(f"/blocks/{kind}", kind), ", ".join(said)))
+    parts = [rst.heading("Blocks and numbers", 1), rst.table(("Name", "Block", "Numbers"), rows, (18, 26, 56))]
+    if diagram.values:
+        shared = ", ".join(f"``${k}`` = {v:.6g}" for k, v in diagram.values.items())
+        parts.append(f"Numbers that several blocks share: {shared}.")
+    return rst.page(*parts)
+
+
+def _value(value: Any) -> str:
+    return f"``{value}``" if is_reference(value) else number(value)
+
+
+def _unit(label: str) -> str:
+    return f" {rst.plain(label)}" if label and "?" not in label else ""
+
+
+def _structure(diagram: Diagram) -> str:
+    """What the equations of the whole are made of."""
+    from tsmblocks.simulate import equations
+
+    eq = equations(diagram)
+    items = [f"{len(eq.p)} parameters that can be set, swept and fitted, {len(eq.y)} signals that can be looked at.",
+             f"{len(eq.x)} continuous states: {', '.join(map(rst.code, eq.x)) or 'none'}."]  # fmt: skip
+    if eq.d:
+        items.append(f"{len(eq.d)} numbers of memory: {', '.join(map(rst.code, eq.d))}.")
+    if eq.periods:
+        items.append(f"Sampled every {', '.join(f'{p:g} s' for p in eq.periods)}.")
+    return rst.page(rst.heading("The equations", 1), "How they are formed is told in "
+                    + rst.link("/concepts/equations") + ".", rst.listed(items))  # fmt: skip

@@ -1,0 +1,206 @@
+"""Pages of effects: what each is, where it may stand, its numbers, and what it leaves in the residuals."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.block import Block, leaves
+from tsmblocks.blocks import MultiSine
+from tsmblocks.diagnosis.places import Site, sites
+from tsmblocks.diagram import Diagram
+from tsmblocks.effects import Effect, Scales, Trials, span_of
+from tsmblocks.errors import TsmError
+from tsmblocks.reference import figures, rst, uses
+from tsmblocks.reference.blocks import bounds, number, unit
+
+STOP, STEP = 20.0, 2e-3
+PLACES = {
+    "output": "on the wire of a measured output",
+    "input": "on the wire of a measured input, in front of the model",
+    "across": "on the wire of a measured output, where it reads the input as well",
+    "drive": "on the wire that sets the output in motion (a force, a voltage)",
+    "load": "on the wire that sets the output in motion, where it reads the motion as well",
+}
+FAMILIES = {
+    "friction": "What resists a motion, taken off the force or voltage that drives it.",
+    "loop": "Play and hysteresis that a model lacks, or has in another shape.",
+    "delay": "Time on the way: dead time, lag, resonance, transmission that depends on the speed.",
+    "map": "Characteristics of position alone: slack, limits, bends, ripple.",
+    "load": "An offset of the load.",
+    "time": "Changes with the clock.",
+    "limit": "Limits of speed.",
+}
+PLANTS = {"output": "tendon_sheath_asymmetric", "drive": "motor_linear"}
+"""Shipped diagrams into which the pages put effects: for those on signals, and for those on drives."""
+INPUTS = {
+    "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
+    "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(1.5707963267948966, 1.5707963267948966),
+                   unit="V"),
+}  # fmt: skip
+LINE = 0.7
+"""Frequency [Hz] at which the pages let a disturbance run."""
+
+
+def pages() -> dict[str, str]:
+    """Every page by its path, the index among them."""
+    found = uses.effects()
+    parts = [rst.heading("Effects"), "What a model may miss. ``tsm.diagnose`` puts each of these on every wire where "
+             "it can stand and fits it together with the model; how it decides is told in "
+             + rst.link("/concepts/diagnosis") + ". An effect of your own takes part when it is registered: "
+             + rst.link("/python/diagnosis") + "."]  # fmt: skip
+    for family in dict.fromkeys(some[0].family for some in found.values()):
+        rows = [(rst.link(f"/effects/{name}", name), rst.words("; ".join(dict.fromkeys(e.words for e in some))),
+                 ", ".join(dict.fromkeys(e.place for e in some)))
+                for name, some in found.items() if some[0].family == family]  # fmt: skip
+        parts += [rst.heading(family.capitalize(), 1), FAMILIES.get(family, ""),
+                  rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20))]  # fmt: skip
+    parts += [rst.heading("Places", 1), rst.table(("Place", "Where that is"), PLACES.items(), (18, 82))]
+    toc = "\n".join(f"   {name}" for name in found)
+    index = rst.page(*parts, f".. toctree::\n   :hidden:\n\n{toc}")
+    return {"effects/index": index, **{f"effects/{name}": page(name, some) for name, some in found.items()}}
+
+
+def page(name: str, some: list[Effect]) -> str:
+    """The page of one effect, with all its variants."""
+    first = some[0]
+    confused = list(dict.fromkeys(k for e in some for k in e.confused))
+    contains = list(dict.fromkeys(k for e in some for k in e.contains))
+    facts = [
+        f":Family: {first.family}",
+        f":A recording shows it with: {rst.words(first.excites)}",
+        f":Looks like: {', '.join(rst.link(f'/effects/{k}', k) for k in confused) or 'nothing else here'}",
+        f":Told apart by: {rst.words(first.separates)}",
+        *([f":Contains: {', '.join(rst.link(f'/effects/{k}', k) for k in contains)}"] if contains else []),
+    ]
+    opening = "; ".join(dict.fromkeys(e.words for e in some))
+    return rst.page(rst.heading(name), f"{rst.words(opening[0].upper() + opening[1:])}.", "\n".join(facts),
+                    *(_variant(effect) for effect in some))  # fmt: skip
+
+
+def _variant(effect: Effect) -> str:
+    title = effect.words[0].upper() + effect.words[1:] + f" ({effect.place})"
+    kinds = list(dict.fromkeys(uses.types_in(effect.block)))
+    made = placed(effect)
+    parts = [
+        rst.heading(title, 1),
+        f"It stands {PLACES[effect.place]}. It is made of {', '.join(rst.link(f'/blocks/{k}', k) for k in kinds)}.",
+        rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
+        _numbers(effect, made.trials),
+        _residual(made),
+    ]
+    return rst.page(*parts)
+
+
+def _numbers(effect: Effect, trials: Trials) -> str:
+    fields = _fields(effect.block)
+    rows = []
+    for name in effect.free:
+        field = fields[name]
+        low, high = trials.bounds.get(name, (None, None))
+        here = ", ".join("" if v is None else f"{v:.3g}" for v in (low, high)) if name in trials.bounds else ""
+        null = effect.null.get(name)
+        rows.append((rst.code(name), unit(field.unit) if field.unit else "", "" if null is None else number(null),
+                     bounds(field), f"{here.replace(', ', ' to ')}", rst.words(field.about)))  # fmt: skip
+    within = f" It must not end at a bound of {' or '.join(map(rst.code, effect.within))}: there it has turned into " \
+        "something else." if effect.within else ""  # fmt: skip
+    return rst.page(
+        rst.table(("Fitted", "Unit", "None at", "Bounds", "In this example", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
+        f"Where a number is what stands under *None at*, the effect passes its signal on bit for bit.{within}",
+    )
+
+
+def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
+    """What is declared of each number of an effect's block, by the name the effect uses."""
+    if isinstance(block, Block):
+        return {prefix + leaf: block.fields()[key] for key, value in block.parameters.items()
+                for leaf, _ in leaves(value, key)}  # fmt: skip
+    found: dict[str, Any] = {}
+    for name, inner in block.blocks.items():
+        found |= _fields(inner, f"{prefix}{name}.")
+    for name in block.values:  # a shared number is what the blocks that use it say it is
+        user = next(k for b in block.blocks.values() if isinstance(b, Block) for k, v in b.parameters.items()
+                    if v == f"${name}")  # fmt: skip
+        owner = next(b for b in block.blocks.values() if isinstance(b, Block) and user in b.parameters)
+        found[prefix + name] = owner.fields()[user]
+    return found
+
+
+# ---- what it leaves -------------------------------------------------------------------------------
+
+
+@attrs.frozen(eq=False)
+class Placed:
+    """An effect in a shipped diagram, as large as a diagnosis would first try it."""
+
+    effect: Effect
+    plant: str
+    site: Site
+    trials: Trials
+    diagram: Diagram
+
+
+@functools.cache
+def placed(effect: Effect) -> Placed:
+    """An effect on its wire in a shipped diagram. Raises TsmError where there is no such wire."""
+    plant = PLANTS["drive" if effect.place in ("drive", "load") else "output"]
+    base = uses.shipped()[plant]
+    site = next((s for s in _sites(plant) if s.place == effect.place), None)
+    if site is None:
+        raise TsmError(f"there is no place '{effect.place}' in the diagram {plant}.")
+    trials = effect.trials(_scales(plant, site))
+    if trials is None:
+        raise TsmError(f"effect {effect.name} has nothing to try in the diagram {plant}.")
+    name = effect.name
+    numbers = {**trials.fixed, **trials.shapes[len(trials.shapes) // 2], **trials.strengths}
+    made = site.put(base, name, effect.block)
+    return Placed(effect, plant, site, trials, made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()}))
+
+
+@functools.cache
+def _sites(plant: str) -> list[Site]:
+    base = uses.shipped()[plant]
+    return sites(base, list(base.outputs))
+
+
+@functools.cache
+def _run(diagram: Diagram) -> Any:
+    from tsmblocks.simulate import simulate
+
+    (name,) = diagram.inputs
+    t = np.arange(0.0, STOP, STEP)
+    source = INPUTS[name]
+    u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in zip(source.amplitudes, source.frequencies, source.phases,
+                                                                 strict=True))  # fmt: skip
+    return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP)
+
+
+def _scales(plant: str, site: Site) -> Scales:
+    """The sizes an effect would see on a wire of a plant."""
+    run = _run(uses.shipped()[plant])
+    wire, other = (span_of([np.asarray(run[k])], [STEP]) for k in (site.signal, site.other or site.signal))
+    return Scales(wire, other, 0.0, STOP, STEP, STOP, (LINE,))
+
+
+def _residual(made: Placed) -> str:
+    """Charts of what the effect adds to the plant's output, over time and over position."""
+    from tsmblocks.plots.panels import shown
+
+    base, now = _run(uses.shipped()[made.plant]), _run(made.diagram)
+    (output,) = made.diagram.outputs
+    before, degrees = shown(np.asarray(base[output]), made.diagram.unit(output))
+    after, _ = shown(np.asarray(now[output]), made.diagram.unit(output))
+    left = after - before
+    labels = {output: f"{output} [{degrees}]", "residual": f"residual [{degrees}]"}
+    drawn = [figures.over_time(base.t, {output: before, "residual": left}, labels),
+             figures.over_another(before, left, (labels[output], labels["residual"]))]  # fmt: skip
+    numbers = {**made.trials.shapes[len(made.trials.shapes) // 2], **made.trials.strengths}
+    said = ", ".join(f"``{k}`` = {v:.3g}" for k, v in numbers.items())
+    return rst.page(
+        f"What a model without it leaves, in {rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
+        f"``{made.site.words(uses.shipped()[made.plant])}``, with {said}:",
+        rst.html(figures.side_by_side(drawn, list(labels))),
+    )

@@ -1,0 +1,61 @@
+"""Charts of the reference: signals over time, and one signal over another, as SVG text coloured by the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tsmblocks.report import charts
+from tsmblocks.report.charts import WIDTH, Frame
+from tsmblocks.report.html import key
+
+LINES = ("measured", "after", "before", "between")
+"""Classes of the lines, in the order in which signals are named: inputs first."""
+POINTS = 500
+"""Samples of a line."""
+LEFT, RIGHT, TALL = 46, WIDTH - 10, 150
+ALIKE = 8.0
+"""Ratio of two ranges up to which signals share an axis."""
+
+
+def over_time(t: np.ndarray, signals: Mapping[str, np.ndarray], labels: Mapping[str, str]) -> str:
+    """Signals over time [s], those of much smaller range on an axis of their own; ``labels`` are names with units."""
+    groups: list[list[str]] = []
+    for name in signals:
+        home = next((g for g in groups if _alike(signals[g[0]], signals[name])), None)
+        home.append(name) if home else groups.append([name])
+    parts, top = [], 24.0
+    for place, group in enumerate(groups):
+        last = place == len(groups) - 1
+        span = charts.spread(*(signals[k] for k in group))
+        frame = Frame(LEFT, top, RIGHT, top + TALL, (float(t[0]), float(t[-1])), span)
+        parts.append(charts.axes(frame, "t [s]" if last else "", ", ".join(labels[k] for k in group), numbers=last))
+        parts += [_line(frame, t, signals, name) for name in group]
+        top = frame.bottom + 26
+    return charts.chart(parts, top + 10, f"{', '.join(labels.values())} over time")
+
+
+def over_another(x: np.ndarray, y: np.ndarray, labels: tuple[str, str]) -> str:
+    """One signal over another."""
+    frame = Frame(LEFT, 24.0, RIGHT, 24.0 + 1.6 * TALL, charts.spread(x), charts.spread(y))
+    across, up = charts.sampled(1200, x, y)
+    parts = [charts.axes(frame, *labels), charts.line(frame, across, up, "after")]
+    return charts.chart(parts, frame.bottom + 34, f"{labels[1]} over {labels[0]}")
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+    a, b = (float(np.abs(s).max()) for s in (one, other))
+    return max(a, b) <= ALIKE * min(a, b) or max(a, b) == 0
+
+
+def _line(frame: Frame, t: np.ndarray, signals: Mapping[str, np.ndarray], name: str) -> str:
+    across, up = charts.thinned(t, signals[name], POINTS)
+    return charts.line(frame, across, up, LINES[list(signals).index(name) % len(LINES)])
+
+
+def side_by_side(charts_made: list[str], names: list[str]) -> str:
+    """Charts beside each other on a wide page, with the colours of the signals above them."""
+    colours = [(f"--{LINES[k % len(LINES)]}", name) for k, name in enumerate(names)]
+    legend = key(colours) if len(names) > 1 else ""
+    return f'{legend}<div class="cards">{"".join(f"<figure>{one}</figure>" for one in charts_made)}</div>'

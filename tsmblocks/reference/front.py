@@ -1,0 +1,47 @@
+"""The first page: what there is, with pictures that lead there."""
+
+from __future__ import annotations
+
+from tsmblocks.blocks import AsymmetricBoucWen
+from tsmblocks.reference import examples, figures, rst, uses
+
+FIRST = "fig16_feedforward_feedback"
+
+
+def pages() -> dict[str, str]:
+    """The first page, and the index of the concepts."""
+    return {"index": _index()}
+
+
+def _index() -> str:
+    toc = "\n".join(f"   {name}/index" for name in ("concepts", "blocks", "diagrams", "effects", "python", "commands"))
+    return rst.page(
+        rst.heading("tsmblocks"),
+        "Block diagrams for mechanisms with friction, backlash and hysteresis: assemble a model and its controller "
+        "from blocks, run it at a fixed step, fit it to recordings, find what it misses, and design against it.",
+        rst.html(uses.linked_picture(uses.shipped()[FIRST], up="")),
+        f"The paper's Fig. 16 (:doc:`diagrams/{FIRST}`); each block leads to its page.",
+        rst.html(_cards()),
+        f".. toctree::\n   :hidden:\n\n{toc}",
+    )
+
+
+def _cards() -> str:
+    run = examples.run(AsymmetricBoucWen)
+    loop = figures.over_another(run["x"], run["y"], ("motor end [rad]", "tool end [rad]"))
+    counts = len(uses.shipped()), len(uses.effects())
+    cards = [
+        ("concepts/index", "Concepts", "How a diagram becomes equations, what a fixed step means at a kink, how fits "
+         "and diagnoses decide, and when not to believe them.", ""),
+        ("blocks/index", "Blocks", "Equations, ports, numbers with units and bounds, an example of each.",
+         f"<figure>{loop}</figure>"),
+        ("diagrams/index", "Diagrams", f"{counts[0]} files that come with the toolbox: the paper's figures, plants for "
+         "fits.", ""),
+        ("effects/index", "Effects", f"{counts[1]} things a model may miss, where they stand, and what they leave in "
+         "the residuals.", ""),
+        ("python/index", "Python", "Every public name, by what one wants to do.", ""),
+        ("commands/index", "Commands", "What can be done at a terminal.", ""),
+    ]  # fmt: skip
+    made = [f'<a class="card" href="{path}.html"><b>{title}</b><span>{words}</span>{picture}</a>'
+            for path, title, words, picture in cards]  # fmt: skip
+    return f'<div class="cards front">{"".join(made)}</div>'

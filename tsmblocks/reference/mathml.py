@@ -1,0 +1,78 @@
+"""Formulas in a page without scripts and without network: LaTeX turned to MathML, which browsers typeset themselves.
+
+It is an extension of Sphinx that offers the renderer ``mathml``.
+"""
+
+from __future__ import annotations
+
+import re
+from html import escape
+from typing import Any
+
+ALIGNED = re.compile(r"\\begin\{(aligned|split|gathered)\}|\\end\{(aligned|split|gathered)\}")
+
+
+def mathml(latex: str, *, block: bool = False) -> str:
+    r"""A formula as a ``<math>`` element; rows end with ``\\`` and are aligned at ``&``."""
+    rows = [_cells(row) for row in _split(ALIGNED.sub("", latex).strip(), r"\\")]
+    if len(rows) == 1 and len(rows[0]) == 1:
+        inner = _converted(rows[0][0])
+    else:
+        inner = f'<mtable class="aligned" displaystyle="true">{"".join(map(_row, rows))}</mtable>'
+    shape = ' display="block"' if block else ""
+    return f'<math xmlns="http://www.w3.org/1998/Math/MathML"{shape}><semantics><mrow>{inner}</mrow>' \
+           f'<annotation encoding="application/x-tex">{escape(latex)}</annotation></semantics></math>'  # fmt: skip
+
+
+def _row(cells: list[str]) -> str:
+    sides = [("right", "left")[k % 2] for k in range(len(cells))] if len(cells) > 1 else ["left"]
+    return "<mtr>" + "".join(f'<mtd class="{side}">{_converted(cell)}</mtd>'
+                             for side, cell in zip(sides, cells, strict=True)) + "</mtr>"  # fmt: skip
+
+
+def _cells(row: str) -> list[str]:
+    return _split(row.strip(), "&")
+
+
+def _split(latex: str, mark: str) -> list[str]:
+    """Parts between marks that stand in no environment and in no braces."""
+    parts, depth, k, begin = [], 0, 0, 0
+    while k < len(latex):
+        if latex.startswith((r"\begin{", r"\left"), k) or latex[k] == "{":
+            depth += 1
+        if latex.startswith((r"\end{", r"\right"), k) or latex[k] == "}":
+            depth -= 1
+        if depth == 0 and latex.startswith(mark, k):
+            parts.append(latex[begin:k])
+            k = begin = k + len(mark)
+            continue
+        k += 2 if latex[k] == "\\" and latex[k : k + 2] in (r"\\", r"\{", r"\}", r"\&") else 1
+    return [*parts, latex[begin:]]
+
+
+def _converted(latex: str) -> str:
+    from latex2mathml.converter import convert
+
+    made = re.sub(r"^<math[^>]*>|</math>$", "", convert(latex.strip() or "{}"))
+    # A point or a hyphen in a word of text is no operator; the converter's breaks are meant for other programs.
+    return made.replace('<mspace linebreak="newline" />', "")
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Offer the renderer to Sphinx."""
+    app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _inline(self: Any, node: Any) -> None:
+    from docutils import nodes
+
+    self.body.append(mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _display(self: Any, node: Any) -> None:
+    from docutils import nodes
+
+    self.body.append(f'<div class="math" tabindex="0">{mathml(node.astext(), block=True)}</div>\n')
+    raise nodes.SkipNode

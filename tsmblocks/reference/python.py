@@ -1,0 +1,90 @@
+"""Pages of the Python interface, by what one wants to do, and of the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tsmblocks.reference import rst
+
+GROUPS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "diagrams": ("Diagrams", "Assembled by script, read from files, drawn.", (
+        "Diagram", "Inlet", "load", "loads", "save", "dumps", "to_svg", "to_png", "to_mermaid")),
+    "blocks": ("Blocks of your own", "What a block declares, and blocks out of functions.", (
+        "Block", "block", "parameter", "option", "state", "Input", "Output", "State", "Tape", "Past", "Samples",
+        "signals", "function_block", "from_control")),
+    "running": ("Running", "One run, many side by side, or step by step.", (
+        "simulate", "Run", "Stepper", "equations", "simulate_batch", "Batch", "sensitivities")),
+    "measures": ("Measures", "What a run is reduced to.", ("measure", "rms", "peak_to_peak", "tracking_error")),
+    "data": ("Recordings", "Read, repaired, and how noisy they are.", (
+        "read", "from_pandas", "Record", "noise", "Noise", "cautions")),
+    "fits": ("Fits", "Numbers from recordings, and which model is best.", (
+        "fit", "Fit", "compare", "Comparison", "score", "Differences")),
+    "diagnosis": ("Diagnosis", "What a model misses.", ("diagnose", "Diagnosis", "Effect")),
+    "design": ("Studies and design", "Sweeps, tuning, and what is possible at best.", (
+        "study", "read_study", "tune", "optimal_control", "OptimalControl", "receding_horizon", "RecedingHorizon")),
+    "linear": ("Linear analysis", "Points of rest and linear models.", ("trim", "linearize")),
+    "errors": ("Errors", "Every error of the package derives from this one.", ("TsmError",)),
+}  # fmt: skip
+"""Page: its heading, what it is about, the names of the package on it."""
+MODULES = {
+    "diagrams": ("export",), "design": ("studies", "tuning"), "linear": ("analysis",), "errors": ("errors",),
+}  # fmt: skip
+"""Modules of the package of which a page shows all public names."""
+
+
+def pages() -> dict[str, str]:
+    """Every page by its path, the index among them."""
+    rows = [(rst.link(f"/python/{key}", title), words, ", ".join(f"``{n}``" for n in names))
+            for key, (title, words, names) in GROUPS.items()]  # fmt: skip
+    toc = "\n".join(f"   {key}" for key in GROUPS)
+    index = rst.page(
+        rst.heading("Python"),
+        "``import tsmblocks as tsm`` gives every name on these pages. Angles are in radians inside; figures and tables "
+        "show degrees where people think in degrees.",
+        rst.table(("Page", "", "Names"), rows, (22, 34, 44)),
+        f".. toctree::\n   :hidden:\n\n{toc}",
+    )
+    return {"python/index": index, **{f"python/{key}": _page(key) for key in GROUPS}}
+
+
+def _page(key: str) -> str:
+    import tsmblocks
+
+    title, about, names = GROUPS[key]
+    parts = [rst.heading(title), about, *(_entry("tsmblocks", name, getattr(tsmblocks, name)) for name in names)]
+    for module in MODULES.get(key, ()):
+        made = getattr(tsmblocks, module)
+        known = [n for n in getattr(made, "__all__", None) or _own(made) if n not in names]
+        parts += [rst.heading(f"tsmblocks.{module}", 1), (made.__doc__ or "").strip().partition("\n\n")[0],
+                  *(_entry(f"tsmblocks.{module}", name, getattr(made, name)) for name in known)]  # fmt: skip
+    return rst.page(*parts)
+
+
+def _own(module: object) -> list[str]:
+    """Public classes and functions that a module makes itself, in their order."""
+    name = getattr(module, "__name__", "")
+    return [k for k, v in vars(module).items() if not k.startswith("_") and getattr(v, "__module__", "") == name]
+
+
+def _entry(module: str, name: str, thing: object) -> str:
+    if isinstance(thing, type):
+        return f".. autoclass:: {module}.{name}\n   :members:\n"
+    if callable(thing):
+        return f".. autofunction:: {module}.{name}\n"
+    return f".. autodata:: {module}.{name}\n"
+
+
+def command_pages(commands: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """Pages of the commands: name -> (what it does, what --help prints)."""
+    rows = [(rst.link(f"/commands/{name}", f"tsmblocks {name}"), words) for name, (words, _) in commands.items()]
+    toc = "\n".join(f"   {name}" for name in commands)
+    index = rst.page(
+        rst.heading("Commands"),
+        "What ``tsmblocks --help`` and ``tsmblocks COMMAND --help`` print. Exit status: 0 done, 2 bad usage or input, "
+        "130 stopped by Ctrl-C, 1 anything else.",
+        rst.table(("Command", "What it does"), rows, (30, 70)),
+        f".. toctree::\n   :hidden:\n\n{toc}",
+    )
+    pages = {f"commands/{name}": rst.page(rst.heading(f"tsmblocks {name}"), rst.block(text, "none"))
+             for name, (_, text) in commands.items()}  # fmt: skip
+    return {"commands/index": index, **pages}

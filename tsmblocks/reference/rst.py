@@ -1,0 +1,77 @@
+"""Pieces of reStructuredText, which Sphinx reads: headings, tables, code, formulas, HTML as it is."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+
+LEVELS = "=-~^"
+
+
+def plain(text: str) -> str:
+    """A text in which nothing is markup."""
+    return re.sub(r"([\\*`|]|_(?=\W|$)|(?<=\s)_)", r"\\\1", " ".join(text.split()))
+
+
+def words(text: str) -> str:
+    """A text as docstrings have it: ``code`` stays code, all else is plain."""
+    parts = re.split(r"(``.+?``|:math:`.+?`)", " ".join(text.split()))
+    return "".join(part if k % 2 else re.sub(r"([\\*|]|_(?=\W|$))", r"\\\1", part) for k, part in enumerate(parts))
+
+
+def code(text: str) -> str:
+    """A name in the type of code; what has no text has none."""
+    return f"``{text}``" if text.strip() else ""
+
+
+def heading(text: str, level: int = 0) -> str:
+    """A heading; level 0 is the page's."""
+    return f"{text}\n{LEVELS[level] * max(len(text), 4)}\n"
+
+
+def link(target: str, text: str = "") -> str:
+    """A link to a page, by its path from the root."""
+    return f":doc:`{text} <{target}>`" if text else f":doc:`{target}`"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[int] = ()) -> str:
+    """A table of cells that are markup already; nothing where there are no rows. ``widths`` are shares."""
+    rows = list(rows)
+    if not rows:
+        return ""
+    shares = f"   :widths: {' '.join(map(str, widths))}\n" if widths else ""
+    lines = [f".. list-table::\n   :header-rows: 1\n{shares}"]
+    for row in (head, *rows):
+        lines += [f"   {'*' if not k else ' '} - {cell}" for k, cell in enumerate(row)]
+    return "\n".join(lines) + "\n"
+
+
+def listed(items: Iterable[str]) -> str:
+    """A list of markup."""
+    return "\n".join(f"- {item}" for item in items) + "\n"
+
+
+def block(text: str, language: str) -> str:
+    """Code as it is typed."""
+    return f".. code-block:: {language}\n\n{textwrap.indent(text.rstrip(), '   ')}\n"
+
+
+def html(text: str) -> str:
+    """HTML that goes into the page as it is."""
+    return f".. raw:: html\n\n{textwrap.indent(text, '   ')}\n"
+
+
+def formula(latex: str) -> str:
+    """A displayed formula."""
+    return f".. math::\n\n{textwrap.indent(latex, '   ')}\n"
+
+
+def folded(summary: str, inside: str) -> str:
+    """Markup that shows when its summary is clicked."""
+    return "\n".join([html(f"<details><summary>{summary}</summary>"), inside, html("</details>")])
+
+
+def page(*parts: str) -> str:
+    """Parts one below the other."""
+    return "\n".join(part.rstrip() + "\n" for part in parts if part.strip())

@@ -1,0 +1,102 @@
+"""The whole reference: pages written into a folder of their own, and built by Sphinx."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from tsmblocks import __version__
+from tsmblocks.errors import TsmError
+from tsmblocks.reference import blocks, diagrams, effects, front, python
+from tsmblocks.reference.look import CSS
+
+HAND_WRITTEN = Path(__file__).parent / "pages"
+SETTINGS: dict[str, Any] = {
+    "project": "tsmblocks", "version": __version__, "release": __version__, "copyright": "",
+    "extensions": ["sphinx.ext.autodoc", "tsmblocks.reference.mathml"],
+    "html_theme": "furo", "html_title": f"tsmblocks {__version__}", "html_math_renderer": "mathml",
+    "html_static_path": ["_static"], "html_css_files": ["tsmblocks.css"],
+    "html_copy_source": False, "html_show_sourcelink": False, "html_show_copyright": False, "html_show_sphinx": False,
+    "html_show_search_summary": False,  # it would fetch pages, which browsers refuse for files
+    "html_permalinks_icon": "#", "smartquotes": False, "templates_path": [], "nitpicky": False,
+    "autodoc_member_order": "bysource", "python_maximum_signature_line_length": 76,
+    "pygments_style": "default", "pygments_dark_style": "github-dark", "highlight_language": "none",
+}  # fmt: skip
+"""Settings of Sphinx; nothing in a page comes from elsewhere."""
+
+
+class PagesError(TsmError):
+    """Pages that cannot be built."""
+
+
+def need_sphinx() -> None:
+    """Raise TsmError, with the way out, where the pages cannot be built; before long work rather than after it."""
+    try:
+        import furo  # noqa: F401
+        import latex2mathml  # noqa: F401
+        import sphinx  # noqa: F401
+    except ImportError as error:
+        raise TsmError(
+            f'The reference needs {error.name}, which is not installed: pip install "tsmblocks[reference]"'
+        ) from None
+
+
+def build(
+    out: Path, commands: Mapping[str, tuple[str, str]], tell: Callable[[str, float], None] | None = None
+) -> int:  # fmt: skip
+    """Write all pages as HTML into ``out``; how many there are.
+
+    ``commands`` maps each command to what it does and what its help prints. ``tell`` is told what is done, and which
+    share of it. Raises TsmError where Sphinx is missing, and PagesError with every warning of Sphinx.
+    """
+    need_sphinx()
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "source"
+        pages = _write(source, commands, tell)
+        if tell:
+            tell("building pages", 0.0)
+        _sphinx(source, out, Path(folder) / "doctrees")
+    return pages
+
+
+def _write(source: Path, commands: Mapping[str, tuple[str, str]], tell: Any) -> int:
+    makers = (front.pages, blocks.pages, diagrams.pages, effects.pages, python.pages,
+              lambda: python.command_pages(commands))  # fmt: skip
+    shutil.copytree(HAND_WRITTEN, source)
+    settings = "\n".join(f"{key} = {value!r}" for key, value in SETTINGS.items())
+    (source / "conf.py").write_text(settings + "\n", encoding="utf-8")
+    (source / "_static").mkdir()
+    (source / "_static" / "tsmblocks.css").write_text(CSS, encoding="utf-8")
+    count = len(list(source.rglob("*.rst")))
+    for place, maker in enumerate(makers):
+        if tell:
+            tell("writing pages", place / len(makers))
+        for name, text in maker().items():
+            path = source / f"{name}.rst"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+            count += 1
+    return count
+
+
+def _sphinx(source: Path, out: Path, doctrees: Path) -> None:
+    from sphinx.application import Sphinx
+    from sphinx.util.docutils import docutils_namespace, patch_docutils
+
+    heard = io.StringIO()
+    with patch_docutils(), docutils_namespace():
+        app = Sphinx(
+            str(source), str(source), str(out), str(doctrees), "html", status=None, warning=heard, freshenv=True
+        )
+        app.build(force_all=True)
+    said = re.sub(r"\x1b\[[0-9;]*m", "", heard.getvalue()).strip()
+    if said:
+        raise PagesError(f"the pages are in {out}, but not all is well:\n{said}")
+    for name in ("objects.inv", ".buildinfo"):
+        (out / name).unlink(missing_ok=True)
+    shutil.rmtree(out / "_sources", ignore_errors=True)

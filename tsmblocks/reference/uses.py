@@ -1,0 +1,63 @@
+"""Who uses a block: shipped diagrams and effects, and links from pictures to the pages of blocks."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterator
+
+from tsmblocks.block import Block
+from tsmblocks.diagram import Diagram
+from tsmblocks.draw import to_svg
+from tsmblocks.effects.catalogue import catalogue
+from tsmblocks.effects.effect import Effect
+
+
+@functools.cache
+def shipped() -> dict[str, Diagram]:
+    """Every ready-made diagram by name."""
+    from tsmblocks.files import load
+    from tsmblocks.shelf import names
+
+    return {name: load(name) for name in names()}
+
+
+def types_in(block: Block | Diagram) -> Iterator[str]:
+    """Names of the classes of all blocks in a diagram, or of the one block."""
+    if isinstance(block, Diagram):
+        for inner in block.blocks.values():
+            yield from types_in(inner)
+    else:
+        yield type(block).__name__
+
+
+def diagrams_with(name: str) -> list[str]:
+    """Shipped diagrams that hold a block of this class."""
+    return [key for key, diagram in shipped().items() if name in types_in(diagram)]
+
+
+@functools.cache
+def effects() -> dict[str, list[Effect]]:
+    """The variants of each effect of the toolbox, by name."""
+    found: dict[str, list[Effect]] = {}
+    for effect in catalogue():
+        found.setdefault(effect.name, []).append(effect)
+    return found
+
+
+def effects_with(name: str) -> list[str]:
+    """Effects that put a block of this class on a wire."""
+    return [key for key, some in effects().items() if any(name in types_in(one.block) for one in some)]
+
+
+def linked_picture(diagram: Diagram, up: str = "../") -> str:
+    """The drawing of a diagram, each block a link to its page; ``up`` is the way from the page to the root."""
+
+    def linked(found: re.Match[str]) -> str:
+        block = diagram.blocks.get(found[2])
+        if not isinstance(block, Block):
+            return found[0]
+        return f'<a href="{up}blocks/{type(block).__name__}.html">{found[0]}</a>'
+
+    drawn = re.sub(r'<g class="[a-z]+" (data-block)="([^"]*)">.*?</g>', linked, to_svg(diagram))
+    return f'<div class="picture" tabindex="0">{drawn}</div>'
