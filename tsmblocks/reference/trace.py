@@ -110,10 +110,9 @@ SWITCHES = {
     "LE": "«0» = «1»", "FLOOR": r"«0» \in \mathbb{Z}", "CEIL": r"«0» \in \mathbb{Z}",
 }  # fmt: skip
 """Operations with a kink or a jump, and where it is."""
-GREEK = frozenset(
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi "
-    "omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split()  # noqa: SIM905
-)
+_LETTERS = """alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi
+psi omega"""
+GREEK = frozenset(_LETTERS.split())
 
 
 def symbol(name: str) -> str:
