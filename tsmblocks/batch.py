@@ -21,6 +21,7 @@ from tsmblocks.engine.session import check_delays, gather_signals, plan_for, spr
 from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_plan
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, in_words, near
+from tsmblocks.frames import dataset, frame
 from tsmblocks.simulate import equations, parameter_vector
 from tsmblocks.tables import few
 
@@ -34,12 +35,14 @@ Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
 class Batch:
     """Results of many runs. ``results[name]`` has shape (sets,) after a reduction, else (sets, N).
 
+    ``t`` (N,) [s] are the instants, ``units`` the labels of signals that were not reduced.
     ``failed`` marks the sets whose results are not finite (an unstable choice of gains, say).
     """
 
     parameters: Mapping[str, np.ndarray]
     results: Mapping[str, np.ndarray]
     t: np.ndarray
+    units: Mapping[str, str] = attrs.field(factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A result by name; raises RunError with the near miss."""
@@ -63,9 +66,17 @@ class Batch:
 
     def to_pandas(self) -> Any:
         """A frame with a row per set: parameters, then reduced results. Needs pandas."""
-        import pandas as pd
+        single = {k: v for k, v in self.results.items() if v.ndim == 1}
+        return frame({**self.parameters, **single}, np.arange(len(next(iter(self.parameters.values())))), "set")
 
-        return pd.DataFrame({**self.parameters, **{k: v for k, v in self.results.items() if v.ndim == 1}})
+    def to_xarray(self) -> Any:
+        """A data set over ``set`` (with the parameters as coordinates) and ``t`` [s]. Needs xarray."""
+        results = {k: (("set", "t")[: v.ndim], v, self.units.get(k, "")) for k, v in self.results.items()}
+        sets = np.arange(len(next(iter(self.parameters.values()))))
+        coords = {"set": (("set",), sets, ""), **{k: (("set",), v, "") for k, v in self.parameters.items()}}
+        if any(v.ndim > 1 for v in self.results.values()):
+            coords["t"] = (("t",), self.t, "s")
+        return dataset(results, coords, {})
 
 
 def simulate_batch(
@@ -83,7 +94,7 @@ def simulate_batch(
     """
     made = batch_of(diagram, parameters, stop=stop, step=step, start=start, method=method, inputs=inputs, hold=hold,
                     outputs=outputs, every=every, backend=backend)  # fmt: skip
-    return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t)
+    return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t, {} if reduce else made.units)
 
 
 @attrs.frozen(eq=False)
@@ -106,6 +117,11 @@ class PreparedBatch:
     def count(self) -> int:
         """How many sets there are."""
         return len(next(iter(self.sets.values())))
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the signals that are kept, ``""`` where none is known."""
+        return {name: self._eq.units.get(self._eq.aliases.get(name, name), "") for name in self._columns}
 
     @property
     def lanes(self) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.errors import DataError, RunError, in_words, near
+from tsmblocks.frames import dataset, frame
 from tsmblocks.tables import few
 
 
@@ -80,11 +81,18 @@ class Run:
         return f"{name} [{unit}]" if unit else name
 
     def to_pandas(self, names: Sequence[str] | None = None) -> Any:
-        """A frame indexed by time [s], one column per signal (all unless named). Needs pandas."""
-        import pandas as pd
+        """A frame indexed by time [s], one column per signal (all unless named). Needs pandas.
 
+        ``attrs["units"]`` has their units, which ``from_pandas`` reads.
+        """
         chosen = _listed(names) or self.keys()
-        return pd.DataFrame({n: self[n] for n in chosen}, index=pd.Index(self.t, name="t"))
+        return frame({n: self[n] for n in chosen}, self.t, "t", {"t": "s", **{n: self.unit(n) for n in chosen}})
+
+    def to_xarray(self, names: Sequence[str] | None = None) -> Any:
+        """A data set over ``t`` [s], one variable per signal, with ``attrs["units"]``. Needs xarray."""
+        facts = {"title": self.title, "step": self.step, "method": self.method, "complete": self.complete}
+        signals = {n: (("t",), self[n], self.unit(n)) for n in _listed(names) or self.keys()}
+        return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
     def plot(self, *names: str, ax: Any = None) -> Any:
         """Signals over time (the diagram's outputs unless named), angles in degrees. Needs matplotlib."""

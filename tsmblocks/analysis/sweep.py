@@ -14,6 +14,7 @@ from tsmblocks.batch import batch_of
 from tsmblocks.blocks import Sine
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError, in_words, near
+from tsmblocks.frames import dataset, frame, need
 
 SETTLED = 1e-4
 """Change of a signal from one period to the next, as a share of its size, that counts as none."""
@@ -58,11 +59,18 @@ class FrequencyResponse:
 
     def to_pandas(self) -> Any:
         """A frame with a row per amplitude and frequency: gain, phase [deg], distortion. Needs pandas."""
-        import pandas as pd
-
-        index = pd.MultiIndex.from_product([self.amplitudes, self.frequencies], names=["amplitude", "frequency"])
+        axes = [self.amplitudes, self.frequencies]
+        index = need("pandas").MultiIndex.from_product(axes, names=["amplitude", "frequency"])
         columns = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
-        return pd.DataFrame({name: values.ravel() for name, values in columns.items()}, index=index)
+        return frame({name: v.ravel() for name, v in columns.items()}, index, units={"phase": "deg"})
+
+    def to_xarray(self) -> Any:
+        """A data set over ``amplitude`` and ``frequency`` [Hz]: gain, phase [deg], distortion. Needs xarray."""
+        dims = ("amplitude", "frequency")
+        found = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
+        coords = {"amplitude": (dims[:1], self.amplitudes, ""), "frequency": (dims[1:], self.frequencies, "Hz")}
+        return dataset({k: (dims, v, "deg" if k == "phase" else "") for k, v in found.items()}, coords,
+                       {"title": self.title, "driven": self.driven, "output": self.output})  # fmt: skip
 
     def plot(self, ax: Any = None) -> Any:
         """Gain, phase and distortion over frequency, a line for each amplitude. Needs matplotlib."""

@@ -187,4 +187,8 @@ def frame_arrays(name: str, frame: Any) -> Arrays:
     wrong = [k for k, v in given.items() if getattr(v, "dtype", np.dtype(object)).kind not in "fiub"]
     if wrong:
         raise DataError(f"{name}: column '{wrong[0]}' holds {given[wrong[0]].dtype} values, not numbers.")
-    return Arrays(name, list(given), [np.asarray(v, dtype=float) for v in given.values()])
+    units = {
+        str(k): str(u) for k, u in dict(getattr(frame, "attrs", {}).get("units", {})).items()
+    }  # as to_pandas has it
+    headings = [k if split_heading(k)[1] else heading(k, units.get(k, "")) for k in given]
+    return Arrays(name, headings, [np.asarray(v, dtype=float) for v in given.values()])

@@ -101,7 +101,8 @@ def from_pandas(
 ) -> Record:
     """Return a record from a pandas frame whose columns are named like those of a file; see read.
 
-    The index is the time [s] when it is named ``t`` or ``time``.
+    The index is the time [s] when it is named ``t`` or ``time``. Units are those in the columns' names, or in
+    ``attrs["units"]``, where ``to_pandas`` puts them.
     """
     source = containers.frame_arrays(name, frame)
     return _record(source, name, name, Wish(map or {}, units or {}, only, (), (None, None), step, tail, gaps))

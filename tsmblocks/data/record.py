@@ -15,6 +15,7 @@ from tsmblocks.block import Samples
 from tsmblocks.data import grid
 from tsmblocks.data import signals as one_by_one
 from tsmblocks.errors import DataError, near
+from tsmblocks.frames import dataset, frame
 from tsmblocks.tables import few
 
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
@@ -103,6 +104,16 @@ class Record:
     def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
         """Return a signal, converted to ``unit``, as an input of a run."""
         return Samples(self.t, self.values(name, unit), hold)
+
+    def to_pandas(self) -> Any:
+        """A frame indexed by time [s], one column per signal; ``attrs["units"]`` has their units. Needs pandas."""
+        return frame(self.signals, self.t, "t", {"t": "s", **self.units})
+
+    def to_xarray(self) -> Any:
+        """A data set over ``t`` [s], one variable per signal, with ``attrs["units"]``. Needs xarray."""
+        signals = {name: (("t",), values, self.unit(name)) for name, values in self.signals.items()}
+        facts = {"name": self.name, "origin": self.origin, "notes": "\n".join(self.notes)}
+        return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self) else ""

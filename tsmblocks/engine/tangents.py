@@ -21,6 +21,7 @@ from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, spread
 from tsmblocks.equation_set import KEPT, PER_DELAY, Equations
+from tsmblocks.frames import dataset
 from tsmblocks.tables import few
 
 
@@ -91,6 +92,16 @@ class Sensitivities:
     jacobian: np.ndarray
     signals: tuple[str, ...]
     parameters: tuple[str, ...]
+
+    def to_xarray(self) -> Any:
+        """A data set over ``t`` [s], ``signal`` and ``parameter``: signals ``y`` and their ``jacobian``.
+
+        Needs xarray.
+        """
+        coords = {"t": (("t",), self.t, "s"), "signal": (("signal",), list(self.signals), ""),
+                  "parameter": (("parameter",), list(self.parameters), "")}  # fmt: skip
+        found = {"y": (("t", "signal"), self.y, ""), "jacobian": (("t", "signal", "parameter"), self.jacobian, "")}
+        return dataset(found, coords, {})
 
     def __repr__(self) -> str:
         return f"Sensitivities({few(self.signals)} by {few(self.parameters)}, {len(self.t)} instants)"

@@ -16,6 +16,7 @@ from tsmblocks.fitting.failing import raise_cause
 from tsmblocks.fitting.setting_up import Setup, recordings, set_up
 from tsmblocks.fitting.sums import square
 from tsmblocks.fitting.trials import Trial
+from tsmblocks.frames import frame
 from tsmblocks.simulate import parameter_vector
 from tsmblocks.tables import few
 
@@ -134,6 +135,11 @@ class Differences:
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as plain values."""
         return {"rms": self.rms, "unit": self.unit, "items": [d.to_dict() for d in self.items]}
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per experiment and output: unit, samples, rms, largest, relative, fit. Needs pandas."""
+        rows = [d.to_dict() for d in self.items]
+        return frame({k: [row[k] for row in rows] for k in rows[0]}).set_index(["experiment", "output"])
 
     def __repr__(self) -> str:
         names = few(f"{d.experiment}, {d.output}" for d in self.items)

@@ -15,6 +15,7 @@ from tsmblocks.errors import ParameterError, near
 from tsmblocks.fitting.differences import Differences
 from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.search import Found
+from tsmblocks.frames import frame
 
 if TYPE_CHECKING:
     from tsmblocks.run import Run
@@ -164,6 +165,13 @@ class Fit:
     @property
     def _samples(self) -> int:
         return sum(len(d.t) for d in self.differences)
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per number, by its name: value, error, low, high, unit, verdict, … Needs pandas."""
+        rows = [e.to_dict() for e in self.estimates]
+        return frame(
+            {k: [row[k] for row in rows] for k in (rows[0] if rows else {}) if k != "name"}, self.names, "name"
+        )
 
     def __repr__(self) -> str:
         one = self.differences.in_degrees()

@@ -11,6 +11,7 @@ import numpy as np
 from tsmblocks.arguments import given_inputs, prepared
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError, near
+from tsmblocks.frames import dataset
 from tsmblocks.studies.plans import Plan
 from tsmblocks.studies.running import grouped
 from tsmblocks.studies.study import own_numbers, planned, signal_units
@@ -35,6 +36,13 @@ class Responses:
     def unit(self, name: str) -> str:
         """Unit label of a signal, ``""`` when none is known."""
         return self.units.get(name, "")
+
+    def to_xarray(self) -> Any:
+        """A data set over ``run`` and ``t`` [s], one variable per signal, with ``attrs["units"]``. Needs xarray."""
+        count = len(next(iter(self.signals.values()), ()))
+        coords = {"run": (("run",), np.arange(count), ""), "t": (("t",), self.t, "s")}
+        return dataset({k: (("run", "t"), v, self.unit(k)) for k, v in self.signals.items()}, coords,
+                       {"title": self.title})  # fmt: skip
 
     def __repr__(self) -> str:
         count = len(next(iter(self.signals.values()), ()))

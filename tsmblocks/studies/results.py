@@ -13,6 +13,7 @@ import numpy as np
 from tsmblocks.data import heading
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError, RunError, near
+from tsmblocks.frames import dataset, frame
 from tsmblocks.metrics import named
 from tsmblocks.studies.plans import plain
 from tsmblocks.studies.store import Table, read_table, value_of
@@ -125,9 +126,21 @@ class Results:
 
     def to_pandas(self) -> Any:
         """A frame with a row per run, by its number: parameters, then metrics. Needs pandas."""
-        import pandas as pd
+        return frame({name: self[name] for name in self}, self.runs, "run", self.units)
 
-        return pd.DataFrame({name: self[name] for name in self}, index=pd.Index(self.runs, name="run"))
+    def to_xarray(self) -> Any:
+        """A data set of the metrics, with ``attrs["units"]``. Needs xarray.
+
+        Of a whole grid the parameters are its dimensions; else there is one, ``run``, with the parameters over it.
+        """
+        facts = {"title": self.title, "kind": self.kind, "status": self.status}
+        axes = {k: list(dict.fromkeys(v.tolist())) for k, v in self.parameters.items()}
+        shape = tuple(map(len, axes.values()))
+        if self.kind == "grid" and np.prod(shape) == len(self) == self.count:
+            dims, coords = tuple(axes), {k: ((k,), v, "") for k, v in axes.items()}
+            return dataset({k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()}, coords, facts)
+        coords = {"run": (("run",), self.runs, ""), **{k: (("run",), v, "") for k, v in self.parameters.items()}}
+        return dataset({k: (("run",), v, self.units[k]) for k, v in self.metrics.items()}, coords, facts)
 
     def to_dict(self) -> dict[str, Any]:
         """The summary as plain values."""
