@@ -5,6 +5,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.analysis import frequency_response
+from tsmblocks.blocks import DiscreteIntegrator, Sine
 from tsmblocks.errors import TsmError
 from tsmblocks.studies import latin_hypercube, responses
 
@@ -114,11 +115,12 @@ def test_what_is_no_whole_grid_is_a_list_of_runs(tmp_path):
 
 
 def test_options_of_a_grid_are_texts(tmp_path):
-    sampled = tsm.load("sampled_position_loop")
-    name = next(k for k in sampled.parameter_names() if k.endswith((".hold", ".method")))
-    choices = list(sampled.blocks[name.partition(".")[0]].fields()[name.rpartition(".")[2]].choices)[:2]
-    made = whole(tsm.study(sampled, {name: choices}, "rms(x_ref - x_out)", stop=0.5).to_xarray(), tmp_path)
-    assert made[name].values.tolist() == choices
+    sums = tsm.Diagram(blocks={"ref": Sine(), "sum": DiscreteIntegrator()}, wires=["ref -> sum"], outputs={"y": "sum"})
+    choices = ["forward", "trapezoidal"]
+    study = tsm.study(sums, {"sum.method": choices}, "rms(y)", stop=0.5)
+    made = whole(study.to_xarray(), tmp_path)
+    assert made["sum.method"].values.tolist() == choices
+    assert float(made["rms(y)"].sel({"sum.method": "trapezoidal"})) == study["rms(y)"][1]
 
 
 def test_responses_sensitivities_and_frequency_responses_name_their_coordinates(tmp_path):

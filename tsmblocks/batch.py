@@ -12,6 +12,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.arguments import Times, given_inputs, prepared, run_times, whole
+from tsmblocks.batch_result import Batch
 from tsmblocks.block import Block, is_reference, leaves, map_leaves
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine import feeds
@@ -21,62 +22,12 @@ from tsmblocks.engine.session import check_delays, gather_signals, plan_for, spr
 from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_plan
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, in_words, near
-from tsmblocks.frames import dataset, frame
 from tsmblocks.simulate import equations, parameter_vector
-from tsmblocks.tables import few
 
 MOST_DIRECTIONS = 32
 """Derivative directions side by side in one run."""
 
 Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
-
-
-@attrs.frozen(eq=False)
-class Batch:
-    """Results of many runs. ``results[name]`` has shape (sets,) after a reduction, else (sets, N).
-
-    ``t`` (N,) [s] are the instants, ``units`` the labels of signals that were not reduced.
-    ``failed`` marks the sets whose results are not finite (an unstable choice of gains, say).
-    """
-
-    parameters: Mapping[str, np.ndarray]
-    results: Mapping[str, np.ndarray]
-    t: np.ndarray
-    units: Mapping[str, str] = attrs.field(factory=dict)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        """A result by name; raises RunError with the near miss."""
-        if name not in self.results:
-            raise RunError(f"the batch has no result '{name}'.{near(name, self.results)}")
-        return self.results[name]
-
-    @property
-    def failed(self) -> np.ndarray:
-        """Which sets have a result that is not finite, shape (sets,)."""
-        return np.any([~np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in self.results.values()], axis=0)
-
-    def __repr__(self) -> str:
-        count = len(next(iter(self.parameters.values())))
-        return f"Batch({count} sets of {few(self.parameters)}, results {few(self.results)})"
-
-    def _repr_html_(self) -> str:
-        from tsmblocks.notebook import batch_card
-
-        return batch_card(self)
-
-    def to_pandas(self) -> Any:
-        """A frame with a row per set: parameters, then reduced results. Needs pandas."""
-        single = {k: v for k, v in self.results.items() if v.ndim == 1}
-        return frame({**self.parameters, **single}, np.arange(len(next(iter(self.parameters.values())))), "set")
-
-    def to_xarray(self) -> Any:
-        """A data set over ``set`` (with the parameters as coordinates) and ``t`` [s]. Needs xarray."""
-        results = {k: (("set", "t")[: v.ndim], v, self.units.get(k, "")) for k, v in self.results.items()}
-        sets = np.arange(len(next(iter(self.parameters.values()))))
-        coords = {"set": (("set",), sets, ""), **{k: (("set",), v, "") for k, v in self.parameters.items()}}
-        if any(v.ndim > 1 for v in self.results.values()):
-            coords["t"] = (("t",), self.t, "s")
-        return dataset(results, coords, {})
 
 
 def simulate_batch(

@@ -137,8 +137,9 @@ class Results:
         axes = {k: list(dict.fromkeys(v.tolist())) for k, v in self.parameters.items()}
         shape = tuple(map(len, axes.values()))
         if self.kind == "grid" and np.prod(shape) == len(self) == self.count:
-            dims, coords = tuple(axes), {k: ((k,), v, "") for k, v in axes.items()}
-            return dataset({k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()}, coords, facts)
+            dims = tuple(axes)
+            return dataset({k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()},
+                           {k: ((k,), v, "") for k, v in axes.items()}, facts)  # fmt: skip
         coords = {"run": (("run",), self.runs, ""), **{k: (("run",), v, "") for k, v in self.parameters.items()}}
         return dataset({k: (("run",), v, self.units[k]) for k, v in self.metrics.items()}, coords, facts)
 
