@@ -238,6 +238,19 @@ def test_the_figure_of_an_answer():
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["0.5", "2"]
 
 
+def test_sizes_of_angles_are_shown_in_degrees_and_ticks_as_numbers():
+    angle = line(Saturation(low=-1.0, high=1.0))
+    angle = angle.rewire(inputs={"u": tsm.Inlet(angle.inputs["u"].ports, unit="rad")})
+    figure = frequency_response(angle, [0.5, 1.0, 2.0], np.deg2rad([10.0, 20.0]), settle=0).plot()
+    legend = figure.axes[0].get_legend()
+    assert legend.get_title().get_text() == "size of u [deg]"
+    assert [text.get_text() for text in legend.get_texts()] == ["10", "20"]
+    figure.canvas.draw()
+    ticks = {t.get_text() for t in figure.axes[2].xaxis.get_ticklabels(which="both")}
+    assert {"0.5", "1", "2"} <= ticks
+    assert not any("math" in t for t in ticks)
+
+
 @pytest.mark.parametrize(("frequency", "damping"), [(5.0, 0.01), (5.1, 0.01), (0.1, 0.7)])
 def test_a_slow_answer_is_waited_for(frequency, damping):
     diagram = line(tsm.blocks.SecondOrderLag(omega=2 * np.pi * 5, zeta=damping))

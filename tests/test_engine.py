@@ -462,6 +462,31 @@ def test_exact_derivative_of_time_states_and_inputs():
     assert np.abs(run["du"] + 3 * np.sin(3 * t))[5:-5].max() < 1e-7
 
 
+@tsm.block(register=False)
+class Accelerometer(tsm.Block):
+    """Acceleration of a position.
+
+    .. math:: y = \\ddot x
+    """
+
+    x = tsm.Input("position")
+    v = tsm.Input("its rate", rate_of="x")
+    a = tsm.Input("the rate of that", rate_of="v")
+    y = tsm.Output("acceleration")
+
+    def outputs(self, t, x, u):
+        return dict(y=u.a)
+
+
+@pytest.mark.parametrize("wired", [False, True])
+def test_a_rate_may_have_a_rate(wired):
+    """Formed from the rate that is formed, or from the one that is wired."""
+    blocks = {"s": Sine(amplitude=2.0, frequency=0.5), "a": Accelerometer(), "d": Derivative()}
+    wires = ["s -> a.x", "s -> d", *(["d -> a.v"] if wired else [])]
+    run = tsm.simulate(tsm.Diagram(title="a", blocks=blocks, wires=wires, outputs={"y": "a"}), stop=2.0, step=0.01)
+    assert np.abs(run["y"] + 2 * np.pi**2 * np.sin(np.pi * run.t)).max() < EXACT
+
+
 def test_derivative_action_without_a_filter_goes_through_a_nonlinear_plant():
     """u = kd d/dt(r - y) around a lag: the derivative of y is known from its state, so no filter is needed."""
     diagram = tsm.Diagram(

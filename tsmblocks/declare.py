@@ -23,7 +23,7 @@ class Input:
     ``unit`` may be a label (``"rad/s"``), ``""`` for anything, or hold a unit of the block's own
     (``"?u"``, ``"?u/s"``): ports with the same letter must then agree, whatever they carry.
     With ``rate_of`` the port is the time derivative of that port and may stay unconnected: it is
-    then formed exactly, by differentiating the expression of the driving signal.
+    then formed exactly, by differentiating the expression of the driving signal. A rate may have a rate.
     """
 
     about: str

@@ -233,12 +233,16 @@ class Evaluator:
             for name in block.inports
             if self._source(path, name, strict=False) == ("rate", *source)
         ]
-        name = flat.signal_name(source)
+        name = self._named(source)
         if not ports:  # the derivative of a derivative
             return f"the derivative is needed of {name}"
         return f"{', '.join(ports)} {'is' if len(ports) == 1 else 'are'} the derivative of {name}"
 
     # ---- small readers
+
+    def _named(self, node: Node) -> str:
+        """The log name of a signal, or of its rate."""
+        return f"d/dt {self._named(node[1:])}" if node[0] == "rate" else self.flat.signal_name(node)
 
     def _refuse(self, text: str) -> None:
         raise DiagramError(self.flat.title, [text], self.flat.where)
@@ -259,7 +263,7 @@ class Evaluator:
             return ("past" if (path, name) in self.past else "read", path, name)
         if (path, name) in flat.driver:
             return flat.driver[path, name]
-        driver = flat.driver.get((path, port.rate_of))
+        driver = self._source(path, port.rate_of, strict=False) if port.rate_of else None
         if driver is None and strict:
             self._refuse(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
         return None if driver is None else ("rate", *driver)
@@ -278,8 +282,7 @@ class Evaluator:
         """Say which way an algebraic loop runs."""
         path: list[str] = []
         for node in reversed(nodes):
-            signal = self.flat.signal_name(node[1:]) if node[0] == "rate" else f"{node[1]}.{node[2]}"
-            signal = f"d/dt {signal}" if node[0] == "rate" else signal
+            signal = self._named(node) if node[0] == "rate" else f"{node[1]}.{node[2]}"
             if node[0] not in ("dx", "past") and (not path or path[-1] != signal):
                 path.append(signal)
         if len(path) == 1 or path[0] != path[-1]:

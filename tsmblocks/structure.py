@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 import traceback
+from collections.abc import Mapping
 from typing import Any
 
 import attrs
 import casadi as ca
 
-from tsmblocks.block import Block, is_reference, signals
+from tsmblocks.block import Block, Input, is_reference, signals
 from tsmblocks.errors import BlockError, EquationError, clip, in_words, near
 
 
@@ -139,15 +140,26 @@ def _read(block: Block) -> Structure:
     )
 
 
-def _check_ports(block: Block) -> None:
-    """Raise EquationError when ports or states name what is not there, or one name means two things."""
-    owner, inports = type(block).__name__, block.inports
+def _check_rates(owner: str, inports: Mapping[str, Input]) -> None:
+    """Raise EquationError for an input that is the rate of no input, or in the end of itself."""
     for name, port in inports.items():
         if port.rate_of and port.rate_of not in inports:
             raise EquationError(
                 f"{owner}.{name} is the rate of '{port.rate_of}', which is no input."
                 f"{near(port.rate_of, set(inports) - {name})}"
             )
+    for name in inports:
+        chain = [name]
+        while of := inports[chain[-1]].rate_of:
+            if of in chain:
+                raise EquationError(f"{owner}.{name} is in the end its own rate: {' of '.join([*chain, of])}.")
+            chain.append(of)
+
+
+def _check_ports(block: Block) -> None:
+    """Raise EquationError when ports or states name what is not there, or one name means two things."""
+    owner, inports = type(block).__name__, block.inports
+    _check_rates(owner, inports)
     for name, past in block.past_ports.items():
         if past.of not in inports:
             raise EquationError(

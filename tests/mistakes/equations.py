@@ -332,6 +332,20 @@ def the_rate_of_a_port_that_is_not_there():
     compiled(Mine)
 
 
+@mistake(EquationError, "mine: Mine.v is in the end its own rate: v of w of v.")
+def a_rate_of_itself():
+    @block(register=False)
+    class Mine(Block):
+        v = Input("rate", rate_of="w")
+        w = Input("rate of the rate", rate_of="v")
+        y = Output("out")
+
+        def outputs(self, t, x, u):
+            return dict(y=u.v)
+
+    compiled(Mine)
+
+
 @mistake(EquationError, "mine: Mine.past is the past of 'x', which is no input. Known here: u.")
 def the_past_of_a_port_that_is_not_there():
     @block(register=False)

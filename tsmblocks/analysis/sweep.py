@@ -30,8 +30,9 @@ TONE = "tone"
 class FrequencyResponse:
     """Answers to sines: ``response`` (amplitudes, frequencies) is complex, output over input at the sine's frequency.
 
-    ``frequencies`` are in Hz, ``amplitudes`` in the unit of the input. ``harmonics`` (amplitudes, frequencies, n) are
-    sizes at 2, 3, … times the frequency as shares of that at the frequency itself. NaN where a run is not finite.
+    ``frequencies`` are in Hz, ``amplitudes`` in ``unit``, that of the input (``""`` where it is not known).
+    ``harmonics`` (amplitudes, frequencies, n) are sizes at 2, 3, … times the frequency as shares of that at the
+    frequency itself. NaN where a run is not finite.
     """
 
     title: str
@@ -41,6 +42,7 @@ class FrequencyResponse:
     amplitudes: np.ndarray
     response: np.ndarray = attrs.field(repr=False)
     harmonics: np.ndarray = attrs.field(repr=False)
+    unit: str = ""
 
     @property
     def gain(self) -> np.ndarray:
@@ -123,7 +125,7 @@ def frequency_response(
             if left_out > LONGEST or n * (left_out + count) > MOST_STEPS:
                 break
     name = driven or (next(iter(diagram.inputs)) if source == TONE else source)
-    return FrequencyResponse(diagram.title, name, shown, f, a, response, over)
+    return FrequencyResponse(diagram.title, name, shown, f, a, response, over, tuned.unit(f"{source}.y"))
 
 
 @attrs.frozen

@@ -8,25 +8,30 @@ from __future__ import annotations
 from typing import Any
 
 from tsmblocks.analysis.sweep import FrequencyResponse
-from tsmblocks.plots.panels import COLOURS, axes, dress
+from tsmblocks.data import heading
+from tsmblocks.plots.panels import COLOURS, axes, decimal, dress, shown
 
 
 def plot_frequency_response(found: FrequencyResponse, ax: Any = None) -> Any:
-    """Gain, phase and distortion over frequency, a line for each amplitude.
+    """Gain, phase and distortion over frequency, a line for each amplitude (angles in deg).
 
     ``ax`` may be three axes. Returns the figure.
     """
     panels = axes(ax, 3, height=2.2)
+    sizes, unit = shown(found.amplitudes, found.unit)
     rows = ((found.gain, "gain"), (found.phase, "phase [deg]"), (100 * found.distortion, "distortion [%]"))
     for panel, (values, label) in zip(panels, rows, strict=True):
-        for k, (amplitude, line) in enumerate(zip(found.amplitudes, values, strict=True)):
+        for k, (amplitude, line) in enumerate(zip(sizes, values, strict=True)):
             panel.semilogx(found.frequencies, line, "o-", ms=3, lw=1.2, color=COLOURS[k % len(COLOURS)],
                            label=f"{amplitude:.3g}")  # fmt: skip
         panel.set_ylabel(label)
         dress(panel, legend=False)
     panels[0].set_yscale("log")
+    decimal(panels[0].yaxis)
+    for panel in panels:
+        decimal(panel.xaxis)
     panels[-1].set_xlabel("frequency [Hz]")
-    panels[0].legend(title=f"size of {found.driven}", frameon=False, fontsize=9, loc="center left",
+    panels[0].legend(title=heading(f"size of {found.driven}", unit), frameon=False, fontsize=9, loc="center left",
                      bbox_to_anchor=(1.0, 0.5))  # fmt: skip
     panels[0].set_title(f"{found.title}: {found.output} over {found.driven}", loc="left", fontsize=11)
     return panels[0].figure

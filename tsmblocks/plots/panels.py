@@ -17,6 +17,8 @@ INK, PALE = "#222222", "#d9d9d9"
 
 QUANTITY = {"deg": "angle", "deg/s": "speed", "V": "voltage", "s": "time", "N": "force", "A": "current"}
 """What an axis shared by several signals of a unit is called."""
+FEW, MANY = 20.0, 2000.0
+"""Ranges of a logarithmic axis: below, more ticks between powers of ten are needed; above, they would be too many."""
 LEGEND: dict[str, Any] = {
     "loc": "center left",
     "bbox_to_anchor": (1.0, 0.5),
@@ -73,6 +75,17 @@ def dress(panel: Any, *, legend: bool) -> None:
     panel.margins(x=0.01)
     if legend:
         panel.legend(**LEGEND)
+
+
+def decimal(axis: Any) -> None:
+    """Name ticks of a logarithmic axis 0.2, 0.5, 1 rather than by powers of ten, as far as there is room."""
+    from matplotlib.ticker import LogLocator
+
+    low, high = axis.get_view_interval()
+    if low > 0 and high / low < MANY:
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0) if high / low > FEW else (2.0, 3.0, 4.0, 5.0, 7.0)))
+        axis.set_minor_formatter("{x:g}")
+        axis.set_major_formatter("{x:g}")
 
 
 def timed(panels: list[Any], title: str) -> None:
