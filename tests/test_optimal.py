@@ -30,6 +30,7 @@ from tsmblocks.blocks import (
 )
 from tsmblocks.errors import DataError, ParameterError, RunError
 from tsmblocks.optimal.smoothing import smooth
+from tsmblocks.optimal.transcription import Programme
 
 SET1 = dict(alpha1=0.8972, alpha2=0.9487, A=-0.8745, theta=5.034, delta=0.14522)
 HALF = np.deg2rad(55.0)
@@ -404,3 +405,21 @@ def test_the_current_of_a_motor_is_kept_within_its_limit():
     assert np.abs(held.run["i"]).max() < 0.0404
     assert held.run["v"].max() < 3.001
     assert held.rms > free.rms
+
+
+def test_an_error_that_can_vanish_is_found_at_once(monkeypatch):
+    """What rounding leaves of an error is no size to count in, and no peak to make smaller."""
+    ends, solve = [], Programme.solve
+
+    def noted(self, *how):
+        made = solve(self, *how)
+        ends.append((self.goal, made.word))
+        return made
+
+    monkeypatch.setattr(Programme, "solve", noted)
+    t = np.linspace(0.0, 1.0, 51)
+    found = tsm.optimal_control(
+        line(Gain(gain=2.0)), {"u": (-5, 5)}, "r - y", references={"r": (t, np.sin(t))}, step=0.02
+    )
+    assert found.peak < 1e-9
+    assert set(ends) == {("rms", "Solve_Succeeded")}

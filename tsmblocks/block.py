@@ -59,7 +59,7 @@ class Block:
     - ``outputs(t, x, u)``: the outputs, by name;
     - ``derivatives(t, x, u)``: rates of the continuous states;
     - ``updates(t, x, u)``: new values of the memory states. A block with ``sampled = True`` (and an
-      option ``period``) is updated at multiples of its period and its outputs are held in between;
+      option ``period``) is updated as the run starts and every period after, its outputs held in between;
       any other block is updated once at the start of each step. A continuous state named by
       ``updates`` is set to that value there (a reset).
 

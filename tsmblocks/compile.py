@@ -10,7 +10,6 @@ import functools
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from tsmblocks.diagram import Diagram
 from tsmblocks.equation_set import Equations
@@ -40,7 +39,6 @@ def compile_diagram(diagram: Diagram) -> Equations:
         y=tuple(names),
         q=tuple(".".join(k) for k in flat.past_keys),
         least=tuple(0 if past.now else 1 for past in flat.pasts),
-        p_default=np.array(flat.p_values, dtype=float),
         rhs=rhs,
         update=update,
         start=start,

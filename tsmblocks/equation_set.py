@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import attrs
-import numpy as np
 
 from tsmblocks.tables import few
 
@@ -52,7 +51,6 @@ class Equations:
     y: tuple[str, ...]
     q: tuple[str, ...]
     least: tuple[int, ...]
-    p_default: np.ndarray
     rhs: Any
     update: Any
     start: Any

@@ -120,13 +120,14 @@ def simulate(
 ) -> Run:
     """Run a diagram at a fixed step and return its signals.
 
-    ``stop`` and ``start`` in s (by default to the end of the shortest recorded input, else 20 s);
-    ``step`` in s; ``method`` one of euler, heun, rk4. ``inputs`` maps each input of the diagram to a
-    number, values on the steps, a pair (times, values), Samples, or a function of time that takes an
-    array; ``hold`` says what plain values are in between (zero, linear, cubic). ``parameters``
-    overrides numbers by name, ``initial`` start values of states. ``log`` is ``"all"``, ``"outputs"``
-    or patterns such as ``"tsm.*"``; every ``every``-th instant is kept. ``progress`` is called with
-    the fraction done, on long runs. ``backend`` forces ``"llvm"`` or ``"casadi"``.
+    ``stop`` and ``start`` in s (by default to the end of the shortest recorded input, else 20 s); the last
+    instant is the last whole step up to ``stop``. ``step`` in s; ``method`` one of euler, heun, rk4.
+    ``inputs`` maps each input of the diagram to a number, values on the steps, a pair (times, values), Samples,
+    a Record (of which its signal of that name is taken, in the input's unit), a column of pandas (its index
+    being time in s), or a function of time that takes an array; ``hold`` says what values are between the
+    samples (zero, linear, cubic). ``parameters`` overrides numbers by name, ``initial`` start values of states.
+    ``log`` is ``"all"``, ``"outputs"`` or patterns such as ``"tsm.*"``; every ``every``-th instant is kept.
+    ``progress`` is called with the fraction done, on long runs. ``backend`` forces ``"llvm"`` or ``"casadi"``.
 
     ``locate`` finds the instants at which limits, signs and comparisons switch and ends a part of a step
     at each, so that the method keeps its order across kinks and jumps; ``run.events`` lists them. It

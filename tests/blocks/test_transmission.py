@@ -32,7 +32,6 @@ from tsmblocks.blocks import (
     Slack,
     Stretch,
 )
-from tsmblocks.compile import compile_diagram
 
 # Each with its strength at zero, and the rest away from its defaults.
 NULL = {
@@ -177,8 +176,7 @@ def test_derivatives_by_parameters_against_differences(name):
         exact = tsm.sensitivities(
             diagram, wanted, outputs=["x_out"], inputs={"x_in": (T, x)}, stop=T[-1], step=0.01, hold="cubic"
         ).jacobian[:, 0]
-        equations = compile_diagram(diagram)
-        at = dict(zip(equations.p, equations.p_default, strict=True))
+        at = diagram.parameters
         for k, parameter in enumerate(wanted):
             high, low = (out(diagram, x, parameters={parameter: at[parameter] + e})["x_out"] for e in (1e-6, -1e-6))
             assert np.abs(exact[:, k]).max() > 1e-4

@@ -1,7 +1,7 @@
 """Sampled blocks, each at a period of its own beside continuous ones.
 
-At a sample instant the outputs are formed from the old state and the present inputs and then held;
-after that the state moves on.
+The first sample is taken as the run starts, whatever the time is then. At a sample instant the outputs
+are formed from the old state and the present inputs and then held; after that the state moves on.
 """
 
 from __future__ import annotations

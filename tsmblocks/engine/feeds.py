@@ -7,7 +7,7 @@ the kernels know nothing of it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +16,6 @@ from tsmblocks.errors import DataError, in_words, near
 HOLDS = ("zero", "linear", "cubic")
 SLACK = 1e-3
 """Share of a step by which a sample may be late and still counts from that step on: clocks are printed rounded."""
-
-
-class Sampled(Protocol):
-    """Samples of a signal: ``t`` [s], ``y``, and ``hold``."""
-
-    @property
-    def t(self) -> np.ndarray: ...
-    @property
-    def y(self) -> np.ndarray: ...
-    @property
-    def hold(self) -> str: ...
 
 
 class Signal:

@@ -14,7 +14,7 @@ from tsmblocks.errors import RunError, in_words
 from tsmblocks.fitting.interrupt import Asked, kept
 from tsmblocks.optimal.asking import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of, teller
 from tsmblocks.optimal.outcome import OptimalControl, outcome
-from tsmblocks.optimal.transcription import Interval, Known, Programme, Solution, given_rows, units_of
+from tsmblocks.optimal.transcription import NOTHING, Interval, Known, Programme, Solution, given_rows, units_of
 
 ROUNDED = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 """Sizes over which kinks are rounded off in one search after another, as shares of what lies in them."""
@@ -126,6 +126,8 @@ class _Search:
         rounded = ROUNDED[-1] * self.interval.sizes(end.states, end.commands, known.start, known.table)
         _, error, _ = self.interval.followed(end.commands, end.states[:, 0], known.start, known.table)
         highest = float(np.abs(error).max())
+        if highest <= NOTHING * known.units.error:
+            return end
         made = peak.solve(attrs.evolve(end, peak=highest), known, rounded)
         if not made.feasible:
             return attrs.evolve(end, word=made.word)

@@ -304,6 +304,10 @@ class Programme:
         )  # fmt: skip
 
 
+NOTHING = 1e-9
+"""Errors below this share of their size are none: no smaller ones are looked for."""
+
+
 @attrs.frozen(eq=False)
 class Units:
     """Sizes that commands (c,), states (n,) and the error have: the solver counts in these, whatever the user's are."""
@@ -338,6 +342,7 @@ def units_of(interval: Interval, commands: np.ndarray, begin: np.ndarray, start:
         if np.isfinite(path).all() and np.isfinite(error).all():
             states = np.maximum(states, np.abs(path).max(axis=1))
             errors = errors or float(np.abs(error).max())
+        errors = errors if errors > NOTHING * given else 0.0  # rounding, where the commands to begin from are the best
     return Units(sizes, np.where(states > 0, states, 1.0), errors or given)
 
 
