@@ -2,6 +2,7 @@
 
 import re
 import runpy
+import shutil
 import sys
 from pathlib import Path
 
@@ -16,11 +17,18 @@ from tsmblocks.testing import broken_promises
 
 FOLDER = Path(__file__).parents[1] / "examples"
 PLANNED = "15_beyond_the_paper"
-APART = ("04_python_control", "05_two_link_arm", PLANNED)
+APART = ("04_python_control", "05_two_link_arm", "07_c_export", PLANNED)
 """Examples whose answers have tests of their own below."""
 EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 ANSWERS = {
     "01_feedforward": [28.3, 13.7],
+    "06_design_study": [
+        *(0.0, 11.85, 8.56, 20.53, 0.8, 0.5, 10.24, 7.13, 16.87, 0.7, 1.0, 9.0, 5.85, 14.2, 0.9),
+        *(1.5, 7.99, 5.40, 12.24, 1.9, 2.0, 7.2, 5.01, 10.78, 3.6, 2.5, 6.7, 4.94, 9.56, 6.4),  # 7.99: as in Fig 17
+        *(3.0, 6.22, 4.9, 8.35, 9.1, 3.5, 5.67, 4.63, 8.3, 12.8, 4.0, 5.24, 4.35, 7.78, 14.4),
+        *(4.5, 4.89, 4.1, 8.04, 19.1, 5.0, 4.69, 3.89, 8.04, 22.1, 5.5, 4.53, 3.71, 7.94, 24.0),
+        *(6.0, 4.5, 3.55, 8.09, 24.0),
+    ],
     "08_paper_loops": [
         0.2, 26.47, 27.01, 28.67, 0.2, 0.5, 26.43, 26.98, 28.94, 0.25, 0.43, 26.57, 27.11, 29.11,
         18.48, 20.53, 21.10, 18.48, 17.19, 18.52, 0.91, 0.87, 0.88, 0.91, 0.94, 0.92,
@@ -62,6 +70,7 @@ ANSWERS = {
     ],
 }  # fmt: skip
 FIGURES = {
+    "06_design_study": ["design_study.png"],
     "08_paper_loops": ["figs_3_5_6.png"],
     "09_paper_models": ["figs_10_11_12.png"],
     "10_paper_tracking": ["fig_13.png", "fig_14.png", "fig_15.png"],
@@ -194,6 +203,24 @@ def test_the_arm_moves_as_its_masses_say_and_loses_no_energy(capsys, monkeypatch
     for name in ("TwoLinkArm", "ComputedTorque"):
         monkeypatch.setitem(REGISTRY, name, found[name])
         assert set(broken_promises(found[name]())) <= {"is_a_value"}  # run like this, it is in no module to pickle from
+
+
+@pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="needs a C compiler")
+def test_the_c_code_moves_the_motor_as_the_simulation_does(capsys, monkeypatch):
+    found, said = run_example("07_c_export", capsys, monkeypatch)
+    errors = re.findall(r"(\d\.\d{6}) deg peak to peak", said)
+    assert errors == ["1.021052"] * 2
+    volts, radians = map(float, re.search(r"difference: (\S+) V, (\S+) rad", said).groups())
+    assert volts < 1e-11
+    assert radians < 1e-12
+    assert len(found["u"]) == 10000
+    assert np.ptp(found["u"]) > 1.0
+
+
+def test_a_missing_compiler_is_said(monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(SystemExit, match="found none of cc, gcc and clang"):
+        runpy.run_path(str(FOLDER / "07_c_export.py"))
 
 
 def test_only_pieces_reach_the_noise(capsys, monkeypatch):

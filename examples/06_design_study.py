@@ -1,0 +1,44 @@
+"""Which gain suits not only the plant one knows, but all that it may become?  A study over gains and plants.
+
+Fig. 16's loop, whose compensator was built for one sheath. When the sheath is bent or wears, the size of its hysteresis
+and the way over which it turns change, and the compensator does not know. Every gain is tried on every plant, side by
+side. A folder given as an argument receives the picture.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import tsmblocks as tsm
+
+loop = tsm.load("fig16_feedforward_feedback")
+gains = np.arange(0.0, 6.5, 0.5)
+sizes, bends = [-0.9, loop.parameters["A"], -0.7], [3.0, loop.parameters["theta"], 6.0]
+found = tsm.study(
+    loop,
+    {"pid.kp": gains, "tsm.A": sizes, "tsm.theta": bends},
+    {"error [deg]": "peak_to_peak(x_ref - x_out, after=5)", "voltage [V]": "largest(u, after=5)"},
+    stop=10.0,
+)
+
+error, voltage = (found[name].reshape(len(gains), 9) for name in ("error", "voltage"))
+known, worst = error[:, 4], error.max(axis=1)
+print(f"{len(found)} runs: {loop.title}\n")
+print("peak-to-peak error [deg]                        largest")
+print("  kp   sheath as known   best and worst of all  voltage")
+for k, kp in enumerate(gains):
+    mark = {known.argmin(): "  <- best as known", worst.argmin(): "  <- best for all"}.get(k, "")
+    print(f"{kp:4.1f} {known[k]:17.2f} {error[k].min():10.2f} {worst[k]:12.2f} {voltage[k].max():8.1f}{mark}")
+
+if len(sys.argv) > 1:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    panel = figure.subplots()
+    for plant, line in zip((f"A {A:.2f}, theta {theta:.1f}" for A in sizes for theta in bends), error.T, strict=True):
+        panel.plot(gains, line, "o-", ms=3, label=plant)
+    panel.plot(gains, worst, "k", lw=3, alpha=0.3, label="worst")
+    panel.set(xlabel="pid.kp", ylabel="peak-to-peak error [deg]")
+    panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    figure.savefig(Path(sys.argv[1]) / "design_study.png")
