@@ -16,7 +16,7 @@ HELP = "list the blocks, or show one block's card"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("name", metavar="NAME", nargs="?", help="a block")
+    common.suggest(parser.add_argument("name", metavar="NAME", nargs="?", help="a block"), common.BLOCKS)
     common.json_argument(parser)
 
 

@@ -14,7 +14,8 @@ HELP = "check diagram files and list their faults"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("files", metavar="FILE", nargs="+", help="diagram files, or names of ready-made ones")
+    files = parser.add_argument("files", metavar="FILE", nargs="+", help="diagram files, or names of ready-made ones")
+    common.suggest(files, common.DIAGRAMS)
     common.json_argument(parser)
 
 

@@ -20,6 +20,12 @@ RESULTS = (".csv", ".npz", ".mat")
 PICTURES = (".png", ".svg", ".pdf")
 
 
+DIAGRAMS, BLOCKS, FILES, FOLDERS = "diagrams", "blocks", "files", "folders"
+"""What a shell may offer, beside plain words."""
+METHODS, HOLDS, BACKENDS = ("euler", "heun", "rk4"), ("zero", "linear", "cubic"), ("llvm", "casadi")
+FITS = ("gauss-newton", "ipopt", "ga")
+
+
 class UsageError(TsmError):
     """A command line that cannot be understood."""
 
@@ -178,6 +184,11 @@ def result_arguments(options: argparse._ActionsContainer, written: str) -> None:
     add("--out", metavar="FILE", help=f"write {written} to a .toml file")
     add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
     json_argument(options)
+
+
+def suggest(action: argparse.Action, what: str | Sequence[str]) -> None:
+    """Say what a shell may offer for a value: words, or one of the kinds above."""
+    vars(action)["suggests"] = what if isinstance(what, str) else tuple(what)
 
 
 def json_argument(options: argparse._ActionsContainer) -> None:

@@ -37,7 +37,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
     add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
-    add("--hide", metavar="EFFECT", default=NAMES[0], help=f"what is hidden: {', '.join(NAMES)} ({NAMES[0]})")
+    hide = add("--hide", metavar="EFFECT", default=NAMES[0], help=f"what is hidden: {', '.join(NAMES)} ({NAMES[0]})")
+    common.suggest(hide, NAMES)
     add("--seed", metavar="N", type=common.count, default=0, help="of the noise and of random starts (0)")
     common.json_argument(parser)
     recordings.data_arguments(parser)

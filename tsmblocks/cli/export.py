@@ -23,7 +23,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
     add("--out", metavar="FILE", required=True, help="a .c file (its header is written beside it) or a .mat file")
     add("--step", type=common.number, metavar="H", default=None, help="step of the C code in s (default 0.001)")
-    add("--method", metavar="M", default=None, help="of the C code: euler, heun or rk4 (default)")
+    method = add("--method", metavar="M", default=None, help="of the C code: euler, heun or rk4 (default)")
+    common.suggest(method, common.METHODS)
     add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
         default=[], help="another value for a parameter; may be given several times")  # fmt: skip
     common.json_argument(parser)

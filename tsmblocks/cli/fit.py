@@ -69,7 +69,8 @@ def _search(options: argparse._ActionsContainer) -> None:
     add("--outputs", metavar="NAME", nargs="+", action="extend",
         help="outputs that are compared (default: all that were measured)")  # fmt: skip
     add("--window", metavar="START:STOP", type=common.times, default=None, help="times in s that count (default: all)")
-    add("--method", metavar="M", default="gauss-newton", help="gauss-newton (default), ipopt or ga")
+    method = add("--method", metavar="M", default="gauss-newton", help="gauss-newton (default), ipopt or ga")
+    common.suggest(method, common.FITS)
     add("--segments", metavar="N", type=common.whole, default=1,
         help="pieces of multiple shooting, with --method ipopt (default 1)")  # fmt: skip
     add("--starts", metavar="N", type=common.whole, default=4, help="starts, random ones after the first (default 4)")

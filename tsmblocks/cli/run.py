@@ -28,20 +28,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="end of the run in s (default: end of the data, else 20)",
     )
     add("--step", type=common.number, metavar="H", default=1e-3, help="step in s (default 0.001)")
-    add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
+    method = add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
+    common.suggest(method, common.METHODS)
     add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
         default=[], help="another value for a parameter; may be given several times")  # fmt: skip
     recordings.data_arguments(parser)
-    add(
-        "--hold",
-        default="linear",
-        metavar="HOLD",
-        help="data between samples: zero, linear (default) or cubic",
-    )
+    hold = add("--hold", default="linear", metavar="HOLD", help="data between samples: zero, linear (default) or cubic")
+    common.suggest(hold, common.HOLDS)
     add("--out", metavar="FILE", help="write the outputs to a .csv, .npz or .mat file")
     add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
     add("--every", type=common.whole, metavar="N", default=1, help="keep every N-th instant (default 1)")
-    add("--backend", metavar="B", default="", help="llvm or casadi (default: llvm where it is installed)")
+    backend = add("--backend", metavar="B", default="", help="llvm or casadi (default: llvm where it is installed)")
+    common.suggest(backend, common.BACKENDS)
     common.json_argument(parser)
 
 

@@ -1,0 +1,44 @@
+r"""Print a script with which a shell completes commands, options, diagrams, blocks and files.
+
+Write it where the shell looks for such scripts, and open a new shell:
+
+  mkdir -p ~/.local/share/bash-completion/completions
+  tsmblocks completion bash > \
+      ~/.local/share/bash-completion/completions/tsmblocks
+
+  tsmblocks completion zsh > ~/.zfunc/_tsmblocks
+      (with 'fpath+=~/.zfunc' before 'compinit' in ~/.zshrc)
+
+  tsmblocks completion fish > ~/.config/fish/completions/tsmblocks.fish
+
+For this shell alone: source <(tsmblocks completion bash)
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from tsmblocks.cli import common
+
+HELP = "print a script with which bash, zsh or fish completes what is typed"
+NAMES = ("bash", "zsh", "fish")
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    common.suggest(parser.add_argument("shell", metavar="SHELL", help="bash, zsh or fish"), NAMES)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    import tsmblocks.blocks  # noqa: F401 - importing it registers every block
+    from tsmblocks.block import REGISTRY
+    from tsmblocks.cli.entry import COMMANDS, parsers
+    from tsmblocks.cli.shells import SHELLS, commands
+    from tsmblocks.shelf import names
+
+    shell = common.choose(args.shell, NAMES, "shell")
+    known = commands(parsers()[1], {name: module.HELP for name, module in COMMANDS.items()})
+    words = {common.DIAGRAMS: tuple(names()), common.BLOCKS: tuple(sorted(REGISTRY))}
+    print(SHELLS[shell](known, words), end="")
+    return 0
