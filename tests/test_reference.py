@@ -86,7 +86,8 @@ def test_equations_written_out_are_those_of_the_block(name):
 
 
 @pytest.mark.parametrize(("name", "equations"), {
-    "Saturation": {"y": r"\operatorname{min}\left(\operatorname{max}\left(u,\,\text{low}\right),\,\text{high}\right)"},
+    "Saturation": {"y": r"\operatorname{min}\left(\operatorname{max}\left(u,\; \text{low}\right),\; "
+                        r"\text{high}\right)"},
     "HysteresisObserver": {"y": r"\zeta", r"\dot{\zeta}": r"A\,v - \theta\,\left|v\right|\,\zeta"
                            r" + \delta\,\left|v\right|"},
     "Convert": {"y": r"\frac{180}{\pi}\,u"},

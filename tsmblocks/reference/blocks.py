@@ -51,7 +51,8 @@ def pages() -> dict[str, str]:
 
 def _index(found: dict[str, dict[str, type[Block]]]) -> str:
     parts = [rst.heading("Blocks"), "Every block of the toolbox, by family. The page of a block is written from the "
-             "block: its equations are those that are simulated, fitted, differentiated and exported."]  # fmt: skip
+             "block: its equations are those that are simulated, fitted, differentiated and exported. How to write "
+             "one of your own: :doc:`/python/blocks`."]  # fmt: skip
     for family, some in found.items():
         rows = [(rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(_sentence(cls)))
                 for name, cls in some.items()]  # fmt: skip
@@ -195,15 +196,15 @@ def _time(block: Block) -> str:
 
 
 def _feedthrough(block: Block) -> str:
-    parts = []
-    inputs = set(block.inports)
-    for name, wanted in structure_of(block).outputs.items():
-        at_once = [f"``{k}``" for k in block.inports if k in wanted & inputs]
-        parts.append(f"``{name}`` depends on {' and '.join(at_once)} at the same instant" if at_once
-                     else f"``{name}`` does not depend on any input at the same instant")  # fmt: skip
-    breaks = "" if any(w & inputs for w in structure_of(block).outputs.values()) or not inputs else \
-        " (it breaks an algebraic loop)"  # fmt: skip
-    return f"**Direct feedthrough** (read from the equations): {'; '.join(parts) or 'no output'}{breaks}."
+    found = {name: [f"``{k}``" for k in block.inports if k in wanted]
+             for name, wanted in structure_of(block).outputs.items()}  # fmt: skip
+    if not block.inports:
+        return "**Direct feedthrough**: none; it has no input."
+    if not any(found.values()):
+        return ("**Direct feedthrough** (read from the equations): none; no output depends on an input at the same "
+                "instant, so it breaks algebraic loops.")  # fmt: skip
+    parts = [f"``{name}`` depends on {' and '.join(inputs) or 'no input'}" for name, inputs in found.items()]
+    return f"**Direct feedthrough** (read from the equations): at the same instant {', '.join(parts)}."
 
 
 def _switches(made: Listing) -> str:
@@ -212,7 +213,8 @@ def _switches(made: Listing) -> str:
     if made.size > LONGEST or sum(map(len, made.switches)) > 700:
         return f"**Kinks and jumps**: {len(made.switches)} (see :doc:`/concepts/fixed_step`)."
     places = ", ".join(f":math:`{spaced(place)}`" for place in made.switches)
-    return f"**Kinks and jumps** (see :doc:`/concepts/fixed_step`) where {places}."
+    letters = " (letters as in the equations below)" if made.shared else ""
+    return f"**Kinks and jumps** (see :doc:`/concepts/fixed_step`) where {places}{letters}."
 
 
 def _in_c(block: Block) -> str:

@@ -101,15 +101,15 @@ def _numbers(effect: Effect, trials: Trials) -> str:
     for name in effect.free:
         field = fields[name]
         low, high = trials.bounds.get(name, (None, None))
-        here = ", ".join("" if v is None else f"{v:.3g}" for v in (low, high)) if name in trials.bounds else ""
+        here = [f"{words} {v:.3g}" for words, v in (("from", low), ("to", high)) if v is not None]
         null = effect.null.get(name)
         rows.append((rst.code(name), unit(field.unit) if field.unit else "", "" if null is None else number(null),
-                     bounds(field), f"{here.replace(', ', ' to ')}", rst.words(field.about)))  # fmt: skip
+                     bounds(field), " ".join(here), rst.words(field.about)))  # fmt: skip
     within = f" It must not end at a bound of {' or '.join(map(rst.code, effect.within))}: there it has turned into " \
         "something else." if effect.within else ""  # fmt: skip
     return rst.page(
-        rst.table(("Fitted", "Unit", "None at", "Bounds", "In this example", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
-        f"Where a number is what stands under *None at*, the effect passes its signal on bit for bit.{within}",
+        rst.table(("Fitted", "Unit", "None at", "Bounds", "Looked for here", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
+        f"With the value under *None at* the effect passes its signal on bit for bit.{within}",
     )
 
 
@@ -185,22 +185,46 @@ def _scales(plant: str, site: Site) -> Scales:
     return Scales(wire, other, 0.0, STOP, STEP, STOP, (LINE,))
 
 
-def _residual(made: Placed) -> str:
-    """Charts of what the effect adds to the plant's output, over time and over position."""
+@attrs.frozen(eq=False)
+class Traces:
+    """What an effect leaves: the output of the plant without it, and the difference with it, as people read them."""
+
+    t: np.ndarray
+    output: np.ndarray
+    residual: np.ndarray
+    labels: dict[str, str]
+
+    def over_time(self) -> str:
+        """A chart of both over time."""
+        names = list(self.labels)
+        return figures.over_time(self.t, dict(zip(names, (self.output, self.residual), strict=True)), self.labels)
+
+    def over_position(self) -> str:
+        """A chart of the difference over the output."""
+        position, residual = self.labels.values()
+        return figures.over_another(self.output, self.residual, (position, residual))
+
+
+def traces(made: Placed) -> Traces:
+    """Run the plant with and without the effect."""
     from tsmblocks.plots.panels import shown
 
     base, now = _run(uses.shipped()[made.plant]), _run(made.diagram)
     (output,) = made.diagram.outputs
-    before, degrees = shown(np.asarray(base[output]), made.diagram.unit(output))
+    before, unit_shown = shown(np.asarray(base[output]), made.diagram.unit(output))
     after, _ = shown(np.asarray(now[output]), made.diagram.unit(output))
-    left = after - before
-    labels = {output: f"{output} [{degrees}]", "residual": f"residual [{degrees}]"}
-    drawn = [figures.over_time(base.t, {output: before, "residual": left}, labels),
-             figures.over_another(before, left, (labels[output], labels["residual"]))]  # fmt: skip
+    labels = {output: f"{output} [{unit_shown}]", "residual": f"residual [{unit_shown}]"}
+    return Traces(base.t, before, after - before, labels)
+
+
+def _residual(made: Placed) -> str:
+    """Charts of what the effect adds to the plant's output, over time and over position."""
+    found = traces(made)
     numbers = {**made.trials.shapes[len(made.trials.shapes) // 2], **made.trials.strengths}
     said = ", ".join(f"``{k}`` = {v:.3g}" for k, v in numbers.items())
+    drawn = [found.over_time(), found.over_position()]
     return rst.page(
         f"What a model without it leaves, in {rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
         f"``{made.site.words(uses.shipped()[made.plant])}``, with {said}:",
-        rst.html(figures.side_by_side(drawn, list(labels))),
+        rst.html(figures.side_by_side(drawn, list(found.labels))),
     )

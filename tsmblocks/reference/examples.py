@@ -57,7 +57,7 @@ DRIVE: dict[str, dict[str, Block]] = {
     "Maximum": {"u1": Sine(amplitude=1.0), "u2": Sine(amplitude=0.6, frequency=0.5)},
     "Minimum": {"u1": Sine(amplitude=1.0), "u2": Sine(amplitude=0.6, frequency=0.5)},
     "Creep": {"u": Staircase(height=0.5, dwell=2.0, up=1, down=1)},
-    "DCMotor": {"u": Step(after=6.0, unit="V")}, "MotorTransferFunction": {"u": Step(after=6.0, unit="V")},
+    **_all("u", Step(time=0.05, after=6.0, unit="V"), "DCMotor MotorTransferFunction"),
     "Divide": {"num": Sine(amplitude=1.0), "den": Ramp(start=2.0, slope=0.5, initial=1.0)},
     "LoopAsymmetry": {"u": Sine(amplitude=1.0), "x": Sine(amplitude=1.0)},
     "PositionDependentLoop": {"u": Sine(amplitude=1.0), "x": Sine(amplitude=1.0)},
@@ -68,7 +68,7 @@ DRIVE: dict[str, dict[str, Block]] = {
     "Sum": {"plus": Sine(amplitude=1.0), "minus": Step(time=5.0, after=0.5)},
     "Switch": {"u1": Sine(amplitude=1.0), "u2": Constant(value=0.5), "control": Step(time=5.0)},
 }  # fmt: skip
-STOPS = {"DCMotor": 1.5, "MotorTransferFunction": 1.5, "StateSpace": 5.0, "ZeroPoleGain": 3.0, "SecondOrderLag": 4.0,
+STOPS = {"DCMotor": 0.3, "MotorTransferFunction": 0.3, "StateSpace": 5.0, "ZeroPoleGain": 3.0, "SecondOrderLag": 4.0,
          "Step": 3.0}  # fmt: skip
 """Duration of the runs [s] that are not ``STOP`` long."""
 

@@ -20,10 +20,15 @@ ALIKE = 8.0
 
 
 def over_time(t: np.ndarray, signals: Mapping[str, np.ndarray], labels: Mapping[str, str]) -> str:
-    """Signals over time [s], those of much smaller range on an axis of their own; ``labels`` are names with units."""
+    """Signals over time [s]; those of another unit or a much smaller range have an axis of their own.
+
+    ``labels`` are the signals' names with their units.
+    """
     groups: list[list[str]] = []
     for name in signals:
-        home = next((g for g in groups if _alike(signals[g[0]], signals[name])), None)
+        same = labels[name].removeprefix(name)  # the unit
+        home = next((g for g in groups if labels[g[0]].removeprefix(g[0]) == same
+                     and _alike(signals[g[0]], signals[name])), None)  # fmt: skip
         home.append(name) if home else groups.append([name])
     parts, top = [], 24.0
     for place, group in enumerate(groups):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsmblocks.blocks import AsymmetricBoucWen
-from tsmblocks.reference import examples, figures, rst, uses
+from tsmblocks.reference import effects, examples, figures, rst, uses
 
 FIRST = "fig16_feedforward_feedback"
 
@@ -29,19 +29,19 @@ def _index() -> str:
 def _cards() -> str:
     run = examples.run(AsymmetricBoucWen)
     loop = figures.over_another(run["x"], run["y"], ("motor end [rad]", "tool end [rad]"))
-    counts = len(uses.shipped()), len(uses.effects())
+    gap = effects.traces(effects.placed(uses.effects()["backlash"][0]))
     cards = [
+        ("blocks/index", "Blocks", "Equations, ports, numbers with units and bounds, an example of each.", loop),
+        ("effects/index", "Effects", f"{len(uses.effects())} things a model may miss, where they stand, and what they "
+         "leave in the residuals.", gap.over_position()),
+        ("diagrams/index", "Diagrams", f"{len(uses.shipped())} files that come with the toolbox: the paper's figures, "
+         "plants for fits.", ""),
         ("concepts/index", "Concepts", "How a diagram becomes equations, what a fixed step means at a kink, how fits "
          "and diagnoses decide, and when not to believe them.", ""),
-        ("blocks/index", "Blocks", "Equations, ports, numbers with units and bounds, an example of each.",
-         f"<figure>{loop}</figure>"),
-        ("diagrams/index", "Diagrams", f"{counts[0]} files that come with the toolbox: the paper's figures, plants for "
-         "fits.", ""),
-        ("effects/index", "Effects", f"{counts[1]} things a model may miss, where they stand, and what they leave in "
-         "the residuals.", ""),
         ("python/index", "Python", "Every public name, by what one wants to do.", ""),
         ("commands/index", "Commands", "What can be done at a terminal.", ""),
     ]  # fmt: skip
-    made = [f'<a class="card" href="{path}.html"><b>{title}</b><span>{words}</span>{picture}</a>'
-            for path, title, words, picture in cards]  # fmt: skip
+    drawn = [f"<figure>{picture}</figure>" if picture else "" for *_, picture in cards]
+    made = [f'<a class="card" href="{path}.html"><b>{title}</b><span>{words}</span>{figure}</a>'
+            for (path, title, words, _), figure in zip(cards, drawn, strict=True)]  # fmt: skip
     return f'<div class="cards front">{"".join(made)}</div>'

@@ -26,12 +26,21 @@ path.grid{stroke:var(--rule);stroke-width:.6;fill:none}
 .key{display:flex;flex-wrap:wrap;gap:4px 16px;font-size:.85rem;margin:.6em 0}
 .key span::before{content:'';display:inline-block;width:18px;height:4px;margin:0 6px 3px 0;background:var(--c)}
 div.math{overflow-x:auto;overflow-y:hidden;padding:.4em 0;margin:.6em 0}
-math{font-size:1.08em}
+math{font-size:1.08em;font-family:"STIX Two Math","Cambria Math","Latin Modern Math",math}
 mtable.aligned mtd{padding:.35em .12em}
+mtable.cases{border-left:1.5px solid;border-radius:.6em/1.2em;padding-left:.2em}
+mtable.cases mtd{text-align:left;padding:.2em .3em}
 mtd.right{text-align:right}mtd.left{text-align:left}
-table.docutils{font-size:.88rem}
+table.docutils{font-size:.88rem;width:100%;box-shadow:none}
+table.docutils th{text-align:left}
+article h2{font-size:1.5em}article h3{font-size:1.2em}
+article .highlight pre{font-size:.8rem}
+dl.field-list{display:grid;grid-template-columns:fit-content(34%) auto;gap:.2em 1em;margin:1em 0}
+dl.field-list>dt,dl.field-list>dd{margin:0;padding:0;line-height:1.6}
+dl.field-list dd p{margin:0}
 details{margin:.6em 0}summary{cursor:pointer}
 article h1{font-size:2em}
-@media (max-width:46em){article h1{font-size:1.5em;overflow-wrap:anywhere}table.docutils{min-width:36em}}
+@media (max-width:46em){article h1{font-size:1.5em;overflow-wrap:anywhere}
+article h2{font-size:1.25em}table.docutils{min-width:36em}}
 """.replace("LIGHT", LIGHT).replace("DARK", DARK)
 """The style sheet."""

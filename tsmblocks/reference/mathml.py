@@ -11,6 +11,8 @@ from typing import Any
 
 ALIGNED = re.compile(r"\\begin\{(aligned|split|gathered)\}|\\end\{(aligned|split|gathered)\}")
 
+BRACE = re.compile(r'<mo[^>]*>(?:\{|&#x0007B;)</mo>\s*<mtable(?: class="[^"]*")?')
+
 
 def mathml(latex: str, *, block: bool = False) -> str:
     r"""A formula as a ``<math>`` element; rows end with ``\\`` and are aligned at ``&``."""
@@ -54,8 +56,8 @@ def _converted(latex: str) -> str:
     from latex2mathml.converter import convert
 
     made = re.sub(r"^<math[^>]*>|</math>$", "", convert(latex.strip() or "{}"))
-    # A point or a hyphen in a word of text is no operator; the converter's breaks are meant for other programs.
-    return made.replace('<mspace linebreak="newline" />', "")
+    # A brace grows with its cases only where a font for mathematics is installed; a line does so everywhere.
+    return BRACE.sub('<mtable class="cases"', made)
 
 
 def setup(app: Any) -> dict[str, bool]:
