@@ -205,11 +205,12 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
         raise BlockError(
             f"{cls.__name__} must derive from Block itself, not from {base}. Write class {cls.__name__}(Block)."
         )
+    own = frozenset(vars(cls))
     specs = {k: v for k, v in vars(cls).items() if isinstance(v, (Input, Output, Tape, Past))}
     made: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(cls)
     made._declared = specs
     made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
-    _check_declarations(made)
+    _check_declarations(made, own)
     type.__setattr__(made, "__init__", _guarded(made.__init__, made))
     type.__setattr__(made, "__setattr__", _unchanging)
     if register:
@@ -217,9 +218,15 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
     return made
 
 
-def _check_declarations(cls: type[Block]) -> None:
-    """Raise BlockError for a name no block can use, ParameterError for a default out of its bounds."""
+def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
+    """Raise BlockError for a name no block can use, ParameterError for a default out of its bounds.
+
+    ``own`` are the names that the class was written with.
+    """
     owner = cls.__name__
+    if "__init__" in own:
+        raise BlockError(f"{owner} must not have __init__: it is made from what is declared. Numbers that must go "
+                         "together are for check().")  # fmt: skip
     for name, annotation in vars(cls).get("__annotations__", {}).items():
         if name in cls._declared:
             raise BlockError(f"{owner}.{name} is a port and takes no annotation: {name} = Input(…) or Output(…).")
@@ -251,12 +258,17 @@ def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]
     return made
 
 
+class Unchanging(AttributeError):
+    """An attribute of a block was to be set."""
+
+
 def _unchanging(self: Block, name: str, value: Any) -> None:
     """What setting an attribute of a block does: say how a changed block, or diagram, is had."""
-    kind = type(self).__name__
-    raise AttributeError(
-        f"a block does not change. A {kind} with another {name} is block.replace({name}={in_words(value)}); a diagram "
-        f"with it is diagram.with_parameters({{'NAME.{name}': {in_words(value)}}}), NAME being the block's."
+    raise Unchanging(
+        f"a block does not change. A {type(self).__name__} with another {name} is block.replace({name}="
+        f"{in_words(value)}); a diagram with it is diagram.with_parameters({{'NAME.{name}': {in_words(value)}}}), NAME "
+        "being the block's.",
+        name=name,
     )
 
 

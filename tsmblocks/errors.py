@@ -114,10 +114,12 @@ LONGEST = 1500
 
 
 def near(name: object, known: Iterable[str], most: int = 8) -> str:
-    """`` Did you mean 'x'?`` when a known name is close, otherwise the choices."""
-    choices = sorted({str(k) for k in known})
-    close = [k for k in choices if k.casefold() == str(name).casefold()]
+    """`` Did you mean 'x'?`` when a known name is close, or the only one that begins so; otherwise the choices."""
+    choices, plain = sorted({str(k) for k in known}), str(name).casefold()
+    close = [k for k in choices if k.casefold() == plain]
     close = close or get_close_matches(str(name), _likely(str(name), choices), n=1, cutoff=0.6)
+    begun = [k for k in choices if k.casefold().startswith(plain)] if len(plain) > 2 and not close else []
+    close = begun if len(begun) == 1 else close
     if close:
         return f" Did you mean '{clip(close[0])}'?"
     if not choices:

@@ -8,13 +8,16 @@ from __future__ import annotations
 import math
 import traceback
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import attrs
 import casadi as ca
 
-from tsmblocks.block import Block, Input, is_reference, signals
+from tsmblocks.block import Block, Input, Unchanging, is_reference, signals
 from tsmblocks.errors import BlockError, EquationError, clip, in_words, near
+
+_HERE = str(Path(__file__).parent)
 
 
 @attrs.frozen
@@ -66,6 +69,8 @@ def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> d
     except BlockError:
         raise
     except Exception as error:
+        if error.__traceback__ is None or error.__traceback__.tb_next is None:  # it was never entered
+            raise EquationError(f"{owner}.{equation} must take (self, t, x, u).") from None
         why, known = _why(block, error, x, u)
         raise EquationError(f"{owner}.{equation} {why} See {_line(error)}.") from (None if known else error)
     if not isinstance(result, dict):
@@ -94,6 +99,8 @@ def _why(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
             True,
         )
     name = str(getattr(error, "name", ""))
+    if isinstance(error, Unchanging):
+        return f"sets self.{name}, and a block does not change: what it remembers is a state.", True
     of: Any = getattr(error, "obj", None)  # what an AttributeError is about
     for owner, what in ((x, "state"), (u, "input")):
         if of is owner:
@@ -104,9 +111,9 @@ def _why(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
 
 
 def _line(error: Exception) -> str:
-    """``file:line`` where an equation raised: the last line before it went into other packages."""
+    """``file:line`` where an equation raised: the last line before it went into other packages, or into this one."""
     frames = traceback.extract_tb(error.__traceback__)[1:]
-    own = [f for f in frames if "site-packages" not in f.filename] or frames
+    own = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith(_HERE)] or frames
     return f"{own[-1].filename}:{own[-1].lineno}"
 
 

@@ -7,11 +7,23 @@ import pandas as pd
 import tsmblocks as tsm
 from tests.mistakes.table import mistake, position_loop
 from tsmblocks import analysis, units
+from tsmblocks.block import Block, Input, Output, Unchanging, block
 from tsmblocks.blocks import PID, Constant, Divide, FirstOrderLag, Gain, StateSpace, Sum, TransferFunction
 from tsmblocks.compile import compile_diagram
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import AlgebraicLoop, DataError, DiagramError, FileError, ParameterError, RunError, TsmError
+from tsmblocks.errors import (
+    AlgebraicLoop,
+    BlockError,
+    DataError,
+    DiagramError,
+    EquationError,
+    FileError,
+    ParameterError,
+    RunError,
+    TsmError,
+)
 from tsmblocks.simulate import Stepper, simulate
+from tsmblocks.structure import structure_of
 from tsmblocks.units import UnitError
 
 
@@ -86,7 +98,7 @@ def one_text_of_wires_beside_a_block():
 
 
 @mistake(
-    AttributeError,
+    Unchanging,
     "a block does not change. A PID with another kp is block.replace(kp=2); a diagram with it is "
     "diagram.with_parameters({'NAME.kp': 2}), NAME being the block's.",
 )
@@ -123,6 +135,62 @@ def a_direct_matrix_of_zeros_in_a_loop():
 @mistake(AlgebraicLoop, LOOP)
 def a_leading_zero_in_a_loop():
     around(TransferFunction(num=[0.0, 1.0], den=[1.0, 1.0]))
+
+
+@mistake(
+    EquationError,
+    "Wrong.outputs must take (self, t, x, u).",
+)
+def an_equation_of_inputs_alone():
+    @block(register=False)
+    class Wrong(Block):
+        u = Input("input")
+        y = Output("output")
+
+        def outputs(self, u):
+            return dict(y=u)
+
+    structure_of(Wrong())
+
+
+@mistake(
+    EquationError, "Wrong.outputs sets self.count, and a block does not change: what it remembers is a state. See HERE."
+)
+def an_equation_that_counts():
+    @block(register=False)
+    class Wrong(Block):
+        y = Output("output")
+        count = 0
+
+        def outputs(self, t, x, u):
+            self.count = self.count + 1
+            return dict(y=t)
+
+    structure_of(Wrong())
+
+
+@mistake(
+    BlockError,
+    "Wrong must not have __init__: it is made from what is declared. Numbers that must go together are for check().",
+)
+def a_constructor_of_ones_own():
+    @block(register=False)
+    class Wrong(Block):
+        y = Output("output")
+
+        def __init__(self, gain):
+            self.gain = gain
+
+
+@mistake(
+    FileError,
+    """
+fig16 has 1 problem:
+  1. there is no file 'fig16', and no ready-made diagram of that name. Did you mean 'fig16_feedforward_feedback'?
+""",
+)
+def the_beginning_of_a_name():
+    tsm.load("fig16")
 
 
 # ---- runs
