@@ -96,6 +96,19 @@ def test_what_these_motions_do_not_reach_has_no_detection_limit():
     assert limits["coulomb_friction"].value is None
 
 
+@pytest.mark.parametrize("size", [0.0, 0.05])
+def test_wires_that_never_move_show_nothing_and_stop_nothing(size):
+    """An input at rest, and one that stays within the slack of the model, so that its output rests."""
+    t = np.arange(0.0, 6.0, 0.01)
+    x_in = 0.1 + size * np.sin(2.0 * t)
+    x_out = 0.01 * np.sin(5.0 * t) + np.random.default_rng(1).normal(0.0, 0.004, t.size)
+    record = tsm.Record("rest", t, {"x_in": x_in, "x_out": x_out}, {"x_in": "rad", "x_out": "rad"})
+    plant = tsm.load("tendon_sheath_play").with_parameters({"play.half_width": 0.2})
+    found = tsm.diagnose(plant, record, noise_floor=0.004, free=["offset.*"], seed=1)
+    assert found.verdict in ("named", "unknown")  # what swings by itself is a disturbance, and is there
+    assert not {e.name for e in found.effects} & {"backlash", "hysteresis", "rate_dependence", "rate_limit"}
+
+
 def test_what_is_in_no_catalogue_is_not_given_a_name():
     said = found("outside")
     assert said.verdict == "unknown"

@@ -147,14 +147,23 @@ def candidates(
         for site in places:
             if (site.place, site.adds) != (effect.place, effect.adds):
                 continue
-            trials = effect.trials(around.scales(site))
-            if trials is None or _at_rest(trials):
+            trials = _trials(effect, around.scales(site))
+            if trials is None:
                 continue
             effect.accepts(trials)
             made = _edited(base, effect, site, trials)
             if made is not None:
                 found.append(Candidate(effect, site, _name(base, effect.name), made, trials))
     return found
+
+
+def _trials(effect: Effect, scales: Scales) -> Trials | None:
+    """What an effect would try; None where these data cannot show it, as on a wire that never moves."""
+    try:
+        trials = effect.trials(scales)
+    except ZeroDivisionError:  # a share of a range or a rate that is zero
+        return None
+    return None if trials is None or _at_rest(trials) else trials
 
 
 def _at_rest(trials: Trials) -> bool:

@@ -50,10 +50,17 @@ def _ringing(scales: Scales) -> Trials:
                   bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})  # fmt: skip
 
 
-def _by_speed(scales: Scales) -> Trials:
+def _by_speed(scales: Scales) -> Trials | None:
     speed = scales.wire.speed
+    if not speed > 0:  # a wire that stands still
+        return None
     return Trials({"coefficient": 0.01}, tuple({"exponent": n} for n in (1.0, 0.5)),
                   {"smoothing": 0.02 * speed}, {"exponent": (0.25, 3.0)})  # fmt: skip
+
+
+def _by_speed_of_other(scales: Scales) -> Trials | None:
+    trials = _by_speed(scales.of_other)
+    return None if trials is None else trials.under("rate")
 
 
 EFFECTS = (
@@ -88,7 +95,7 @@ EFFECTS = (
         for place, block, prefix, trials in (
             ("output", RateDependence(), "", _by_speed),
             ("across", beside("rate", RateDependence()), "rate.",
-             lambda scales: _by_speed(scales.of_other).under("rate")),
+             _by_speed_of_other),
         )
     ),
 )  # fmt: skip
