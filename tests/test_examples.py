@@ -17,7 +17,7 @@ from tsmblocks.testing import broken_promises
 
 FOLDER = Path(__file__).parents[1] / "examples"
 PLANNED = "15_beyond_the_paper"
-APART = ("04_python_control", "05_two_link_arm", "07_c_export", PLANNED)
+APART = ("04_python_control", "05_two_link_arm", "07_c_export", PLANNED, "21_an_effect_of_your_own")
 """Examples whose answers have tests of their own below."""
 EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 ANSWERS = {
@@ -221,6 +221,18 @@ def test_a_missing_compiler_is_said(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(SystemExit, match="found none of cc, gcc and clang"):
         runpy.run_path(str(FOLDER / "07_c_export.py"))
+
+
+def test_an_effect_of_ones_own_is_named_before_the_whole_catalogue(capsys, monkeypatch):
+    found, said = run_example("21_an_effect_of_your_own", capsys, monkeypatch)
+    assert found["gap"].held_out[-1] == pytest.approx(found["NOISE"], rel=0.02)
+    assert found["effect"].name == "warming"
+    shares = [int(share) for share in re.findall(r"(\d+) %", said)]
+    assert shares[0] >= 98
+    assert max(shares[1:]) < 60
+    for name, hidden in {"softening": 0.25, "time": 8.0}.items():
+        assert found["effect"].parameters[name].low < hidden < found["effect"].parameters[name].high
+    assert re.search(r"softening 0\.26\d ± 0\.04\d", said)
 
 
 def test_only_pieces_reach_the_noise(capsys, monkeypatch):
