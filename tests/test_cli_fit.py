@@ -243,6 +243,23 @@ def test_compare_ranks_and_writes_the_best(run):
     assert np.degrees(tsm.load("b.toml").parameters["play.half_width"]) == pytest.approx(20.0, abs=0.5)
 
 
+def test_compare_takes_the_names_it_prints(run):
+    words = ["--data", "sheath.csv", "--starts", "1", "--step", "0.02", "--json"]
+    full = run("compare", "tendon_sheath_linear", "tendon_sheath_play", *words)
+    assert run("compare", "linear", "play", *words) == full
+
+
+def test_the_name_of_a_model_elsewhere_is_told_in_full(run):
+    assert run("fit", "asymmetric", "--data", "sheath.csv") == (
+        2,
+        "",
+        (
+            "tsmblocks: asymmetric has 1 problem:\n  1. there is no file 'asymmetric', and no ready-made diagram of that "
+            "name. Did you mean 'tendon_sheath_asymmetric'?\n"
+        ),
+    )
+
+
 def test_compare_says_what_was_fitted(run):
     write("other.csv", sheath(seed=2))
     words = ["compare", "tendon_sheath_linear", "--data", "sheath.csv", "other.csv", "--starts", 1]

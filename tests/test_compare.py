@@ -154,6 +154,15 @@ def test_models_come_as_names_files_diagrams_or_a_mapping(tmp_path):
     assert tsm.compare(LINEAR, rig(), **QUICK).best.name == LINEAR.title
 
 
+def test_the_names_that_are_shown_stand_for_the_models(tmp_path, monkeypatch):
+    found = tsm.compare(["linear", "play"], rig(), **QUICK)
+    again = tsm.compare([row.name for row in found], rig(), **QUICK)
+    assert {row.name: row.figure for row in again} == {row.name: row.figure for row in found}
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "play").write_text(tsm.dumps(LINEAR))  # a file of that name is the file
+    assert tsm.compare(["play"], rig(), **QUICK).best.fit.diagram.title == LINEAR.title
+
+
 def test_what_is_free_is_said_model_by_model():
     found = tsm.compare({"line": LINEAR, "slack": PLAY}, rig(), free={"line": ["offset.bias"]}, **QUICK)
     assert found["line"].fit.names == ("offset.bias",)

@@ -193,6 +193,16 @@ def test_near_misses():
     assert near("x", [f"block{k}" for k in range(20)]).endswith(", block14, block15, … (20 in all).")
 
 
+def test_a_word_of_a_name_is_nearer_than_a_name_spelt_much_alike():
+    sheaths = ["tendon_sheath_asymmetric", "tendon_sheath_play", "tendon_sheath_symmetric"]
+    assert near("asymmetric", sheaths) == " Did you mean 'tendon_sheath_asymmetric'?"
+    assert near("PLAY", sheaths) == " Did you mean 'tendon_sheath_play'?"
+    assert near("bias", ["offset.bias", "offset.gain", "basis"]) == " Did you mean 'offset.bias'?"
+    assert near("gain", ["gains", "loop_gain"]) == " Did you mean 'gains'?"  # a letter off is nearer still
+    assert near("sheath", sheaths).startswith(" Known here: ")  # a word of several says nothing
+    assert near("x", ["plant.x", "u"]) == " Known here: plant.x, u."  # and one letter is no word
+
+
 def test_values_in_words_are_short_and_on_one_line():
     np = pytest.importorskip("numpy")
     assert in_words(0.1) == "0.1"

@@ -114,10 +114,15 @@ LONGEST = 1500
 
 
 def near(name: object, known: Iterable[str], most: int = 8) -> str:
-    """`` Did you mean 'x'?`` when a known name is close, or the only one that begins so; otherwise the choices."""
-    choices, plain = sorted({str(k) for k in known}), str(name).casefold()
-    close = [k for k in choices if k.casefold() == plain]
-    close = close or get_close_matches(str(name), _likely(str(name), choices), n=1, cutoff=0.6)
+    """`` Did you mean 'x'?`` when a known name is close, otherwise the choices.
+
+    Close is what differs in a letter or two; then the one choice that holds the name as a word of its own (``play``
+    is ``tendon_sheath_play``); then what is spelt much alike; then the only one that begins so.
+    """
+    choices, text = sorted({str(k) for k in known}), str(name)
+    likely, plain = _likely(text, choices), text.casefold()
+    close = [k for k in choices if k.casefold() == plain] or get_close_matches(text, likely, 1, 0.85)
+    close = close or _with_word(plain, choices) or get_close_matches(text, likely, 1, 0.6)
     begun = [k for k in choices if k.casefold().startswith(plain)] if len(plain) > 2 and not close else []
     close = begun if len(begun) == 1 else close
     if close:
@@ -126,6 +131,12 @@ def near(name: object, known: Iterable[str], most: int = 8) -> str:
         return " There are none."
     more = f", … ({len(choices)} in all)" if len(choices) > most else ""
     return f" Known here: {', '.join(map(clip, choices[:most]))}{more}."
+
+
+def _with_word(plain: str, choices: list[str]) -> list[str]:
+    """The choice that has a name in small letters among its words, where there is just one and it is no letter."""
+    found = [k for k in choices if f"_{plain}_" in f"_{k.casefold()}_".replace(".", "_").replace("/", "_")]
+    return found if len(found) == 1 and len(plain) > 1 else []
 
 
 def _likely(name: str, choices: list[str]) -> list[str]:

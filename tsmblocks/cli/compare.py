@@ -1,11 +1,12 @@
 """Fit several models to the same recordings and rank them on parts held out.
 
-Without DIAGRAM every ready-made tendon-sheath model takes part. Each FILE is
-one experiment. A model has one set of numbers for all files; with --each it is
-fitted to every file by itself, and a table of models and files is printed.
+Without DIAGRAM every ready-made tendon-sheath model takes part; the short names
+of the table (play, asymmetric) stand for them too. Each FILE is one experiment.
+A model has one set of numbers for all files; with --each it is fitted to every
+file by itself, and a table of models and files is printed.
 
   tsmblocks compare --data sheath.csv --out best.toml --plot models.png
-  tsmblocks compare tendon_sheath_play my_model.toml --data bend*.csv --each
+  tsmblocks compare play my_model.toml --data bend*.csv --each
 """
 
 from __future__ import annotations
@@ -27,7 +28,12 @@ HELP = "fit several models to the same recordings and rank them on held-out part
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s [DIAGRAM ...] --data FILE [FILE ...] [options]"
-    parser.add_argument("models", metavar="DIAGRAM", nargs="*", help="diagram files, or names of ready-made ones")
+    parser.add_argument(
+        "models",
+        metavar="DIAGRAM",
+        nargs="*",
+        help="diagram files, or names of ready-made ones, short as in the table or in full",
+    )
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     add = parser.add_argument_group("what is fitted").add_argument
     add("--train", metavar="PART", type=common.part, default=0.5,
@@ -45,13 +51,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
-    from tsmblocks.fitting.compare import ready_made
+    from tsmblocks.fitting.compare import in_full, ready_made
     from tsmblocks.fitting.telling import by_file
 
     if args.each and args.held_out:
         raise common.UsageError("--each fits every file, so none can be held out; leave --held-out away.")
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
-    models = {_label(name, args.models): load(name) for name in args.models or ready_made()}
+    given = [in_full(name) for name in args.models]
+    models = {_label(name, given): load(name) for name in given or ready_made()}
     records = recordings.read_experiments(args, *models.values())
     groups = {name: {name: record} for name, record in records.items()} if args.each else {"": records}
     found = _compared(args, models, groups)

@@ -120,11 +120,11 @@ def compare(
 ) -> Comparison:  # fmt: skip
     """Fit several models to the same recordings and rank them by what they leave of parts held out.
 
-    ``models`` maps names to diagrams, or lists diagrams, files and names of ready-made ones; None takes
-    those named ``tendon_sheath_...``. ``train`` is the share of each recording that is fitted, from its
-    start (0.5; 1 holds nothing out), or a window (start, stop) [s], what follows it being held out (where
-    nothing follows, what comes before it); experiments
-    in ``held_out`` are not fitted at all. Every simulation runs through from the start of its recording.
+    ``models`` maps names to diagrams, or lists diagrams, files and names of ready-made ones, in full or as
+    they are shown (``"tendon_sheath_play"`` or ``"play"``); None takes all of those. ``train`` is the share of each
+    recording that is fitted, from its start (0.5; 1 holds nothing out), or a window (start, stop) [s], what follows
+    it being held out (where nothing follows, what comes before it); experiments in ``held_out`` are not fitted at
+    all. Every simulation runs through from the start of its recording.
     ``free`` says by model what may change (by default all but start values); with ``start_states`` the
     start value of every state is found too, for each experiment. A model that cannot be fitted comes
     last, with the reason. Other arguments as for ``fit``; ``progress(model, evaluations, rms)``.
@@ -232,6 +232,15 @@ def ready_made() -> list[str]:
     return [name for name in names() if name.startswith(SHIPPED)]
 
 
+def in_full(name: str) -> str:
+    """The name by which ``load`` finds a ready-made model that comparisons show under a short one.
+
+    What exists as a file, and any other name, is left as it is.
+    """
+    full = f"{SHIPPED}{name}"
+    return full if full in ready_made() and not Path(name).is_file() else name
+
+
 def _models(given: Models) -> dict[str, Diagram]:
     """Models by name. Raises RunError for what is no diagram, or when there is none."""
     from tsmblocks.files import load
@@ -247,6 +256,7 @@ def _models(given: Models) -> dict[str, Diagram]:
     for name, one in pairs:
         if not isinstance(one, (str, Path, Diagram)):
             raise RunError(f"a model must be a diagram, a diagram file or the name of one, got {in_words(one)}.")
+        one = in_full(one) if isinstance(one, str) else one
         diagram = one if isinstance(one, Diagram) else load(one)
         label = str(name or (diagram.title if isinstance(one, Diagram) else Path(str(one)).stem)).removeprefix(SHIPPED)
         if label in made:
