@@ -403,13 +403,14 @@ def test_lists_are_cut_where_nobody_would_read_on():
 
 def test_help_fits_a_terminal(run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    for command, groups in (("fit", ("what may change:", "search:")), ("compare", ("what is fitted:",))):
+    said = (("fit", "tendon_sheath_play", ("what may change:", "search:")), ("compare", "play", ("what is fitted:",)))
+    for command, model, groups in said:
         status, out, err = run(command, "--help")
         assert (status, err) == (0, "")
         assert max(map(len, out.splitlines())) <= 80
         for group in ("measured data:", *groups, "results:"):
             assert f"\n{group}\n" in out
-        assert f"  tsmblocks {command} tendon_sheath_play " in out
+        assert f"  tsmblocks {command} {model} " in out
 
 
 def test_messages_are_folded_on_a_terminal_only(capsys, monkeypatch):
