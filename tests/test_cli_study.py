@@ -103,7 +103,9 @@ def test_grids_and_sweeps(file, capsys):
 def test_a_diagram_beside_the_file_and_measured_inputs(file, capsys):
     shelf = Path(tsmblocks.__file__).parents[1] / "diagrams"
     shutil.copy(shelf / "tendon_sheath_play.toml", "mine.toml")
-    Path("data.csv").write_text("t [s],x_in [deg]\n" + "".join(f"{0.01 * k},{k % 50}\n" for k in range(200)))
+    Path("data.csv").write_text(
+        "t [s],x_in [deg]\n" + "".join(f"{0.01 * k},{k % 50}\n" for k in range(200)), encoding="utf-8"
+    )
     text = 'format = 1\ndiagram = "mine.toml"\nstep = 0.01\n[metrics]\nhigh = "highest(x_out)"\n[vary]\n'
     name = file(text + '"play.half_width" = [0.0, 0.1]\n')
     assert main(["study", name, "--data", "data.csv", "--json"]) == 0

@@ -145,7 +145,7 @@ def test_feedthrough_is_what_the_expressions_depend_on(name):
 def test_every_block_alone_compiles_to_its_own_equations(name):
     """The equations of a diagram of one block are the block's, with every number still a symbol."""
     block = OURS[name]()
-    inputs = {f"in_{k}": f"it.{k}" for k, port in block.inports.items()}
+    inputs = {f"in_{k}": f"it.{k}" for k in block.inports}
     eq = compile_diagram(Diagram(title=name, blocks=dict(it=block), inputs=inputs))
     assert set(eq.p) == {f"it.{leaf}" for k, v in block.parameters.items() for leaf, _ in leaves(v, k)}
     assert set(eq.x) == {f"it.{k}" for k in structure_of(block).continuous}

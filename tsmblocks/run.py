@@ -118,26 +118,31 @@ class Run:
         """
         path, chosen = Path(path), _listed(names) or list(self.aliases) or self.keys()
         kinds: dict[str, Callable[[str], str]] = {".csv": self.heading, ".npz": str, ".mat": _variable}
-        if path.suffix not in kinds:
+        kind = path.suffix.lower()
+        if kind not in kinds:
             raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
-        columns = {"t [s]" if path.suffix == ".csv" else "t": self.t}
+        columns = {"t [s]" if kind == ".csv" else "t": self.t}
         for name in chosen:
-            title = kinds[path.suffix](name)
-            if name == "t" or title in columns or (path.suffix != ".csv" and title in _TAKEN):
+            title = kinds[kind](name)
+            if name == "t" or title in columns or (kind != ".csv" and title in _TAKEN):
                 raise DataError(
                     f"signal '{name}' cannot be written to '{path.name}': the name '{title}' is taken there. "
                     "Give the output another name, or leave it out with names=[...]."
                 )
             columns[title] = self[name]
-        if path.suffix == ".csv":
-            np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
-                       comments="", fmt="%.17g")  # fmt: skip
-        elif path.suffix == ".npz":
-            np.savez_compressed(path, **columns, units=np.array([f"{n}={self.unit(n)}" for n in chosen]))  # type: ignore[arg-type]
-        else:
-            from scipy.io import savemat
+        if kind == ".csv":
+            with path.open("w", encoding="utf-8", newline="\n") as text:
+                np.savetxt(text, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
+                           comments="", fmt="%.17g")  # fmt: skip
+            return path
+        with path.open("wb") as file:  # a path would be given another ending where this one is in capitals
+            if kind == ".npz":
+                units = np.array([f"{n}={self.unit(n)}" for n in chosen])
+                np.savez_compressed(file, **columns, units=units)  # type: ignore[arg-type]
+            else:
+                from scipy.io import savemat
 
-            savemat(path, columns)
+                savemat(file, columns)
         return path
 
 

@@ -85,13 +85,13 @@ def few(names: Iterable[str], most: int = 6) -> str:
     return ", ".join(shown)
 
 
-def unlike(names: Iterable[str]) -> list[str]:
-    """Names of which no two are alike: a second ``x`` is ``x_2``."""
-    made: list[str] = []
+def unlike(names: Iterable[str], *, case: bool = True) -> list[str]:
+    """Names of which no two are alike: a second ``x`` is ``x_2``. Without ``case`` an ``X`` is like an ``x``."""
+    made: dict[str, str] = {}
     for name in names:
         one, k = name, 1
-        while one in made:
+        while (one if case else one.casefold()) in made:
             k += 1
             one = f"{name}_{k}"
-        made.append(one)
-    return made
+        made[one if case else one.casefold()] = one
+    return list(made.values())

@@ -14,7 +14,7 @@ from importlib import import_module  # noqa: E402
 
 def main(name: str, settings_file: str, result_file: str) -> None:
     """Measure one tool."""
-    with open(settings_file) as file:
+    with open(settings_file, encoding="utf-8") as file:
         settings = json.load(file)
     module = import_module(name)
     imported = time.perf_counter()

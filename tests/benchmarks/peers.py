@@ -53,7 +53,7 @@ def run_worker(
     """Run one tool in a fresh process; what it measured. Raises RuntimeError with its last words."""
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder, "settings.json"), Path(folder, "result.npz")
-        given.write_text(json.dumps(settings))
+        given.write_text(json.dumps(settings), encoding="utf-8")
         path = os.pathsep.join([str(HERE.parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])])
         env = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, **(environment or {})}
         command = [sys.executable, str(HERE / "peer_worker.py"), module, str(given), str(made)]

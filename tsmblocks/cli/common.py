@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from tsmblocks.cli.console import complain, give, wrapped
 from tsmblocks.errors import TsmError, near
+from tsmblocks.tables import unlike
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells expect it."""
@@ -163,9 +164,14 @@ def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | No
     return path
 
 
-def marked(path: Path, name: str) -> Path:
-    """The path of one file among several: ``name`` added before the ending, ``fitted_bend60.toml``."""
-    return path.with_name(f"{path.stem}_{re.sub(r'[^a-zA-Z0-9_.-]+', '_', name).strip('_')}{path.suffix}")
+def marked(path: Path, names: Iterable[str]) -> dict[str, Path]:
+    """The paths of several files: each of ``names`` added before the ending, ``fitted_bend60.toml``.
+
+    No two are alike, on disks that do not tell capitals apart either.
+    """
+    listed = list(names)
+    plain = unlike((re.sub(r"[^a-zA-Z0-9_.-]+", "_", name).strip("_") for name in listed), case=False)
+    return {name: path.with_name(f"{path.stem}_{one}{path.suffix}") for name, one in zip(listed, plain, strict=True)}
 
 
 def figure_path(text: str | None) -> Path | None:

@@ -114,10 +114,13 @@ def _saved(found: Mapping[str, Comparison], out: Path | None) -> list[str]:
     from tsmblocks.fitting.compare import overall
 
     best, written = overall(found)[0][0], list[str]()
-    for name, one in found.items() if out else ():
+    if out is None:
+        return written
+    paths = common.marked(out, found) if len(found) > 1 or "" not in found else {"": out}
+    for name, one in found.items():
         fitted = next((row.fit for row in one if row.name == best), None)
-        if out and fitted is not None:
-            written.append(str(fitted.save(common.marked(out, name) if name else out)))
+        if fitted is not None:
+            written.append(str(fitted.save(paths[name])))
     return written
 
 

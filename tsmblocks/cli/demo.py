@@ -191,8 +191,8 @@ def _write_paper(cases: list[Case], folder: Path) -> None:
     from tsmblocks.demo import paper
     from tsmblocks.files import load
 
-    with (folder / "results.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows(paper.rows(cases))
+    with (folder / "results.csv").open("w", newline="\n", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(paper.rows(cases))
     for name in paper.DIAGRAMS:
         for ending in (".svg", ".png"):
             draw.write(load(name), folder / f"{name}{ending}")

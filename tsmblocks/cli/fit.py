@@ -110,7 +110,7 @@ def _saved(found: Fit, out: Path | None, *, each: bool) -> list[str]:
         return []
     if not each or len(found.diagrams) == 1:
         return [str(found.save(out))]
-    paths = {common.marked(out, name): diagram for name, diagram in found.diagrams.items()}
-    for path, diagram in paths.items():
-        save(diagram, path)
-    return [str(path) for path in paths]
+    paths = common.marked(out, found.diagrams)
+    for name, path in paths.items():
+        save(found.diagrams[name], path)
+    return [str(path) for path in paths.values()]

@@ -14,6 +14,7 @@ import stat
 import sys
 import tempfile
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,7 @@ def cache_directory() -> Path | None:
         return Path(named)
     if sys.platform == "darwin":
         base = Path.home() / "Library" / "Caches"
-    elif os.name == "nt":
+    elif sys.platform == "win32":
         base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
     else:
         base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
@@ -89,7 +90,7 @@ def _private(directory: Path) -> bool:
         info = directory.stat()
     except OSError:
         return False
-    if os.name == "nt":
+    if sys.platform == "win32":  # a user's own folder is closed to others there
         return True
     return info.st_uid == os.getuid() and not stat.S_IMODE(info.st_mode) & 0o022
 
@@ -97,7 +98,7 @@ def _private(directory: Path) -> bool:
 def _read(path: Path) -> bytes | None:
     """The machine code in a file, or None when it is missing, foreign or damaged."""
     try:
-        if os.name != "nt" and path.stat().st_uid != os.getuid():
+        if sys.platform != "win32" and path.stat().st_uid != os.getuid():
             return None
         data = path.read_bytes()
     except OSError:
@@ -108,6 +109,7 @@ def _read(path: Path) -> bytes | None:
 
 def _write(path: Path, body: bytes) -> None:
     """Whole or not at all, whoever else writes and wherever it is killed."""
+    name = ""
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
         with os.fdopen(handle, "wb") as file:
@@ -115,8 +117,10 @@ def _write(path: Path, body: bytes) -> None:
         Path(name).replace(path)
         if next(_WRITES) % PRUNED_EVERY == 0:  # looking at thousands of files takes longer than making one
             _prune(path.parent)
-    except OSError:
-        return  # a full or read-only disk costs time, not the result
+    except OSError:  # a full or read-only disk costs time, not the result; nor does a file that another process reads
+        if name:
+            with suppress(OSError):
+                Path(name).unlink(missing_ok=True)
 
 
 def _prune(directory: Path) -> None:

@@ -69,9 +69,9 @@ def _write(source: Path, commands: Mapping[str, tuple[str, str]], tell: Any) -> 
               lambda: python.command_pages(commands))  # fmt: skip
     shutil.copytree(HAND_WRITTEN, source)
     settings = "\n".join(f"{key} = {value!r}" for key, value in SETTINGS.items())
-    (source / "conf.py").write_text(settings + "\n", encoding="utf-8")
+    (source / "conf.py").write_text(settings + "\n", encoding="utf-8", newline="\n")
     (source / "_static").mkdir()
-    (source / "_static" / "tsmblocks.css").write_text(CSS, encoding="utf-8")
+    (source / "_static" / "tsmblocks.css").write_text(CSS, encoding="utf-8", newline="\n")
     count = len(list(source.rglob("*.rst")))
     for place, maker in enumerate(makers):
         if tell:
@@ -79,7 +79,7 @@ def _write(source: Path, commands: Mapping[str, tuple[str, str]], tell: Any) -> 
         for name, text in maker().items():
             path = source / f"{name}.rst"
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8", newline="\n")
             count += 1
     return count
 

@@ -83,7 +83,8 @@ def _run(parts: Generator[Found, None, None], asked: _Asked, store: Store, tell:
     except BrokenExecutor as error:
         kept = f" {len(store.done)} of {asked.count} runs are in {store.path}; the same call goes on from there." \
             if store.path else ""  # fmt: skip
-        raise RunError(f"a worker process came to its end before its runs did ({error}).{kept}") from None
+        guard = "" if store.done else ' A script that starts processes works under if __name__ == "__main__": alone.'
+        raise RunError(f"a worker process came to its end before its runs did ({error}).{kept}{guard}") from None
     store.finish()
     return "complete"
 
