@@ -222,11 +222,11 @@ class Diagnosis:
 
         return written(self, Path(folder))
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """A figure of how the gap shrank and where model and data disagree. Needs matplotlib."""
         from tsmblocks.plots import plot_diagnosis
 
-        return plot_diagnosis(self)
+        return plot_diagnosis(self, ax)
 
     def __repr__(self) -> str:
         found = [f"{e.name} on {e.wire.strip()}" for e in self.effects]

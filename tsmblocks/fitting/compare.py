@@ -92,11 +92,11 @@ class Comparison:
              "held_out": None if r.held_out is None else r.held_out.to_dict(),
              "fit": None if r.fit is None else r.fit.to_dict()} for r in self.rows]}  # fmt: skip
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """A figure of every model's error and the best one's loops. Needs matplotlib."""
         from tsmblocks.plots import plot_comparison
 
-        return plot_comparison(self)
+        return plot_comparison(self, ax)
 
     def __repr__(self) -> str:
         return f"Comparison(best {self.best.name!r} of {len(self)}: {few(r.name for r in self)})"

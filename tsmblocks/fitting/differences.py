@@ -122,11 +122,11 @@ class Differences:
         """Whether all are of one output in one unit, so that their residuals may be pooled as they are."""
         return len({(d.unit, d.output) for d in self.items}) == 1
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Measured and simulated signals, what is left, its loop and its colour: a row for each. Needs matplotlib."""
         from tsmblocks.plots import plot_fit
 
-        return plot_fit(self)
+        return plot_fit(self, ax)
 
     def in_degrees(self) -> Differences:
         """Return the same with angles in degrees, as people read them."""

@@ -143,11 +143,11 @@ class Fit:
         save(self.diagram, path)
         return Path(path)
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """A figure of time histories, loops, residuals and their autocorrelation. Needs matplotlib."""
         from tsmblocks.plots import plot_fit
 
-        return plot_fit(self)
+        return plot_fit(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the signals as plain values, as ``tsmblocks fit --json`` prints it."""

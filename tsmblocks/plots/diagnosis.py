@@ -25,13 +25,14 @@ DARKEST = 4.0
 """Excess, in variances of the noise, at which the strip is as dark as it gets."""
 
 
-def plot_diagnosis(diagnosis: Diagnosis) -> Any:
+def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
     """Gap bars, the traces of the worst experiment, its loop, and what is left along the best coordinate.
 
-    A row of panels for each segment, drawn for its output that is furthest above its noise. Returns the figure.
+    A row of panels for each segment, drawn for its output that is furthest above its noise; ``ax`` may be four axes
+    for each, row by row. Returns the figure.
     """
     rows = diagnosis.segments
-    figure, panels = sheet(len(rows), 4, width=16.0, height=3.6, widths=(1.2, 1.6, 1.0, 1.1))
+    figure, panels = sheet(ax, len(rows), 4, width=16.0, height=3.6, widths=(1.2, 1.6, 1.0, 1.1))
     for row, segment in zip(panels, rows, strict=True):
         gap = worst_gap(segment)
         trace = _worst(segment, gap)
@@ -42,7 +43,8 @@ def plot_diagnosis(diagnosis: Diagnosis) -> Any:
         row[0].set_title(f"{segment.name}: {segment.verdict}", loc="left", fontsize=10, fontweight="bold")
         row[1].set_title(trace.experiment, loc="left", fontsize=10)
     names = ", ".join(e.name for e in diagnosis.effects)
-    figure.suptitle(f"{diagnosis.diagram}: {names or diagnosis.verdict}", x=0.01, ha="left", fontsize=11)
+    if ax is None:
+        figure.suptitle(f"{diagnosis.diagram}: {names or diagnosis.verdict}", x=0.01, ha="left", fontsize=11)
     return figure
 
 

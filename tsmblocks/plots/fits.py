@@ -33,14 +33,15 @@ ABOVE: dict[str, Any] = {"loc": "outside upper right", "frameon": False, "fontsi
 """Where the one legend of a figure with many panels stands."""
 
 
-def plot_fit(fit: Fit | Differences) -> Any:
+def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
     """What was measured and simulated over time, what is left, the loop over the input, and the residual's colour.
 
-    One row per experiment and output, the first ``MOST`` of them. Returns the figure.
+    One row per experiment and output, the first ``MOST`` of them; ``ax`` may be four axes for each, row by row.
+    Returns the figure.
     """
     differences = fit.differences if isinstance(fit, Fit) else fit
     rows = list(differences)[:MOST]
-    figure, panels = sheet(len(rows), 4, width=15.0, height=2.8, widths=(1.5, 1.3, 1.0, 0.8))
+    figure, panels = sheet(ax, len(rows), 4, width=15.0, height=2.8, widths=(1.5, 1.3, 1.0, 0.8))
     for row, one in zip(panels, rows, strict=True):
         for panel, draw in zip(row, (_history, _residual, _loop, _colour), strict=True):
             draw(panel, one)
@@ -52,8 +53,9 @@ def plot_fit(fit: Fit | Differences) -> Any:
             above.set_xlabel("")
     hidden = len(differences) - len(rows)
     more = f" (the first {MOST} of {len(differences)})" if hidden else ""
-    figure.suptitle(f"{differences.title}{more}", x=0.01, ha="left", fontsize=11)
-    _legend(figure, panels[0])
+    if ax is None:
+        figure.suptitle(f"{differences.title}{more}", x=0.01, ha="left", fontsize=11)
+    _legend(figure, panels[0], own=ax is None)
     return figure
 
 
@@ -88,8 +90,13 @@ def _alone(draw: Any, one: Difference, ax: Any) -> Any:
     return panel.figure
 
 
-def _legend(figure: Any, panels: Any) -> None:
-    """One legend for all panels: what several of them show is named once."""
+def _legend(figure: Any, panels: Any, *, own: bool) -> None:
+    """One legend for all panels, what several of them show named once; on a figure of others one in each panel."""
+    if not own:
+        for panel in panels:
+            if any(panel.get_legend_handles_labels()[1]):
+                panel.legend(frameon=False, fontsize=8)
+        return
     named: dict[str, Any] = {}
     for panel in panels:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -165,9 +172,12 @@ def _colour(panel: Any, one: Difference) -> None:
 # ---- models beside each other -------------------------------------------------------------------
 
 
-def plot_comparison(comparison: Comparison) -> Any:
-    """The error of every model, best on top, and loop and residual of the best. Returns the figure."""
-    figure, panels = sheet(1, 3, width=15.0, height=4.0, widths=(1.2, 1.0, 1.3))
+def plot_comparison(comparison: Comparison, ax: Any = None) -> Any:
+    """The error of every model, best on top, and loop and residual of the best.
+
+    ``ax`` may be three axes. Returns the figure.
+    """
+    figure, panels = sheet(ax, 1, 3, width=15.0, height=4.0, widths=(1.2, 1.0, 1.3))
     errors, loop, residual = panels[0]
     _errors(errors, comparison)
     best = next(iter(comparison.best.held_out or comparison.best.train or []), None)
@@ -177,7 +187,7 @@ def plot_comparison(comparison: Comparison) -> Any:
         part = " (held out)" if comparison.best.held_out else ""
         loop.set_title(f"{comparison.best.name}: {best.experiment}, {best.output}{part}", loc="left", fontsize=10)
         residual.set_title(f"residual: {_in_figures(best)}", loc="left", fontsize=10)
-    _legend(figure, panels[0])
+    _legend(figure, panels[0], own=ax is None)
     return figure
 
 

@@ -36,16 +36,28 @@ def shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
 def axes(ax: Any, count: int, *, height: float, width: float = 8.0) -> list[Any]:
     """Return the axes to draw on: those given, or ``count`` panels of a new figure over one time axis."""
     if ax is not None:
-        given = list(np.ravel(ax))
-        if len(given) != count:
-            raise TsmError(f"ax must be {count} axes here, got {len(given)}.")
-        return given
+        return _given(ax, count)
     figure = _figure((width, height * count))
     return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
 
 
-def sheet(rows: int, columns: int, *, width: float, height: float, widths: Sequence[float]) -> tuple[Any, Any]:
-    """A new figure with ``rows`` by ``columns`` panels, columns as wide as ``widths`` says; figure and panels."""
+def _given(ax: Any, count: int) -> list[Any]:
+    given = list(np.ravel(np.array(ax, dtype=object)))
+    if len(given) != count:
+        raise TsmError(f"ax must be {count} axes here, got {len(given)}.")
+    return given
+
+
+def sheet(
+    ax: Any, rows: int, columns: int, *, width: float, height: float, widths: Sequence[float]
+) -> tuple[Any, Any]:  # fmt: skip
+    """``rows`` by ``columns`` panels: the axes given, row by row, or those of a new figure; figure and panels.
+
+    In a new figure columns are as wide as ``widths`` says. Raises TsmError where other axes are wanted.
+    """
+    if ax is not None:
+        given = _given(ax, rows * columns)
+        return given[0].figure, np.array(given, dtype=object).reshape(rows, columns)
     figure = _figure((width, height * rows))
     return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw={"width_ratios": list(widths)})
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks import units
 from tsmblocks.data import heading
 from tsmblocks.errors import DataError, RunError
 from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet, shown, timed
@@ -23,11 +24,11 @@ BANDS = ((0.0, 1.0, "all"), (0.05, 0.95, "5 to 95 %"), (0.25, 0.75, "25 to 75 %"
 """Shares of the runs that an envelope shows, the palest first."""
 
 
-def plot_study(results: Results, metrics: Sequence[str] = ()) -> Any:
+def plot_study(results: Results, metrics: Sequence[str] = (), ax: Any = None) -> Any:
     """What suits the plan, for the metrics named, or all: a panel for each.
 
-    A heat map of a grid of two numbers, a curve of one number, a tornado of a sweep, else distributions. Returns the
-    figure. Raises RunError for an unknown metric.
+    A heat map of a grid of two numbers, a curve of one number, a tornado of a sweep, else distributions. ``ax`` may be
+    one axes for each metric. Returns the figure. Raises RunError for an unknown metric.
     """
     chosen = list(metrics) or list(results.metrics)
     for name in chosen:
@@ -43,11 +44,12 @@ def plot_study(results: Results, metrics: Sequence[str] = ()) -> Any:
         draw, height = _curve, 2.6
     else:
         draw, height = plot_distribution, 2.6
-    _, rows = sheet(len(chosen), 1, width=8.0, height=height, widths=(1.0,))
+    _, rows = sheet(ax, len(chosen), 1, width=8.0, height=height, widths=(1.0,))
     panels = rows[:, 0]
     for panel, name in zip(panels, chosen, strict=True):
         draw(results, name, ax=panel)
-    panels[0].set_title(f"{results.title}: {results.kind} of {len(results)} runs", loc="left", fontsize=11)
+    if ax is None:
+        panels[0].set_title(f"{results.title}: {results.kind} of {len(results)} runs", loc="left", fontsize=11)
     return panels[0].figure
 
 
@@ -58,14 +60,15 @@ def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
     """
     found = list(results.influence(metric).items())[:MOST]
     (panel,) = axes(ax, 1, height=0.8 + 0.35 * len(found))
-    middle = unchanged(results, metric)
+    factor, unit = _people(results, metric)
+    middle = factor * unchanged(results, metric)
     for k, (name, ends) in enumerate(reversed(found)):
         for end, colour, up in zip(ends, (COLOURS[5], COLOURS[0]), (0.18, -0.18), strict=True):
-            panel.barh(k + up, end - middle, left=middle, height=0.36, color=colour)
+            panel.barh(k + up, factor * end - middle, left=middle, height=0.36, color=colour)
         panel.annotate(f"{name} ", (0, k), xycoords=("axes fraction", "data"), ha="right", va="center", fontsize=9)
     panel.axvline(middle, color=INK, lw=0.8)
     panel.set_yticks([])
-    panel.set_xlabel(f"{_title(results, metric)}: pale at a parameter's low end, dark at its high end")
+    panel.set_xlabel(f"{heading(metric, unit)}: pale at a parameter's low end, dark at its high end")
     dress(panel, legend=False)
     panel.grid(axis="y", visible=False)
     panel.margins(x=0.05)
@@ -79,10 +82,11 @@ def plot_pareto(results: Results, x: str, y: str, ax: Any = None) -> Any:
     """
     (panel,) = axes(ax, 1, height=4.0, width=5.5)
     front = results.pareto(x, y)
-    panel.scatter(results[x], results[y], s=8, color="#9a9a9a", alpha=0.6, lw=0, label="runs")
-    panel.plot(results[x][front], results[y][front], "o-", color=COLOURS[1], ms=4, lw=1.2, label="no run beats these")
-    panel.set_xlabel(_title(results, x))
-    panel.set_ylabel(_title(results, y))
+    (across, x_unit), (up, y_unit) = (_shown(results, name) for name in (x, y))
+    panel.scatter(across, up, s=8, color="#9a9a9a", alpha=0.6, lw=0, label="runs")
+    panel.plot(across[front], up[front], "o-", color=COLOURS[1], ms=4, lw=1.2, label="no run beats these")
+    panel.set_xlabel(heading(x, x_unit))
+    panel.set_ylabel(heading(y, y_unit))
     dress(panel, legend=False)
     panel.legend(frameon=False, fontsize=9)
     return panel.figure
@@ -105,13 +109,14 @@ def plot_heat_map(
         np.all([results[k] == results[k][0] for k in others], axis=0) if others else np.ones(len(results), dtype=bool)
     )
     across, up = np.unique(results[x][held]), np.unique(results[y][held])
+    values, unit = _shown(results, metric)
     z = np.full((len(up), len(across)), np.nan)
-    z[np.searchsorted(up, results[y][held]), np.searchsorted(across, results[x][held])] = results[metric][held]
+    z[np.searchsorted(up, results[y][held]), np.searchsorted(across, results[x][held])] = values[held]
     z = np.where(np.isfinite(z), z, np.nan)
     (panel,) = axes(ax, 1, height=4.0, width=6.0)
     panel.set_facecolor(PALE)
     image = panel.pcolormesh(across, up, z, cmap="viridis", shading="nearest", rasterized=True)
-    panel.figure.colorbar(image, ax=panel, label=_title(results, metric))
+    panel.figure.colorbar(image, ax=panel, label=heading(metric, unit))
     if np.isfinite(z).any():
         k = np.unravel_index(np.nanargmin(z), z.shape)
         panel.plot(across[k[1]], up[k[0]], "x", color="white", ms=9, mew=2)
@@ -123,13 +128,14 @@ def plot_heat_map(
 def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
     """How a metric is spread over the runs, with its median and 5 and 95 % quantiles. Returns the figure."""
     (panel,) = axes(ax, 1, height=2.6)
-    values = results[metric][np.isfinite(results[metric])]
+    factor, unit = _people(results, metric)
+    values = factor * results[metric][np.isfinite(results[metric])]
     if len(values):
         panel.hist(values, bins=min(60, max(8, int(np.sqrt(len(values))))), color=COLOURS[5], alpha=0.8)
-    found = results.quantiles(metric)
+    found = {name: factor * value for name, value in results.quantiles(metric).items()}
     for name in ("5 %", "median", "95 %"):
         panel.axvline(found[name], color=INK, lw=1.4 if name == "median" else 0.8, ls="-" if name == "median" else "--")
-    panel.set_xlabel(f"{_title(results, metric)}: median {found['median']:.4g}, "
+    panel.set_xlabel(f"{heading(metric, unit)}: median {found['median']:.4g}, "
                      f"5 to 95 % {found['5 %']:.4g} to {found['95 %']:.4g}")  # fmt: skip
     panel.set_ylabel("runs")
     dress(panel, legend=False)
@@ -164,11 +170,18 @@ def plot_envelope(
 def _curve(results: Results, metric: str, ax: Any) -> Any:
     (name,) = [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
     order = np.argsort(results[name])
-    ax.plot(results[name][order], results[metric][order], "o-", color=COLOURS[0], ms=3, lw=1.2)
+    values, unit = _shown(results, metric)
+    ax.plot(results[name][order], values[order], "o-", color=COLOURS[0], ms=3, lw=1.2)
     ax.set_xlabel(name)
-    ax.set_ylabel(_title(results, metric))
+    ax.set_ylabel(heading(metric, unit))
     dress(ax, legend=False)
 
 
-def _title(results: Results, name: str) -> str:
-    return heading(name, results.units.get(name, ""))
+def _people(results: Results, name: str) -> tuple[float, str]:
+    """Factor and unit in which people read a metric: angles in degrees; parameters as they are."""
+    return units.for_people(results.units.get(name, ""))
+
+
+def _shown(results: Results, name: str) -> tuple[np.ndarray, str]:
+    factor, unit = _people(results, name)
+    return (results[name] if factor == 1 else factor * results[name]), unit

@@ -153,11 +153,11 @@ class Results:
                         for name in self.metrics},
         }  # fmt: skip
 
-    def plot(self, *metrics: str) -> Any:
+    def plot(self, *metrics: str, ax: Any = None) -> Any:
         """What suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs."""
         from tsmblocks.plots import plot_study
 
-        return plot_study(self, metrics)
+        return plot_study(self, metrics, ax)
 
     def _repr_html_(self) -> str:
         from tsmblocks.notebook import study_card
