@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from tsmblocks.block import Block, State
+from tsmblocks.block import Block, State, leaves
 from tsmblocks.reference import examples, figures, rst, uses
 from tsmblocks.reference.cards import by_family
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
@@ -70,6 +70,9 @@ def page(cls: type[Block], family: list[str]) -> str:
     """The page of one block; ``family`` are the names of its kin."""
     block = cls()
     made = examples.example(cls)
+    label = examples.snake(cls.__name__)
+    shown = made.blocks[label]
+    assert isinstance(shown, Block)
     return rst.page(
         rst.heading(cls.__name__),
         inspect.cleandoc(cls.__doc__ or ""),
@@ -78,10 +81,10 @@ def page(cls: type[Block], family: list[str]) -> str:
         rst.html(uses.linked_picture(made)),
         rst.html(_charts(cls)),
         _ports(block),
-        _numbers(block),
-        _states(block),
-        _behaviour(block),
-        _computed(block),
+        _numbers(block, label),
+        _states(shown),
+        _behaviour(shown),
+        _computed(shown, _apart(block, shown)),
         _shown(cls),
         _related(cls.__name__, family),
     )  # fmt: skip
@@ -118,7 +121,7 @@ def _units(block: Block) -> list[str]:
     return [p.unit for p in block.inports.values()] + [p.unit for p in block.outports.values()]
 
 
-def _numbers(block: Block) -> str:
+def _numbers(block: Block, label: str) -> str:
     fields = block.fields().items()
     rows = [(rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
             for k, f in fields if f.kind == "parameter"]  # fmt: skip
@@ -127,8 +130,10 @@ def _numbers(block: Block) -> str:
     parts = []
     head = ("Name", "Default", "Unit", "Bounds", "Meaning")
     if rows:
+        named = next(leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key))
         parts += [rst.heading("Parameters", 1), "They stay symbols until the run: they can be set, swept, fitted and "
-                  "differentiated.", rst.table(head, rows, (16, 14, 10, 18, 42))]  # fmt: skip
+                  f"differentiated, each by its name, as ``{label}.{named}`` in the example below.",
+                  rst.table(head, rows, (16, 14, 10, 18, 42))]  # fmt: skip
     if options:
         parts += [rst.heading("Options", 1), "They shape the equations, and cannot be fitted.",
                   rst.table(head, options, (16, 14, 10, 18, 42))]  # fmt: skip
@@ -223,7 +228,18 @@ def _in_c(block: Block) -> str:
     return "**Export to C**: possible (``tsmblocks export``)."
 
 
-def _computed(block: Block) -> str:
+def _apart(block: Block, shown: Block) -> str:
+    """What the equations that are shown hold for, where options or lengths of lists give others."""
+    other = [k for k in block.options if getattr(block, k) != getattr(shown, k)]
+    lists = [k for k, v in block.parameters.items() if isinstance(v, tuple)]
+    if not block.options and not lists:
+        return ""
+    which = f" ({', '.join(f'``{k}`` = {number(getattr(shown, k))}' for k in other)})" if other else ""
+    why = " and ".join(filter(None, ("options" if block.options else "", "lengths of lists" if lists else "")))
+    return f" They are those of the block of the example{which}; other {why} give others."
+
+
+def _computed(block: Block, apart: str) -> str:
     made = listing(block)
     if made.size > LONGEST:
         return ""
@@ -231,7 +247,7 @@ def _computed(block: Block) -> str:
     text = "\\\\\n".join(f"{left} &= {spaced(right)}" for left, right in lines)
     rows = ["What is simulated, fitted, differentiated and exported, written out of the expressions themselves. Names "
             "in upright letters are those of the tables above; a dot is a rate, a plus the value after the next "
-            f"{'sample' if block.sampled else 'step'}."]  # fmt: skip
+            f"{'sample' if block.sampled else 'step'}.{apart}"]  # fmt: skip
     return rst.page(rst.heading("As it is computed", 1), *rows, rst.formula(text))
 
 
