@@ -125,11 +125,16 @@ def _structure(diagram: Diagram) -> str:
     from tsmblocks.simulate import equations
 
     eq = equations(diagram)
-    items = [f"{len(eq.p)} parameters that can be set, swept and fitted, {len(eq.y)} signals that can be looked at.",
-             f"{len(eq.x)} continuous states: {', '.join(map(rst.code, eq.x)) or 'none'}."]  # fmt: skip
-    if eq.d:
-        items.append(f"{len(eq.d)} numbers of memory: {', '.join(map(rst.code, eq.d))}.")
+    items = [f"{_count(len(eq.p), 'parameter')} to be set, swept and fitted, {_count(len(eq.y), 'signal')} to look at."]
+    items += [f"{_count(len(names), what)}: {', '.join(map(rst.code, names))}."
+              for names, what in ((eq.x, "continuous state"), (eq.d, "memory")) if names]  # fmt: skip
     if eq.periods:
         items.append(f"Sampled every {', '.join(f'{p:g} s' for p in eq.periods)}.")
     return rst.page(rst.heading("The equations", 1), "How they are formed is told in "
                     + rst.link("/concepts/equations") + ".", rst.listed(items))  # fmt: skip
+
+
+def _count(number: int, what: str) -> str:
+    """So many of a thing."""
+    many = what if number == 1 else f"{what[:-1]}ies" if what.endswith("y") else f"{what}s"
+    return f"{number} {many}"

@@ -24,7 +24,7 @@ SETTINGS: dict[str, Any] = {
     "html_copy_source": False, "html_show_sourcelink": False, "html_show_copyright": False, "html_show_sphinx": False,
     "html_show_search_summary": False,  # it would fetch pages, which browsers refuse for files
     "html_permalinks_icon": "#", "smartquotes": False, "templates_path": [], "nitpicky": False,
-    "autodoc_member_order": "bysource", "python_maximum_signature_line_length": 76,
+    "autodoc_member_order": "bysource", "python_maximum_signature_line_length": 110,
     "pygments_style": "default", "pygments_dark_style": "github-dark", "highlight_language": "none",
 }  # fmt: skip
 """Settings of Sphinx; nothing in a page comes from elsewhere."""
