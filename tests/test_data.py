@@ -233,8 +233,9 @@ def test_cells_that_hold_no_number(file, cells, words):
             b"t,x\n0,1\n1,2\n2,3\n3,4\n4,5\n6\n",
             "row 7 has 1 cells, but there are 2 columns. The file seems to have been cut",
         ),
-        (b"t,x\n0,1\n1,\xb02\n2,3\n3,4\n", "row 3 is not UTF-8 text (byte 0xb0). Save the file as UTF-8."),
-        ("t,x\n0,1\n".encode("utf-16"), "this is UTF-16 text. Save it as UTF-8."),
+        (b"t,x\n0,1\n1,\x812\n2,3\n3,4\n", "row 3 is not UTF-8 text (byte 0x81). Save the file as UTF-8."),
+        (b"t,x\n0,1\n1,\xff\x01\n2,3\n", "row 3 is not UTF-8 text (byte 0xff). Save the file as UTF-8."),
+        (b"\xff\xfet\0,", "this begins as UTF-16 text and goes on as none. Save it as UTF-8."),
         (b"t,x\n0,1\n\x00\x00", "this is not text (zero byte in row 3)."),
         (b"PK\x03\x04rest", "this is a spreadsheet or an archive. Export the sheet as CSV."),
         (
@@ -283,7 +284,7 @@ def test_mat_of_version_5(tmp_path):
     record = read(path)
     assert record.names == ("qg",)
     np.testing.assert_array_equal(record["qg"], np.sin(t))
-    assert record.notes == ("Left out, being of another length than t: other.",)
+    assert record.notes == ("Left out, being of another length than t (6): other (9).",)
 
 
 def test_a_matrix_needs_names(tmp_path):
@@ -350,3 +351,62 @@ def test_a_run_makes_a_recording():
     assert run.record().names == tuple(run.aliases)
     with pytest.raises(RunError, match=r"has no signal 'x_on'\. Did you mean 'x_in'"):
         run.record("x_on")
+
+
+# ---- what spreadsheets and loggers write
+
+
+def test_text_of_windows_is_read_with_a_note(file):
+    rows = "".join(f"{k},{k},{k % 3}\n" for k in range(6))
+    (note,) = read(file(("t [s],x [°],y [µm]\n" + rows).encode("utf-16"))).notes
+    assert note == "Read as UTF-16 text."
+    record = read(file(("t [s],x [°],y [µm]\n" + rows).encode("cp1252")))
+    assert record.notes == ("Row 1 is not UTF-8 text: the file was read as Windows-1252, where byte 0xb0 is °.",)
+    assert record.values("x", "rad")[2] == pytest.approx(np.radians(2.0))
+    assert record.values("y", "m")[2] == pytest.approx(2e-6)
+
+
+def test_the_newest_row_may_come_first(file):
+    record = read(file("t,x\n4,1\n3,2\n3,4\n2,5\n1,6\n0,7\n"))
+    assert record.t.tolist() == [0, 1, 2, 3, 4]
+    assert record["x"].tolist() == [7, 6, 5, 3, 1]
+    assert record.notes[0] == "The time falls from row to row, the newest row coming first; the rows were turned round."
+
+
+def test_seconds_that_may_be_milliseconds_are_doubted(file):
+    rows = "".join(f"{2 * k},{k}\n" for k in range(60))
+    (note,) = read(file("t,x\n" + rows)).notes
+    assert note == ("t has no unit and was taken to be in s, which makes 2 s from row to row. If it is in ms, say so: "
+                    "units={'t': 'ms'}, or --map 't [ms]=t'.")  # fmt: skip
+    for record in (read(file("t [ms],x\n" + rows)), read(file("t,x\n" + rows), units={"t": "ms"})):
+        assert record.notes == ()
+        assert record.t[1] == 2e-3
+    assert read(file("t [s],x\n" + rows)).notes == ()
+
+
+def test_a_time_that_is_not_read_is_told(file):
+    record = read(file("t [s],x\n0,1\n1,2\n2,3\n3,4\n"), step=0.5, only="x")
+    assert record.t.tolist() == [0, 0.5, 1.0, 1.5]
+    assert record.notes == ("The column t [s] was not read: the rows follow each other at 0.5 s, as asked.",)
+
+
+def test_a_signal_of_another_length_is_named(tmp_path):
+    np.savez(tmp_path / "a.npz", t=np.arange(6.0), x=np.arange(5.0), y=np.arange(6.0))
+    with pytest.raises(DataError) as found:
+        read(tmp_path / "a.npz", only="x")
+    assert str(found.value).endswith(
+        "there is no column 'x'. Known here: y. If it has another name there, map it (x=COLUMN). Left out, being of "
+        "another length than t (6): x (5)."
+    )
+
+
+def test_the_matrix_of_an_npy_file(tmp_path):
+    values = np.column_stack([np.arange(6.0), np.arange(6.0) ** 2])
+    np.save(tmp_path / "a.npy", values)
+    np.save(tmp_path / "b.npy", np.array([{}, {}]))
+    record = read(tmp_path / "a.npy", columns="t, x [deg]")
+    assert (record["x"].tolist(), record.unit("x")) == (values[:, 1].tolist(), "deg")
+    with pytest.raises(DataError, match="'a' has 2 columns, but they have no names"):
+        read(tmp_path / "a.npy")
+    with pytest.raises(DataError, match="this is not a NPY file of plain numbers"):
+        read(tmp_path / "b.npy", columns="t, x")

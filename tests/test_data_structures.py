@@ -213,7 +213,7 @@ def test_a_group_is_chosen(mat):
     assert (record.name, record.names, len(record)) == ("a b", ("x",), 30)
     np.testing.assert_array_equal(record["x"], Y[:30])
     assert refusal(path, group="c") == f"{path}: there is no group 'c'. Known here: a, b."
-    assert read(path).notes == ("Left out, being of another length than a/t: b/t, b/x.",)
+    assert read(path).notes == ("Left out, being of another length than a/t (60): b/t (30), b/x (30).",)
 
 
 def test_the_end_of_a_path_will_do_where_it_is_the_only_one(mat):

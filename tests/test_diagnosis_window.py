@@ -1,4 +1,4 @@
-"""A window of the recordings: what is compared, what memory comes before it, what is told of it."""
+"""A window of the recordings: what is compared, what is told of it; and recordings in which nothing moves."""
 
 import json
 from dataclasses import replace
@@ -89,3 +89,21 @@ def test_windows_that_are_none_are_refused(window, message):
     with pytest.raises(DataError) as caught:
         tsm.diagnose(tsm.load("tendon_sheath_linear"), touched(), window=window)
     assert str(caught.value) == message
+
+
+# ---- recordings in which nothing moves
+
+
+@pytest.mark.parametrize("base", ["tendon_sheath_linear", "tendon_sheath_play"])
+@pytest.mark.parametrize(("x", "y"), [(0.2, "rest"), (0.2, "noise"), (0.0, "rest"), ("moves", "rest")])
+def test_what_stands_still_shows_nothing_and_breaks_nothing(base, x, y):
+    t, draw = np.arange(0.0, 3.0, 0.01), np.random.default_rng(5)
+    signals = {
+        "x_in": np.sin(2 * t) if x == "moves" else np.full(t.size, x),
+        "x_out": np.full(t.size, 0.05) + (1e-3 * draw.normal(size=t.size) if y == "noise" else 0.0),
+    }
+    still = tsm.Record("still", t, signals, {"x_in": "rad", "x_out": "rad"})
+    said = tsm.diagnose(tsm.load(base), still, noise_floor=1e-3)
+    assert said.verdict == "none"
+    assert json.loads(said.to_json())["detection_limits"]["backlash"] is None
+    assert " backlash," in str(said).partition("of any size unseen")[2].replace("\n", " ")

@@ -442,6 +442,15 @@ def test_uneven_times_are_told():
     assert [note for note in setup.notes if "unit" not in note] == [f"one: {said}", f"two: {said}"]
 
 
+def test_a_step_that_does_not_divide_the_samples_is_told():
+    found = tsm.fit(tsm.load("tendon_sheath_linear"), tsm.Record("one", T, {"x_in": U, "x_out": U}, {"x_in": "rad",
+                    "x_out": "rad"}), step=0.4 * STEP, starts=1)  # fmt: skip
+    assert found.notes[0] == (
+        "one: the samples, 0.01 s apart, are no multiples of the step of 0.004 s, so the simulation is read off "
+        "between its steps."
+    )
+
+
 def test_records_in_other_units_are_the_same_record():
     play = tsm.load("tendon_sheath_play")
     plain, _ = posed(play, record(units={"x_in": "rad", "x_out": "rad"}, x_in=U, x_out=0.8 * U))

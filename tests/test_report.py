@@ -33,16 +33,16 @@ rms of x_out held out [deg]  before  + backlash  fit before  fit after
 all                           0.520       0.104       0.500      0.100
 full                          0.530       0.105       0.505     0.0914
 half                          0.510       0.103       0.510      0.101
-noise floor                   0.100  (given)
+noise floor (given)           0.100
 
 where they disagree:
 - 90 % of the excess: the error has one sign forwards and the other backwards.
 
 candidates, round 1 (* named, ~ cannot be told from it):
-   candidate   on                 removes  new exp.  t (2)
-*  backlash    offset.y -> x_out     98 %      98 %    9.5
-~  hysteresis  offset.y -> x_out     98 %      98 %    9.5
-   dead_time   offset.y -> x_out    < 0 %      10 %    9.5
+  candidate   on                 removes  new exp.  t (2)
+* backlash    offset.y -> x_out     98 %      98 %    9.5
+~ hysteresis  offset.y -> x_out     98 %      98 %    9.5
+  dead_time   offset.y -> x_out    < 0 %      10 %    9.5
 Other candidates, which promised or removed less: 1.
 
 candidates, round 2 (* named, ~ cannot be told from it):
@@ -71,8 +71,8 @@ the smallest sizes that would have been seen:
   backlash  half_width 0.02 deg
   drift     rate 1e-05
 
-not excited by these experiments, or without a place in the diagram, so not
-looked for: coulomb_friction.
+of any size unseen, since these experiments do not excite them or the diagram
+has no wire for them: coulomb_friction.
 
 tracking full [deg]             peak to peak    rms
 without compensation                    20.0   7.00
@@ -80,8 +80,8 @@ compensated with the base               2.00  0.600
 compensated with the new model          1.00  0.300
 
 notes:
-- all experiments: x_in was filtered with zero phase, cut-off 9.5 to 12 Hz
-  (chosen from its spectrum).
+- all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
+  from its spectrum).
 - half: x_in was held still where it rests (3 % of the samples).
 - the plant was started anew.
 - Seed 3; done."""
@@ -166,7 +166,7 @@ def test_one_experiment_says_nothing_of_new_ones():
 
 def test_notes_of_several_experiments_are_gathered():
     assert telling.gathered(NOTES, ("full", "half"))[0] == (
-        "all experiments: x_in was filtered with zero phase, cut-off 9.5 to 12 Hz (chosen from its spectrum)."
+        "all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen from its spectrum)."
     )
     same = ["a: kept 3 of 5.", "b: kept 3 of 5.", "other: kept 3 of 5."]
     assert telling.gathered(same, ("a", "b", "c")) == ["a and b: kept 3 of 5.", "other: kept 3 of 5."]

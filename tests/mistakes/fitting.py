@@ -98,6 +98,24 @@ def a_recording_without_any_output():
     fit(rig(x_in=U, tool=U))
 
 
+@mistake(
+    DataError,
+    "rig: none of the outputs of 'Tendon sheath: a gain and an offset' (x_out) was measured; the recording has x_in. Map one when reading (x_out=COLUMN), or give the diagram an output of that name.",
+)
+def one_of_two_recordings_without_any_output():
+    fit([rig("whole"), rig(x_in=U)])
+
+
+@mistake(
+    DataError,
+    "no output of 'bench' was measured in all experiments (one: v; two: y). Give those together that have an output in common.",
+)
+def recordings_without_an_output_in_common():
+    two = of(a=Gain(), b=Gain())
+    fit([tsm.Record("one", T, {"u": U, "v": U}), tsm.Record("two", T, {"u": U, "y": U})],
+        tsm.Diagram(title="bench", blocks=two.blocks, wires=two.wires, inputs={"u": "a"}, outputs={"v": "a", "y": "b"}))  # fmt: skip
+
+
 @mistake(DataError, "diagram 'Tendon sheath: a gain and an offset' has no output 'x_ou'. Did you mean 'x_out'?")
 def an_output_to_compare_is_misspelt():
     fit(outputs=["x_ou"])
@@ -133,7 +151,7 @@ def a_window_of_an_unknown_experiment():
 
 @mistake(
     DataError,
-    "experiment 'rig': the window from 5 to 2 s holds 0 samples, and at least 4 are needed; it was recorded from 0 to 2 s.",
+    "experiment 'rig': the window from 5 s on holds 0 samples, and at least 4 are needed; it was recorded from 0 to 2 s.",
 )
 def a_window_after_the_recording():
     fit(window=(5, None))

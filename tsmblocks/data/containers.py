@@ -1,4 +1,4 @@
-"""Reading arrays by name from NPZ, MAT and HDF5 files, and from a pandas frame."""
+"""Reading arrays by name from NPZ, MAT and HDF5 files, from a pandas frame, and the matrix of an NPY file."""
 
 from __future__ import annotations
 
@@ -57,7 +57,9 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     length = len(series[clock]) if clock else max(set(lengths), key=lengths.count)
     kept = _of_length(known, length)
     left = [k for k in series if len(series[k]) != length]
-    notes = (f"Left out, being of another length than {clock or next(iter(kept))}: {', '.join(left)}.",) if left else ()
+    of = clock or next(iter(kept))
+    other = ", ".join(f"{k} ({len(series[k])})" for k in left)
+    notes = (f"Left out, being of another length than {of} ({length}): {other}.",) if left else ()
     return Arrays(origin, [heading(k, units.get(k, "")) for k in kept], list(kept.values()), notes)
 
 
@@ -106,6 +108,16 @@ def _inside(origin: str, found: Mapping[str, Any], group: str | None) -> Mapping
         groups = {k.partition("/")[0] for k in found if "/" in k} | {k for k, v in found.items() if isinstance(v, dict)}
         raise DataError(f"{origin}: there is no group '{group}'.{near(group, groups)}")
     return part
+
+
+def open_npy(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
+    """The columns (or rows) of the one matrix in an NPY file, which has no names of its own."""
+    try:
+        found = {path.stem: np.load(path, allow_pickle=False)}
+    except (ValueError, OSError, EOFError) as error:
+        raise DataError(f"{path}: this is not a NPY file of plain numbers ({error}).") from None
+    return _matrix(str(path), {k: v for k, a in _inside(str(path), found, group).items()
+                               if (v := _plain(a)) is not None}, columns)  # fmt: skip
 
 
 def open_npz(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,14 @@ import numpy as np
 
 from tsmblocks import units as unit_labels
 from tsmblocks.data import containers, text
+from tsmblocks.data.grid import usual_step
 from tsmblocks.data.record import Record, heading, split_heading
 from tsmblocks.data.repair import repaired
 from tsmblocks.data.table import Rows, Source, Table
 from tsmblocks.errors import DataError, clip, in_words, near
 
 _READERS = {
+    ".npy": containers.open_npy,
     ".npz": containers.open_npz,
     ".mat": containers.open_mat,
     ".h5": containers.open_hdf5,
@@ -26,6 +28,10 @@ TIMES = ("t", "time", "timestamp", "seconds", "tout")
 """Names of a time column, whatever their case, best first."""
 
 
+SLOW = 0.5
+"""Time from row to row from which a time without a unit is doubted to be in seconds [s]."""
+MANY = 50
+"""Rows from which that is worth a word."""
 TAILS = ("refuse", "drop")
 GAPS = ("refuse", "keep")
 
@@ -58,7 +64,7 @@ def read(
     tail: str = "refuse",
     gaps: str = "refuse",
 ) -> Record:
-    """Read a measurement from a CSV-like text file, NPZ, MAT (5 or 7.3) or HDF5.
+    """Read a measurement from a CSV-like text file, NPY, NPZ, MAT (5 or 7.3) or HDF5.
 
     ``columns`` names the columns of a file without a header, in order, as a list or with commas
     (``"t, x_in [deg]"``; an empty name skips one). ``map`` gives columns other names:
@@ -113,7 +119,7 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
     split = [split_heading(text) for text in source.headings]
     found = _named(origin, [name for name, _ in split], wish.renamed, getattr(source, "folder", ""))
     time = None if wish.step is not None else _time(origin, found)
-    found = _selected(origin, found, wish, time)
+    found = _selected(origin, found, wish, time, source.notes)
     labels = {k: wish.units.get(k, split[place][1]) for k, place in found.items()}
     unknown = next((k for k in wish.units if k not in labels and k != time), None)
     if unknown is not None:
@@ -131,7 +137,20 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
     table = repaired(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps))
     signals = {k: table.values[:, i] for i, k in enumerate(table.names) if i}
     told = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
-    return Record(name, table.values[:, 0], signals, told, origin, (*source.notes, *table.notes))
+    notes = (*source.notes, *_of_the_clock(source, wish, table))
+    return Record(name, table.values[:, 0], signals, told, origin, (*notes, *table.notes))
+
+
+def _of_the_clock(source: Source, wish: Wish, table: Table) -> Iterator[str]:
+    """What to mind of the time: a column that was not heeded, and seconds that may be none."""
+    if wish.step is not None:
+        found = [text for text in source.headings if split_heading(text)[0].lower() in TIMES]
+        if found:
+            yield f"The column {found[0]} was not read: the rows follow each other at {wish.step:g} s, as asked."
+    elif not table.units[0] and len(table.values) >= MANY and (usual := usual_step(table.values[:, 0])) >= SLOW:
+        name = table.names[0]
+        yield (f"{name} has no unit and was taken to be in s, which makes {usual:.4g} s from row to row. If it is in "
+               f"ms, say so: units={{'{name}': 'ms'}}, or --map '{name} [ms]={name}'.")  # fmt: skip
 
 
 def _clocked(
@@ -194,7 +213,9 @@ def _time(origin: str, found: Mapping[str, int]) -> str:
                     f"are {known}), or give the step between rows in s (step=…, or --sampling).")  # fmt: skip
 
 
-def _selected(origin: str, found: dict[str, int], wish: Wish, time: str | None) -> dict[str, int]:
+def _selected(
+    origin: str, found: dict[str, int], wish: Wish, time: str | None, notes: Sequence[str]
+) -> dict[str, int]:  # fmt: skip
     only = wish.only
     if only is None:
         return found
@@ -207,8 +228,9 @@ def _selected(origin: str, found: dict[str, int], wish: Wish, time: str | None) 
             found = {name if k == ends[0] else k: place for k, place in found.items()}
     missing = [name for name in wanted if name not in found]
     if missing:
+        left = "".join(f" {note}" for note in notes if missing[0] in note)
         raise DataError(f"{origin}: there is no column '{missing[0]}'.{near(missing[0], known)} "
-                        f"If it has another name there, map it ({missing[0]}=COLUMN).")  # fmt: skip
+                        f"If it has another name there, map it ({missing[0]}=COLUMN).{left}")  # fmt: skip
     return {k: place for k, place in found.items() if k in wanted or k == time}
 
 

@@ -90,6 +90,7 @@ def constants_are_named(table: Table) -> Table:
 REPAIRS: tuple[Callable[[Table], Table], ...] = (
     repair_time.time_is_known,
     repair_time.time_moves,
+    repair_time.backwards_is_turned,
     repair_time.disorder_is_sorted,
     repair_time.time_goes_forward,
     repair_time.repeats_are_merged,

@@ -37,6 +37,15 @@ def time_moves(table: Table) -> Table:
     return table
 
 
+def backwards_is_turned(table: Table) -> Table:
+    """Rows that all stand in the reverse order of time, newest first, are turned round."""
+    t = table.values[:, 0]
+    if len(t) < 3 or not (np.diff(t) <= 0).all():
+        return table
+    note = "The time falls from row to row, the newest row coming first; the rows were turned round."
+    return noted(table, table.values[::-1], table.rows[::-1], note)
+
+
 def disorder_is_sorted(table: Table) -> Table:
     """A few rows written a little late are sorted; what is no such accident is left for time_goes_forward.
 

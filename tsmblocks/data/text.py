@@ -21,22 +21,30 @@ BLANK = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "i
 _WORD = re.compile(r"\"[^\"]*\"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
 
 
-def _decoded(path: Path, raw: bytes) -> str:
-    """Return the text of a file; says what is wrong when it is not UTF-8 text."""
+def _decoded(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a file, and a note where it is not in UTF-8; says what is wrong where it is no text."""
     if not raw.strip():
         raise DataError(f"{path}: the file is empty.")
     if raw[:4] == b"PK\x03\x04":
         raise DataError(f"{path}: this is a spreadsheet or an archive. Export the sheet as CSV.")
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise DataError(f"{path}: this is UTF-16 text. Save it as UTF-8.")
+        try:
+            return raw.decode("utf-16"), ("Read as UTF-16 text.",)
+        except UnicodeDecodeError:
+            raise DataError(f"{path}: this begins as UTF-16 text and goes on as none. Save it as UTF-8.") from None
     if b"\0" in raw:
         raise DataError(f"{path}: this is not text (zero byte in row {raw[: raw.index(0)].count(10) + 1}).")
     try:
-        return raw.decode("utf-8-sig")
+        return raw.decode("utf-8-sig"), ()
     except UnicodeDecodeError as error:
-        row = raw[: error.start].count(b"\n") + 1
-        raise DataError(f"{path}: row {row} is not UTF-8 text (byte 0x{raw[error.start]:02x}). "
-                        "Save the file as UTF-8.") from None  # fmt: skip
+        row, byte = raw[: error.start].count(b"\n") + 1, raw[error.start]
+    made = raw.decode("cp1252", errors="replace")
+    if "\ufffd" in made or any(not c.isprintable() and c not in "\t\r\n\xa0\xad" for c in set(made)):
+        raise DataError(f"{path}: row {row} is not UTF-8 text (byte 0x{byte:02x}). Save the file as UTF-8.")
+    shown = bytes([byte]).decode("cp1252")
+    return made, (
+        f"Row {row} is not UTF-8 text: the file was read as Windows-1252, where byte 0x{byte:02x} is {shown}.",
+    )
 
 
 def _separator(lines: Sequence[str]) -> str | None:
@@ -134,7 +142,8 @@ def _ending(count: int, k: int, at: np.ndarray) -> str:
 def open_text(path: Path, columns: Sequence[str] | None) -> Text:
     """Split a text file into headings and lines. Raises DataError when it is no table or has no header."""
     lines, at, remark = list[str](), list[int](), ""
-    for number, line in enumerate(re.split("\r?\n|\r", _decoded(path, path.read_bytes())), 1):
+    whole, told = _decoded(path, path.read_bytes())
+    for number, line in enumerate(re.split("\r?\n|\r", whole), 1):
         bare = line.strip()
         if bare.startswith(COMMENTS):
             remark = remark if lines else bare.lstrip("#%/ ")
@@ -143,7 +152,7 @@ def open_text(path: Path, columns: Sequence[str] | None) -> Text:
             at.append(number)
     if not lines:
         raise DataError(f"{path}: the file holds no numbers, only comments.")
-    separator, notes = _separator(lines[:50]), []
+    separator, notes = _separator(lines[:50]), list(told)
     first = _cells(lines[0], separator)
     headings = _headings(path, columns, first, remark, separator)
     if not _is_numeric(first):

@@ -19,6 +19,10 @@ LINES = 6
 """Frequencies handed to effects that have one of their own."""
 
 
+STILL = 1e-12
+"""Half range of a signal, in its unit, up to which it is at rest."""
+
+
 @attrs.frozen(eq=False)
 class Candidate:
     """An effect on a wire: ``diagram`` is the model's with ``block`` added, standing at the effect's null."""
@@ -140,7 +144,10 @@ def lines(model: Model) -> tuple[float, ...]:
 def candidates(
     model: Model, effects: Sequence[Effect], around: Surroundings, places: Sequence[Site]
 ) -> list[Candidate]:
-    """Every effect on every wire where it can stand. An edit that makes no diagram (a loop without a delay) is none."""
+    """Every effect on every wire where it can stand and show.
+
+    An edit that makes no diagram (a loop without a delay) is none.
+    """
     found: list[Candidate] = []
     base = model.fitted
     for effect in effects:
@@ -158,17 +165,12 @@ def candidates(
 
 
 def _trials(effect: Effect, scales: Scales) -> Trials | None:
-    """What an effect would try; None where these data cannot show it, as on a wire that never moves."""
-    try:
-        trials = effect.trials(scales)
-    except ZeroDivisionError:  # a share of a range or a rate that is zero
-        return None
-    return None if trials is None or _at_rest(trials) else trials
-
-
-def _at_rest(trials: Trials) -> bool:
-    """Whether bounds in proportion to the signal leave no room: it never moves, so there is nothing to try."""
-    return any(low is not None and low == high for low, high in trials.bounds.values())
+    """What to try of an effect; None where the data cannot show it: beside signals at rest, all but the clock's."""
+    if all(one.reach > STILL and one.fastest > 0 for one in (scales.wire, scales.other)):
+        return effect.trials(scales)
+    trials = effect.trials(scales) if effect.family == "time" else None
+    sized = trials is not None and all(abs(size) > STILL for size in trials.strengths.values())
+    return trials if sized else None
 
 
 def _name(diagram: Diagram, wanted: str) -> str:

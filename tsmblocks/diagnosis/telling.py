@@ -147,8 +147,9 @@ def gap_table(one: tuple[Segment, Gap]) -> str:
         own = fitted.get(name, ())[: len(last)]
         rows.append([_cut(name), *(digits(k * v) for v in values), *(digits(k * v) for v in own),
                      *[""] * (len(last) - len(own))])  # fmt: skip
-    rows.append(["noise floor", digits(k * gap.noise_floor), *[""] * (len(gap.held_out) - 1 + len(last))])
-    return columns(rows) + f"  ({gap.method})"
+    floor = f"noise floor ({gap.method})"
+    rows.append([floor, digits(k * gap.noise_floor), *[""] * (len(gap.held_out) - 1 + len(last))])
+    return columns(rows)
 
 
 def _where(segment: Segment) -> list[str]:
@@ -167,13 +168,14 @@ def _ranking(segment: Segment) -> list[str]:
         if not fitted:
             continue
         shown = fitted[: FEW if segment.effects and not any(r.named for r in fitted) else MOST]
-        rows = [["", "candidate", "on", "removes", "new exp.", f"t ({fitted[0].line:.2g})"]]
-        rows += [[mark(r), _cut(titled(r)), _cut(r.wire.strip()), percent(r.share), percent(across(r, several)),
-                  f"{r.t:.1f}"] for r in shown]  # fmt: skip
+        wide = LONG if several < 2 else LONG - len("  new exp.")
+        rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
+        rows += [[f"{mark(r) or ' '} {_cut(titled(r))}", _cut(r.wire.strip(), wide), percent(r.share),
+                  *[percent(across(r, several))][: several - 1], f"{r.t:.1f}"] for r in shown]  # fmt: skip
         rest = len(here) - len(shown)
         more = f"\nOther candidates, which promised or removed less: {rest}." if rest else ""
         made.append(f"candidates, round {number} (* named, ~ cannot be told from it):\n"
-                    f"{columns(rows, left=(0, 1, 2))}{more}")  # fmt: skip
+                    f"{columns(rows, left=(0, 1))}{more}")  # fmt: skip
     return made
 
 
@@ -240,8 +242,8 @@ def _limits(segment: Segment, several: bool) -> str:
                      + columns([[m.name, limit(m)] for m in seen], "  ", left=(0, 1)))  # fmt: skip
     if blind:
         names = ", ".join(m.name for m in blind)
-        parts.append(textwrap.fill(f"not excited by these experiments, or without a place in the "
-                                   f"diagram{where}, so not looked for: {names}.", WIDTH,
+        parts.append(textwrap.fill(f"of any size unseen{where}, since these experiments do not excite them or the "
+                                   f"diagram has no wire for them: {names}.", WIDTH,
                                    break_on_hyphens=False))  # fmt: skip
     return "\n\n".join(parts)
 
@@ -290,7 +292,7 @@ def _of(names: Sequence[str], experiments: Sequence[str]) -> str:
 
 def _range(texts: Sequence[str]) -> str:
     low, high = min(texts, key=float), max(texts, key=float)
-    return low if low == high else f"{low} to {high}"
+    return low if low == high else f"{low}–{high}"
 
 
 # ---- small things --------------------------------------------------------------------------------

@@ -215,7 +215,9 @@ def coloured(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> Col
         before = error, spread
         spread = np.linalg.inv(_ridged(known[:q, :q]))
         error = spread @ known[:q, q]
-        if _settled(before[0], error, np.sqrt(np.trace(spread))) and _settled(before[1], spread, np.trace(spread)):
+        if _settled(before[0], error, np.sqrt(max(np.trace(spread), 0.0))) and _settled(
+            before[1], spread, np.trace(spread)
+        ):
             break
     of = {s: source for source in sources for s in source.users}
     order = [of[s] for s in range(len(segments))]

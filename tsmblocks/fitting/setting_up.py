@@ -20,7 +20,7 @@ from tsmblocks.fitting import asking
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
 from tsmblocks.fitting.problem import Priors, Problem
-from tsmblocks.fitting.trials import FEWEST, Trial, Window, compared, median_step, prepare
+from tsmblocks.fitting.trials import FEWEST, Trial, Window, compared, is_even, median_step, prepare
 from tsmblocks.fitting.unknowns import (
     Unknown,
     Unknowns,
@@ -146,7 +146,10 @@ def set_up(
         trials.append(trial)
         finer.append(half)
         if trials[-1].share is not None:
-            notes.append(f"{name}: the samples are unevenly spaced, so the simulation is read off between its steps.")
+            own = median_step(record.t)
+            why = (f"the samples, {own:.4g} s apart, are no multiples of the step of {trial.times.h:.4g} s"
+                   if is_even(record.t, own) else "the samples are unevenly spaced")  # fmt: skip
+            notes.append(f"{name}: {why}, so the simulation is read off between its steps.")
         notes += [f"{name}: {k} has no unit and is taken to be in {diagram.unit(k)}."
                   for k in (*diagram.inports, *names) if not record.unit(k) and diagram.unit(k)]  # fmt: skip
     return Setup(diagram, eq, tuple(trials), names, tuple(notes), tuple(finer))

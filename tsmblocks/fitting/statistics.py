@@ -89,7 +89,10 @@ def uncertainty(
     inverse = basis @ basis.T
     from_prior = inverse @ weight @ inverse * (left if noise is None else noise**2)
     white = left * product(gains, gains.T) + from_prior
-    return Uncertainty(_opened(covariance + from_prior, open_), _opened(white, open_), freedom, noises.colours)
+    total = covariance + from_prior
+    if ((np.diag(total) <= 0) & (np.diag(white) > 0)).any():  # rounding left nothing of noise that is all but periodic
+        total = white
+    return Uncertainty(_opened(total, open_), _opened(white, open_), freedom, noises.colours)
 
 
 def moved(

@@ -20,7 +20,7 @@ from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
 from tsmblocks.engine.tangents import tangent_memory
 from tsmblocks.equation_set import Equations
-from tsmblocks.errors import DataError, RunError, near
+from tsmblocks.errors import DataError, RunError, clip, near
 
 FEWEST = 4
 """Compared samples below which a recording says nothing."""
@@ -215,7 +215,14 @@ def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[st
                             f"{near(gone[0], record.names)}")  # fmt: skip
     found = tuple(asked or (k for k in diagram.outputs if all(k in r for r in records.values())))
     if not found:
-        some = next(iter(records.values()))
+        bare = [r for r in records.values() if not any(k in r for k in diagram.outputs)]
+        if diagram.outputs and not bare:
+            each = "; ".join(
+                f"{name}: {', '.join(k for k in diagram.outputs if k in r)}" for name, r in records.items()
+            )
+            raise DataError(f"no output of '{diagram.title}' was measured in all experiments ({clip(each)}). Give "
+                            "those together that have an output in common.")  # fmt: skip
+        some = next(iter(bare or records.values()))
         known = ", ".join(some.names)
         raise DataError(f"{some.origin or some.name}: none of the outputs of '{diagram.title}' "
                         f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {known}. "
