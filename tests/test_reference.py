@@ -21,6 +21,7 @@ from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.reference import blocks, examples, python, uses
 from tsmblocks.reference import trace as tracing
+from tsmblocks.reference.cards import words
 from tsmblocks.reference.mathml import mathml
 from tsmblocks.reference.trace import ATOM, COMPARE, LOOSE, PLUS, POWER, TIMES, Tongue, listing
 from tsmblocks.shelf import names
@@ -231,25 +232,30 @@ def test_links_lead_somewhere_and_nothing_is_loaded_from_elsewhere(site):
                 assert unquote(parts.fragment) in read(target).anchors, f"{path.name}: {address}"
 
 
-@pytest.mark.parametrize("name", BLOCKS)
-def test_numbers_on_the_page_of_a_block_are_its_own(site, name):
-    block, page = BLOCKS[name](), read(site / "blocks" / f"{name}.html")
-    rows = {row[0].strip(): [cell.strip() for cell in row] for row in page.rows if len(row) == 5}
-    for key, field in block.fields().items():
-        if field.kind == "state":
-            continue
-        _, default, unit, bounds, _ = rows[key]
-        value = getattr(block, key)
-        if isinstance(value, float):
-            assert float(default.replace("∞", "inf").replace("−", "-")) == pytest.approx(value, rel=1e-5)
-        if field.unit and "?" not in field.unit:
-            assert unit == field.unit
-        if math.isfinite(field.low) and math.isfinite(field.high):
-            assert re.findall(r"[-\d.e]+", bounds) == [f"{field.low:g}", f"{field.high:g}"]
-    words = " ".join(page.words)
-    assert block.source.split(",")[0].split(";")[0] in words
-    assert "\\" not in re.sub(r"<annotation.*?</annotation>", "", " ".join(mathml(text) for _, text in
-                                                                          listing(block).equations))  # fmt: skip
+def test_numbers_on_the_pages_of_blocks_are_their_own(site):
+    for name, cls in BLOCKS.items():
+        block, page = cls(), read(site / "blocks" / f"{name}.html")
+        rows = {row[0].strip(): [cell.strip() for cell in row] for row in page.rows if len(row) == 5}
+        for key, field in block.fields().items():
+            if field.kind != "state":
+                compare(f"{name}.{key}", field, getattr(block, key), *rows[key][1:4])
+        assert block.source.split(",")[0].split(";")[0] in " ".join(page.words), name
+
+
+def compare(owner, field, value, default, unit, bounds):
+    """A row of a table beside what the block declares."""
+    if isinstance(value, float):
+        assert float(default.replace("∞", "inf").replace("−", "-")) == pytest.approx(value, rel=1e-5), owner
+    if field.unit and "?" not in field.unit:
+        assert unit == field.unit, owner
+    if math.isfinite(field.low) and math.isfinite(field.high):
+        assert re.findall(r"[-\d.e]+", bounds) == [f"{field.low:g}", f"{field.high:g}"], owner
+
+
+def test_every_formula_becomes_mathml():
+    for cls in BLOCKS.values():
+        for text in (words(cls)[1], *(right for _, right in listing(cls()).equations)):
+            assert "\\" not in re.sub(r"<annotation.*?</annotation>", "", mathml(text), flags=re.DOTALL), cls
 
 
 def test_what_is_missing_is_named(monkeypatch, tmp_path, capsys):

@@ -58,10 +58,21 @@ def pages() -> dict[str, str]:
                 for name, some in found.items() if some[0].family == family]  # fmt: skip
         parts += [rst.heading(family.capitalize(), 1), FAMILIES.get(family, ""),
                   rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20))]  # fmt: skip
-    parts += [rst.heading("Places", 1), rst.table(("Place", "Where that is"), PLACES.items(), (18, 82))]
+    parts += [rst.heading("Places", 1), rst.table(("Place", "Where that is"), PLACES.items(), (18, 82)), _wires()]
     toc = "\n".join(f"   {name}" for name in found)
     index = rst.page(*parts, f".. toctree::\n   :hidden:\n\n{toc}")
     return {"effects/index": index, **{f"effects/{name}": page(name, some) for name, some in found.items()}}
+
+
+def _wires() -> str:
+    """The wires of the ready-made plants on which effects are looked for."""
+    rows = []
+    for name, diagram in uses.shipped().items():
+        if diagram.inputs:
+            found = [f"{site.place} ``{site.words(diagram)}``" for site in _sites(name)]
+            rows.append((rst.link(f"/diagrams/{name}", name), ", ".join(found)))
+    return rst.page("In the ready-made diagrams that recordings can drive:",
+                    rst.table(("Diagram", "Places and their wires"), rows, (34, 66)))  # fmt: skip
 
 
 def page(name: str, some: list[Effect]) -> str:
