@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 
 from tsmblocks.reference import rst
 
@@ -27,7 +28,8 @@ GROUPS: dict[str, tuple[str, str, tuple[str, ...]]] = {
 }  # fmt: skip
 """Page: its heading, what it is about, the names of the package on it."""
 MODULES = {
-    "diagrams": ("export",), "design": ("studies", "tuning"), "linear": ("analysis",), "errors": ("errors",),
+    "diagrams": ("export",), "blocks": ("testing",), "diagnosis": ("effects",), "design": ("studies", "tuning"),
+    "linear": ("analysis",), "errors": ("errors",),
 }  # fmt: skip
 """Modules of the package of which a page shows all public names."""
 
@@ -53,10 +55,11 @@ def _page(key: str) -> str:
     title, about, names = GROUPS[key]
     parts = [rst.heading(title), about, *(_entry("tsmblocks", name, getattr(tsmblocks, name)) for name in names)]
     for module in MODULES.get(key, ()):
-        made = getattr(tsmblocks, module)
+        made = import_module(f"tsmblocks.{module}")
         known = [n for n in getattr(made, "__all__", None) or _own(made) if n not in names]
         parts += [rst.heading(f"tsmblocks.{module}", 1), (made.__doc__ or "").strip().partition("\n\n")[0],
-                  *(_entry(f"tsmblocks.{module}", name, getattr(made, name)) for name in known)]  # fmt: skip
+                  *(_entry(f"tsmblocks.{module}", name, getattr(made, name)) for name in known
+                    if callable(getattr(made, name)))]  # fmt: skip
     return rst.page(*parts)
 
 
@@ -69,9 +72,7 @@ def _own(module: object) -> list[str]:
 def _entry(module: str, name: str, thing: object) -> str:
     if isinstance(thing, type):
         return f".. autoclass:: {module}.{name}\n   :members:\n"
-    if callable(thing):
-        return f".. autofunction:: {module}.{name}\n"
-    return f".. autodata:: {module}.{name}\n"
+    return f".. autofunction:: {module}.{name}\n"
 
 
 def command_pages(commands: Mapping[str, tuple[str, str]]) -> dict[str, str]:
