@@ -82,7 +82,7 @@ def test_ink_and_paper_are_those_of_the_page(kind, things):
     assert all(part.strip().startswith(".tsmblocks") for rule in rules for part in rule.split(",") if rule.strip())
     grounds = re.findall(r"background:([^;}]+)", style[0])
     assert set(grounds) == {"transparent", "var(--c)"}
-    assert re.findall(r"(?<![-\w])color:([^;}]+)", style[0]) == ["inherit", "inherit"]
+    assert re.findall(r"(?<![-\w])color:([^;}]+)", style[0]) == ["inherit"] * 3
 
 
 def luminance(colour):
@@ -154,6 +154,18 @@ def test_every_block_has_a_card(name):
     text = REGISTRY[name]()._repr_html_()
     assert Page(text).open == []
     assert len(text) < 20_000
+
+
+def test_a_block_shows_its_equation_typeset_or_as_it_is_written(things, monkeypatch):
+    text = things["block"]._repr_html_()
+    formula = re.search(r"<math.*?</math>", text)[0]
+    assert "<msub>" in formula
+    assert "Paper, Eq (15)" in text
+    monkeypatch.setitem(sys.modules, "tsmblocks.reference.mathml", None)
+    plain = things["block"]._repr_html_()
+    assert "<pre>" in plain
+    assert "k_P e" in plain
+    assert Page(plain).open == []
 
 
 def test_what_is_large_stays_small():

@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
-import inspect
+from html import escape
 from typing import Any
 
 from tsmblocks.block import Block
 from tsmblocks.notebook.card import card, rows
+from tsmblocks.reference.cards import words
 from tsmblocks.tables import few
 
+NAMESPACE = ' xmlns="http://www.w3.org/1998/Math/MathML"'
+"""What a page of HTML need not be told of a formula."""
 LONGEST = 60
 """Characters of a value at most."""
 
 
 def block_card(block: Block) -> str:
-    """A block: its first sentence, ports, and the numbers it has, those of its own in bold."""
+    """A block: its first sentence, equation, ports, and the numbers it has, those of its own in bold."""
     ports = [("in", k, p.unit or "any", p.about) for k, p in block.inports.items()]
     ports += [("out", k, p.unit or "any", p.about) for k, p in block.outports.items()]
     fields = type(block).fields()
     cells = [(k, _value(getattr(block, k)), f.unit, f.about) for k, f in fields.items()]
     own = ["named" if getattr(block, k) != f.default else "" for k, f in fields.items()]
-    sentence = inspect.cleandoc(type(block).__doc__ or "").partition("\n\n")[0]
-    parts = [rows(["l:", "l:port", "l:unit", "l:what it is"], ports)] if ports else []
+    sentence, equation, _ = words(type(block))
+    parts = [_formula(equation)] if equation else []
+    parts += [rows(["l:", "l:port", "l:unit", "l:what it is"], ports)] if ports else []
     parts += [rows(["l:parameter", "value", "l:unit", "l:what it is"], cells, own, most=30)] if cells else []
-    return card(type(block).__name__, " ".join(sentence.split()), *parts)
+    parts += [f'<p class="soft">Source: {escape(block.source)}</p>'] if block.source else []
+    return card(type(block).__name__, sentence, *parts)
+
+
+def _formula(latex: str) -> str:
+    """A formula as the browser typesets it by itself, or as it is written where nothing is there to convert it."""
+    try:
+        from tsmblocks.reference.mathml import mathml
+
+        return f"<p>{mathml(latex, block=True).replace(NAMESPACE, '')}</p>"
+    except ImportError:
+        return f"<pre>{escape(latex)}</pre>"
 
 
 def _value(value: Any) -> str:
