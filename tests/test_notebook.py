@@ -139,8 +139,16 @@ def test_a_study_shows_quantiles_and_where_it_is_lowest(things):
     study = things["study"]
     text = words(study._repr_html_())
     best = study.best(NASTY)
-    assert f"{best[NASTY]:.4g}" in text
+    assert f"{np.degrees(best[NASTY]):.4g}" in text
     assert f"pid.kp {best['pid.kp']:.4g}" in text
+
+
+def test_a_tuning_shows_every_case_before_and_after_in_degrees(things):
+    tuned = things["tuned"]
+    text = words(tuned._repr_html_())
+    before, after = np.degrees(tuned.worst)
+    assert f"{before:.4g} before, {after:.4g} deg tuned" in text
+    assert f"rms(x_ref - x_out) [deg] {before:.4g} {after:.4g}" in text
 
 
 def test_numbers_of_a_block_s_own_stand_out(things):

@@ -56,7 +56,8 @@ STYLE = (
     "border-radius:2px;background:var(--c);border:1px solid var(--b,var(--c))}"
     ".tsmblocks .verdict{border-left:5px solid var(--after);padding:2px 12px;margin:.5em 0}"
     ".tsmblocks .verdict.unknown{border-color:var(--before)}.tsmblocks .verdict.none{border-color:var(--floor)}"
-    ".tsmblocks math{font-size:15px}.tsmblocks mtd.right{text-align:right}.tsmblocks mtd.left{text-align:left}"
+    ".tsmblocks math{font-size:15px;margin:0;width:fit-content}"
+    ".tsmblocks mtd.right{text-align:right}.tsmblocks mtd.left{text-align:left}"
     ".tsmblocks pre{background:transparent;color:inherit;margin:.4em 0;padding:0;white-space:pre-wrap}" + SIGNS
 )  # fmt: skip
 """The style sheet of every card: ink and paper are those of the page, so it is read on light and dark ones."""

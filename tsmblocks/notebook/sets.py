@@ -24,9 +24,10 @@ def study_card(found: Results) -> str:
     done = f"{len(found)} of {found.count} runs" if len(found) < found.count else f"{found.count} runs"
     cells = []
     for name in found.metrics:
+        k, unit = units.for_people(found.units[name])
         best = found.best(name) if np.isfinite(found[name]).any() else {}
-        where = ", ".join(f"{k} {_value(best[k])}" for k in found.parameters if k in best)
-        cells.append([heading(name, found.units[name]), *map(number, found.quantiles(name).values()), where])
+        where = ", ".join(f"{one} {_value(best[one])}" for one in found.parameters if one in best)
+        cells.append([heading(name, unit), *(number(k * v) for v in found.quantiles(name).values()), where])
     failed = int(found.failed.sum())
     said = [f"{failed} runs have a metric that is no number (an unstable loop, say)."] if failed else []
     drawn = [_spread(found, name) for name in list(found.metrics)[:MOST_CHARTS]]
@@ -39,13 +40,19 @@ def tuned_card(found: Tuned) -> str:
     """What tuning found: the parameters, and each metric in each case before and after."""
     values = rows(["l:parameter", "tuned"], [(name, number(v)) for name, v in found.values.items()])
     names = list(next(iter(found.after.values())))
-    cells = [(case, heading(name, found.units[name]), number(found.before[case][name]), number(after[name]))
-             for case, after in found.after.items() for name in names]  # fmt: skip
-    before, after = found.worst
-    worst = f"{found.objective} in the worst case: {number(before)} before, {number(after)} tuned"
+    people = {name: units.for_people(found.units[name]) for name in names}
+    cells = [(case, heading(name, unit), number(k * found.before[case][name]), number(k * after[name]))
+             for case, after in found.after.items() for name, (k, unit) in people.items()]  # fmt: skip
+    k, unit = people[found.objective]
+    worst = f"{found.objective} in the worst case: {_ends([k * v for v in found.worst], unit)}"
     said = [] if found.met else ["Not every limit is met."]
     said += [] if found.status == "complete" else ["Interrupted; these are the best numbers so far."]
     return card("Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(said))
+
+
+def _ends(values: list[float], unit: str) -> str:
+    before, after = values
+    return f"{number(before)} before, {number(after)} {unit} tuned"
 
 
 def _spread(found: Results, name: str) -> str:
