@@ -10,6 +10,7 @@ import pytest
 
 import tsmblocks as tsm
 from tests.pages import Page
+from tsmblocks.analysis import frequency_response
 from tsmblocks.block import REGISTRY
 from tsmblocks.blocks import PID, LookupTable, Play, Sine
 from tsmblocks.studies import grid, responses
@@ -47,13 +48,16 @@ def things():
         "reduced": tsm.simulate_batch(LOOP, {"pid.kp": np.linspace(0.5, 1.0, 50)}, stop=0.1,
                                       reduce=lambda t, y: {"last": y["x_out"][-1]}),
         "tuned": tsm.tune({NASTY: LOOP}, {"pid.kp": (0.5, 2.0)}, "rms(x_ref - x_out)", stop=1.0, starts=1),
+        "control": tsm.optimal_control(tsm.load("motor_linear").rewire(title=NASTY), {"u": (-24.0, 24.0)}, "0.5 - x",
+                                       stop=0.2, step=0.02),
+        "frequencies": frequency_response(tsm.load("motor_linear").rewire(title=NASTY), [1.0, 2.0], [0.1, 0.2]),
         "block": PID(kp=2.0),
         "source": Sine(unit="rad"),
     }  # fmt: skip
 
 
 KINDS = ["run", "record", "fit", "differences", "comparison", "diagnosis", "study", "responses", "batch", "reduced",
-         "tuned", "block", "source"]  # fmt: skip
+         "tuned", "control", "frequencies", "block", "source"]  # fmt: skip
 
 
 def words(html):
@@ -232,6 +236,8 @@ SHORT = {
     "batch": "Batch(2 sets of pid.kp, results x_ref, x_out, x_in, u)",
     "reduced": "Batch(50 sets of pid.kp, results last)",
     "tuned": "Tuned(pid.kp 2; rms(x_ref - x_out) 0.",
+    "control": "OptimalControl(… u, ",
+    "frequencies": "FrequencyResponse(… x over u, 2 frequencies, sizes 0.1, 0.2)",
     "block": "PID(kp=2.0, ki=2.0, kd=0.0, tau=0.01, integral=0.0, smooth=0.0)",
     "source": "Sine(amplitude=0.9599310885968813, frequency=0.2, ",
 }

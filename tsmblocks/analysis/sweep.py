@@ -15,6 +15,7 @@ from tsmblocks.blocks import Sine
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError, in_words, near
 from tsmblocks.frames import dataset, frame, need
+from tsmblocks.tables import few
 
 SETTLED = 1e-4
 """Change of a signal from one period to the next, as a share of its size, that counts as none."""
@@ -73,6 +74,17 @@ class FrequencyResponse:
         coords = {"amplitude": (dims[:1], self.amplitudes, ""), "frequency": (dims[1:], self.frequencies, "Hz")}
         return dataset({k: (dims, v, "deg" if k == "phase" else "") for k, v in found.items()}, coords,
                        {"title": self.title, "driven": self.driven, "output": self.output})  # fmt: skip
+
+    def __repr__(self) -> str:
+        sizes, f = few(f"{a:.3g}" for a in self.amplitudes), self.frequencies
+        return (
+            f"FrequencyResponse({self.title!r}, {self.output} over {self.driven}, {len(f)} frequencies, sizes {sizes})"
+        )
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import frequency_card
+
+        return frequency_card(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Gain, phase and distortion over frequency, a line for each amplitude. Needs matplotlib."""

@@ -18,6 +18,8 @@ from tsmblocks.measures import peak_to_peak, rms
 from tsmblocks.optimal.transcription import Given, Interval, Solution, Task, given_rows, straight
 from tsmblocks.run import Run
 from tsmblocks.simulate import simulate
+from tsmblocks.tables import few
+from tsmblocks.units import for_people
 
 FINER = 4
 """How much finer than the search the result is run."""
@@ -86,13 +88,25 @@ class OptimalControl:
         t = np.concatenate([[self.t[0]], *(self.t[1:] + k * period for k in range(times))])
         return {k: straight(t, np.concatenate([v[:1], *[v[1:]] * times])) for k, v in self.commands.items()}
 
-    def __str__(self) -> str:
-        scale, unit = (180 / math.pi, "deg") if self.unit == "rad" else (1.0, self.unit)
+    def __repr__(self) -> str:
+        return f"OptimalControl({self.run.title!r}, {few(self.commands)}, {len(self.t)} samples, {self._figures})"
+
+    def _repr_html_(self) -> str:
+        from tsmblocks.notebook import control_card
+
+        return control_card(self)
+
+    @property
+    def _figures(self) -> str:
+        """Peak to peak, peak and rms of the error, angles in degrees."""
+        scale, unit = for_people(self.unit)
         numbers = (self.peak_to_peak, self.peak, self.rms)
-        said = ", ".join(f"{what} {scale * v:.3g}{' ' * bool(unit)}{unit}"
+        return ", ".join(f"{what} {scale * v:.3g} {unit}".rstrip()
                          for what, v in zip(("peak to peak", "peak", "rms"), numbers, strict=True))  # fmt: skip
+
+    def __str__(self) -> str:
         ended = "" if self.found else f" (not the end of the search: {self.word})"
-        return f"{self.run.title}: smallest {self.goal} of the error found: {said}{ended}"
+        return f"{self.run.title}: smallest {self.goal} of the error found: {self._figures}{ended}"
 
 
 def outcome(
