@@ -404,6 +404,6 @@ def test_a_reader_that_goes_away_is_no_fault():
 
 def test_without_matplotlib_the_way_out_is_told(tsm, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    status, _, err = tsm("run", "fig09a_without_feedforward", "--stop", 1, "--plot", "a.png")
-    assert status == 2
+    status, out, err = tsm("run", "fig09a_without_feedforward", "--stop", 1, "--plot", "a.png")
+    assert (status, out) == (2, ""), "it is told before the run"
     assert 'Plots need matplotlib: pip install "tsmblocks[plots]"' in err

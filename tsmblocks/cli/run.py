@@ -47,7 +47,7 @@ def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
 
-    out, plot = common.result_path(args.out), common.result_path(args.plot, common.PICTURES)
+    out, plot = common.result_path(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     record, inputs = recordings.read_inputs(args, diagram, args.diagram)
     run = _simulate(args, diagram, record, inputs, out)
