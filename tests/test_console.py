@@ -129,6 +129,38 @@ def test_what_run_and_check_say_of_a_ready_made_diagram_fits(name, here, monkeyp
     assert [line for line in told.splitlines() if len(line) > 80] == []
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "tendon_sheath_prandtl_ishlinskii", "--starts", "1"],
+        ["compare", "tendon_sheath_linear", "tendon_sheath_play", "--starts", "1"],
+        ["compare", "tendon_sheath_linear", "tendon_sheath_play", "--starts", "1", "--each"],
+        ["diagnose", "tendon_sheath_linear", "--noise-floor", "0.01", "--effects", "backlash", "position_ripple"],
+    ],
+    ids=lambda words: " ".join(words[:1] + words[-1:]),
+)
+def test_tables_of_experiments_with_long_names_fit(words, here, capsys):
+    names_ = [
+        f"bend_at_{angle}_degrees_and_{turn}_of_the_handle" for angle in (60, 90) for turn in ("half", "a_full_turn")
+    ]
+    for name in names_:
+        Path(f"{name}.csv").write_text(Path("bend.csv").read_text("utf-8"), "utf-8")
+    assert main([*words, "--data", *(f"{name}.csv" for name in names_)]) == 0
+    out = capsys.readouterr().out
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+    assert "bend_at_60_degrees" in out
+
+
+def test_tables_of_studies_with_long_names_fit(here, capsys):
+    text = STUDY.replace("error = ", '"peak to peak of the tracking error after the start [deg]" = ')
+    text = text.replace("theta =", '"drive.high" = [12.0, 24.0]\n"motor.tau" = [0.02, 0.03]\ntheta =')
+    Path("long.toml").write_text(text, encoding="utf-8")
+    assert main(["study", "long.toml"]) == 0
+    out = capsys.readouterr().out
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+    assert "drive.high" in out
+
+
 def test_a_line_for_programs_is_not_folded(capsys):
     main(["check", "fig16_feedforward_feedback"])
     assert len(capsys.readouterr().out.splitlines()) == 1
