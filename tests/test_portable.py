@@ -10,7 +10,7 @@ import pytest
 
 import tsmblocks
 from tsmblocks.block import REGISTRY
-from tsmblocks.cli import common, main
+from tsmblocks.cli import common, entry, main
 from tsmblocks.effects import catalogue
 from tsmblocks.engine import jit
 from tsmblocks.shelf import names
@@ -123,6 +123,15 @@ def test_results_are_written_whatever_the_case_of_the_ending_and_with_plain_newl
     if name == "a.csv":
         assert path.read_bytes().startswith(b"t [s],x [rad]\n")
         assert b"\r" not in path.read_bytes()
+
+
+@pytest.mark.parametrize(("platform", "error", "gone"), [
+    ("linux", BrokenPipeError(), True), ("win32", BrokenPipeError(), True), ("win32", OSError(22, "Invalid"), True),
+    ("linux", OSError(22, "Invalid"), False), ("win32", OSError(22, "Invalid", "a:b.csv"), False),
+])  # fmt: skip
+def test_a_reader_that_goes_away_is_known_by_what_the_system_says(platform, error, gone, monkeypatch):
+    monkeypatch.setattr(sys, "platform", platform)
+    assert entry._left(error) is gone
 
 
 # ---- processes

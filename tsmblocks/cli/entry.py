@@ -5,6 +5,7 @@ Only argparse is imported here; each command imports what it needs when it is ru
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import traceback
@@ -44,19 +45,25 @@ def _guarded(argv: list[str]) -> int:
     except KeyboardInterrupt:
         complain("stopped before everything was done.")
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of a pipe went away; what it wanted it has
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except TsmError as error:
         complain(str(error))
         return 2
     except OSError as error:
+        if _left(error):  # what the reader wanted it has
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
         complain(f"{error.filename}: {error.strerror}." if error.filename and error.strerror else str(error))
         return 2
     except Exception:
         traceback.print_exc()
         complain("this is a fault of the program, not of your input; please report it with the lines above.")
         return 1
+
+
+def _left(error: OSError) -> bool:
+    """Whether it says that the reader of a pipe went away, in the words of this system."""
+    windows = sys.platform == "win32" and error.errno == errno.EINVAL and error.filename is None
+    return isinstance(error, BrokenPipeError) or windows
 
 
 def _dispatch(argv: list[str]) -> int:
