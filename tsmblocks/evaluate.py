@@ -8,7 +8,7 @@ loop, and the way back to it is the loop's path. No recursion, so long chains ar
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import casadi as ca
@@ -88,9 +88,9 @@ class Evaluator:
             new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
         return {(path, k): v for k, v in new.items()}
 
-    def starts(self, keys: Iterable[tuple[str, ...]]) -> list[Any]:
+    def starts(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
         """Start values of states, in terms of parameters; a held output is set by its first sample."""
-        states = {path: self.flat.twins[path].states for path, *_ in keys}
+        states = {path: self.flat.twins[path].states for path in {path for path, *_ in keys}}
         return [ca.SX(0) if len(key) == 3 else ca.SX(states[key[0]][key[1]].start) for key in keys]
 
     def feeds(self) -> Iterable[Any]:

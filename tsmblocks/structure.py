@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import traceback
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -177,7 +178,8 @@ def _check_ports(block: Block) -> None:
                 raise EquationError(f"{owner}.{name} needs the parameter '{number}', which is not declared."
                                     f"{near(number, block.parameters)}")  # fmt: skip
     names = [*block.read_names, *block.outports, *block.states]
-    twice = next((k for k in names if names.count(k) > 1), None)
+    seen = Counter(names)
+    twice = next((k for k in names if seen[k] > 1), None)
     if twice is not None:
         raise EquationError(f"{owner}.{twice} is two things at once (a port, a state); give one of them another name.")
     for name, state in block.states.items():

@@ -8,7 +8,18 @@ import tsmblocks as tsm
 from tests.mistakes.table import mistake, position_loop
 from tsmblocks import analysis, units
 from tsmblocks.block import Block, Input, Output, Unchanging, block
-from tsmblocks.blocks import PID, Constant, Divide, FirstOrderLag, Gain, StateSpace, Sum, TransferFunction
+from tsmblocks.blocks import (
+    PID,
+    Constant,
+    Delay,
+    Divide,
+    FirstOrderLag,
+    Gain,
+    Integrator,
+    StateSpace,
+    Sum,
+    TransferFunction,
+)
 from tsmblocks.compile import compile_diagram
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import (
@@ -255,6 +266,20 @@ def progress_that_is_no_function():
 @mistake(RunError, "the run of 1e+300 s would take 1e+303 steps of 0.001 s.")
 def a_run_without_end():
     driven(stop=1e300, step=1e-3)
+
+
+@mistake(
+    RunError,
+    "the delay of d.past is 1e+09 s, of which 1e+10 instants would have to be kept; 1e+08 are the most. Take a longer step.",
+)
+def a_delay_of_thirty_years():
+    d = Diagram(title="late", blocks=dict(d=Delay(time=1e9)), inputs={"u": "d"}, outputs={"y": "d"})
+    simulate(d, inputs={"u": 1.0}, stop=1.0, step=0.1)
+
+
+@mistake(ParameterError, "Integrator.integral must start within its limits, -1 to 1, got 5.")
+def an_integral_that_starts_outside_its_limits():
+    Integrator(low=-1.0, high=1.0, integral=5.0)
 
 
 @mistake(RunError, "signals of a run go by name, one at a time, got ['y', 'u'].")

@@ -390,7 +390,7 @@ def an_input_that_ends_too_soon():
 
 @mistake(
     DataError,
-    "input 'u' is known from 0.5 to 1.5 s, but the run goes from 0 to 1 s. Shorten the run, or give more samples.",
+    "input 'u' is known from 0.5 to 1.5 s, but the run goes from 0 to 1 s. Begin the run there (start=0.5), or give more samples.",
 )
 def an_input_that_begins_too_late():
     simulate(plant(), stop=1.0, inputs={"u": (np.linspace(0.5, 1.5, 51), np.zeros(51))})

@@ -39,6 +39,9 @@ class Integrator(Block):
     def check(self) -> None:
         if self.low >= self.high:
             raise ParameterError(f"Integrator needs low < high, got low={self.low:g}, high={self.high:g}.")
+        if not self.low <= self.integral <= self.high:
+            raise ParameterError(f"Integrator.integral must start within its limits, {self.low:g} to {self.high:g}, "
+                                 f"got {self.integral:g}.")  # fmt: skip
         check_unit(self)
 
     @property

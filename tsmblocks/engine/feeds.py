@@ -58,10 +58,12 @@ class Signal:
         """Raise DataError unless samples reach over the whole run."""
         if self.hold == "exact":
             return
-        if self.t[0] > start + 1e-6 * step or (self.hold != "zero" and self.t[-1] < stop - 1e-6 * step):
+        late, short = self.t[0] > start + 1e-6 * step, self.t[-1] < stop - 1e-6 * step and self.hold != "zero"
+        if late or short:
+            begin = f"Begin the run there (start={self.t[0]:g})" if late and not short else "Shorten the run"
             raise DataError(
                 f"input '{self.name}' is known from {self.t[0]:g} to {self.t[-1]:g} s, but the run goes "
-                f"from {start:g} to {stop:g} s. Shorten the run, or give more samples."
+                f"from {start:g} to {stop:g} s. {begin}, or give more samples."
             )
 
     def at(self, t: np.ndarray, order: int, side: str, tiny: float) -> np.ndarray:

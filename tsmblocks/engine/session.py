@@ -18,6 +18,8 @@ from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import DataError, RunError, in_words, near
 
+MOST_KEPT = 1e8
+"""Instants kept of a delayed signal (1 GB)."""
 PIECE_SECONDS = 0.2
 """How long a kernel runs before Ctrl-C and progress get their turn."""
 
@@ -74,11 +76,14 @@ def _shorter_step(periods: tuple[float, ...], period: float, h: float) -> str:
 
 
 def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
-    """Delays in steps. Raises RunError for one shorter than a step where it may not be."""
+    """Delays in steps. Raises RunError for one too long to be kept, or shorter than a step where it may not be."""
     if not eq.q:
         return np.empty(0)
     tau = np.asarray(eq.lag(p)).ravel() / h
     for name, steps, least in zip(eq.q, tau, eq.least, strict=True):
+        if steps > MOST_KEPT:
+            raise RunError(f"the delay of {name} is {steps * h:g} s, of which {steps:.1g} instants would have to be "
+                           f"kept; {MOST_KEPT:.0g} are the most. Take a longer step.")  # fmt: skip
         if not steps >= least - 1e-9:
             raise RunError(f"the delay of {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
                            "Take a smaller step, or a DeadTime in its place.")  # fmt: skip
