@@ -565,3 +565,15 @@ def test_text_widths_are_not_underestimated():
     ):
         font.set_text(text)
         assert text_width(text, 100) >= font.get_width_height()[0] / 64 * 0.99
+
+
+@pytest.mark.parametrize("count", [3, 12, 24])
+def test_signals_that_fan_into_one_block_do_not_cross(count):
+    blocks = {"f": Many(count=count), **{f"c{k}": Plant() for k in range(count)}}
+    fan = Diagram(title="fan", blocks=blocks, wires=[f"c{k} -> f.in{k}" for k in range(count)],
+                  inputs={"u": [f"c{k}.u" for k in range(count)]})  # fmt: skip
+    into = [list(pieces(wire)) for wire in assert_lawful(fan).wires if wire.signal != "u"]
+    assert len(into) == count
+    for (_, one), (_, two) in itertools.permutations([(n, p) for n, parts in enumerate(into) for p in parts], 2):
+        crossed = one[0] < two[0] < one[2] and two[1] < one[1] < two[3]  # one lies flat, two stands upright
+        assert not crossed

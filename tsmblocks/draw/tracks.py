@@ -103,7 +103,7 @@ def _free(trunk: Trunk, levels: set[float]) -> float:
 
 
 def _sorted(trunks: list[Trunk]) -> list[Trunk]:
-    """An order that keeps all demands, improved by exchanging neighbours while that saves crossings."""
+    """An order that keeps all demands, improved by moving one trunk at a time while that saves crossings."""
     order: list[Trunk] = []
     left = sorted(trunks, key=lambda t: (t.low, t.high))
     while left:
@@ -113,9 +113,22 @@ def _sorted(trunks: list[Trunk]) -> list[Trunk]:
     changed = True
     while changed:
         changed = False
-        for k in range(len(order) - 1):
-            a, b = order[k], order[k + 1]
-            if not _before(a, b) and _crossed(b, a) < _crossed(a, b):
-                order[k], order[k + 1] = b, a
+        for trunk in list(order):
+            k = order.index(trunk)
+            best = min(_moves(order, k, -1), _moves(order, k, 1))
+            if best[0] < 0:
+                order.insert(best[1], order.pop(k))
                 changed = True
     return order
+
+
+def _moves(order: list[Trunk], k: int, way: int) -> tuple[int, int]:
+    """Crossings saved (below zero) by moving trunk ``k`` to the left (-1) or right (1), and the place best for it."""
+    best, more, at = (0, k), 0, k + way
+    while 0 <= at < len(order):
+        left, right = (order[at], order[k]) if way < 0 else (order[k], order[at])
+        if _before(left, right):
+            break
+        more += _crossed(right, left) - _crossed(left, right)
+        best, at = min(best, (more, at)), at + way
+    return best
