@@ -1,6 +1,7 @@
 """Block diagrams for mechanisms with friction, backlash and hysteresis: model, control, diagnose.
 
-Reading order for the whole idea: ``block``, ``blocks/limits``, ``diagram``, ``compile``, ``simulate``.
+Reading order for the whole idea: ``block``, ``blocks/limits``, ``diagram``, ``compile``, ``simulate``. How a diagram
+becomes equations stands, step by step, in ``flatten``, ``structure`` and ``evaluate``; ``engine`` says its own order.
 """
 
 from importlib import import_module
