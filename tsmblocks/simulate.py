@@ -99,6 +99,12 @@ class Saved:
     k: int
     start: float
     step: float
+    names: tuple[str, ...] = attrs.field(repr=False, default=())
+    """Of states, memory and delays: what tells one diagram's memory from another's."""
+
+
+def _remembered(eq: Equations) -> tuple[str, ...]:
+    return (*eq.x, *eq.d, *eq.q)
 
 
 def simulate(
@@ -180,7 +186,7 @@ def _result(
         dict(zip(eq.p, p, strict=True)),
         h,
         rule.name,
-        Saved(session.memory, session.k, start, h),
+        Saved(session.memory, session.k, start, h, _remembered(eq)),
         complete,
         tuple(e for e in session.events if e.t <= start + session.k * h),
     )
@@ -354,7 +360,7 @@ class Stepper:
 
     def save(self) -> Saved:
         """The state now, to come back to."""
-        return Saved(self.memory.copy(), self.k, self.start, self.h)
+        return Saved(self.memory.copy(), self.k, self.start, self.h, _remembered(self.eq))
 
     def restore(self, saved: Saved) -> None:
         """Go on from a saved state of the same diagram and step, or from ``run.state``. Raises RunError otherwise."""
@@ -362,7 +368,8 @@ class Stepper:
             raise RunError(f"restore takes what save gave, or the state of a run, got {in_words(saved)}.")
         if saved.step != self.h:
             raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {self.h:g} s.")
-        if any(getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring")):
+        shapes = (getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring"))
+        if saved.names != _remembered(self.eq) or any(shapes):
             raise RunError(f"the saved state belongs to a diagram other than '{self.eq.title}'.")
         self.memory, self.k, self.start = saved.memory.copy(), saved.k, saved.start
 

@@ -292,6 +292,12 @@ def nothing_to_restore():
     Stepper(lag()).restore(None)
 
 
+@mistake(RunError, "the saved state belongs to a diagram other than 'lag'.")
+def a_state_of_a_diagram_of_the_same_size():
+    other = Diagram(title="other", blocks=dict(h=FirstOrderLag()), inputs={"u": "h"}, outputs={"y": "h"})
+    Stepper(lag()).restore(Stepper(other).save())
+
+
 @mistake(RunError, "only a diagram can be run, got 'fig16'. Load it first: tsmblocks.load('fig16').")
 def the_equations_of_a_name():
     tsm.equations("fig16")
