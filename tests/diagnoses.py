@@ -7,6 +7,7 @@ import numpy as np
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Play
+from tsmblocks.diagnosis.settings import Provenance, Recording, Simulated
 from tsmblocks.diagnosis.result import (
     Consequence,
     Diagnosis,
@@ -63,6 +64,7 @@ def ranked(name, share, *, number=1, named=False, in_set=False, fitted=True, var
         fitted,
         more.get("at_bound", ()),
         more.get("parameters", {}),
+        new=share if across is None else across / 20,
     )
 
 
@@ -133,6 +135,20 @@ NONE = attrs.evolve(
 )
 
 
+SIMULATED = Simulated(
+    {"full": {"backlash.m": 0.1}, "half": {"backlash.m": -0.2}}, {"full": 0.01, "half": 0.01}, ("x_out",), ("x_in",)
+)
+PROVENANCE = Provenance(
+    "0.1.0",
+    "tendon_sheath_linear",
+    (
+        Recording("full", "full.csv", ("x_in [deg]", "x_out [deg]"), 400, 0.02),
+        Recording("half", "", ("x_in [deg]", "x_out [deg]"), 400, 0.02),
+    ),
+    {"noise floor": "x_out 0.1 deg (given)", "seed": "3"},
+)
+
+
 def diagnosis(*segments, **changes):
     """The segments, by default the one with backlash, as a whole."""
     segments = segments or (NAMED,)
@@ -153,5 +169,8 @@ def diagnosis(*segments, **changes):
         Consequence("rad", "full", (20 * DEG, 7 * DEG), (2 * DEG, 0.6 * DEG), (1 * DEG, 0.3 * DEG)) if named else None,
         NOTES,
         "done",
+        given=base,
+        simulated=SIMULATED if named else attrs.evolve(SIMULATED, start_states={"full": {}, "half": {}}),
+        provenance=PROVENANCE,
     )
     return attrs.evolve(found, **changes)

@@ -122,6 +122,19 @@ def test_a_floor_without_an_output_goes_to_those_it_measures():
     assert diagnose._floors([], diagram, records) is None
 
 
+def test_what_was_repaired_is_told_once(run):
+    times = np.append(T, T[-1])
+    for name, x in (("full.csv", X), ("half.csv", X / 2)):
+        write(name, np.append(x, x[-1]), np.append(played(x), 0.0), t=times)
+    status, out, err = run(*BASE, "--effects", "drift")
+    assert (status, err) == (0, "")
+    assert out.count("repeated the time of the row before") == 1
+    assert "- all experiments: 1 row repeated the time of the row before" in out
+    status, out, err = run(*BASE, "--effects", "drift", "--free", "nothing.*")
+    assert (status, out) == (2, "")
+    assert err.count("repeated the time of the row before") == 2
+
+
 def test_names_of_effects_are_patterns(run):
     _, out, _ = run(*BASE, "--effects", "dr*", "jump", "--json")
     assert {r["name"] for r in json.loads(out)["ranking"]} == {"drift", "jump"}

@@ -98,7 +98,7 @@ def execute(args: argparse.Namespace) -> int:
 
     folder, plot = _folder(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram)
-    records = recordings.read_experiments(args, diagram)
+    records = recordings.read_experiments(args, diagram, tell=False)  # the notes of the diagnosis say it
     try:
         with console.progress(_far, quiet=args.json) as tell:
             found = diagnose(
@@ -107,6 +107,8 @@ def execute(args: argparse.Namespace) -> int:
                 seed=args.seed, step=args.step, progress=tell,
             )  # fmt: skip
     except TsmError as error:
+        for record in () if args.json else records.values():
+            recordings.repairs(record)
         raise common.as_typed(error, TYPED) from None
     if not args.json:
         print(found)

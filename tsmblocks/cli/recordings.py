@@ -39,9 +39,9 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
 
 
 def read_record(
-    args: argparse.Namespace, only: Iterable[str], path: str | None = None, also: Iterable[str] = ()
+    args: argparse.Namespace, only: Iterable[str], path: str | None = None, also: Iterable[str] = (), tell: bool = True
 ) -> Any:
-    """Return the record that the data options describe, its repairs told on standard error.
+    """Return the record that the data options describe, its repairs told on standard error where ``tell`` says so.
 
     ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there.
     """
@@ -53,10 +53,15 @@ def read_record(
         units={name: unit for name, unit, _ in mapped if unit}, only=only, also=also, rows=args.rows,
         step=args.sampling, group=args.group, tail=args.tail, gaps=args.gaps,
     )  # fmt: skip
-    if not getattr(args, "json", False):
-        for text in record.notes:
-            note(f"{record.origin}: {text}")
+    if tell and not getattr(args, "json", False):
+        repairs(record)
     return record
+
+
+def repairs(record: Any) -> None:
+    """Tell on standard error what was repaired in a record."""
+    for text in record.notes:
+        note(f"{record.origin}: {text}")
 
 
 def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any, dict[str, Any]]:
@@ -86,10 +91,10 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
 
-def read_experiments(args: argparse.Namespace, *diagrams: Any) -> dict[str, Any]:
+def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True) -> dict[str, Any]:
     """Return the records that the data options name, by experiment, with the signals the diagrams know.
 
-    Signals that every diagram needs must be there. Raises UsageError without files, or for one given twice.
+    What was repaired is told on standard error, unless ``tell`` is False: what is printed later says it. Signals that every diagram needs must be there. Raises UsageError without files, or for one given twice.
     """
     wanted = list(dict.fromkeys(name for d in diagrams for name in d.inputs))
     compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))
@@ -106,7 +111,7 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any) -> dict[str, Any]
     also = [name for name in dict.fromkeys([*wanted, *compared]) if name not in only]
     records: dict[str, Any] = {}
     for path in args.data:
-        record = read_record(args, only, path, also)
+        record = read_record(args, only, path, also, tell)
         records[record.name if record.name not in records else str(path)] = record
     return records
 

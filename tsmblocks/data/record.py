@@ -200,6 +200,16 @@ class Record:
 
         return filters.filtered(self, names, cutoff, order)
 
+    def conditioned(self, names: Iterable[str]) -> Record:
+        """Return the record with these signals low-passed with zero phase, and held still where they rest.
+
+        That is how a diagnosis takes the noise out of measured inputs, which a model with memory would follow. A signal
+        in which no noise stands out is left alone; uneven samples are first put on an even grid.
+        """
+        from tsmblocks.data.conditioning import conditioned
+
+        return conditioned(self, names)
+
     def differentiated(
         self, signal: str, order: int = 1, *, name: str | None = None, cutoff: float | None = None
     ) -> Record:

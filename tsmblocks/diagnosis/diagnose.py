@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks import __version__
 from tsmblocks.arguments import prepared, whole
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.conditioning import all_conditioned
@@ -19,10 +20,14 @@ from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import parts
 from tsmblocks.diagnosis.model import Asked, calibrated
 from tsmblocks.diagnosis.restarts import pieces, remembers
+from tsmblocks.diagnosis.restarts import whole as whole_name
 from tsmblocks.diagnosis.result import Diagnosis, Segment
 from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
 from tsmblocks.diagnosis.segments import Part, in_whole, parted
+from tsmblocks.diagnosis.script import source
 from tsmblocks.diagnosis.sensors import Floors, asked_floors, floors
+from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
+from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.diagnosis.summing import Work, summed
 from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, catalogue
@@ -101,7 +106,47 @@ def diagnose(
                 break
     if not done:
         raise KeyboardInterrupt
-    return _result(diagram, spans, tuple(records), done, seed, notes, "interrupted" if stopped else "done")
+    rests_on = Provenance(__version__, source(diagram), recorded(records, [*diagram.inputs, *diagram.outputs]),
+                          _options(asked, effects, noise_floor, condition, done))  # fmt: skip
+    made = _result(diagram, spans, tuple(records), done, seed, notes, "interrupted" if stopped else "done")
+    return attrs.evolve(made, given=diagram, simulated=_simulated(done, condition), provenance=rests_on)
+
+
+def _options(
+    asked: Asked, effects: Iterable[str] | None, noise_floor: Any, condition: bool, done: Sequence[Work]
+) -> dict[str, str]:  # fmt: skip
+    """What the diagnosis was told to do, in words."""
+    steps = sorted({trial.times.h for work in done for trial in work.final.setup.trials})
+    floors = {k: f"{in_people_units(v, work.part.diagram.unit(k))} ({work.floors.method[k]})"
+              for work in done for k, v in work.floors.sigma.items()}  # fmt: skip
+    return {
+        "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
+        "effects": "all of the catalogue" if effects is None else ", ".join(asking.names("effects", effects, "")),
+        "free": "all but start values" if asked.free is None else ", ".join(asked.free),
+        "start states": "found in each experiment" if asked.start_states else "as in the diagram",
+        "inputs": "noise taken out (zero phase)" if condition else "as they are",
+        "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
+                f" ({'given' if asked.step is not None else 'found'})",
+        "integrator": asked.integrator, "hold": asked.hold, "seed": str(asked.seed),
+    }  # fmt: skip
+
+
+def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
+    """How the last models were simulated, with the start values that were found."""
+    starts, steps, cut = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float]]()
+    for work in done:
+        last = work.final
+        for trial in last.setup.trials:
+            own = {i.parameter: float(v) for i, v in zip(last.problem.unknowns.items, last.theta, strict=True)
+                   if i.experiment == trial.name}  # fmt: skip
+            starts.setdefault(trial.name, {}).update(own)
+            steps[trial.name] = trial.times.h
+            if whole_name(trial.name) != trial.name:
+                cut[trial.name] = float(trial.record.t[0]), float(trial.record.t[-1])
+    how = done[0].search.asked
+    inputs = tuple(dict.fromkeys(k for work in done for k in work.part.diagram.inputs)) if condition else ()
+    outputs = tuple(k for work in done for k in work.part.outputs)
+    return Simulated(starts, steps, outputs, inputs, how.integrator, how.hold, cut)
 
 
 class _Stopped(Exception):

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from tsmblocks.diagnosis.model import FINE, Model, searched
-from tsmblocks.errors import RunError
+from tsmblocks.errors import RunError, TsmError
+from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.search import Found
 from tsmblocks.fitting.setting_up import FINEST
 from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.fitting.stepping import COVERED, halved, shift_note, shifts
+from tsmblocks.fitting.summing_up import summed_up
 
 
 def finished(model: Model, given: bool) -> tuple[Model, list[str]]:
@@ -32,6 +35,15 @@ def finished(model: Model, given: bool) -> tuple[Model, list[str]]:
         if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():
             return model, [*_told(first, step), *shift_note(model.problem.unknowns.names, off, step)]
         model = searched(problem, setup, model.theta, FINE)
+
+
+def as_fit(model: Model) -> Fit | None:
+    """The model as ``tsm.fit`` would return it; None where its search ended at numbers that a fit refuses."""
+    found = Found(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
+    try:
+        return summed_up(model.problem, model.setup, "gauss-newton", [found])
+    except TsmError:
+        return None
 
 
 def _told(first: float, last: float) -> list[str]:

@@ -39,15 +39,29 @@ class Site:
 
     def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
         """The diagram with ``block`` on this wire under ``name``."""
-        wires = [f"{self.other} -> {name}.x"] if "x" in block.inports else []
-        if (
-            "y" in block.outports and len(block.outports) > 1
-        ):  # on a wire goes a block of one output, so a stand-in first
+        wires = self._wires(name, block)
+        if _several(block):  # on a wire goes a block of one output, so a stand-in first
             made = diagram.insert(name, Bias(), after=self.after, before=self.before)
             made = made.rewire(blocks={**made.blocks, name: block}, add=wires)
         else:
             made = diagram.insert(name, block, after=self.after, before=self.before, wires=wires)
         return made if self.adds is None else self.adds(made, name)
+
+    def code(self, name: str, block: Block | Diagram) -> str:
+        """What ``put`` does, as an expression of a script; the block itself is left open as ``…``."""
+        place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
+        wires = self._wires(name, block)
+        if _several(block):
+            more = f", add={wires!r}" if wires else ""
+            made = (f"diagram.insert({name!r}, Bias(), {place})"
+                    f".rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})")  # fmt: skip
+        else:
+            more = f", wires={wires!r}" if wires else ""
+            made = f"diagram.insert({name!r}, …, {place}{more})"
+        return made if self.adds is None else f"{getattr(self.adds, '__name__', 'adds')}({made}, {name!r})"
+
+    def _wires(self, name: str, block: Block | Diagram) -> list[str]:
+        return [f"{self.other} -> {name}.x"] if "x" in block.inports else []
 
     def same(self, other: Site) -> bool:
         """Whether a block stands on the same wire there."""
@@ -61,6 +75,10 @@ class Site:
         ends += [".".join(x.target) for x in diagram.links if ".".join(x.source) == self.after]
         ends += [k for k, end in diagram.shown.items() if ".".join(filter(None, end)) == self.after]
         return f"{self.signal} -> {', '.join(dict.fromkeys(ends))}"
+
+
+def _several(block: Block | Diagram) -> bool:
+    return "y" in block.outports and len(block.outports) > 1
 
 
 def sites(diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = ()) -> list[Site]:

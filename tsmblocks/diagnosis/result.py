@@ -10,7 +10,10 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.diagnosis.settings import Provenance, Simulated
 from tsmblocks.diagram import Diagram
+from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.telling import cautions
 from tsmblocks.tables import few
 
 
@@ -53,6 +56,8 @@ class Ranked:
     """A candidate tried: how much it removes held out [variances of the noise], and its t beside the line of chance.
 
     ``round`` counts from 1; ``gain`` is what was promised where a candidate was not worth a fit (``fitted`` False).
+    ``share`` is the gain over the error above the noise; ``across`` and ``new`` are gain and share with whole
+    experiments held out (NaN with a single one, or without a fit).
     """
 
     round: int
@@ -72,6 +77,7 @@ class Ranked:
     at_bound: tuple[str, ...]
     parameters: Mapping[str, float]
     units: Mapping[str, str] = attrs.field(factory=dict)
+    new: float = float("nan")
 
 
 @attrs.frozen
@@ -147,7 +153,10 @@ class Trace:
 
 @attrs.frozen(eq=False)
 class Segment:
-    """What was found between measured signals: a part of the diagram that was looked at by itself."""
+    """What was found between measured signals: a part of the diagram that was looked at by itself.
+
+    ``fit`` is the last model as ``tsm.fit`` would return it: all numbers with intervals, and what the data leave open.
+    """
 
     name: str
     inputs: tuple[str, ...]
@@ -163,6 +172,12 @@ class Segment:
     traces: tuple[Trace, ...] = attrs.field(repr=False)
     ceiling: float
     sentence: str
+    fit: Fit | None = attrs.field(default=None, repr=False)
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What to know before the numbers of the last model are believed: what a fit of it would warn of."""
+        return () if self.fit is None else tuple(cautions(attrs.evolve(self.fit, notes=())))
 
 
 @attrs.frozen(eq=False)
@@ -189,6 +204,24 @@ class Diagnosis:
     notes: tuple[str, ...]
     status: str
     windows: Mapping[str, tuple[float, float]] = attrs.field(factory=dict)
+    given: Diagram | None = attrs.field(default=None, repr=False)
+    simulated: Simulated | None = attrs.field(default=None, repr=False)
+    provenance: Provenance | None = attrs.field(default=None, repr=False)
+
+    @property
+    def first(self) -> Diagram:
+        """The diagram that was diagnosed, with its own numbers where they are known."""
+        return self.base if self.given is None else self.given
+
+    @property
+    def start_states(self) -> dict[str, dict[str, float]]:
+        """Start values of states that were found, by experiment: ``diagrams`` has them."""
+        return {} if self.simulated is None else {k: dict(v) for k, v in self.simulated.start_states.items()}
+
+    @property
+    def diagrams(self) -> dict[str, Diagram]:
+        """The augmented diagram of each experiment, with the start values of its own."""
+        return {name: self.augmented.with_parameters(own) for name, own in self.start_states.items()}
 
     @property
     def worst(self) -> Segment:
@@ -209,6 +242,9 @@ class Diagnosis:
             "detection_limits": {m.name: _round(m.value) for s in reversed(self.segments) for m in s.limits},
             "segments": [_segment(s) for s in self.segments],
             "consequence": None if self.consequence is None else _plain(attrs.asdict(self.consequence)),
+            "start_states": self.start_states,
+            "simulated": None if self.simulated is None else self.simulated.to_dict(),
+            "provenance": None if self.provenance is None else _plain(attrs.asdict(self.provenance)),
             "notes": list(self.notes),
         }  # fmt: skip
 
@@ -270,7 +306,7 @@ def _ranked(r: Ranked) -> dict[str, Any]:
     return {
         "round": r.round, "segment": r.segment, "name": r.name, "variant": r.variant, "family": r.family,
         "wire": r.wire, "held_out_gain": _round(r.gain), "share": _round(r.share), "across": _round(r.across),
-        "statistic": _round(r.t), "line": _round(r.line), "in_set": r.in_set, "named": r.named, "fitted": r.fitted,
+        "share_across": _round(r.new), "statistic": _round(r.t), "line": _round(r.line), "in_set": r.in_set, "named": r.named, "fitted": r.fitted,
         "at_bound": list(r.at_bound), "parameters": _plain(r.parameters),
     }  # fmt: skip
 
@@ -279,7 +315,8 @@ def _segment(s: Segment) -> dict[str, Any]:
     return {
         "name": s.name, "inputs": list(s.inputs), "outputs": list(s.outputs), "verdict": s.verdict,
         "excess": _round(s.excess), "sentence": s.sentence, "effects": [e.name for e in s.effects],
-        "ceiling": _round(s.ceiling), "gaps": [_gap(g) for g in s.gaps],
+        "numbers": [] if s.fit is None else [_plain(e.to_dict()) for e in s.fit],
+        "cautions": list(s.cautions), "ceiling": _round(s.ceiling), "gaps": [_gap(g) for g in s.gaps],
         "where": [_where(w) for w in s.where],
         "detection_limits": {
             m.name: None if m.value is None else {"parameter": m.parameter, "value": _round(m.value), "unit": m.unit}

@@ -9,6 +9,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.deciding import MATERIAL, Tried, mean, sizes_of, weights
+from tsmblocks.diagnosis.finishing import as_fit
 from tsmblocks.diagnosis.folds import held_out
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.restarts import whole
@@ -75,7 +76,7 @@ def summed(work: Work, whole_diagram: Diagram) -> Segment:
     made = Segment(
         work.part.name, tuple(work.part.diagram.inputs), work.part.outputs, verdict, float(excess),
         {k: v * np.sqrt(floor) for k, v in work.floors.sigma.items()}, effects, gaps, where, _ranking(work), limits,
-        _traces(work), top, "",
+        _traces(work), top, "", as_fit(work.final),
     )  # fmt: skip
     return attrs.evolve(made, sentence=verdict_in_words(made))
 
@@ -106,14 +107,13 @@ def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) 
     effect = candidate.effect
     # Beside the others its more general form may come first; it is the effect named that is to be set apart.
     same = next((one for one in alike if one.candidate.effect.name == effect.name), work.named[k])
-    place = f"before={site.before!r}" if site.before else f"after={site.after!r}"
     return Named(
         effect.name, effect.family, effect.words, work.part.name, site.words(_so_far(work, k, whole_diagram)),
         candidate.block, _quantities(work.models[-1], candidate.block, candidate.free),
         float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
         None if across is None else float(min(across, 1.0)), tuple(name for name in also if name != effect.name),
         proposed(same, alike, work.search.records, work.search.asked),
-        f"diagram.insert({candidate.block!r}, …, {place})",
+        site.code(candidate.block, effect.block),
     )  # fmt: skip
 
 
@@ -172,7 +172,7 @@ def _ranking(work: Work) -> tuple[Ranked, ...]:
         # Beside a base at the noise there is nothing left to explain, and a share of nothing says nothing.
         blank = _Blank(number, one, work, max(before - floor, MATERIAL * floor))
         seen = {tried.candidate.key for tried in one.verdict.ranking}
-        made += [blank.tried(tried, float(t), before, mean(one.across, parts))
+        made += [blank.tried(tried, float(t), before, mean(one.across, parts), floor)
                  for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)]  # fmt: skip
         made += [blank.promised(p) for p in one.promises if p.candidate.key not in seen]
     return tuple(made)
@@ -191,16 +191,17 @@ class _Blank:
         """A candidate that was not worth a fit."""
         return self._made(p.candidate, p.gain / len(self.round.base.r))
 
-    def tried(self, one: Tried, t: float, before: float, across: float) -> Ranked:
-        """A candidate that was fitted."""
+    def tried(self, one: Tried, t: float, before: float, across: float, floor: float) -> Ranked:
+        """A candidate that was fitted; ``across`` is what the round's base leaves of whole experiments held out."""
         c, verdict, parts = one.candidate, self.round.verdict, self.work.search.parts
         items = [i for i in one.model.problem.unknowns.items if i.parameter in c.free]
         units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
         values = {i.parameter.removeprefix(f"{c.block}."): one.model.values[i.name] for i in items}
+        gone = across - mean(one.across, parts) if _several(self.work) else float("nan")
         return attrs.evolve(
             self._made(c, before - one.loss), t=t, in_set=one in verdict.alike, fitted=True, at_bound=one.at_bounds,
             named=one is verdict.named and self.number <= self.work.count, parameters=values, units=units,
-            across=across - mean(one.across, parts) if _several(self.work) else float("nan"),
+            across=gone, new=gone / max(across - floor, MATERIAL * floor),
         )  # fmt: skip
 
     def _made(self, c: Candidate, gain: float) -> Ranked:

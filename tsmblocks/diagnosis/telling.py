@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tsmblocks.diagnosis.difference import difference, in_code
+from tsmblocks.diagnosis.difference import difference
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Limit, Named, Ranked, Segment
+from tsmblocks.diagnosis.script import code
 from tsmblocks.diagnosis.showing import (
     digits,
     fitted_rms,
@@ -19,13 +20,17 @@ from tsmblocks.diagnosis.showing import (
     leading,
     with_interval,
 )
-from tsmblocks.fitting.telling import listed
+from tsmblocks.fitting.telling import estimate_rows, listed
 from tsmblocks.tables import WIDTH, columns
 
 WEAK = 0.05
 """Excess over the noise, as a share of it, that is told even where nothing can be named."""
+STILL = 1.1
+"""Error beside the noise from which something is left after all that was named."""
 LONG, SHORT = 28, 14
 """Characters at which a name in a table is cut, and the heading of a column of numbers."""
+ROOM = 48
+"""Characters that the name of a candidate and its wire have together, so that a row fits a terminal."""
 MOST = 8
 """Candidates of a round that are told; of one in which nothing was named, if others were, ``FEW``."""
 FEW = 3
@@ -47,6 +52,8 @@ def told(diagnosis: Diagnosis) -> str:
         parts += [title] if several else []
         parts += [*map(gap_table, _gaps(segment)), *_where(segment), *_ranking(segment)]
     parts += _added(diagnosis)
+    parts += [text for segment in diagnosis.segments for text in (*_numbers(segment), *_beware(segment))]
+    parts += _script(diagnosis)
     parts += [text for segment in diagnosis.segments for text in _confusion(segment)]
     parts += [_limits(segment, several) for segment in diagnosis.segments if segment.limits]
     parts += _consequence(diagnosis)
@@ -97,7 +104,17 @@ def _shrinks(segment: Segment) -> str:
     them = "it" if len(segment.effects) == 1 else "them"
     return (f"With {them}, the error of {gap.output} on data held out falls from {digits(k * gap.held_out[0])} to "
             f"{digits(k * gap.held_out[-1])} {unit} rms (noise {digits(k * gap.noise_floor)}), which is {share} of "
-            "what can be explained.")  # fmt: skip
+            f"what can be explained. {_remains(segment, gap)}".rstrip())  # fmt: skip
+
+
+def _remains(segment: Segment, gap: Gap) -> str:
+    """What is said where the last model still leaves more than noise."""
+    ratio = gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 1.0
+    if ratio < STILL:
+        return ""
+    looked = any(r.round > len(segment.effects) for r in segment.ranking)
+    why = "that no effect of the catalogue explains" if looked else "that was not looked into any further"
+    return f"That is still {ratio:.1f} times the noise: something is left {why}."
 
 
 def _also(segment: Segment) -> str:
@@ -168,15 +185,22 @@ def _ranking(segment: Segment) -> list[str]:
         if not fitted:
             continue
         shown = fitted[: FEW if segment.effects and not any(r.named for r in fitted) else MOST]
-        wide = LONG if several < 2 else LONG - len("  new exp.")
+        room = ROOM + (0 if several > 1 else len("  new exp.")) - max(len(_cut(titled(r))) for r in shown)
         rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
-        rows += [[f"{mark(r) or ' '} {_cut(titled(r))}", _cut(r.wire.strip(), wide), percent(r.share),
+        rows += [[f"{mark(r) or ' '} {_cut(titled(r))}", _cut(r.wire.strip(), room), percent(r.share),
                   *[percent(across(r, several))][: several - 1], f"{r.t:.1f}"] for r in shown]  # fmt: skip
         rest = len(here) - len(shown)
         more = f"\nOther candidates, which promised or removed less: {rest}." if rest else ""
         made.append(f"candidates, round {number} (* named, ~ cannot be told from it):\n"
                     f"{columns(rows, left=(0, 1))}{more}")  # fmt: skip
-    return made
+    return [*made, _filled(columns_in_words(several > 1))] if made else []
+
+
+def columns_in_words(several: bool) -> str:
+    """What the columns of the tables of candidates say."""
+    new = " new exp.: the same with whole experiments held out;" if several else ""
+    return (f"removes: share of the error above the noise that goes with it, on blocks of time held out;{new} < 0 %: "
+            "the error grows. t: how many times its own scatter that is; (in brackets) what chance stays below.")  # fmt: skip
 
 
 def mark(one: Ranked) -> str:
@@ -191,8 +215,7 @@ def titled(one: Ranked) -> str:
 
 def across(one: Ranked, experiments: int) -> float:
     """The share that a candidate removes with whole experiments held out; NaN where there is one or none."""
-    known = experiments > 1 and one.gain and np.isfinite(one.across)
-    return one.across * one.share / one.gain if known else float("nan")
+    return one.new if experiments > 1 else float("nan")
 
 
 def _added(diagnosis: Diagnosis) -> list[str]:
@@ -204,18 +227,41 @@ def _added(diagnosis: Diagnosis) -> list[str]:
         parts.append(f"{effect.block} ({effect.name}):\n{columns(rows, '  ', left=(0, 1))}")
     lines = [f"{sign} {text}" for sign, text in difference(diagnosis.base, diagnosis.augmented).lines]
     parts.append("\n".join(["what was added to the diagram:", *lines]))
-    parts.append("\n".join(["in a script:", *(f"  {line}" for line in code(diagnosis))]))
     return parts
 
 
-def code(diagnosis: Diagnosis) -> list[str]:
-    """The lines that add the named blocks to a diagram."""
-    made = []
-    for effect in diagnosis.effects:
-        block = diagnosis.augmented.blocks.get(effect.block)
-        filled = effect.code if block is None else effect.code.replace("…", in_code(block), 1)
-        made.append(f"diagram = {filled}")
-    return made
+def number_rows(segment: Segment) -> list[tuple[str, ...]]:
+    """The diagram's own numbers as the last model has them, with intervals: the heading first; start values aside."""
+    if segment.fit is None:
+        return []
+    added = tuple(f"{e.block}." for e in segment.effects)
+    own = [e for e in segment.fit if not e.is_start and not e.name.startswith(added or "\0")]
+    return estimate_rows(segment.fit, own) if own else []
+
+
+def _numbers(segment: Segment) -> list[str]:
+    rows = number_rows(segment)
+    return [f"the diagram's own numbers, found with it:\n{columns(rows, left=(0, 4, 6))}"] if rows else []
+
+
+def _beware(segment: Segment) -> list[str]:
+    return ["\n".join(["beware:", *map(_bullet, segment.cautions)])] if segment.cautions else []
+
+
+def starts_words(diagnosis: Diagnosis) -> str:
+    """How the start states that were found are used; empty where there are none."""
+    if not any(diagnosis.start_states.values()):
+        return ""
+    return ("The errors told are those of simulations that begin at start states found for each experiment: "
+            "found.start_states, and start_states in diagnosis.json; found.diagrams has a diagram for each.")  # fmt: skip
+
+
+def _script(diagnosis: Diagnosis) -> list[str]:
+    if not diagnosis.effects:
+        return []
+    words = starts_words(diagnosis)
+    lines = ["in a script:", *(f"  {line}".rstrip() for line in code(diagnosis))]
+    return [*([_filled(words)] if words else []), "\n".join(lines)]
 
 
 def _confusion(segment: Segment) -> list[str]:
@@ -299,10 +345,13 @@ def _range(texts: Sequence[str]) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in percent; nothing where it means nothing, and no more than its sign where the error grew."""
+    """A share in percent; nothing where it means nothing, and no more than its sign where the error grew.
+
+    More than all cannot go: what seems to is a noise floor that was put too high.
+    """
     if not np.isfinite(share) or share > SENSELESS:
         return ""
-    return "< 0 %" if share < -0.005 else f"{100 * max(share, 0.0):.0f} %"
+    return "< 0 %" if share < -0.005 else f"{100 * min(max(share, 0.0), 1.0):.0f} %"
 
 
 def _cut(text: str, most: int = LONG) -> str:

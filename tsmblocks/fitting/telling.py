@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,10 +48,13 @@ def numbers(fit: Fit) -> str:
     return columns(estimate_rows(fit), left=(0, 4, 6))
 
 
-def estimate_rows(fit: Fit) -> list[tuple[str, ...]]:
-    """The rows of the table of estimates, the heading first: name, value, interval, unit, in degrees, verdict."""
+def estimate_rows(fit: Fit, some: Iterable[Estimate] | None = None) -> list[tuple[str, ...]]:
+    """The rows of the table of estimates (all, or some), the heading first.
+
+    They hold name, value, interval, unit, in degrees, verdict.
+    """
     rows: list[tuple[str, ...]] = [("parameter", "value", "95 % from", "to", "unit", "", "")]
-    for e in fit.estimates:
+    for e in fit.estimates if some is None else some:
         show = _digits(e.value, e.low, e.high)
         span = (show(e.low), show(e.high)) if np.isfinite(e.low) else ("", "")
         rows.append((e.name, show(e.value), *span, e.unit, _in_degrees(e), e.verdict))

@@ -7,6 +7,7 @@ from html import escape
 
 from tsmblocks.diagnosis.difference import difference
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Ranked, Segment, Trace
+from tsmblocks.diagnosis.script import code
 from tsmblocks.diagnosis.showing import (
     by_excess,
     digits,
@@ -21,11 +22,12 @@ from tsmblocks.diagnosis.showing import (
 from tsmblocks.diagnosis.telling import (
     STATUS,
     across,
-    code,
     gathered,
     in_order,
     limit,
+    number_rows,
     percent,
+    starts_words,
     steps,
     titled,
     verdict,
@@ -48,7 +50,8 @@ def page(diagnosis: Diagnosis) -> str:
     """The whole page; the same diagnosis gives the same text."""
     title = f"Diagnosis: {diagnosis.diagram or 'diagram'}"
     parts = [_head(diagnosis, title)]
-    for build in (_gaps, _disagreement, _ranking, _diagrams, _confusion, _limits, _consequence, _notes):
+    for build in (_gaps, _disagreement, _ranking, _diagrams, _own_numbers, _script, _confusion, _limits, _consequence,
+                  _provenance, _notes):  # fmt: skip
         body = build(diagnosis)
         if body:
             parts.append(body)
@@ -153,8 +156,10 @@ def _experiment(diagnosis: Diagnosis, gap: Gap, trace: Trace, points: int) -> st
 
 def _ranking(diagnosis: Diagnosis) -> str:
     parts = ["<h2>What was tried</h2><p>Each candidate was put into the diagram and fitted together with it. "
-             "<i>Removes</i>: share of the error above the noise, on blocks of time held out, and on whole experiments "
-             "held out; <i>t</i>: how sure that is, beside the line that chance stays below.</p>"]  # fmt: skip
+             "<i>Removes</i>: share of the error above the noise that goes with it, on blocks of time held out; <i>new "
+             "experiments</i>: the same with whole experiments held out, of what the round's base leaves there; &lt; "
+             "0&nbsp;%: the error grows. <i>t</i>: how many times its own scatter that is; <i>line</i>: what chance "
+             "stays below.</p>"]  # fmt: skip
     several = len(diagnosis.segments) > 1
     tables = 0
     for segment in diagnosis.segments:
@@ -213,9 +218,28 @@ def _diagrams(diagnosis: Diagnosis) -> str:
     listed_blocks = [(escape(e.block), escape(e.words), escape(e.wire.strip()), _numbers(diagnosis, e.block))
                      for e in diagnosis.effects]  # fmt: skip
     shown = table(("l:block", "l:what it is", "l:on the wire", "l:numbers"), listed_blocks)
-    script = "\n".join(escape(line) for line in code(diagnosis))
-    return (f"<h2>The diagram, before and after</h2>{shown}{pictures}"
-            f"<h3>What changed</h3><pre>{lines}</pre><h3>In a script</h3><pre>{script}</pre>")  # fmt: skip
+    return f"<h2>The diagram, before and after</h2>{shown}{pictures}<h3>What changed</h3><pre>{lines}</pre>"
+
+
+def _own_numbers(diagnosis: Diagnosis) -> str:
+    """The diagram's own numbers with intervals, and what a fit would warn of."""
+    parts = []
+    for segment in diagnosis.segments:
+        head, *rows = number_rows(segment) or [()]
+        if rows:
+            names = [f"{'l:' if k in (0, 4, 6) else ''}{name}" for k, name in enumerate(head)]
+            parts.append(table(names, [tuple(map(sentence, row)) for row in rows]))
+        if segment.cautions:
+            said = "".join(f"<li>{sentence(text)}</li>" for text in segment.cautions)
+            parts.append(f"<p><b>Beware:</b></p><ul>{said}</ul>")
+    return f"<h2>The diagram's own numbers, found with it</h2>{''.join(parts)}" if parts else ""
+
+
+def _script(diagnosis: Diagnosis) -> str:
+    lines = "\n".join(escape(line) for line in code(diagnosis))
+    words = starts_words(diagnosis)
+    said = f"<p>{sentence(words)}</p>" if words else ""
+    return f'<h2>In a script</h2>{said}<pre class="wrap">{lines}</pre>'
 
 
 def _marked(diagnosis: Diagnosis, blocks: Sequence[str]) -> str:
@@ -278,6 +302,18 @@ def _consequence(diagnosis: Diagnosis) -> str:
     said = (f"The motion of <i>{escape(found.reference)}</i> tracked in simulation, the new model being the plant; "
             f"errors in {escape(unit)}.")  # fmt: skip
     return f"<h2>What it means for control</h2><p>{said}</p>{table(('l:', 'peak to peak', 'rms'), rows)}"
+
+
+def _provenance(diagnosis: Diagnosis) -> str:
+    """What the page rests on: version, diagram, recordings, options."""
+    rests = diagnosis.provenance
+    if rests is None:
+        return ""
+    given = ", ".join(filter(None, [rests.source, diagnosis.first.title]))
+    rows = [("tsmblocks", rests.version), ("diagram", given)]
+    rows += [(one.experiment, one.words) for one in rests.recordings] + list(rests.options.items())
+    shown = table(("l:", "l:"), [(escape(name), sentence(words)) for name, words in rows])
+    return f"<h2>What this rests on</h2>{shown}"
 
 
 def _notes(diagnosis: Diagnosis) -> str:

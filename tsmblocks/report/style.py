@@ -37,6 +37,7 @@ th,td{padding:4px 10px 4px 0;text-align:right;border-bottom:1px solid var(--rule
 th{color:var(--soft);font-weight:600}th.l,td.l{text-align:left}tr.named td{font-weight:650}
 tr.blind td{color:var(--soft)}tr.blind td:first-child::after{content:' (not seen)'}
 pre{background:var(--panel);padding:10px 12px;border-radius:4px;overflow-x:auto;font-size:.84rem;line-height:1.45}
+pre.wrap{white-space:pre-wrap;overflow-wrap:anywhere}
 code{font-size:.92em}.add{color:var(--add)}.gone{color:var(--gone)}
 .picture{overflow-x:auto;background:#fff;border-radius:8px;border:1px solid var(--rule)}
 .picture svg{display:block;max-width:max(100%,560px)!important}

@@ -1,0 +1,221 @@
+"""A diagnosis as a script: its lines make the same diagram, and with the recordings they find the same errors."""
+
+import json
+import math
+
+import attrs
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Bias, Gain
+from tests.diagnoses import NAMED, NONE
+from tests.diagnoses import diagnosis as made_up
+from tsmblocks.diagnosis.difference import in_code
+from tsmblocks.diagnosis.places import Site, sites
+from tsmblocks.diagnosis.script import MOST, code, literal, source
+from tsmblocks.diagnosis.showing import fitted_rms, histories
+from tsmblocks.effects import catalogue
+from tsmblocks.effects.effect import PLACES
+from tsmblocks.fitting.telling import cautions
+
+T = np.arange(0.0, 6.0, 0.02)
+X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
+NOISE = math.radians(0.2)
+EFFECTS = ("backlash", "drift", "dead_time")
+
+
+def played(x, half_width=1.5, gain=0.92, seed=1):
+    """Play as the textbook has it, in degrees, behind a gain, with noise; it does not begin in the middle."""
+    middle, y = gain * x[0] + half_width, []
+    for u in gain * x:
+        middle = max(u - half_width, min(u + half_width, middle))
+        y.append(middle)
+    return np.array(y) + np.random.default_rng(seed).normal(0.0, 0.2, len(x))
+
+
+def record(name, x, seed=1):
+    noisy = x + np.random.default_rng(seed + 100).normal(0.0, 0.02, len(x))
+    return tsm.Record(name, T, {"x_in": noisy, "x_out": played(x, seed=seed)}, {"x_in": "deg", "x_out": "deg"})
+
+
+RECORDINGS = {"full": record("full", X), "half": record("half", X / 2, seed=2)}
+
+
+@pytest.fixture(scope="module")
+def found():
+    return tsm.diagnose(tsm.load("tendon_sheath_linear"), RECORDINGS, noise_floor=NOISE, effects=EFFECTS)
+
+
+def told(diagnosis):
+    """The rms by experiment that the report tells of the last model, in the diagram's unit."""
+    (segment,) = diagnosis.segments
+    return {t.experiment: fitted_rms(t)[1] for t in histories(segment, "x_out")}
+
+
+def run(lines, recordings):
+    """The names that lines of a script leave, and what they scored."""
+    made, scored = "\n".join(lines), list[tsm.Differences]()
+    names = {"recordings": recordings, "keep": scored.append}
+    assert "print(" in made
+    exec(made.replace("print(", "keep("), names)
+    return names, {d.experiment: d.rms for one in scored for d in one}
+
+
+# ---- the errors are found again
+
+
+def test_from_the_folder_and_the_recordings_alone_the_errors_are_found_again(found, tmp_path):
+    folder = found.save(tmp_path / "found")
+    facts = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    diagram, how = tsm.load(folder / "augmented.toml"), facts["simulated"]
+    for name, one in RECORDINGS.items():
+        score = tsm.score(
+            diagram, {name: one.conditioned(how["conditioned"])}, parameters=facts["start_states"][name],
+            step=how["steps"][name], integrator=how["integrator"], hold=how["hold"],
+        )  # fmt: skip
+        assert score.rms == pytest.approx(told(found)[name], rel=1e-9)
+        plain = tsm.score(diagram, {name: one}, hold=how["hold"])
+        assert plain.rms > 1.02 * score.rms
+
+
+def test_pasted_lines_make_the_same_diagram_and_find_the_same_errors(found):
+    names, scored = run(code(found), RECORDINGS)
+    assert names["diagram"] == found.augmented
+    assert names["diagram"].parameters == found.augmented.parameters
+    assert scored == pytest.approx(told(found), rel=1e-9)
+
+
+def test_what_is_printed_and_what_stands_on_the_page_are_these_lines(found):
+    assert "\n".join(f"  {line}".rstrip() for line in code(found)) in str(found)
+
+
+def test_diagrams_have_the_start_states_of_their_experiment(found):
+    made = found.diagrams
+    assert set(made) == {"full", "half"}
+    for name, diagram in made.items():
+        assert diagram == found.augmented.with_parameters(found.start_states[name])
+        assert diagram.parameters["backlash.m"] == found.start_states[name]["backlash.m"] != 0
+
+
+def test_a_window_is_part_of_the_lines():
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), RECORDINGS, noise_floor=NOISE, effects=EFFECTS,
+                         window={"full": (1.0, None)}, condition=False)  # fmt: skip
+    names, scored = run(code(found), RECORDINGS)
+    assert "conditioned" not in "\n".join(code(found))
+    assert names["diagram"] == found.augmented
+    assert scored == pytest.approx(told(found), rel=1e-9)
+
+
+def test_start_states_of_many_experiments_are_read_from_the_file(found, tmp_path, monkeypatch):
+    starts = {f"e{k}": found.start_states["full"] for k in range(MOST + 1)}
+    many = attrs.evolve(found, simulated=attrs.evolve(found.simulated, start_states=starts))
+    many.save(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    _, scored = run(code(many), {"e3": RECORDINGS["full"]})
+    assert scored == {"e3": pytest.approx(told(found)["full"], rel=1e-9)}
+
+
+def test_pieces_that_begin_anew_are_cut_by_the_lines():
+    motor = tsm.load("motor_linear")
+    (drive,), (angle,) = motor.inputs, motor.outputs
+    t = np.arange(0.0, 4.0, 0.01)
+    u = 3 * np.sin(5 * t) + 2 * np.sin(13.0 * t)
+    y = tsm.simulate(motor, inputs={drive: (t, u)}, stop=t[-1], step=0.01, hold="cubic")[angle]
+    y = y + 0.002 * np.random.default_rng(3).standard_normal(len(t))
+    one = tsm.Record("run", t, {drive: u, angle: y}, {drive: motor.inports[drive].unit, angle: motor.unit(angle)})
+    found = tsm.diagnose(motor, one, noise_floor=0.002, effects=["load_offset"])
+    assert found.simulated is not None
+    assert list(found.simulated.pieces) == ["run#1", "run#2", "run#3", "run#4"]
+    names, scored = run(code(found), {"run": one})
+    assert names["diagram"] == found.augmented
+    pieces = {trace.experiment: fitted_rms(trace)[1] for trace in found.segments[0].traces}
+    assert scored == pytest.approx(pieces, rel=1e-9)
+
+
+def test_of_a_chain_only_the_diagram_is_made():
+    motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
+    lines = code(made_up(motor, NAMED))
+    assert "# the errors told are those of each part, driven by what was measured in front of it" in lines
+    assert "start_states = {" in lines
+    assert not any("tsm.score" in line for line in lines)
+
+
+# ---- the diagram is made again
+
+
+def bench(place):
+    """A diagram that has a wire of this kind."""
+    return tsm.load("motor_linear" if place in ("drive", "load") else "tendon_sheath_linear")
+
+
+def outputs_of(diagram):
+    return [name for name, end in diagram.shown.items() if end[0]]
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name} {e.variant}".strip())
+def test_an_expression_of_a_script_puts_each_effect_where_it_was_put(effect):
+    diagram = bench(effect.place)
+    places = [one for one in sites(diagram, outputs_of(diagram)) if one.place == effect.place]
+    assert places
+    for place in places:
+        text = place.code("added", effect.block).replace("…", literal(effect.block), 1)
+        assert eval(text, names_of(diagram)) == place.put(diagram, "added", effect.block)
+
+
+def names_of(diagram):
+    from tsmblocks import blocks
+    from tsmblocks.effects import delay, friction, loop, maps, timely
+
+    own = {k: v for home in (delay, friction, loop, maps, timely) for k, v in vars(home).items()}
+    return {**own, **{k: getattr(blocks, k) for k in dir(blocks)}, "tsm": tsm, "diagram": diagram}
+
+
+def test_every_place_has_been_tried():
+    assert {effect.place for effect in catalogue()} == set(PLACES)
+
+
+def test_a_block_of_several_outputs_is_put_there_by_the_same_expression():
+    two = tsm.Diagram(
+        title="two", blocks={"a": Gain(gain=2.0), "b": Gain(), "both": tsm.blocks.Sum(signs="++")},
+        wires=["a -> both.plus1", "b -> both.plus2"], inputs={"u": "a.u", "x": "b.u"}, outputs={"y": "both", "half": "a"},
+    )  # fmt: skip
+    diagram = tsm.load("tendon_sheath_linear").insert("front", Gain(), before="gain.u")
+    place = Site("across", "x_out", "offset.y", "front.y", after="offset.y")
+    text = place.code("added", two).replace("…", literal(two), 1)
+    assert eval(text, names_of(diagram)) == place.put(diagram, "added", two)
+
+
+def test_numbers_without_end_and_options_are_written_so_that_they_can_be_read():
+    names = names_of(None)
+    for block in (tsm.blocks.Saturation(low=-math.inf, high=2.0), tsm.blocks.Sum(signs="+-+"), Gain()):
+        assert eval(literal(block), names) == block
+    assert "signs" not in in_code(tsm.blocks.Sum(signs="+-+"))
+
+
+def test_a_diagram_is_loaded_by_the_name_under_which_it_was_found(tmp_path):
+    assert source(tsm.load("tendon_sheath_linear")) == "tendon_sheath_linear"
+    tsm.save(tsm.load("tendon_sheath_linear"), tmp_path / "mine.toml")
+    assert source(tsm.load(tmp_path / "mine.toml")) == str(tmp_path / "mine.toml")
+    assert source(tsm.Diagram(blocks={"a": Bias()}, inputs={"u": "a.u"})) == ""
+
+
+# ---- what to beware of
+
+
+def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
+    twice = tsm.load("tendon_sheath_linear").insert("again", Gain(), before="gain.u")
+    found = tsm.diagnose(twice, RECORDINGS, noise_floor=NOISE, effects=EFFECTS, start_states=False)
+    (segment,) = found.segments
+    ready = {name: one.conditioned(["x_in"]) for name, one in RECORDINGS.items()}
+    free = [e.name for e in segment.fit if not e.is_start]
+    assert free == ["gain.gain", "offset.bias", "again.gain", "backlash.half_width"]
+    own = tsm.fit(found.augmented, ready, free=free, starts=1, sigma=NOISE,
+                  step=found.simulated.steps["full"], hold=found.simulated.hold)  # fmt: skip
+    assert [e.name for e in segment.fit] == [e.name for e in own]
+    assert segment.cautions == tuple(text for text in cautions(own) if text not in own.notes)
+    assert segment.cautions[0].startswith("gain.gain and again.gain only matter through a combination: raising ")
+    text = str(found)
+    assert "\nbeware:\n- gain.gain and again.gain only matter through a combination: raising " in text
+    assert "not determined" in text[text.index("the diagram's own numbers, found with it:") : text.index("beware:")]
+    assert segment.cautions[0] in json.loads(found.to_json())["segments"][0]["cautions"]

@@ -1,0 +1,156 @@
+"""A diagnosis as lines of a script: the augmented diagram made from the first one, and its errors found again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from tsmblocks import blocks
+from tsmblocks.block import Block
+from tsmblocks.blocks import Bias
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagnosis.settings import Simulated
+from tsmblocks.diagram import Diagram, Inlet
+from tsmblocks.shelf import shelf
+
+MOST = 12
+"""Experiments (or pieces of them) whose start states are written out; those of more are read from diagnosis.json."""
+
+
+def code(diagnosis: Diagnosis) -> list[str]:
+    """The lines that make the augmented diagram and score it; pasted into a script, they give the same numbers.
+
+    They take ``recordings``, a mapping from experiments to records.
+    """
+    making = [*_loaded(diagnosis), *_numbers(diagnosis), *_inserted(diagnosis)]
+    return [*_imports(diagnosis), "", *making, *_scored(diagnosis)]
+
+
+# ---- the diagram ---------------------------------------------------------------------------------
+
+
+def _imports(diagnosis: Diagnosis) -> Iterator[str]:
+    few = diagnosis.simulated is None or len(diagnosis.simulated.start_states) <= MOST
+    yield from [] if few else ["import json", "from pathlib import Path", ""]
+    yield "import tsmblocks as tsm"
+    used = [diagnosis.augmented.blocks[e.block] for e in diagnosis.effects]
+    kinds = {kind for one in used for kind in _kinds(one)}
+    kinds |= {Bias for e in diagnosis.effects if "Bias()" in e.code}
+    own = sorted(k.__name__ for k in kinds if getattr(blocks, k.__name__, None) is k)
+    if own:
+        yield f"from tsmblocks.blocks import {', '.join(own)}"
+    for kind in sorted(kinds, key=lambda k: k.__name__):
+        if kind.__name__ not in own:
+            yield f"from {kind.__module__} import {kind.__name__}"
+
+
+def _kinds(block: Block | Diagram) -> Iterator[type]:
+    if not isinstance(block, Diagram):
+        yield type(block)
+        return
+    for inner in block.blocks.values():
+        yield from _kinds(inner)
+
+
+def source(diagram: Diagram) -> str:
+    """What ``tsm.load`` takes for this diagram; empty for one that a script made."""
+    path = Path(diagram.where)
+    if path.suffix != ".toml":
+        return ""
+    return path.stem if path.parent == shelf() else diagram.where
+
+
+def _loaded(diagnosis: Diagnosis) -> Iterator[str]:
+    name = source(diagnosis.first)
+    yield f"diagram = tsm.load({name!r})" if name else "# diagram: the one that was diagnosed"
+
+
+def _numbers(diagnosis: Diagnosis) -> list[str]:
+    """Numbers of the diagram that were found anew."""
+    before, after = diagnosis.first.parameters, diagnosis.augmented.parameters
+    changed = {name: after[name] for name, value in before.items() if after.get(name, value) != value}
+    return [] if not changed else ["diagram = diagram.with_parameters({", *_items(changed), "})"]
+
+
+def _items(given: Mapping[str, Any]) -> Iterator[str]:
+    yield from (f"    {name!r}: {literal(value)}," for name, value in given.items())
+
+
+def _inserted(diagnosis: Diagnosis) -> Iterator[str]:
+    for effect in diagnosis.effects:
+        block = literal(diagnosis.augmented.blocks[effect.block])
+        yield f"diagram = {effect.code.replace('…', block, 1)}"
+
+
+def literal(value: Any) -> str:
+    """A value as a script writes it, with all its digits: numbers, texts, lists, blocks and diagrams of them."""
+    if isinstance(value, Diagram):
+        inside = ", ".join(f"{k!r}: {literal(b)}" for k, b in value.blocks.items())
+        more = f", values={literal(dict(value.values))}" if value.values else ""
+        more += f", source={value.source!r}" if value.source else ""
+        return (f"tsm.Diagram(title={value.title!r}, blocks={{{inside}}}, wires={[str(x) for x in value.links]!r}, "
+                f"inputs={literal(dict(value.inputs))}, outputs={literal(dict(value.outputs))}{more})")  # fmt: skip
+    if isinstance(value, Inlet):
+        return f"tsm.Inlet({', '.join(literal(getattr(value, a.name)) for a in attrs.fields(Inlet))})"
+    if isinstance(value, Block):
+        defaults = {f.name: f.default for f in attrs.fields(type(value))}
+        own = {k: getattr(value, k) for k in value.fields()}
+        shown = [f"{k}={literal(v)}" for k, v in own.items() if k not in defaults or defaults[k] != v]
+        return f"{type(value).__name__}({', '.join(shown)})"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{k!r}: {literal(v)}' for k, v in value.items())}}}"
+    if isinstance(value, (tuple, list)):
+        return f"({', '.join(map(literal, value))}{',' if len(value) == 1 else ''})"
+    if isinstance(value, float) and value - value != 0:
+        return f"float('{value}')"
+    return repr(value)
+
+
+# ---- its errors ----------------------------------------------------------------------------------
+
+
+def _scored(diagnosis: Diagnosis) -> Iterator[str]:
+    """What finds the errors of each experiment again, where the diagram was simulated as a whole."""
+    how = diagnosis.simulated
+    if how is None:
+        return
+    yield ""
+    if len(diagnosis.segments) > 1:
+        yield "# the errors told are those of each part, driven by what was measured in front of it"
+        yield from _starts(how)
+        return
+    yield "# recordings: the records that were diagnosed, by experiment, as tsm.read gives them"
+    yield from _starts(how)
+    if how.pieces:
+        yield f"pieces = {literal(dict(how.pieces))}"
+        yield "for name, (begin, end) in pieces.items():"
+        ready, cut = "recordings[name.rpartition('#')[0]]", ".part(begin, end)"
+    else:
+        yield "for name, record in recordings.items():"
+        ready, cut = "record", ""
+    quiet = f".conditioned({list(how.conditioned)!r})" if how.conditioned else ""
+    yield f"    made = {ready}{quiet}{cut}"
+    yield f"    print(tsm.score(diagram, {{name: made}}, {', '.join(_arguments(diagnosis, how))}))"
+
+
+def _starts(how: Simulated) -> Iterator[str]:
+    if len(how.start_states) > MOST:
+        yield "start_states = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))['start_states']"
+        return
+    yield "start_states = {"
+    yield from _items(how.start_states)
+    yield "}"
+
+
+def _arguments(diagnosis: Diagnosis, how: Simulated) -> Iterator[str]:
+    yield "parameters=start_states[name]"
+    yield f"outputs={list(how.outputs)!r}"
+    if diagnosis.windows and not how.pieces:
+        yield f"window={literal(dict(diagnosis.windows))}.get(name)"
+    one = set(how.steps.values())
+    yield f"step={one.pop()!r}" if len(one) == 1 else f"step={literal(dict(how.steps))}[name]"
+    yield from [] if how.integrator == "rk4" else [f"integrator={how.integrator!r}"]
+    yield f"hold={how.hold!r}"

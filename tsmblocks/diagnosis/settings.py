@@ -1,0 +1,76 @@
+"""Under what settings a diagnosis was made: how models were set beside recordings, which recordings, which options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from tsmblocks.data import Record, heading
+
+
+@attrs.frozen
+class Simulated:
+    """How the last model was simulated beside the recordings: what it takes to find the same errors again.
+
+    ``start_states`` holds by experiment the start values found, in the diagram's units; ``steps`` [s] the steps.
+    ``conditioned`` are the inputs whose noise was taken out (``Record.conditioned``), ``outputs`` what was compared.
+    ``pieces`` are first and last instant [s] of the pieces (``experiment#1``) that begin anew; empty where none do.
+    """
+
+    start_states: Mapping[str, Mapping[str, float]]
+    steps: Mapping[str, float]
+    outputs: tuple[str, ...]
+    conditioned: tuple[str, ...] = ()
+    integrator: str = "rk4"
+    hold: str = "cubic"
+    pieces: Mapping[str, tuple[float, float]] = attrs.field(factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the settings as plain values, numbers with all their digits."""
+        return {
+            "steps": dict(self.steps), "integrator": self.integrator, "hold": self.hold,
+            "conditioned": list(self.conditioned), "outputs": list(self.outputs),
+            "pieces": {name: list(pair) for name, pair in self.pieces.items()},
+        }  # fmt: skip
+
+
+@attrs.frozen
+class Recording:
+    """A recording that was diagnosed: its experiment and file, signals with units, samples and time between them [s].
+
+    ``origin`` is the file's name without its folder; empty for a record that a script made.
+    """
+
+    experiment: str
+    origin: str
+    signals: tuple[str, ...]
+    samples: int
+    step: float
+
+    @property
+    def words(self) -> str:
+        """``run_big.csv: x_in [deg], x_out [deg]; 4000 samples, 0.01 s apart``."""
+        file = f"{self.origin}: " if self.origin else ""
+        return f"{file}{', '.join(self.signals)}; {self.samples} samples, {self.step:.4g} s apart"
+
+
+@attrs.frozen
+class Provenance:
+    """What a diagnosis rests on: the version, where the diagram is from, the recordings, the options."""
+
+    version: str
+    source: str
+    recordings: tuple[Recording, ...]
+    options: Mapping[str, str]
+
+
+def recorded(records: Mapping[str, Record], used: Sequence[str]) -> tuple[Recording, ...]:
+    """The recordings, with the signals that the diagram knows."""
+    made = []
+    for name, r in records.items():
+        file = r.origin.replace("\\", "/").rpartition("/")[2]
+        signals = tuple(heading(k, r.unit(k)) for k in r.names if k in used)
+        made.append(Recording(name, file, signals, len(r), r.step))
+    return tuple(made)
