@@ -7,7 +7,6 @@ import numpy as np
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Play
-from tsmblocks.diagnosis.settings import Provenance, Recording, Simulated
 from tsmblocks.diagnosis.result import (
     Consequence,
     Diagnosis,
@@ -20,6 +19,7 @@ from tsmblocks.diagnosis.result import (
     Trace,
     Where,
 )
+from tsmblocks.diagnosis.settings import Provenance, Recording, Simulated
 
 DEG = np.pi / 180
 NOISE = 0.1 * DEG

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Bias, Gain
 from tests.diagnoses import NAMED, NONE
 from tests.diagnoses import diagnosis as made_up
+from tsmblocks.blocks import Bias, Gain
 from tsmblocks.diagnosis.difference import in_code
 from tsmblocks.diagnosis.places import Site, sites
 from tsmblocks.diagnosis.script import MOST, code, literal, source
@@ -178,7 +178,8 @@ def test_every_place_has_been_tried():
 def test_a_block_of_several_outputs_is_put_there_by_the_same_expression():
     two = tsm.Diagram(
         title="two", blocks={"a": Gain(gain=2.0), "b": Gain(), "both": tsm.blocks.Sum(signs="++")},
-        wires=["a -> both.plus1", "b -> both.plus2"], inputs={"u": "a.u", "x": "b.u"}, outputs={"y": "both", "half": "a"},
+        wires=["a -> both.plus1", "b -> both.plus2"], inputs={"u": "a.u", "x": "b.u"},
+        outputs={"y": "both", "half": "a"},
     )  # fmt: skip
     diagram = tsm.load("tendon_sheath_linear").insert("front", Gain(), before="gain.u")
     place = Site("across", "x_out", "offset.y", "front.y", after="offset.y")

@@ -335,9 +335,11 @@ def test_a_page_has_its_parts_in_this_order():
         "Where model and data disagree",
         "What was tried",
         "The diagram, before and after",
+        "In a script",
         "What may be confused",
         "What could have been seen",
         "What it means for control",
+        "What this rests on",
         "Notes",
     ]
     assert Page(page(EVERY["none"])).heads == [
@@ -345,7 +347,9 @@ def test_a_page_has_its_parts_in_this_order():
         "Where model and data disagree",
         "What was tried",
         "The diagram",
+        "In a script",
         "What could have been seen",
+        "What this rests on",
         "Notes",
     ]
 
@@ -355,6 +359,19 @@ def test_the_page_begins_with_the_verdict():
     body = text[text.index("<body>") :]
     assert body.index("half_width") < body.index("<svg") < body.index("What was tried")
     assert '<div class="verdict named"><p><b class="word">Found.</b> Between x_in and x_out' in body
+
+
+def test_the_page_says_what_it_rests_on():
+    text = page(diagnosis())
+    rows = re.findall(r"<tr><td class=\"l\">(.*?)</td><td class=\"l\">(.*?)</td></tr>", text[text.index("rests on") :])
+    assert rows == [
+        ("tsmblocks", "0.1.0"),
+        ("diagram", "tendon_sheath_linear, Tendon sheath: a gain and an offset"),
+        ("full", "full.csv: x_in [deg], x_out [deg]; 400 samples, 0.02 s apart"),
+        ("half", "x_in [deg], x_out [deg]; 400 samples, 0.02 s apart"),
+        ("noise floor", "x_out 0.1 deg (given)"),
+        ("seed", "3"),
+    ]
 
 
 def test_nothing_is_drawn_of_a_model_that_there_is_not():

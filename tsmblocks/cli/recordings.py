@@ -94,7 +94,8 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
 def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True) -> dict[str, Any]:
     """Return the records that the data options name, by experiment, with the signals the diagrams know.
 
-    What was repaired is told on standard error, unless ``tell`` is False: what is printed later says it. Signals that every diagram needs must be there. Raises UsageError without files, or for one given twice.
+    What was repaired is told on standard error, unless ``tell`` is False: what is printed later says it.
+    Signals that every diagram needs must be there. Raises UsageError without files, or for one given twice.
     """
     wanted = list(dict.fromkeys(name for d in diagrams for name in d.inputs))
     compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))

@@ -23,8 +23,8 @@ from tsmblocks.diagnosis.restarts import pieces, remembers
 from tsmblocks.diagnosis.restarts import whole as whole_name
 from tsmblocks.diagnosis.result import Diagnosis, Segment
 from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
-from tsmblocks.diagnosis.segments import Part, in_whole, parted
 from tsmblocks.diagnosis.script import source
+from tsmblocks.diagnosis.segments import Part, in_whole, parted
 from tsmblocks.diagnosis.sensors import Floors, asked_floors, floors
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.showing import in_people_units
@@ -107,13 +107,13 @@ def diagnose(
     if not done:
         raise KeyboardInterrupt
     rests_on = Provenance(__version__, source(diagram), recorded(records, [*diagram.inputs, *diagram.outputs]),
-                          _options(asked, effects, noise_floor, condition, done))  # fmt: skip
+                          _options(asked, effects, condition, done))  # fmt: skip
     made = _result(diagram, spans, tuple(records), done, seed, notes, "interrupted" if stopped else "done")
     return attrs.evolve(made, given=diagram, simulated=_simulated(done, condition), provenance=rests_on)
 
 
 def _options(
-    asked: Asked, effects: Iterable[str] | None, noise_floor: Any, condition: bool, done: Sequence[Work]
+    asked: Asked, effects: Iterable[str] | None, condition: bool, done: Sequence[Work]
 ) -> dict[str, str]:  # fmt: skip
     """What the diagnosis was told to do, in words."""
     steps = sorted({trial.times.h for work in done for trial in work.final.setup.trials})

@@ -306,7 +306,8 @@ def _ranked(r: Ranked) -> dict[str, Any]:
     return {
         "round": r.round, "segment": r.segment, "name": r.name, "variant": r.variant, "family": r.family,
         "wire": r.wire, "held_out_gain": _round(r.gain), "share": _round(r.share), "across": _round(r.across),
-        "share_across": _round(r.new), "statistic": _round(r.t), "line": _round(r.line), "in_set": r.in_set, "named": r.named, "fitted": r.fitted,
+        "share_across": _round(r.new), "statistic": _round(r.t), "line": _round(r.line), "in_set": r.in_set,
+        "named": r.named, "fitted": r.fitted,
         "at_bound": list(r.at_bound), "parameters": _plain(r.parameters),
     }  # fmt: skip
 

@@ -96,7 +96,7 @@ def literal(value: Any) -> str:
     if isinstance(value, Inlet):
         return f"tsm.Inlet({', '.join(literal(getattr(value, a.name)) for a in attrs.fields(Inlet))})"
     if isinstance(value, Block):
-        defaults = {f.name: f.default for f in attrs.fields(type(value))}
+        defaults = {f.name: f.default for f in attrs.fields(type(value))}  # type: ignore[arg-type]
         own = {k: getattr(value, k) for k in value.fields()}
         shown = [f"{k}={literal(v)}" for k, v in own.items() if k not in defaults or defaults[k] != v]
         return f"{type(value).__name__}({', '.join(shown)})"

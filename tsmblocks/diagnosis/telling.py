@@ -198,9 +198,10 @@ def _ranking(segment: Segment) -> list[str]:
 
 def columns_in_words(several: bool) -> str:
     """What the columns of the tables of candidates say."""
-    new = " new exp.: the same with whole experiments held out;" if several else ""
-    return (f"removes: share of the error above the noise that goes with it, on blocks of time held out;{new} < 0 %: "
-            "the error grows. t: how many times its own scatter that is; (in brackets) what chance stays below.")  # fmt: skip
+    new = "new exp.: the same with whole experiments held out; " if several else ""
+    return ("removes: share of the error above the noise that goes with it, on blocks of time held out; "
+            f"{new}< 0 %: the error grows. t: how many times its own scatter that is; (in brackets) what chance stays "
+            "below.")  # fmt: skip
 
 
 def mark(one: Ranked) -> str:
@@ -253,7 +254,8 @@ def starts_words(diagnosis: Diagnosis) -> str:
     if not any(diagnosis.start_states.values()):
         return ""
     return ("The errors told are those of simulations that begin at start states found for each experiment: "
-            "found.start_states, and start_states in diagnosis.json; found.diagrams has a diagram for each.")  # fmt: skip
+            "found.start_states, and start_states in diagnosis.json; found.diagrams has a diagram for each."
+            )  # fmt: skip
 
 
 def _script(diagnosis: Diagnosis) -> list[str]:
