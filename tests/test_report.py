@@ -168,6 +168,28 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
     )
 
 
+def test_a_compensator_that_does_no_better_is_explained():
+    found = diagnosis()
+    assert found.consequence is not None
+    worse = attrs.evolve(found, consequence=attrs.evolve(found.consequence, words="It cannot jump."))
+    assert "compensated with the new model          1.00  0.300\n\nIt cannot jump.\n" in str(worse)
+    assert "<p>It cannot jump.</p>" in page(worse)
+    none = attrs.evolve(found, consequence=None, no_consequence="It was not tracked.")
+    assert "\n\nWhat it means for control: It was not tracked.\n" in str(none)
+    assert "<h2>What it means for control</h2><p>It was not tracked.</p>" in page(none)
+
+
+def test_what_is_left_after_all_that_was_named_is_told():
+    left = attrs.evolve(NAMED.gaps[0], held_out=(0.52 * DEG, 0.17 * DEG))
+    words = "That is still 1.7 times the noise: something is left that no effect of the catalogue explains."
+    assert words in telling.verdict(attrs.evolve(NAMED, gaps=(left,)))
+    first = tuple(r for r in NAMED.ranking if r.round == 1)
+    assert "something is left that was not looked into any further." in telling.verdict(
+        attrs.evolve(NAMED, gaps=(left,), ranking=first)
+    )
+    assert "still" not in telling.verdict(NAMED)
+
+
 def test_an_interrupted_search_says_so():
     assert str(diagnosis(status="interrupted")).endswith("- Seed 3; interrupted; this is what was found until then.")
 

@@ -2,84 +2,117 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from tsmblocks.blocks import FirstOrderLag, Integrator, Sum
-from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.result import Consequence
+from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.errors import TsmError
 from tsmblocks.measures import peak_to_peak, rms
 from tsmblocks.simulate import simulate
 
 FAST = 0.25
-"""Gain of the loop around a model, over one step: as fast as the step can follow."""
+"""Gain of the loop around a model, over one of its steps: as fast as the step can follow."""
 SETTLING = 0.1
 """Share of a motion, from its start, in which the loop catches up; errors count after it."""
-SUBSTEPS = 5
-"""Steps between two samples."""
+SUBSTEPS = (80, 40, 20, 10, 5)
+"""Steps of the loop between two samples, the fastest loop first: the first that stands is taken."""
+FINER = 4
+"""Steps of the simulation for each step of the loop."""
+MOST_STEPS = 2_000_000
+"""Steps of one simulation at most."""
+
+Errors = tuple[float, float]
 
 
-def consequence(base: Model, augmented: Model) -> Consequence | None:
-    """Track a recorded motion with the augmented model as the plant; None where input and output are not one motion.
+def consequence(base: Model, augmented: Model) -> Consequence | str:
+    """Track a recorded motion with the augmented model as the plant; a sentence where that cannot be done.
 
     A compensator is a fast loop around a model: the command that makes the model do what is wanted. The motion is
-    the input of the first experiment, taken as what the output should do.
+    the input of the first experiment, taken as what the output should do; plant and models begin as they were found
+    to begin in it.
     """
     trial, outputs = base.setup.trials[0], base.setup.outputs
     inputs = list(base.diagram.inputs)
     if len(inputs) != 1 or len(outputs) != 1:
-        return None
+        return "It was not tracked in simulation: that takes one input and one output."
     unit = augmented.diagram.unit(outputs[0])
     if not unit or augmented.diagram.inports[inputs[0]].unit != unit:
-        return None
+        return (f"It was not tracked in simulation: {inputs[0]} and {outputs[0]} are not one motion, since they are "
+                "not in one unit.")  # fmt: skip
     record = trial.record
-    h = record.step / SUBSTEPS
-    try:
-        errors = [_errors(model, augmented.fitted, inputs[0], outputs[0], record, unit, h)
-                  for model in (None, base.fitted, augmented.fitted)]  # fmt: skip
-    except TsmError:
-        return None
-    if not np.isfinite(errors).all():
-        return None
-    return Consequence(unit, trial.name, *errors)
+    wanted, models = record.values(inputs[0], unit), [None, _own(base), _own(augmented)]
+    for substeps in SUBSTEPS:
+        if len(record) * substeps * FINER > MOST_STEPS:
+            continue
+        loop = record.step / substeps
+        try:
+            errors = [_errors(model, models[-1], inputs[0], outputs[0], record.t, wanted, loop) for model in models]
+        except TsmError:
+            continue
+        if np.isfinite(errors).all():
+            return Consequence(unit, trial.name, *errors, words=_words(errors[1], errors[2], unit, 4 * loop / FAST))
+    return "It was not tracked in simulation: the loop around the model, which a compensator is, does not stand there."
+
+
+def _own(model: Model) -> Diagram:
+    """The diagram with the numbers of the first experiment, its start states too."""
+    return model.diagram.with_parameters(model.problem.unknowns.settings(model.theta, 0))
+
+
+def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
+    """What to make of a compensator on the new model that does no better than that on the base."""
+    if augmented[0] <= base[0] and augmented[1] <= base[1]:
+        return ""
+    which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
+    return (f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that model "
+            f"itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot do. "
+            "At a reversal, where a gap has to be crossed before the output moves, it would have to jump, and it takes "
+            f"some {1000 * delay:.2g} ms.")  # fmt: skip
 
 
 def _errors(
-    model: Diagram | None, plant: Diagram, inlet: str, outlet: str, record: Record, unit: str, h: float
-) -> tuple[float, float]:  # fmt: skip
+    model: Diagram | None, plant: Diagram | None, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray,
+    step: float,
+) -> Errors:  # fmt: skip
     """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model."""
-    wanted = record.values(inlet, unit)
+    assert plant is not None
     blocks: dict = {"plant": plant}
     wires, ports = [], [f"plant.{inlet}"]
     if model is not None:
-        blocks["compensator"] = inverse(model, inlet, outlet, gain=FAST / h)
+        blocks["compensator"] = inverse(model, inlet, outlet, gain=FAST / step, start=float(wanted[0]))
         wires, ports = [f"compensator -> plant.{inlet}"], ["compensator.wanted"]
+    unit = plant.unit(outlet)
     loop = Diagram(title="consequence", blocks=blocks, wires=wires, inputs={"wanted": Inlet(ports, unit)},
                    outputs={"x_out": f"plant.{outlet}"})  # fmt: skip
-    start = float(record.t[0])
-    run = simulate(loop, start=start, stop=float(record.t[-1]), step=h, inputs={"wanted": (record.t, wanted)},
-                   hold="cubic", log="outputs")  # fmt: skip
-    error = run["x_out"] - np.interp(run.t, record.t, wanted)
-    late = error[run.t >= start + SETTLING * (record.t[-1] - start)]
+    start, stop = float(t[0]), float(t[-1])
+    with warnings.catch_warnings():  # a step that is too long shows in what it gives
+        warnings.simplefilter("ignore")
+        run = simulate(loop, start=start, stop=stop, step=step / FINER, inputs={"wanted": (t, wanted)}, hold="cubic",
+                       log="outputs")  # fmt: skip
+    error = run["x_out"] - np.interp(run.t, t, wanted)
+    late = error[run.t >= start + SETTLING * (stop - start)]
     return peak_to_peak(late), rms(late)
 
 
-def inverse(model: Diagram, inlet: str, outlet: str, gain: float) -> Diagram:
+def inverse(model: Diagram, inlet: str, outlet: str, gain: float, start: float = 0.0) -> Diagram:
     r"""A compensator for any model: the command that makes the model's output follow ``wanted``, by a loop around it.
 
     .. math:: x' = \tfrac{1}{\tau}(c - x), \qquad c' = K (w - \hat y(x)), \qquad \tau = \tfrac{1}{4 K}
 
-    ``gain`` is K [1/s]. The lag damps the loop critically where the model's slope is 1, and lets it stand around models
-    that answer to the rate of their input too, as the paper's slope does: without it their output would depend on
-    itself at the same instant. Output ``command``, in the unit of the model's input.
+    ``gain`` is K [1/s]; the command begins at ``start``. The lag damps the loop critically where the model's slope is
+    1, and lets it stand around models that answer to the rate of their input too, as the paper's slope does: without
+    it their output would depend on itself at the same instant. Output ``command``, in the unit of the model's input.
     """
     unit = model.inports[inlet].unit
     blocks = {
         "miss": Sum(signs="+-"),
-        "fast": Integrator(gain=gain, unit=unit),
-        "soft": FirstOrderLag(time_constant=1 / (4 * gain)),
+        "fast": Integrator(gain=gain, unit=unit, integral=start),
+        "soft": FirstOrderLag(time_constant=1 / (4 * gain), value=start),
         "model": model,
     }
     wires = [f"miss -> fast -> soft -> model.{inlet}", f"model.{outlet} -> miss.minus"]

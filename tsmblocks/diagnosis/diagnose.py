@@ -21,7 +21,7 @@ from tsmblocks.diagnosis.folds import parts
 from tsmblocks.diagnosis.model import Asked, calibrated
 from tsmblocks.diagnosis.restarts import pieces, remembers
 from tsmblocks.diagnosis.restarts import whole as whole_name
-from tsmblocks.diagnosis.result import Diagnosis, Segment
+from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
 from tsmblocks.diagnosis.script import source
 from tsmblocks.diagnosis.segments import Part, in_whole, parted
@@ -268,9 +268,11 @@ def _result(
     verdict = max((s.verdict for s in segments), key=lambda v: order[v])
     said = [s.sentence for s in sorted(segments, key=lambda s: -order[s.verdict]) if s.verdict == verdict]
     base, augmented = _whole(diagram, done, False), _whole(diagram, done, True)
+    means = _consequence(done, segments)
     return Diagnosis(
         diagram.title, experiments, seed, verdict, " ".join(said), tuple(e for s in segments for e in s.effects),
-        segments, base, augmented, _consequence(done, segments), tuple(dict.fromkeys(notes)), status, spans,
+        segments, base, augmented, None if isinstance(means, str) else means, tuple(dict.fromkeys(notes)), status,
+        spans, no_consequence=means if isinstance(means, str) else "",
     )  # fmt: skip
 
 
@@ -288,9 +290,9 @@ def _whole(diagram: Diagram, done: Sequence[Work], with_effects: bool) -> Diagra
     return made
 
 
-def _consequence(done: Sequence[Work], segments: Sequence[Segment]) -> Any:
+def _consequence(done: Sequence[Work], segments: Sequence[Segment]) -> Consequence | str:
     """What the effects named mean for control, for the last part with one input and one output that has any."""
     for work, segment in zip(reversed(done), reversed(segments), strict=True):
         if segment.effects:
             return consequence(work.models[0], work.models[-1])
-    return None
+    return ""

@@ -121,7 +121,8 @@ class Limit:
 class Consequence:
     """Tracking of a recorded motion [unit]: without compensation, and with one built on the base and on the new model.
 
-    Each pair is peak-to-peak and rms error. The plant is the augmented model, the best that is known.
+    Each pair is peak-to-peak and rms error. The plant is the augmented model, the best that is known. ``words`` say
+    what to make of a compensator on it that does no better than one on the base.
     """
 
     unit: str
@@ -129,6 +130,7 @@ class Consequence:
     none: tuple[float, float]
     base: tuple[float, float]
     augmented: tuple[float, float]
+    words: str = ""
 
 
 @attrs.frozen(eq=False)
@@ -188,7 +190,9 @@ class Diagnosis:
     catalogue explains, ``"none"`` where nothing is missing that these data could show. ``base`` is the diagram with
     its numbers refitted, ``augmented`` the one with the named blocks in place. ``status`` is ``"done"``, or
     ``"interrupted"`` after Ctrl-C: what was found until then is here. ``windows`` are the first and the last instant
-    compared [s] of each experiment of which a part was asked for.
+    compared [s] of each experiment of which a part was asked for. ``given`` is the diagram as it was
+    handed over, ``simulated`` how models were set beside the recordings, with the start states found; ``provenance``
+    is what all of it rests on, and ``no_consequence`` says why there is no ``consequence``.
     """
 
     diagram: str
@@ -207,6 +211,7 @@ class Diagnosis:
     given: Diagram | None = attrs.field(default=None, repr=False)
     simulated: Simulated | None = attrs.field(default=None, repr=False)
     provenance: Provenance | None = attrs.field(default=None, repr=False)
+    no_consequence: str = ""
 
     @property
     def first(self) -> Diagram:
@@ -242,6 +247,7 @@ class Diagnosis:
             "detection_limits": {m.name: _round(m.value) for s in reversed(self.segments) for m in s.limits},
             "segments": [_segment(s) for s in self.segments],
             "consequence": None if self.consequence is None else _plain(attrs.asdict(self.consequence)),
+            "no_consequence": self.no_consequence,
             "start_states": self.start_states,
             "simulated": None if self.simulated is None else self.simulated.to_dict(),
             "provenance": None if self.provenance is None else _plain(attrs.asdict(self.provenance)),

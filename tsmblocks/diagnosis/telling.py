@@ -299,13 +299,13 @@ def _limits(segment: Segment, several: bool) -> str:
 def _consequence(diagnosis: Diagnosis) -> list[str]:
     found = diagnosis.consequence
     if found is None:
-        return []
+        return [_filled(f"What it means for control: {diagnosis.no_consequence}")] if diagnosis.no_consequence else []
     k, unit = for_people(found.unit)
     rows = [[f"tracking {_cut(found.reference)} [{unit}]", "peak to peak", "rms"]]
     for words, (peak, rms) in (("without compensation", found.none), ("compensated with the base", found.base),
                                ("compensated with the new model", found.augmented)):  # fmt: skip
         rows.append([words, digits(k * peak), digits(k * rms)])
-    return [columns(rows)]
+    return [columns(rows), *([_filled(found.words)] if found.words else [])]
 
 
 def gathered(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:

@@ -294,14 +294,16 @@ def _limits(diagnosis: Diagnosis) -> str:
 def _consequence(diagnosis: Diagnosis) -> str:
     found = diagnosis.consequence
     if found is None:
-        return ""
+        said = diagnosis.no_consequence
+        return f"<h2>What it means for control</h2><p>{escape(said)}</p>" if said else ""
     k, unit = for_people(found.unit)
     rows = [(words, digits(k * peak), digits(k * rms)) for words, (peak, rms) in (
         ("no compensation", found.none), ("compensator on the base", found.base),
         ("compensator on the new model", found.augmented))]  # fmt: skip
     said = (f"The motion of <i>{escape(found.reference)}</i> tracked in simulation, the new model being the plant; "
             f"errors in {escape(unit)}.")  # fmt: skip
-    return f"<h2>What it means for control</h2><p>{said}</p>{table(('l:', 'peak to peak', 'rms'), rows)}"
+    more = f"<p>{sentence(found.words)}</p>" if found.words else ""
+    return f"<h2>What it means for control</h2><p>{said}</p>{table(('l:', 'peak to peak', 'rms'), rows)}{more}"
 
 
 def _provenance(diagnosis: Diagnosis) -> str:
