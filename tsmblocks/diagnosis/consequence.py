@@ -55,7 +55,9 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
         except TsmError:
             continue
         if np.isfinite(errors).all():
-            return Consequence(unit, trial.name, *errors, words=_words(errors[1], errors[2], unit, 4 * loop / FAST))
+            none, before, after = errors
+            words = _words(before, after, unit, 4 * loop / FAST)
+            return Consequence(unit, trial.name, none, before, after, words)
     return "It was not tracked in simulation: the loop around the model, which a compensator is, does not stand there."
 
 
@@ -69,9 +71,9 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     if augmented[0] <= base[0] and augmented[1] <= base[1]:
         return ""
     which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
-    return (f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that model "
-            f"itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot do. "
-            "At a reversal, where a gap has to be crossed before the output moves, it would have to jump, and it takes "
+    return (f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that "
+            f"model itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot do."
+            " At a reversal, where a gap has to be crossed before the output moves, it would have to jump, and it takes "
             f"some {1000 * delay:.2g} ms.")  # fmt: skip
 
 
