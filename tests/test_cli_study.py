@@ -137,7 +137,7 @@ FAULTS = {
     "belief": (STUDY.replace("relative", "relativ"), "22: 'theta' varies by low and high (and scale = \"log\"), by mean "
                                                      "and deviation, by relative, a share; got {'relativ': 0.1}."),
     "scale": (STUDY.replace('"log"', '"logarithmic"'), "21: scale is \"linear\" or \"log\", got 'logarithmic'."),
-    "upside down": (STUDY.replace("[0.5, 3.0]", "[3.0, 0.5]"), "20: Uniform needs low < high, got low=3, high=0.5."),
+    "upside down": (STUDY.replace("[0.5, 3.0]", "[3.0, 0.5]"), "20: low must be below high, got low=3, high=0.5."),
     "share of nothing": (STUDY.replace("theta", '"pid.kd"').replace("0.001", "0.0"), "22: the diagram's own number is 0, "
                          "so a share of it is nothing; say mean and deviation."),
     "count": (GRID.replace("KIND", "grid").replace("count = 3", "count = 1"), "9: count must be a whole number from 2 "

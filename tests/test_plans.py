@@ -128,7 +128,7 @@ REFUSED = {
     "no belief": (lambda: monte_carlo({"a": 3}, 5), "'a' varies by (low, high), Uniform or Normal, got 3."),
     "no beliefs": (lambda: monte_carlo({}, 5), "say what to vary: {'tsm.theta': (4, 6)} or {'tsm.theta': "
                                                "Normal(5, 0.5)}, got {}."),
-    "upside down": (lambda: Uniform(2, 1), "Uniform needs low < high, got low=2, high=1."),
+    "upside down": (lambda: Uniform(2, 1), "low must be below high, got low=2, high=1."),
     "log of less than nothing": (lambda: Uniform(-1, 1, log=True), "Uniform with log=True needs low > 0, got low=-1."),
     "no spread": (lambda: Normal(1, 0), "Normal needs a deviation > 0, got mean=1, deviation=0."),
     "empty": (lambda: Normal(1, 1, low=3, high=2), "Normal needs low < high, got low=3, high=2."),
@@ -139,7 +139,7 @@ REFUSED = {
     "far too large": (lambda: monte_carlo({"a": (0, 1)}, 10**15), "a plan of 1,000,000,000,000,000 runs is too large; "
                                                                   "10,000,000 are the most."),
     "words": (lambda: Uniform("a", 2), "a number of Uniform or Normal must be a finite number, got 'a'."),
-    "a pair of words": (lambda: monte_carlo({"a": ("a", "b")}, 5), "a number of Uniform or Normal must be a finite "
+    "a pair of words": (lambda: monte_carlo({"a": ("a", "b")}, 5), "bounds of 'a': a number of Uniform or Normal must be a finite "
                                                                   "number, got 'a'."),
     "no table": (lambda: table(None), "a table maps parameters to values, one per run, got None."),
     "a matrix": (lambda: table({"a": np.ones((2, 2))}), "'a' needs a list of values, got an array of shape (2, 2)."),

@@ -106,7 +106,7 @@ def test_a_run_that_runs_away_is_told_and_left_out():
     found = study(diagram, {"gain.gain": [1.0, -1e4, 3.0]}, "final(y)", stop=5.0, step=0.01)
     assert found.failed.tolist() == [False, True, False]
     assert found.best("final(y)")["gain.gain"] == 1.0
-    assert "1 runs have a metric that is no number" in str(found)
+    assert "1 run has a metric that is no number" in str(found)
     assert found.to_dict()["failed"] == 1
 
 
@@ -377,7 +377,7 @@ def test_blocks_of_ones_own_are_told_apart_by_their_equations(tmp_path):
         registry = tsm.block.__globals__["REGISTRY"]
         for name in set(registry) - set(before):
             del registry[name]
-        with pytest.raises(DataError, match="holds another study: its diagram is"):
+        with pytest.raises(DataError, match="holds another study: its diagram has other blocks, wires or numbers"):
             study(made(2), {"b.k": [1.0]}, "rms(y)", stop=1.0, out=tmp_path / "s.csv")
     finally:
         registry = tsm.block.__globals__["REGISTRY"]

@@ -186,14 +186,25 @@ def test_what_is_found_is_told():
         scaled(), {"gain.gain": (0.1, 0.5)}, "largest(y - 0.7)", subject_to=["highest(y) >= 1.0"], stop=0.1, step=0.01
     )
     assert not never.met
-    assert "not every limit is met" in str(never)
+    assert str(never).splitlines()[1:3] == ["- highest(y) >= 1.0 is not met: it is 0.5.",
+                                            "- gain.gain lies at its upper bound."]  # fmt: skip
+    assert never.to_dict()["remarks"] == list(never.remarks)
+    assert found.remarks == ()
+
+
+def test_what_changes_nothing_is_told():
+    idle = tsm.Diagram(title="idle", blocks={"s": Sine(amplitude=1.0, frequency=1.0), "g": Gain(), "h": Gain()},
+                       wires=["s -> g", "s -> h"], outputs={"y": "g", "z": "h"})  # fmt: skip
+    found = tune(idle, {"g.gain": (0.1, 5.0), "h.gain": (0.1, 5.0)}, "rms(y)", subject_to=["highest(y) >= 1.0"], stop=1.0,
+                 step=0.01, starts=2)  # fmt: skip
+    assert found.remarks == ("h.gain changes nothing that was asked about.",)
 
 
 REFUSED = {
     "no bounds": (dict(free={"gain.gain": 3}), "'gain.gain' needs bounds (low, high), got 3."),
     "no mapping": (dict(free=["gain.gain"]), "free maps parameters to bounds, such as {'pid.kp': (0.1, 5.0)}, got ['gain.gain']."),
     "unknown": (dict(free={"gain.gian": (0, 1)}), "diagram 'scaled' has no parameter 'gain.gian'. Did you mean 'gain.gain'?"),
-    "upside down": (dict(free={"gain.gain": (2, 1)}), "Uniform needs low < high, got low=2, high=1."),
+    "upside down": (dict(free={"gain.gain": (2, 1)}), "bounds of 'gain.gain': low must be below high, got low=2, high=1."),
     "metric": (dict(minimise="rms(z)"), "metric: there is no signal 'z'."),
     "no slope": (dict(minimise="settling_time(y, 0.1)"), "metric 'settling_time(y, 0.1)': settling_time has no slope, so nothing can be tuned by it."),
     "no limit": (dict(subject_to=["rms(y)"]), "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'."),

@@ -75,7 +75,7 @@ class Uniform:
 
     def __attrs_post_init__(self) -> None:
         if not self.low < self.high or not math.isfinite(self.high - self.low):
-            raise ParameterError(f"Uniform needs low < high, got low={self.low:g}, high={self.high:g}.")
+            raise ParameterError(f"low must be below high, got low={self.low:g}, high={self.high:g}.")
         if self.log and self.low <= 0:
             raise ParameterError(f"Uniform with log=True needs low > 0, got low={self.low:g}.")
 
@@ -259,6 +259,14 @@ def _array(values: Sequence[Any]) -> np.ndarray:
     return made
 
 
+def between(name: str, low: Any, high: Any, log: bool = False) -> Uniform:
+    """Anywhere between two numbers. Raises ParameterError that names whose bounds they are."""
+    try:
+        return Uniform(low, high, log=log)
+    except ParameterError as error:
+        raise ParameterError(f"bounds of '{name}': {error}") from None
+
+
 def _beliefs(given: Any) -> dict[str, Belief]:
     if not isinstance(given, Mapping) or not given:
         raise ParameterError(f"say what to vary: {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, "
@@ -266,7 +274,7 @@ def _beliefs(given: Any) -> dict[str, Belief]:
     made: dict[str, Belief] = {}
     for name, one in given.items():
         if isinstance(one, (tuple, list)) and len(one) == 2:
-            one = Uniform(*one)
+            one = between(str(name), *one)
         if not isinstance(one, (Uniform, Normal)):
             raise ParameterError(f"'{name}' varies by (low, high), Uniform or Normal, got {in_words(one)}.")
         made[str(name)] = one

@@ -165,10 +165,16 @@ class Results:
         return study_card(self)
 
     def __str__(self) -> str:
-        done = f"{len(self)} of {self.count} runs" if len(self) < self.count else f"{self.count} runs"
+        done = (
+            f"{len(self)} of {self.count} runs"
+            if len(self) < self.count
+            else f"{self.count} run{'s' if self.count > 1 else ''}"
+        )
         lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", WIDTH)
         if self.failed.any():
-            lines.append(f"{int(self.failed.sum())} runs have a metric that is no number (an unstable loop, say)")
+            count = int(self.failed.sum())
+            have = "runs have" if count > 1 else "run has"
+            lines.append(f"{count} {have} a metric that is no number (an unstable loop, say)")
         table = [("", *QUANTILES, "lowest at")]
         for name in self.metrics:
             numbers = self.quantiles(name)

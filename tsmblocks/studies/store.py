@@ -21,6 +21,8 @@ from tsmblocks.errors import DataError, clip
 
 MARK = "# tsmblocks study "
 FORMAT = 1
+DIGESTS = {"diagram": "other blocks, wires or numbers", "plan": "other parameters or values", "inputs": "other samples"}
+"""Facts that are kept as digests only, and in what way they may differ."""
 
 
 @attrs.frozen
@@ -143,5 +145,7 @@ def _text(rows: Iterable[Sequence[Any]]) -> str:
 
 
 def _differs(name: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    if name in DIGESTS:
+        return f"its {name} has {DIGESTS[name]}"
     there, here = (str(side.get(name, "missing")) for side in (before, now))
     return f"its {name} is {clip(there, 60)}, and not {clip(here, 60)}"

@@ -16,6 +16,7 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, RunError, in_words, near
 from tsmblocks.metrics import Metric, metric
 from tsmblocks.studies import Plan, Uniform, latin_hypercube, study, table
+from tsmblocks.studies.plans import between
 from tsmblocks.studies.study import signal_units
 from tsmblocks.tuning.limits import Limit, limit
 from tsmblocks.tuning.slopes import Sloped, sloped
@@ -37,6 +38,10 @@ PRICE = 10.0
 """What exceeding a limit by its own size costs, in sizes of the goal."""
 MET = 1e-3
 """Share of a limit by which it may be missed and still counts as met."""
+EDGE = 1e-6
+"""Distance from a bound, as a share of the bounds, that counts as lying on it."""
+IDLE = 1e-12
+"""Relative change that is rounding only."""
 WIDE = 20.0
 """Ratio of bounds above which a number is searched by ratios."""
 
@@ -304,7 +309,37 @@ class _Search:
                          for side in (0, k + 1))  # fmt: skip
         values = dict(tried[k])
         made = {name: d.with_parameters(values) for name, d in diagrams.items()}
-        return Tuned(values, made, self.goal.text, self.units, before, after, bool(over[k] <= MET), status)
+        idle = self._idle(values)
+        held = self._at_bounds({name: v for name, v in values.items() if name not in idle})
+        remarks = (*self._missed(after), *held, *(f"{name} changes nothing that was asked about." for name in idle))
+        return Tuned(values, made, self.goal.text, self.units, before, after, bool(over[k] <= MET), status, remarks)
+
+    def _missed(self, found: Mapping[str, Mapping[str, float]]) -> list[str]:
+        """Limits that do not hold in the worst case."""
+        said = []
+        for one in self.limits:
+            case, value = max(((c, v[one.name]) for c, v in found.items()), key=lambda pair: one.excess(pair[1]))
+            if one.excess(value) > MET:
+                where = f" in {case}" if len(found) > 1 else ""
+                said.append(f"{one.text} is not met: it is {value:.4g} {one.unit}".rstrip() + f"{where}.")
+        return said
+
+    def _at_bounds(self, values: Mapping[str, float]) -> list[str]:
+        """Numbers that their bounds hold."""
+        made = []
+        for name in values:
+            z = self._scaled(name, values[name])
+            if min(z, 1 - z) < EDGE:
+                made.append(f"{name} lies at its {'upper' if z > 0.5 else 'lower'} bound.")
+        return made
+
+    def _idle(self, values: Mapping[str, float]) -> list[str]:
+        """Numbers that change neither the goal nor a limit, from bound to bound."""
+        names = list(self.bounds)
+        sets = [{**values, name: end} for name in names for end in (self.bounds[name].low, self.bounds[name].high)]
+        goal, over = self.scores([values, *sets])
+        same = np.isclose(goal, goal[0], rtol=IDLE, atol=0) & ((over == over[0]) | np.isclose(over, over[0], rtol=IDLE))
+        return [name for k, name in enumerate(names) if same[2 * k + 1 : 2 * k + 3].all()]
 
 
 # ---- what is asked for ------------------------------------------------------------------------------
@@ -341,5 +376,5 @@ def _bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
             low, high = map(float, pair)
         except (TypeError, ValueError):
             raise ParameterError(f"'{name}' needs bounds (low, high), got {in_words(pair)}.") from None
-        made[str(name)] = Uniform(low, high, log=low > 0 and high / low > WIDE)
+        made[str(name)] = between(str(name), low, high, log=low > 0 and high / low > WIDE)
     return made

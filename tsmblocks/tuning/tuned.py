@@ -17,7 +17,8 @@ class Tuned:
     """Parameters found. ``before`` and ``after`` map cases to metrics by name, with the diagrams' numbers and these.
 
     ``diagrams`` are the diagrams with the numbers, by case as they were given; ``met`` whether all limits hold
-    everywhere, ``objective`` the metric that was to be small.
+    everywhere, ``objective`` the metric that was to be small. ``remarks`` say which limits do not hold, and which
+    numbers lie on a bound or change nothing.
     """
 
     values: Mapping[str, float]
@@ -28,6 +29,7 @@ class Tuned:
     after: Mapping[str, Mapping[str, float]] = attrs.field(repr=False)
     met: bool
     status: str = "complete"
+    remarks: tuple[str, ...] = ()
 
     @property
     def diagram(self) -> Diagram:
@@ -43,7 +45,8 @@ class Tuned:
     def to_dict(self) -> dict[str, Any]:
         """The result as plain values."""
         return {"values": dict(self.values), "objective": self.objective, "worst": self.worst, "met": self.met,
-                "status": self.status, "before": {k: dict(v) for k, v in self.before.items()},
+                "status": self.status, "remarks": list(self.remarks),
+                "before": {k: dict(v) for k, v in self.before.items()},
                 "after": {k: dict(v) for k, v in self.after.items()}}  # fmt: skip
 
     def __repr__(self) -> str:
@@ -66,5 +69,5 @@ class Tuned:
             rows.append((case, *cells))
         more = f"\n… ({len(self.after)} in all)" if len(self.after) > len(shown) else ""
         found = ", ".join(f"{k} {v:.4g}" for k, v in self.values.items())
-        ends = "" if self.met else "\nnot every limit is met"
+        ends = "".join(f"\n- {text}" for text in self.remarks)
         return f"{found}{ends}\n\n{in_parts(rows, together=2)}{more}"
