@@ -154,7 +154,8 @@ def test_repeated_times_are_merged_into_their_mean(file):
     np.testing.assert_array_equal(record.t, [0, 0.5, 1, 1.5, 2])
     np.testing.assert_allclose(record["x"], [1, 4, 7, 8.5, 9])
     assert record.notes == (
-        "3 rows repeated the time of the row before; each group was replaced by its mean, leaving 5 of 8 samples.",
+        "3 rows repeated the time of the row before (rows 4, 5, 8), their values up to 4 apart (x, row 5); each group "
+        "was replaced by its mean, leaving 5 of 8 samples.",
     )
 
 

@@ -178,13 +178,45 @@ def test_jitter_is_measured(file):
     assert record.jitter == pytest.approx(1 / 3, rel=1e-6)
 
 
+def repeated(file, x, y, rows=(11, 31)):
+    """What is said of a file of 80 rows in which these two stand twice, with other values the second time."""
+    t = np.arange(80) / 100
+    lines = csv(t, x, y, head="t,x [deg],y").splitlines(keepends=True)
+    for row in sorted(rows, reverse=True):
+        a, b, c = lines[row - 1].split(",")
+        lines.insert(row, f"{a},{float(b):g},{float(c) + row:g}\n")
+    return read(file("".join(lines))).notes
+
+
+def test_repeated_rows_are_named_and_how_far_they_are_apart(file):
+    moving = np.cumsum(np.random.default_rng(1).normal(0, 20, 80))
+    (note,) = repeated(file, np.arange(80.0), np.round(moving, 3))
+    assert note == (
+        "2 rows repeated the time of the row before (rows 12, 33), their values up to 31 apart (y, row 33); each group "
+        "was replaced by its mean, leaving 80 of 82 samples."
+    )
+
+
+def test_repeated_rows_far_apart_beside_their_neighbours_are_told(file):
+    slow = np.sin(np.arange(80) / 10)
+    usual = np.sqrt(
+        np.mean(np.diff(slow + np.isin(np.arange(80), [9, 29]) * np.where(np.arange(80) < 20, 5.5, 15.5)) ** 2)
+    )
+    note = repeated(file, np.arange(80.0), slow)[0]
+    assert 31 / usual > 5
+    assert (
+        f"their values up to 31 apart (y, row 33, {31 / usual:.0f} times what neighbouring samples differ by)" in note
+    )
+
+
 def test_repeats_jitter_and_a_tail_together(file):
     t = np.r_[np.repeat(STEPS, 2), 0.0, 0.0]
     record = read(file(csv(t, np.r_[np.repeat(STEPS, 2), 7.0, 7.0])), tail="drop")
     np.testing.assert_allclose(record["x"], STEPS)
     assert record.notes == (
         "Time jumps back at row 82, from 3.9 s to 0 s; everything from there on (2 rows, 2 %) was dropped, as asked.",
-        "40 rows repeated the time of the row before; each group was replaced by its mean, leaving 40 of 80 samples.",
+        "40 rows repeated the time of the row before (rows 3, 5, 7, 9, 11, …), with the same values; each group was "
+        "replaced by its mean, leaving 40 of 80 samples.",
     )
 
 

@@ -17,6 +17,10 @@ LONG_GAP = 10.0
 """Usual steps without a sample from which on nobody can say what happened in between."""
 SHORT_GAP = 1.5
 """Usual steps without a sample from which on samples are missing, rather than late."""
+MOST_ROWS = 5
+"""Row numbers that are named; more say nothing."""
+FAR = 5.0
+"""Difference of two rows of one time, in rms differences of neighbouring samples, that is worth a word."""
 
 
 def time_is_known(table: Table) -> Table:
@@ -122,9 +126,35 @@ def repeats_are_merged(table: Table) -> Table:
     with np.errstate(invalid="ignore"):
         mean = np.where(count > 0, total / count, np.nan)
     mean[:, 0] = t[first]  # the mean of equal numbers is not always that number
-    note = (f"{plural(len(t) - len(first), 'row')} repeated the time of the row before; each group was "
-            f"replaced by its mean, leaving {len(first)} of {len(t)} samples.")  # fmt: skip
+    again = np.setdiff1d(np.arange(len(t)), first)
+    shown = ", ".join(map(str, table.rows[again][:MOST_ROWS])) + (", …" if len(again) > MOST_ROWS else "")
+    note = (f"{plural(len(again), 'row')} repeated the time of the row before (row{'s' if len(again) > 1 else ''} "
+            f"{shown}){_apart(table, again, first, mean)}; each group was replaced by its mean, leaving {len(first)} "
+            f"of {len(t)} samples.")  # fmt: skip
     return noted(table, mean, table.rows[first], note)
+
+
+def _apart(table: Table, again: np.ndarray, first: np.ndarray, mean: np.ndarray) -> str:
+    """How far the values of one time are apart, in the signal that shows most beside its own motion."""
+    off = np.nan_to_num(np.abs(table.values[again, 1:] - table.values[first, 1:][_group(again, first)]))
+    if not off.any():
+        return ", with the same values"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        usual = np.sqrt(np.nanmean(np.diff(mean[:, 1:], axis=0) ** 2, axis=0)) if len(mean) > 1 else np.zeros(1)
+        share = np.where(off.max(axis=0) > 0, off.max(axis=0) / usual, 0.0)
+    k = int(np.argmax(share))
+    worst = int(np.argmax(off[:, k]))
+    size = f"{off[worst, k]:.3g} {table.units[k + 1]}".rstrip()
+    far = ""
+    if share[k] > FAR:
+        times = f"{share[k]:.0f} times what" if np.isfinite(share[k]) else "while"
+        far = f", {times} neighbouring samples {'differ by' if np.isfinite(share[k]) else 'do not differ'}"
+    return f", their values up to {size} apart ({table.names[k + 1]}, row {table.rows[again[worst]]}{far})"
+
+
+def _group(again: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """The group that each of these samples belongs to, the groups beginning at ``first``."""
+    return np.searchsorted(first, again, side="right") - 1
 
 
 def missing_rows_are_named(table: Table) -> Table:
