@@ -171,7 +171,7 @@ def test_run_without_its_data(tsm, here):
         tsm("run", "lag.toml"),
         "needs its input x_in. Give --data FILE with a column 'x_in [rad]', or with --map",
     )
-    fails(tsm("run", "lag.toml", "--data", "m.csv"), "m.csv: there is no column 'x_in'.", "map it (x_in=COLUMN)")
+    fails(tsm("run", "lag.toml", "--data", "m.csv"), "m.csv: there is no column 'x_in'.", "--map 'x_in=COLUMN'.")
     fails(
         tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_inn=motor"),
         "no input 'x_inn'. Did you mean 'x_in'?",

@@ -102,8 +102,8 @@ def test_what_is_refused(file, text, message):
     [
         (dict(tail="cut"), "tail must be 'refuse' or 'drop', got 'cut'."),
         (dict(gaps=True), "gaps must be 'refuse' or 'keep', got True."),
-        (dict(only=["x_in"]), "there is no column 'x_in'. Known here: x. If it has another name there, map it "
-         "(x_in=COLUMN)."),
+        (dict(only=["x_in"]), "there is no column 'x_in'. Known here: x. If it has another name there, map it: "
+         "map={'x_in [deg]': 'COLUMN'}, or --map 'x_in [deg]=COLUMN'."),
         (dict(group="run"), "a group was asked for, but text files have none."),
     ],
 )  # fmt: skip

@@ -16,8 +16,8 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     """Declare the options of every command that reads a measurement, or several."""
     add = options.add_argument
     what = "measured signals: CSV and its relatives, NPZ, MAT"
-    named = ("the column that holds a signal (or the time t), when it has another name; NAME may have a unit: "
-             "'x_in [deg]=motor'")  # fmt: skip
+    named = ("the column that holds a signal (or the time t), when it has another name; NAME has the unit where the "
+             "file gives none: 'x_in [deg]=motor'")  # fmt: skip
     if several:
         add("--data", metavar="FILE", nargs="+", action="extend", help=f"{what}; each file is one experiment")
     else:
@@ -26,7 +26,8 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     add(
         "--columns",
         metavar="A,B,C",
-        help="names of a headerless file's columns, in order, empty for those to be left out: 't, x_in [deg], , x_out'",
+        help="names of the columns, in order, where the file has no header, or another one: 't, x_in [deg], , x_out' "
+        "(empty for those to be left out)",
     )
     add("--rows", metavar="FIRST:LAST", type=span, default=(None, None),
         help="rows of the file to read, counted from 1")  # fmt: skip
@@ -45,12 +46,10 @@ def read_record(
 
     ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there.
     """
-    from tsmblocks.data import read, split_heading
+    from tsmblocks.data import read
 
-    mapped = [(*split_heading(heading), column) for heading, column in args.map]
     record = read(
-        path or args.data, columns=args.columns, map={name: column for name, _, column in mapped},
-        units={name: unit for name, unit, _ in mapped if unit}, only=only, also=also, rows=args.rows,
+        path or args.data, columns=args.columns, map=dict(args.map), only=only, also=also, rows=args.rows,
         step=args.sampling, group=args.group, tail=args.tail, gaps=args.gaps,
     )  # fmt: skip
     if tell and not getattr(args, "json", False):

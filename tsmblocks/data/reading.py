@@ -15,6 +15,7 @@ from tsmblocks.data.grid import usual_step
 from tsmblocks.data.record import Record, heading, split_heading
 from tsmblocks.data.repair import repaired
 from tsmblocks.data.table import Rows, Source, Table
+from tsmblocks.data.untold import how_to_map
 from tsmblocks.errors import DataError, clip, in_words, near
 
 _READERS = {
@@ -66,12 +67,12 @@ def read(
 ) -> Record:
     """Read a measurement from a CSV-like text file, NPY, NPZ, MAT (5 or 7.3) or HDF5.
 
-    ``columns`` names the columns of a file without a header, in order, as a list or with commas
-    (``"t, x_in [deg]"``; an empty name skips one). ``map`` gives columns other names:
-    ``{"x_in": "motor angle"}``, the time as ``"t"``; of a path like ``Model Root/angle/Out1`` the end will do.
-    ``units`` gives units by name where the file does not. ``only`` keeps these signals and leaves the
-    rest unread, faults included; those in ``also`` are kept where they are there. ``rows`` keeps the rows
-    from the first to the last given, both counted from 1 as an editor does (None: from the start, to the
+    ``columns`` names the columns of a file without a header, or in place of its header, in order, as a list or with
+    commas (``"t, x_in [deg]"``; an empty name skips one). ``map`` gives columns other names, and a unit where the file
+    gives none: ``{"x_in [deg]": "motor angle"}``, the time as ``"t"``; of a path like ``Model Root/angle/Out1`` the
+    end will do. ``units`` gives units by name, the new one or that of the column. ``only`` keeps these signals and
+    leaves the rest unread, faults included; those in ``also`` are kept where they are there. ``rows`` keeps the
+    rows from the first to the last given, both counted from 1 as an editor does (None: from the start, to the
     end). ``step`` is the time in s from row to row, for files without a time column. ``group`` is the
     structure or group of a MAT, HDF5 or NPZ file to read.
 
@@ -86,7 +87,8 @@ def read(
     if not path.exists():
         beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         raise DataError(f"there is no file {path}.{near(path.name, beside)}")
-    wish = Wish(map or {}, units or {}, only, also, rows, step, tail, gaps)
+    named, told = _told(str(path), map or {}, units or {})
+    wish = Wish(named, told, only, also, rows, step, tail, gaps)
     reader = _READERS.get(path.suffix.lower())
     if reader is None and group:
         raise DataError(f"{path}: a group was asked for, but text files have none.")
@@ -110,20 +112,31 @@ def from_pandas(
     The index is the time [s] when it is named ``t`` or ``time``. Units are those in the columns' names, or in
     ``attrs["units"]``, where ``to_pandas`` puts them.
     """
-    source = containers.frame_arrays(name, frame)
-    return _record(source, name, name, Wish(map or {}, units or {}, only, (), (None, None), step, tail, gaps))
+    source, (named, told) = containers.frame_arrays(name, frame), _told(name, map or {}, units or {})
+    return _record(source, name, name, Wish(named, told, only, (), (None, None), step, tail, gaps))
+
+
+def _told(origin: str, named: Mapping[str, str], labels: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Columns and units by name; a name that is mapped may have its unit with it: ``x_in [deg]``."""
+    renamed, told = dict[str, str](), dict(labels)
+    for told_name, column in named.items():
+        name, unit = split_heading(told_name)
+        if name in renamed:
+            raise DataError(f"{origin}: '{name}' is mapped to two columns, '{renamed[name]}' and '{column}'.")
+        renamed[name] = column
+        if unit and told.setdefault(name, unit) != unit:
+            raise DataError(f"{origin}: '{name}' is given two units, {told[name]} and {unit}.")
+    return renamed, told
 
 
 def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
     _check(origin, wish)
     split = [split_heading(text) for text in source.headings]
-    found = _named(origin, [name for name, _ in split], wish.renamed, getattr(source, "folder", ""))
+    found = _named(origin, split, wish.renamed, getattr(source, "folder", ""))
     time = None if wish.step is not None else _time(origin, found)
-    found = _selected(origin, found, wish, time, source.notes)
-    labels = {k: wish.units.get(k, split[place][1]) for k, place in found.items()}
-    unknown = next((k for k in wish.units if k not in labels and k != time), None)
-    if unknown is not None:
-        raise DataError(f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, labels)}")
+    bare = any(not unit and name.lower() not in TIMES for name, unit in split)
+    found = _selected(origin, found, wish, time, bare, source.notes)
+    labels = _labels(origin, found, split, wish.units)
     values, at = source.numbers([*found.values()], wish.rows)
     if time is None:
         table = _clocked(origin, found, labels, values, at, float(wish.step or 0.0))
@@ -153,6 +166,18 @@ def _of_the_clock(source: Source, wish: Wish, table: Table) -> Iterator[str]:
                f"ms, say so: units={{'{name}': 'ms'}}, or --map '{name} [ms]={name}'.")  # fmt: skip
 
 
+def _labels(
+    origin: str, found: Mapping[str, int], split: Sequence[tuple[str, str]], given: Mapping[str, str]
+) -> dict[str, str]:
+    """Units by the name in the record: those given for it, or for its column, before that of the file."""
+    columns = {split[place][0]: k for k, place in found.items() if split[place][0] not in found}
+    unknown = next((k for k in given if k not in found and k not in columns), None)
+    if unknown is not None:
+        raise DataError(f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, found)}")
+    told = {columns.get(k, k): unit for k, unit in given.items()}
+    return {k: told.get(k, split[place][1]) for k, place in found.items()}
+
+
 def _clocked(
     origin: str,
     found: Mapping[str, int],
@@ -169,9 +194,10 @@ def _clocked(
                  (0, *(place + 1 for place in found.values())))  # fmt: skip
 
 
-def _named(origin: str, names: list[str], renamed: Mapping[str, str], folder: str) -> dict[str, int]:
+def _named(origin: str, split: list[tuple[str, str]], renamed: Mapping[str, str], folder: str) -> dict[str, int]:
     """Column numbers by the name the record will use."""
-    renamed = {name: _column(origin, name, column, names, folder) for name, column in renamed.items()}
+    names = [name for name, _ in split]
+    renamed = {name: _column(origin, name, column, split, folder) for name, column in renamed.items()}
     found: dict[str, int] = {}
     moved = set(renamed.values()) - set(renamed)
     for place, name in enumerate(names):
@@ -185,8 +211,17 @@ def _named(origin: str, names: list[str], renamed: Mapping[str, str], folder: st
     return dict(sorted({**found, **mapped}.items(), key=lambda item: item[1]))
 
 
-def _column(origin: str, name: str, column: str, names: list[str], folder: str) -> str:
-    """Return a column as the file names it: in full, from its folder on, or by the end of its path."""
+def _column(origin: str, name: str, column: str, split: list[tuple[str, str]], folder: str) -> str:
+    """Return a column as the file names it: in full, with its unit, from its folder on, or by the end of its path."""
+    names, (bare, unit) = [known for known, _ in split], split_heading(column)
+    if unit and column not in names and bare in names:
+        own = split[names.index(bare)][1]
+        if own == unit:
+            return bare
+        said = f"says that it is in {own}" if own else "gives it no unit"
+        way = f"map={{'{name} [{unit}]': '{bare}'}}, or --map '{name} [{unit}]={bare}'"
+        raise DataError(f"{origin}: '{name}' is mapped to column '{column}', and the file {said}. To say the unit, "
+                        f"give it with the name: {way}.")  # fmt: skip
     inner = column.removeprefix(f"{folder}/") if folder else column
     ends = [known for known in names if known.endswith(f"/{column}")]
     match = next((known for known in (column, inner) if known in names), ends[0] if len(ends) == 1 else None)
@@ -214,8 +249,9 @@ def _time(origin: str, found: Mapping[str, int]) -> str:
 
 
 def _selected(
-    origin: str, found: dict[str, int], wish: Wish, time: str | None, notes: Sequence[str]
+    origin: str, found: dict[str, int], wish: Wish, time: str | None, bare: bool, notes: Sequence[str]
 ) -> dict[str, int]:  # fmt: skip
+    """Columns that are kept. Raises DataError for one that is not there; ``bare``: columns have no units."""
     only = wish.only
     if only is None:
         return found
@@ -229,8 +265,10 @@ def _selected(
     missing = [name for name in wanted if name not in found]
     if missing:
         left = "".join(f" {note}" for note in notes if missing[0] in note)
-        raise DataError(f"{origin}: there is no column '{missing[0]}'.{near(missing[0], known)} "
-                        f"If it has another name there, map it ({missing[0]}=COLUMN).{left}")  # fmt: skip
+        raise DataError(
+            f"{origin}: there is no column '{missing[0]}'.{near(missing[0], known)} "
+            f"If it has another name there, map it: {how_to_map(missing[0], bare=bare)}.{left}"
+        )
     return {k: place for k, place in found.items() if k in wanted or k == time}
 
 
