@@ -135,6 +135,14 @@ def test_what_was_repaired_is_told_once(run):
     assert err.count("repeated the time of the row before") == 2
 
 
+def test_a_floor_in_another_unit_is_doubted(run):
+    _, out, _ = run(*BASE[:-1], "0.2", "--effects", "backlash")
+    assert "NONE." in out
+    assert "the noise floor given for x_out (11.5 deg) is above all that the base leaves (1." in " ".join(out.split())
+    assert "so nothing can be found: is it in the right unit (rad)?" in " ".join(out.split())
+    assert "right unit" not in run(*BASE, "--effects", "backlash")[1]
+
+
 def test_names_of_effects_are_patterns(run):
     _, out, _ = run(*BASE, "--effects", "dr*", "jump", "--json")
     assert {r["name"] for r in json.loads(out)["ranking"]} == {"drift", "jump"}

@@ -16,7 +16,7 @@ from tsmblocks.diagnosis.conditioning import all_conditioned
 from tsmblocks.diagnosis.consequence import consequence
 from tsmblocks.diagnosis.exchanging import exchanged
 from tsmblocks.diagnosis.finishing import finished
-from tsmblocks.diagnosis.floor import carried
+from tsmblocks.diagnosis.floor import carried, doubtful
 from tsmblocks.diagnosis.folds import parts
 from tsmblocks.diagnosis.model import Asked, calibrated
 from tsmblocks.diagnosis.restarts import pieces, remembers
@@ -226,6 +226,7 @@ def _work(
             notes.append(f"{part.name}: the plant never forgets where it began, so it is started anew every second.")
         tell("calibrated", 0, 1)
         base = calibrated(part.diagram, records, own, lambda *_: tell("calibrated", 0, 1))
+        notes += doubtful(base, found)
         floor = 1 + (carried(base, raw, names, asked.seed) if condition else 0.0)
         search = Search(records, own, effects, parts(base.problem), floor, tell)
         forward(base, {}, search, rounds)

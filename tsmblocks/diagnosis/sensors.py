@@ -14,6 +14,8 @@ from tsmblocks.data import Record, noise
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError, ParameterError, in_words, near
 
+GIVEN = "given"
+"""The way of a floor that the user knows."""
 WEAK = "high frequencies"
 """The way of finding a floor that misses slow noise: no model may be called wrong by it alone."""
 
@@ -36,7 +38,7 @@ def floors(records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[st
     sigma, method = dict[str, float](), dict[str, str]()
     for name in outputs:
         if name in asked:
-            sigma[name], method[name] = asked[name], "given"
+            sigma[name], method[name] = asked[name], GIVEN
         else:
             sigma[name], method[name] = _found(records, diagram, name)
     return Floors(sigma, method, all(m != WEAK for m in method.values()))

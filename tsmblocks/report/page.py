@@ -280,7 +280,7 @@ def _confusion(diagnosis: Diagnosis) -> str:
 
 def _limits(diagnosis: Diagnosis) -> str:
     parts = ["<h2>What could have been seen</h2><p>The smallest size of each effect that these experiments would have "
-             "shown. Grey: not excited by them, or without a place in the diagram.</p>"]  # fmt: skip
+             "shown. Grey: of any size unseen, not being excited or without a wire in the diagram.</p>"]  # fmt: skip
     several = len(diagnosis.segments) > 1
     for segment in diagnosis.segments:
         parts += [f"<h3>{escape(segment.name)}</h3>"] if several else []
