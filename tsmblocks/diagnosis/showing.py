@@ -9,13 +9,11 @@ import numpy as np
 
 from tsmblocks.diagnosis.restarts import whole
 from tsmblocks.diagnosis.result import Named, Quantity, Segment, Trace
-from tsmblocks.diagnosis.where import coordinates
+from tsmblocks.diagnosis.where import BINS, binned, coordinates
 from tsmblocks.diagram import Diagram
 from tsmblocks.fitting.unknowns import numbers, unknown
 from tsmblocks.units import for_people
 
-BINS = 24
-"""Bins of a coordinate in which the error is shown."""
 FEWEST = 3
 """Blocks of time that a bin needs before what they differ by says how sure its mean is."""
 COORDINATE_UNITS = {
@@ -140,7 +138,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     if not traces:
         return None
     x, blocks = np.concatenate(along), np.concatenate(block)
-    place = _binned(x)
+    place = binned(x, BINS)
     columns = [np.concatenate(c) for c in (left, rest, made)]
     rows = []
     for k in range(int(place.max()) + 1):
@@ -155,15 +153,6 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     rate = COORDINATE_UNITS.get(coordinate, "")
     unit = rate if "{}" not in rate else rate.format(own) if own else ""
     return Profile(coordinate, unit, traces[0].unit, *table)
-
-
-def _binned(x: np.ndarray) -> np.ndarray:
-    """The bin of each sample: all with as many samples, or one for each of a few values."""
-    own = np.unique(x)
-    if len(own) <= BINS:
-        return np.searchsorted(own, x)
-    edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)[1:-1]))
-    return np.searchsorted(edges, x)
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:

@@ -57,7 +57,7 @@ def located(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess
         return ()
     found = []
     for name, values in known.items():
-        share = _share(r, _binned(values, BINS), parts.fold, excess)
+        share = _share(r, binned(values, BINS), parts.fold, excess)
         found.append(Where(name, min(share, 1.0), WORDS[name]))
     found.sort(key=lambda one: -one.share)
     return tuple(one for one in found[:SHOWN] if one.share >= LEAST)
@@ -67,17 +67,17 @@ def ceiling(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess
     """Share of the excess that any two coordinates together foretell on blocks held out, at best."""
     if excess <= 0:
         return 0.0
-    binned = {name: _binned(values, FEW) for name, values in known.items()}
-    names = list(binned)
+    bins = {name: binned(values, FEW) for name, values in known.items()}
+    names = list(bins)
     best = 0.0
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
-            best = max(best, _share(r, binned[one] * FEW + binned[other], parts.fold, excess))
+            best = max(best, _share(r, bins[one] * FEW + bins[other], parts.fold, excess))
     return min(best, 1.0)
 
 
-def _binned(values: np.ndarray, count: int) -> np.ndarray:
-    """The bin of each sample; a coordinate of few values has a bin for each."""
+def binned(values: np.ndarray, count: int) -> np.ndarray:
+    """The bin of each sample, all with about as many; a coordinate of few values has a bin for each."""
     own = np.unique(values)
     if len(own) <= count:
         return np.searchsorted(own, values)
