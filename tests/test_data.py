@@ -396,9 +396,8 @@ def test_a_signal_of_another_length_is_named(tmp_path):
     with pytest.raises(DataError) as found:
         read(tmp_path / "a.npz", only="x")
     assert str(found.value).endswith(
-        "there is no column 'x'. Known here: y. If it has another name there, map it: map={'x [deg]': 'COLUMN'}, or --map "
-        "'x [deg]=COLUMN'. Left out, being of "
-        "another length than t (6): x (5)."
+        "there is no column 'x'. Known here: y. If it has another name there, map it: map={'x [deg]': 'COLUMN'}, or "
+        "--map 'x [deg]=COLUMN'. Left out, being of another length than t (6): x (5)."
     )
 
 

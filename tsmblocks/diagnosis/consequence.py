@@ -72,9 +72,9 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
         return ""
     which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
     return (f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that "
-            f"model itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot do."
-            " At a reversal, where a gap has to be crossed before the output moves, it would have to jump, and it takes "
-            f"some {1000 * delay:.2g} ms.")  # fmt: skip
+            f"model itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot "
+            "do. At a reversal, where a gap has to be crossed before the output moves, it would have to jump, and it "
+            f"takes some {1000 * delay:.2g} ms.")  # fmt: skip
 
 
 def _errors(
