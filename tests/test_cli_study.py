@@ -78,7 +78,7 @@ def test_a_study_is_run_kept_and_shown_again(file, capsys):
     frame = tsmblocks.read_study("found.csv").to_pandas()
     assert frame["theta"].mean() == pytest.approx(4.382, rel=0.02)
     assert frame["pid.ki"].between(0.1, 10).all()
-    assert frame["error"].between(1, 60).all()
+    assert frame["error [deg]"].between(1, 60).all()
 
 
 def test_the_same_in_processes(file):

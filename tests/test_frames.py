@@ -100,7 +100,7 @@ def test_a_whole_grid_has_its_parameters_as_dimensions(tmp_path):
     for k in range(len(study)):
         row = study.row(k)
         assert float(made["error"].sel({name: row[name] for name in values})) == row["error"]
-    assert study.to_pandas().attrs["units"] == {"error": "deg"}
+    assert study.to_pandas().attrs["units"] == {"error [deg]": "deg"}
 
 
 def test_what_is_no_whole_grid_is_a_list_of_runs(tmp_path):

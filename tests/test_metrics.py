@@ -133,8 +133,16 @@ def test_metrics_of_a_run():
     error = tsm.tracking_error(run, after=5.0)
     found = measure(run, {"p": "peak_to_peak(x_ref - x_out, after=5)", "r": "rms(x_ref - x_out, after=5)",
                           "l [deg]": "largest(x_ref - x_out, after=5)"})  # fmt: skip
-    assert found == pytest.approx({"p": error.peak_to_peak, "r": error.rms, "l": math.degrees(error.largest)})
+    assert found == pytest.approx({"p": error.peak_to_peak, "r": error.rms, "l [deg]": math.degrees(error.largest)})
     assert list(measure(run)) == ["peak-to-peak error", "rms error", "largest error", "effort"]
+
+
+def test_what_others_call_total_variation_is_found():
+    t = np.linspace(0.0, 2.0, 2001)
+    assert metric("variation(u)", {"u": "V"})(t, {"u": np.sin(2 * np.pi * t)}) == pytest.approx(8.0)
+    for word in ("travel", "total_variation"):
+        with pytest.raises(ParameterError, match=f"there is nothing called '{word}'. Did you mean 'variation'?"):
+            metric(f"{word}(u)", {"u": "V"})
 
 
 def test_no_instant_is_left():

@@ -235,7 +235,7 @@ SHORT = {
     "responses": "Responses('Feedforward plus PID feedback of the tip', 3 runs, 101 instants, x_ref, x_out, x_in, u)",
     "batch": "Batch(2 sets of pid.kp, results x_ref, x_out, x_in, u)",
     "reduced": "Batch(50 sets of pid.kp, results last)",
-    "tuned": "Tuned(pid.kp 2; rms(x_ref - x_out) 0.",
+    "tuned": "Tuned(pid.kp 2; rms(x_ref - x_out) [deg] 0.",
     "control": "OptimalControl(… u, ",
     "frequencies": "FrequencyResponse(… x over u, 2 frequencies, sizes 0.1, 0.2)",
     "block": "PID(kp=2.0, ki=2.0, kd=0.0, tau=0.01, integral=0.0, smooth=0.0)",

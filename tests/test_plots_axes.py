@@ -9,7 +9,7 @@ import tsmblocks as tsm
 from tsmblocks import plots
 from tsmblocks.analysis import frequency_response
 from tsmblocks.plots.tracking import plot_moved
-from tsmblocks.studies import responses, sweep
+from tsmblocks.studies import latin_hypercube, responses, sweep
 
 pyplot = pytest.importorskip("matplotlib.pyplot", reason="the extra [plots] brings it")
 DRAWN = {name: getattr(plots, name) for name in plots.__all__} | {"plot_moved": plot_moved}
@@ -33,6 +33,7 @@ def calls():
     swept = tsm.study(LOOP, sweep({"theta": [4.0, 5.0]}), metrics, stop=0.5)
     many = responses(LOOP, {"theta": [4.0, 5.0]}, stop=0.5)
     baseline = type("Baseline", (), {"t": t, "signals": {"x": x}, "signal_units": {"x": "rad"}})
+    tuned = tsm.tune(LOOP, {"theta": (4.0, 5.0)}, "rms(x_ref - x_out)", subject_to=["rms(u) <= 9"], stop=0.5, starts=1)
     one = fit.differences.items[0]
     return {
         "plot_run": ((run,), 1), "plot_tracking": (({"a": run},), 2), "plot_loop": ((x, y), 1),
@@ -42,6 +43,7 @@ def calls():
         "plot_disagreement": ((found,), 1), "plot_coordinate": ((found,), 1), "plot_study": ((grid,), 2),
         "plot_tornado": ((swept, "error"), 1), "plot_pareto": ((grid, "error", "effort"), 1),
         "plot_heat_map": ((grid, "error"), 1), "plot_distribution": ((grid, "error"), 1),
+        "plot_scatter": ((grid, "error"), 2), "plot_tuned": ((tuned,), 2),
         "plot_envelope": ((many, "x_out"), 1), "plot_moved": ((baseline, baseline, "t"), 2),
         "plot_frequency_response": ((frequency_response(tsm.load("motor_linear"), [1.0, 2.0], [0.1]),), 3),
     }  # fmt: skip
@@ -97,3 +99,19 @@ def test_angles_of_studies_are_shown_in_degrees(calls):
     spread = plots.plot_distribution(grid, "error").axes[0]
     assert f"median {np.degrees(grid.quantiles('error')['median']):.4g}" in spread.get_xlabel()
     pyplot.close("all")
+
+
+def test_random_runs_are_shown_over_each_number():
+    plan = latin_hypercube({"theta": (4.0, 5.0), "delta": (0.0, 0.1)}, 40, seed=1)
+    found = tsm.study(LOOP, plan, {"error [deg]": "rms(x_ref - x_out)", "effort": "rms(u)"}, stop=0.5)
+    panels = found.plot().axes
+    assert len(panels) == 6  # a distribution, and two numbers, of two metrics
+    for panel, name in zip(panels[1:3], ("theta", "delta"), strict=True):
+        points = panel.collections[0].get_offsets()
+        np.testing.assert_allclose(np.sort(points[:, 0]), np.sort(found[name]))
+        np.testing.assert_allclose(np.sort(points[:, 1]), np.sort(found["error"]))
+        first = np.argsort(found[name])[:4]  # of 40 runs in ten stretches
+        x, y = (line[0] for line in panel.lines[0].get_data())
+        assert (x, y) == pytest.approx((np.median(found[name][first]), np.median(found["error"][first])))
+    assert [panel.get_xlabel() for panel in panels[4:]] == ["theta", "delta"]
+    assert panels[1].get_ylabel() == "error [deg]"

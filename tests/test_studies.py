@@ -56,7 +56,8 @@ def test_every_run_is_what_a_run_alone_gives():
     for k in range(5):
         run = tsm.simulate(diagram.with_parameters(plan.row(k)), **SHORT)
         alone = tsm.measure(run, METRICS)
-        assert found.row(k) == pytest.approx({**plan.row(k), **alone}, rel=1e-6)
+        assert list(alone) == list(METRICS)
+        assert list(found.row(k).values()) == pytest.approx([*plan.row(k).values(), *alone.values()], rel=1e-6)
         assert tsm.measure(tsm.simulate(found.at(k), **SHORT), METRICS) == alone
 
 
@@ -70,7 +71,8 @@ def test_a_number_that_follows_a_shared_one_goes_its_own_way_in_lanes():
     assert found["tsm.theta"].tolist() == [4.382, 4.0, 5.0, 4.382]
     assert found.own["tsm.theta"] == 4.382
     alone = [
-        tsm.measure(tsm.simulate(diagram.with_parameters(plan.row(k)), **SHORT), METRICS)["error"] for k in range(4)
+        tsm.measure(tsm.simulate(diagram.with_parameters(plan.row(k)), **SHORT), METRICS)["error [deg]"]
+        for k in range(4)
     ]
     assert found["error"] == pytest.approx(alone, rel=1e-6)
     (group,) = grouped(diagram, dict(table({"tsm.theta": [4.0, 5.0]}).columns), SHORT)
@@ -127,23 +129,52 @@ def whole(tmp_path_factory):
     return path.read_bytes()
 
 
+@pytest.fixture(scope="module")
+def facts(tmp_path_factory):
+    path = tmp_path_factory.mktemp("facts") / "s.csv"
+    small(path)
+    return (path.parent / "s.study.json").read_bytes()
+
+
+def written(path, content, facts):
+    """A file of results as a kill or a hand leaves it, and the facts of its study beside it."""
+    path.write_bytes(content)
+    path.with_suffix(".study.json").write_bytes(facts)
+
+
+def test_any_reader_of_tables_reads_the_file(tmp_path):
+    pd = pytest.importorskip("pandas")
+    diagram = tsm.load(FIG16)
+    found = study(diagram, {"pid.kp": [1.0, 2.0]}, METRICS, **SHORT, out=tmp_path / "s.csv")
+    frame = found.to_pandas()
+    assert list(frame) == ["pid.kp", "error [deg]", "effort"]  # names as they were asked
+    assert frame.attrs["units"] == {"error [deg]": "deg", "effort": "V"}
+    read = pd.read_csv(tmp_path / "s.csv", index_col="run")
+    assert list(read) == ["pid.kp", "error [deg]", "effort [V]"]
+    np.testing.assert_array_equal(read, frame)
+    again = tsm.read_study(tmp_path / "s.csv")
+    pd.testing.assert_frame_equal(again.to_pandas(), frame)
+    np.testing.assert_array_equal(again["error [deg]"], again["error"])
+
+
 @settings(max_examples=25, deadline=None)
 @given(cut=st.floats(0.0, 1.0), order=st.randoms(use_true_random=False))
-def test_a_killed_study_goes_on_and_ends_with_the_same_bytes(whole, tmp_path_factory, cut, order):
+def test_a_killed_study_goes_on_and_ends_with_the_same_bytes(whole, facts, tmp_path_factory, cut, order):
     """Cut off anywhere behind the heading, rows in any order: as a kill leaves it."""
-    first, second, *rows = whole.splitlines(keepends=True)
+    heading, *rows = whole.splitlines(keepends=True)
     order.shuffle(rows)
     path = tmp_path_factory.mktemp("cut") / "cut.csv"
     body = b"".join(rows)
-    path.write_bytes(first + second + body[: int(cut * len(body))])
+    written(path, heading + body[: int(cut * len(body))], facts)
     small(path)
     assert path.read_bytes() == whole
+    assert path.with_suffix(".study.json").read_bytes() == facts
 
 
-def test_only_what_is_missing_is_run(whole, tmp_path):
+def test_only_what_is_missing_is_run(whole, facts, tmp_path):
     path = tmp_path / "some.csv"
     lines = whole.splitlines(keepends=True)
-    path.write_bytes(b"".join(lines[:52]))
+    written(path, b"".join(lines[:51]), facts)
     seen = []
     small(path, progress=lambda done, count: seen.append((done, count)))
     assert seen == [(50, 96), (96, 96)]
@@ -206,7 +237,7 @@ def test_a_process_killed_half_way_is_gone_on_with(whole, tmp_path):
     child = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[1])
     try:
         until = time.monotonic() + 60
-        while (not path.exists() or len(path.read_bytes().splitlines()) < 34) and time.monotonic() < until:
+        while (not path.exists() or len(path.read_bytes().splitlines()) < 33) and time.monotonic() < until:
             time.sleep(0.02)
     finally:
         os.kill(child.pid, signal.SIGKILL)
@@ -300,9 +331,9 @@ def test_many_machines_by_dask(whole, tmp_path, monkeypatch):
         assert (tmp_path / f"{name}.csv").read_bytes() == whole
 
 
-def test_another_study_is_not_gone_on_with(whole, tmp_path):
+def test_another_study_is_not_gone_on_with(whole, facts, tmp_path):
     path = tmp_path / "s.csv"
-    path.write_bytes(whole)
+    written(path, whole, facts)
     plan = {"gain.gain": [1.0]}
     for more, said in (
         ({"stop": 1.0}, "its title is lag, and not other"),
@@ -331,11 +362,11 @@ def test_whatever_changes_the_results_makes_another_study(changed, tmp_path):
 
 
 @pytest.mark.parametrize("changed", ["order of metrics", "heading", "parameter", "metric", "run", "digits"])
-def test_a_file_changed_by_hand_is_not_gone_on_with(changed, whole, tmp_path):
+def test_a_file_changed_by_hand_is_not_gone_on_with(changed, whole, facts, tmp_path):
     path = tmp_path / "s.csv"
-    first, heading, *rows = whole.decode().splitlines(keepends=True)
+    heading, *rows = whole.decode().splitlines(keepends=True)
     if changed == "order of metrics":
-        path.write_bytes(whole)
+        written(path, whole, facts)
         with pytest.raises(DataError, match="holds another study: its metrics is"):
             small_in_another_order(path)
         return
@@ -346,7 +377,7 @@ def test_a_file_changed_by_hand_is_not_gone_on_with(changed, whole, tmp_path):
         place = {"parameter": 1, "metric": 3, "run": 0, "digits": 0}[changed]
         cells[place] = {"parameter": "9.5", "metric": "much", "run": "999", "digits": "\u0663"}[changed]
         rows[3] = ",".join(cells)
-    path.write_text(first + heading + "".join(rows), encoding="utf-8")
+    written(path, (heading + "".join(rows)).encode(), facts)
     with pytest.raises(DataError) as found:
         small(path)
     said = {"heading": "the heading has been changed", "digits": "the first being the number of a run"}
@@ -446,6 +477,8 @@ REFUSED = {
                                                     "and inf s; it goes from 0 to 1 s."),
     "a metric's name": (dict(metrics={"gain.gain": "rms(y)"}), "'gain.gain' is a parameter of the plan, so no metric "
                                                                "can have that name."),
+    "several diagrams": (dict(diagram={"a": lagged()}), "study runs one diagram; of several, make a study each: "
+                         "{name: study(one, plan, metrics) for name, one in diagrams.items()}."),
     "plan": (dict(plan=[1, 2]), "a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of "
                                 "tsmblocks.studies, or is a mapping from parameters to values, got [1, 2]."),
     "file": (dict(out="results.xls"), "'results.xls' must end in .csv: results are kept in a table."),
@@ -474,25 +507,28 @@ def test_what_cannot_be_studied(name):
     assert str(found.value).startswith(said), str(found.value)
 
 
+FACTS = b'{"format": 1, "runs": 2, "parameters": {"%s": 1}, "units": {}, "title": "t", "kind": "grid", "metrics": {}}'
 BROKEN = {
-    b"": (1, "this is no file of a study's results; its first line would begin with '# tsmblocks study '."),
-    b"run,a\n1,2\n": (1, "this is no file of a study's results; its first line would begin with"),
-    b'# tsmblocks study {"format": 1}\nrun,a\n': (1, "the facts of the study are not all there."),
-    b'# tsmblocks study {"format": 1, "runs": 2, "parameters": {"b": 1}, "units": {}}\nrun,a\n':
-        (2, "the heading does not have the parameters and metrics of the first line."),
-    b'# tsmblocks study {"format": 1, "runs": 2, "parameters": {"a": 1}, "units": {}}\nrun,a\n0,1\nx,2\n':
-        (4, "2 columns are wanted, the first being the number of a run; here stands 'x,2'."),
+    (b"run,a\n1,2\n", None): ("s.csv: this is no file of a study's results: there is no s.study.json beside it."),
+    (b"run,a\n1,2\n", b""): ("s.study.json: these are no facts of a study."),
+    (b"run,a\n", b'{"format": 1}'): ("s.study.json: the facts of the study are not all there."),
+    (b"run,a\n", b'{"format": 1, "runs": 2, "parameters": {}, "units": {}, "title": "", "kind": "", "metrics": 3}'):
+        ("s.study.json: the facts of the study are not all there."),
+    (b"run,a\n", FACTS % b"b"): ("s.csv:1: the heading does not have the parameters and metrics of s.study.json."),
+    (b"run,a\n0,1\nx,2\n", FACTS % b"a"):
+        ("s.csv:3: 2 columns are wanted, the first being the number of a run; here stands 'x,2'."),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("content", BROKEN)
 def test_files_that_hold_no_results(content, tmp_path):
-    path = tmp_path / "s.csv"
-    path.write_bytes(content)
-    line, said = BROKEN[content]
+    rows, facts = content
+    (tmp_path / "s.csv").write_bytes(rows)
+    if facts is not None:
+        (tmp_path / "s.study.json").write_bytes(facts)
     with pytest.raises(DataError) as found:
-        tsm.read_study(path)
-    assert str(found.value).startswith(f"{path}:{line}: {said}")
+        tsm.read_study(tmp_path / "s.csv")
+    assert str(found.value) == f"{tmp_path}/{BROKEN[content]}"
 
 
 def test_a_function_cannot_be_sent_to_another_process():

@@ -18,7 +18,7 @@ import numpy as np
 from tsmblocks import units
 from tsmblocks.errors import DataError, ParameterError, RunError, clip, in_words, near
 from tsmblocks.expressions import FUNCTIONS, Expression, Reader, name_in, number, reader
-from tsmblocks.reductions import NONE, REDUCTIONS
+from tsmblocks.reductions import NONE, OTHER_NAMES, REDUCTIONS
 
 EXAMPLE = "Write for example 'rms(x_ref - x_out)'."
 USUAL = {
@@ -59,7 +59,7 @@ class Metric:
     """One number of a run, as it was written in ``text``, shown as ``name`` in ``unit`` (``""`` where none is known).
 
     ``outer`` is arithmetic of the ``parts``, which it knows as ``#0``, ``#1``, …; ``factor`` turns what it gives into
-    ``unit``.
+    ``unit``. ``asked`` is the name as it was asked for: ``"error [deg]"`` of a metric called ``"error"``.
     """
 
     name: str
@@ -68,6 +68,7 @@ class Metric:
     outer: Expression
     parts: tuple[Part, ...]
     factor: float = 1.0
+    asked: str = ""
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -95,6 +96,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
     ``"error [deg]"`` says the unit of the result as well. Raises ParameterError for what is no metric, for unknown
     names, and for signals added up in different units; UnitError for a unit that does not fit.
     """
+    asked = name
     name, wanted = named(name)
     if not name.isprintable() or name == "run":
         why = "the number of a run has that name" if name == "run" else "it cannot be printed"
@@ -113,7 +115,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
                 f"{read.what}: the unit of '{clip(read.text)}' is not known, so it cannot be in {wanted}."
             )
         factor = units.factor(unit, wanted)
-    return Metric(name or read.text, read.text, wanted or unit, outer, tuple(lift.parts), factor)
+    return Metric(name or read.text, read.text, wanted or unit, outer, tuple(lift.parts), factor, asked or read.text)
 
 
 def named(text: str) -> tuple[str, str]:
@@ -147,15 +149,15 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
 
 
 def measure(run: Any, wanted: Any = None) -> dict[str, float]:
-    """Metrics of a run, by name: ``measure(run, "rms(x_ref - x_out)")``.
+    """Metrics of a run, by the names they were asked by: ``measure(run, {"error [deg]": "rms(x_ref - x_out)"})``.
 
     ``wanted`` is one text, a list, or a mapping from names to texts, as for ``metric``; by default the tracking
-    errors. Raises as ``metric`` does, and RunError for what is no run.
+    errors. A name may say the unit. Raises as ``metric`` does, and RunError for what is no run.
     """
     if not all(hasattr(run, part) for part in ("t", "unit", "keys")):
         raise RunError(f"only a run can be measured, got {in_words(run)}.")
     found = metrics(wanted, {name: run.unit(name) for name in run})
-    return {one.name: one(run.t, {k: run[k] for k in one.signals}) for one in found}
+    return {one.asked: one(run.t, {k: run[k] for k in one.signals}) for one in found}
 
 
 def _reads(text: str, signals: Mapping[str, str]) -> bool:
@@ -201,8 +203,8 @@ class _Lift:
             self.units[mark] = REDUCTIONS[name].unit(inside) if inside or name in _OWN_UNIT else ""
             return ast.copy_location(ast.Name(mark, ast.Load()), node)
         if name not in FUNCTIONS:
-            self.read.refuse(f"there is nothing called '{clip(name, 40)}'.{near(name, [*REDUCTIONS, *FUNCTIONS], 20)}",
-                             node.func)  # fmt: skip
+            hint = near(OTHER_NAMES.get(name, name), [*REDUCTIONS, *FUNCTIONS], 20)
+            self.read.refuse(f"there is nothing called '{clip(name, 40)}'.{hint}", node.func)
         return ast.copy_location(ast.Call(node.func, [self.lifted(a) for a in node.args], node.keywords), node)
 
 

@@ -101,7 +101,7 @@ REDUCTIONS = {
     "mean": Reduction("mean", _mean),
     "final": Reduction("last value", _final),
     "integral": Reduction("integral over time, by trapezoids", _integral, unit=lambda label: units.times(label, "s")),
-    "variation": Reduction("sum of all changes, whatever their sign", _variation),
+    "variation": Reduction("total variation: how far it goes, all changes added up whatever their sign", _variation),
     "share": Reduction("share of the instants at which a comparison holds", _share, unit=lambda _: NONE),
     "settling_time": Reduction("time until the magnitude stays within a band; infinite where it never does",
                                _settling_time, ("band",), lambda _: "s"),
@@ -111,3 +111,7 @@ REDUCTIONS = {
                            lambda _: NONE),
 }  # fmt: skip
 """Reductions by name. ``share`` is given a comparison; all others a signal."""
+
+OTHER_NAMES = {"travel": "variation", "total_variation": "variation", "tv": "variation", "ptp": "peak_to_peak",
+               "std": "rms", "maximum": "highest", "minimum": "lowest", "average": "mean"}  # fmt: skip
+"""What people call some of them elsewhere, for a message to say what they are called here."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from tsmblocks import units
 from tsmblocks.data import heading
+from tsmblocks.metrics import named
 from tsmblocks.notebook.card import LEFT, MOST_CHARTS, RIGHT, card, listed, number, rows
 from tsmblocks.report import charts
 from tsmblocks.report.charts import Frame
@@ -38,16 +39,16 @@ def study_card(found: Results) -> str:
 
 def tuned_card(found: Tuned) -> str:
     """What tuning found: the parameters, and each metric in each case before and after."""
-    values = rows(["l:parameter", "tuned"], [(name, number(v)) for name, v in found.values.items()])
-    names = list(next(iter(found.after.values())))
-    people = {name: units.for_people(found.units[name]) for name in names}
-    cells = [(case, heading(name, unit), number(k * found.before[case][name]), number(k * after[name]))
-             for case, after in found.after.items() for name, (k, unit) in people.items()]  # fmt: skip
+    at = found.at_bounds
+    values = rows(["l:parameter", "before", "tuned", "from", "to", "l:"],
+                  [(name, *map(number, (found.own[name], v, *found.bounds[name])),
+                    f"at its {at[name]} bound" if name in at else "") for name, v in found.values.items()])  # fmt: skip
+    people = {name: units.for_people(unit) for name, unit in found.units.items()}
+    cells = [(case, found.title(name), number(k * found.before[case][name]), number(k * after[name]))
+             for case, after in found.after.items() for name, (k, _) in people.items()]  # fmt: skip
     k, unit = people[found.objective]
-    worst = f"{found.objective} in the worst case: {_ends([k * v for v in found.worst], unit)}"
-    said = [] if found.met else ["Not every limit is met."]
-    said += [] if found.status == "complete" else ["Interrupted; these are the best numbers so far."]
-    return card("Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(said))
+    worst = f"{named(found.objective)[0]} in the worst case: {_ends([k * v for v in found.worst], unit)}"
+    return card("Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(found.beware))
 
 
 def _ends(values: list[float], unit: str) -> str:

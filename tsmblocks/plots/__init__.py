@@ -21,9 +21,11 @@ from tsmblocks.plots.studies import (
     plot_envelope,
     plot_heat_map,
     plot_pareto,
+    plot_scatter,
     plot_study,
     plot_tornado,
 )
+from tsmblocks.plots.tuned import plot_tuned
 
 __all__ = [
     "plot_autocorrelation",
@@ -44,7 +46,9 @@ __all__ = [
     "plot_pareto",
     "plot_residual",
     "plot_run",
+    "plot_scatter",
     "plot_study",
     "plot_tornado",
     "plot_tracking",
+    "plot_tuned",
 ]

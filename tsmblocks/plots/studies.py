@@ -1,4 +1,4 @@
-"""Figures of studies: a tornado, a Pareto front, a heat map, distributions, and the envelope of responses.
+"""Figures of studies: a tornado, a Pareto front, a heat map, distributions, scatters, and the envelope of responses.
 
 Every function draws on the axes it is given, or makes a figure, and returns the figure. Needs matplotlib, imported
 when a figure is made.
@@ -20,6 +20,10 @@ from tsmblocks.studies.results import Results
 
 MOST = 12
 """Parameters in a tornado; more would be too small to read."""
+BESIDE = 4
+"""Numbers over which a metric is shown beside its distribution; ``plot_scatter`` shows any."""
+BINS = 10
+"""Stretches of a parameter of which each gives a median."""
 BANDS = ((0.0, 1.0, "all"), (0.05, 0.95, "5 to 95 %"), (0.25, 0.75, "25 to 75 %"))
 """Shares of the runs that an envelope shows, the palest first."""
 
@@ -27,8 +31,9 @@ BANDS = ((0.0, 1.0, "all"), (0.05, 0.95, "5 to 95 %"), (0.25, 0.75, "25 to 75 %"
 def plot_study(results: Results, metrics: Sequence[str] = (), ax: Any = None) -> Any:
     """What suits the plan, for the metrics named, or all: a panel for each.
 
-    A heat map of a grid of two numbers, a curve of one number, a tornado of a sweep, else distributions. ``ax`` may be
-    one axes for each metric. Returns the figure. Raises RunError for an unknown metric.
+    A heat map of a grid of two numbers, a curve of one number, a tornado of a sweep, else distributions, and beside
+    each the metric over every number that varies (the first ``BESIDE``). ``ax`` may be one axes for each metric; a
+    distribution then stands alone. Returns the figure. Raises RunError for an unknown metric.
     """
     chosen = list(metrics) or list(results.metrics)
     for name in chosen:
@@ -43,14 +48,29 @@ def plot_study(results: Results, metrics: Sequence[str] = (), ax: Any = None) ->
     elif alone and len(numbers) == 1:
         draw, height = _curve, 2.6
     else:
+        if ax is None:
+            return _spread(results, chosen, numbers)
         draw, height = plot_distribution, 2.6
     _, rows = sheet(ax, len(chosen), 1, width=8.0, height=height, widths=(1.0,))
     panels = rows[:, 0]
     for panel, name in zip(panels, chosen, strict=True):
         draw(results, name, ax=panel)
     if ax is None:
-        panels[0].set_title(f"{results.title}: {results.kind} of {len(results)} runs", loc="left", fontsize=11)
+        panels[0].set_title(_head(results), loc="left", fontsize=11)
     return panels[0].figure
+
+
+def _spread(results: Results, chosen: Sequence[str], numbers: Sequence[str]) -> Any:
+    """A distribution of each metric, and the metric over each number that varies."""
+    varied = [name for name in numbers if np.ptp(results[name]) > 0][:BESIDE] if len(results) else []
+    widths = [2.0, *(1.0 for _ in varied)]
+    figure, rows = sheet(None, len(chosen), len(widths), width=6.0 + 2.2 * len(varied), height=2.6, widths=widths)
+    for panels, name in zip(rows, chosen, strict=True):
+        plot_distribution(results, name, ax=panels[0])
+        if varied:
+            plot_scatter(results, name, varied, ax=panels[1:])
+    figure.suptitle(_head(results), x=0.01, ha="left", fontsize=11)
+    return figure
 
 
 def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
@@ -73,6 +93,32 @@ def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
     panel.grid(axis="y", visible=False)
     panel.margins(x=0.05)
     return panel.figure
+
+
+def plot_scatter(results: Results, metric: str, parameters: Sequence[str] = (), ax: Any = None) -> Any:
+    """A metric over each of some parameters (all numbers unless named), a point per run: one axes for each.
+
+    The line is the median of the metric in each of ``BINS`` stretches of equally many runs: where it is flat, the
+    parameter does nothing to the metric. Returns the figure. Raises RunError for an unknown name.
+    """
+    names = list(parameters) or [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+    y, unit = _shown(results, metric)
+    xs = [results[name] for name in names]
+    widths = [1.0] * len(names)
+    panels = sheet(ax, 1, len(names), width=2.2 * len(names) + 1.5, height=2.8, widths=widths)[1][0]
+    for panel, name, x in zip(panels, names, xs, strict=True):
+        kept = np.flatnonzero(np.isfinite(y))
+        panel.scatter(x[kept], y[kept], s=6, color=COLOURS[5], alpha=0.7, lw=0)
+        bins = [k for k in np.array_split(kept[np.argsort(x[kept])], BINS) if len(k) > 1]
+        panel.plot([np.median(x[k]) for k in bins], [np.median(y[k]) for k in bins], color=INK, lw=1.4)
+        panel.set_xlabel(name)
+        dress(panel, legend=False)
+        panel.margins(x=0.05)
+        if panel is not panels[0]:
+            panel.tick_params(labelleft=False)
+            panel.set_ylim(panels[0].get_ylim())
+    panels[0].set_ylabel(heading(metric, unit))
+    return panels[0].figure
 
 
 def plot_pareto(results: Results, x: str, y: str, ax: Any = None) -> Any:
@@ -175,6 +221,10 @@ def _curve(results: Results, metric: str, ax: Any) -> Any:
     ax.set_xlabel(name)
     ax.set_ylabel(heading(metric, unit))
     dress(ax, legend=False)
+
+
+def _head(results: Results) -> str:
+    return f"{results.title}: {results.kind} of {len(results)} runs"
 
 
 def _people(results: Results, name: str) -> tuple[float, str]:

@@ -16,7 +16,7 @@ from tsmblocks.errors import DataError, RunError, near
 from tsmblocks.frames import dataset, frame
 from tsmblocks.metrics import named
 from tsmblocks.studies.plans import plain
-from tsmblocks.studies.store import Table, read_table, value_of
+from tsmblocks.studies.store import Table, facts_of, read_table, value_of
 from tsmblocks.tables import WIDTH, few
 from tsmblocks.tables import columns as in_columns
 
@@ -28,7 +28,8 @@ class Results:
     """Metrics of the runs of a study.
 
     ``runs`` (n,) are the numbers of the runs that are there, out of ``count``; ``parameters`` and ``metrics`` map
-    names to arrays of that shape, ``units`` and ``texts`` metrics to their unit and how they were written. ``own``
+    names to arrays of that shape, ``units`` and ``texts`` metrics to their unit and how they were written. A metric
+    that was asked for as ``"error [deg]"`` is found by that and by ``"error"``; ``asked`` has the former. ``own``
     are the diagram's own numbers, ``status`` is ``"complete"`` or ``"interrupted"``. A run whose signals are not
     finite has NaN for its metrics.
     """
@@ -45,6 +46,7 @@ class Results:
     status: str = "complete"
     path: Path | None = None
     diagram: Diagram | None = attrs.field(repr=False, default=None)
+    asked: Mapping[str, str] = attrs.field(repr=False, factory=dict)
 
     def __len__(self) -> int:
         return len(self.runs)
@@ -54,9 +56,10 @@ class Results:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A parameter or a metric by name, shape (n,). Raises RunError with the near miss."""
+        plain = next((k for k, v in self.asked.items() if v == name), name)
         for side in (self.metrics, self.parameters):
-            if name in side:
-                return side[name]
+            if plain in side:
+                return side[plain]
         raise RunError(f"the study has no '{name}'.{near(name, list(self))}")
 
     def _numbers(self, name: str) -> np.ndarray:
@@ -125,8 +128,13 @@ class Results:
         return {name: float(np.quantile(values, q, method="nearest")) for name, q in QUANTILES.items()}
 
     def to_pandas(self) -> Any:
-        """A frame with a row per run, by its number: parameters, then metrics. Needs pandas."""
-        return frame({name: self[name] for name in self}, self.runs, "run", self.units)
+        """A frame with a row per run, by its number: parameters, then metrics as they were asked for. Needs pandas.
+
+        ``attrs["units"]`` has the units of the metrics by column.
+        """
+        names = {name: self.asked.get(name, name) for name in self}
+        return frame({title: self[name] for name, title in names.items()}, self.runs, "run",
+                     {names[name]: unit for name, unit in self.units.items()})  # fmt: skip
 
     def to_xarray(self) -> Any:
         """A data set of the metrics, with ``attrs["units"]``. Needs xarray.
@@ -188,16 +196,23 @@ class Results:
 
 
 def read_study(path: str | Path) -> Results:
-    """Results that ``study`` has written to a file, complete or not. Raises DataError where it holds none."""
-    table = read_table(Path(path))
+    """Results that ``study`` has written to a .csv file, complete or not; it needs the ``.study.json`` beside it.
+
+    Raises DataError where it holds none.
+    """
+    path = Path(path)
+    table = read_table(path)
     facts = table.facts
     try:
         count, parameters, units = int(facts["runs"]), list(facts["parameters"]), dict(facts["units"])
         wanted = {**dict.fromkeys(parameters, ""), **units}
+        title, kind, texts, own = (facts[k] for k in ("title", "kind", "metrics", "parameters"))
+        asked = {named(name)[0]: name for name in texts}
+        texts = {name: texts[full] for name, full in asked.items()}
     except (KeyError, TypeError, ValueError):
-        raise DataError(f"{path}:1: the facts of the study are not all there.") from None
+        raise DataError(f"{facts_of(path)}: the facts of the study are not all there.") from None
     if [named(one) for one in table.heading[1:]] != list(wanted.items()):
-        raise DataError(f"{path}:2: the heading does not have the parameters and metrics of the first line.")
+        raise DataError(f"{path}:1: the heading does not have the parameters and metrics of {facts_of(path).name}.")
     runs = np.array(sorted(table.rows), dtype=int)
     if len(runs) and runs[-1] >= count:
         raise DataError(f"{path}: there are {count} runs, and a row of run {runs[-1]}.")
@@ -206,9 +221,8 @@ def read_study(path: str | Path) -> Results:
         if columns[name].dtype.kind != "f":
             raise DataError(f"{path}: the column '{name}' has a value that is no number.")
     status = "complete" if len(runs) == count else "interrupted"
-    return Results(facts["title"], facts["kind"], count, runs, {k: columns[k] for k in parameters},
-                   {k: columns[k] for k in units}, units, facts["metrics"], facts["parameters"], status,
-                   Path(path))  # fmt: skip
+    return Results(title, kind, count, runs, {k: columns[k] for k in parameters}, {k: columns[k] for k in units}, units,
+                   texts, own, status, path, asked=asked)  # fmt: skip
 
 
 def _column(table: Table, runs: np.ndarray, k: int) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""Results of a study in one CSV file: kept as they come, read back after a kill, the same bytes however it was run.
+"""Results of a study in a CSV file: kept as they come, read back after a kill, the same bytes however it was run.
 
-The first line, a comment, holds the facts of the study as JSON; then come a heading and a row per run. Rows are
-added in the order in which runs end, and put in order once all are there.
+It is a plain table: a heading and a row per run, as any program reads it. Rows are added in the order in which runs
+end, and put in order once all are there. The facts of the study, by which a later call knows whether it is the same
+one, are JSON in a file beside it: ``gains.study.json`` of ``gains.csv``.
 """
 
 from __future__ import annotations
@@ -19,15 +20,19 @@ import numpy as np
 
 from tsmblocks.errors import DataError, clip
 
-MARK = "# tsmblocks study "
 FORMAT = 1
 DIGESTS = {"diagram": "other blocks, wires or numbers", "plan": "other parameters or values", "inputs": "other samples"}
 """Facts that are kept as digests only, and in what way they may differ."""
 
 
+def facts_of(path: Path) -> Path:
+    """The file with the facts of the study whose results stand in a file."""
+    return path.with_suffix(".study.json")
+
+
 @attrs.frozen
 class Table:
-    """What a file holds: the ``facts`` of the study, its ``heading``, and the rows by run, texts as they stand."""
+    """What the files hold: the ``facts`` of the study, its ``heading``, and the rows by run, texts as they stand."""
 
     facts: Mapping[str, Any]
     heading: tuple[str, ...]
@@ -35,23 +40,20 @@ class Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read a file of results. A last line that was cut off counts as not there. Raises DataError with the line."""
+    """Read results and facts. A last line that was cut off counts as not there. Raises DataError with the line."""
+    text, beside = _text_of(path), facts_of(path)
+    if not beside.exists():
+        raise DataError(f"{path}: this is no file of a study's results: there is no {beside.name} beside it.")
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}.") from None
-    whole = text[: text.rfind("\n") + 1]
-    first, _, rest = whole.partition("\n")
-    try:
-        facts = json.loads(first.removeprefix(MARK)) if first.startswith(MARK) else None
+        facts = json.loads(_text_of(beside))
     except json.JSONDecodeError:
         facts = None
     if not isinstance(facts, dict) or facts.get("format") != FORMAT:
-        raise DataError(f"{path}:1: this is no file of a study's results; its first line would begin with '{MARK}'.")
-    lines = list(csv.reader(io.StringIO(rest)))
+        raise DataError(f"{beside}: these are no facts of a study.")
+    lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
     heading = tuple(lines[0]) if lines else ()
     rows = {}
-    for k, row in enumerate(lines[1:], start=3):
+    for k, row in enumerate(lines[1:], start=2):
         if len(row) != len(heading) or not (row[0].isascii() and row[0].isdecimal()):
             raise DataError(f"{path}:{k}: {len(heading)} columns are wanted, the first being the number of a run; "
                             f"here stands {clip(','.join(row), 60)!r}.")  # fmt: skip
@@ -59,9 +61,16 @@ def read_table(path: Path) -> Table:
     return Table(facts, heading, rows)
 
 
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}.") from None
+
+
 @attrs.define
 class Store:
-    """A file that is being written; ``done`` has the runs that are in it. ``path`` None keeps nothing.
+    """Files that are being written; ``done`` has the runs that are in them. ``path`` None keeps nothing.
 
     ``parameters`` are the columns of the plan, of ``runs`` values each.
     """
@@ -85,10 +94,13 @@ class Store:
                 raise DataError(f"{self.path} holds another study: {_differs(other[0], before.facts, self.facts)}. "
                                 "Name another file, or remove that one to begin anew.")  # fmt: skip
             if before.heading != self.heading:
-                raise DataError(f"{self.path}:2: the heading has been changed; it was {','.join(self.heading)}.")
+                raise DataError(f"{self.path}:1: the heading has been changed; it was {','.join(self.heading)}.")
             for run, row in before.rows.items():
                 self._check(run, row)
             self.done.update(before.rows)
+        from tsmblocks.files import replace_file
+
+        replace_file(facts_of(self.path), json.dumps(self.facts, ensure_ascii=False, indent=1) + "\n")
         self.finish()
 
     def _check(self, run: int, row: Sequence[str]) -> None:
@@ -117,8 +129,7 @@ class Store:
             return
         from tsmblocks.files import replace_file
 
-        text = MARK + json.dumps(self.facts, ensure_ascii=False) + "\n" + _text([self.heading])
-        replace_file(self.path, text + _text((k, *self.done[k]) for k in sorted(self.done)))
+        replace_file(self.path, _text([self.heading]) + _text((k, *self.done[k]) for k in sorted(self.done)))
 
 
 def written(value: Any) -> str:

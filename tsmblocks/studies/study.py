@@ -43,12 +43,15 @@ def study(
     (``{"error [deg]": "…"}`` says the unit); by default the tracking errors. Runs go side by side in SIMD lanes and
     threads of this process, or on any ``concurrent.futures.Executor``, Dask's ``Client.get_executor()`` included.
 
-    With ``out`` (a .csv file) results are written as they come. The same call goes on where an earlier one was
-    stopped, and ends with the same bytes. Ctrl-C ends the study with what there is. ``progress(done, all)`` is called
-    as runs end. ``title`` is the diagram's unless given. Other arguments as for ``simulate``. A run that is not
-    finite has NaN for its metrics. Raises ParameterError, DataError or RunError as ``simulate_batch`` and ``metric``
-    do, before anything is run.
+    With ``out`` (a .csv file) results are written as they come; what the study is stands in a ``.study.json`` beside
+    it. The same call goes on where an earlier one was stopped, and ends with the same bytes. Ctrl-C ends the study
+    with what there is. ``progress(done, all)`` is called as runs end. ``title`` is the diagram's unless given. Other
+    arguments as for ``simulate``. A run that is not finite has NaN for its metrics. Raises ParameterError, DataError or
+    RunError as ``simulate_batch`` and ``metric`` do, before anything is run.
     """
+    if isinstance(diagram, Mapping):
+        raise ParameterError("study runs one diagram; of several, make a study each: "
+                             "{name: study(one, plan, metrics) for name, one in diagrams.items()}.")  # fmt: skip
     diagram, plan = prepared(diagram), planned(plan)
     how = dict(stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold,
                backend=backend)  # fmt: skip
@@ -131,7 +134,7 @@ class _Asked:
         return {
             "format": FORMAT, "title": self.title, "runs": self.count, "kind": self.kind, "version": __version__,
             "diagram": _digest(_described(self.diagram)), "plan": _digest(*values), "inputs": _digest(*driven),
-            "metrics": {one.name: one.text for one in self.metrics},
+            "metrics": {one.asked: one.text for one in self.metrics},
             "units": {one.name: one.unit for one in self.metrics}, "parameters": self.own,
             "start": times.start, "step": times.h, "steps": times.steps, "method": how["method"],
         }  # fmt: skip
@@ -145,7 +148,7 @@ class _Asked:
         return Results(
             self.title, self.kind, self.count, runs, {k: v[runs] for k, v in self.columns.items()}, values,
             {one.name: one.unit for one in self.metrics}, {one.name: one.text for one in self.metrics}, self.own,
-            status, store.path, self.diagram,
+            status, store.path, self.diagram, {one.name: one.asked for one in self.metrics},
         )  # fmt: skip
 
 

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import attrs
 
+from tsmblocks import units
 from tsmblocks.data import heading
 from tsmblocks.diagram import Diagram
-from tsmblocks.tables import few, in_parts
+from tsmblocks.frames import frame, need
+from tsmblocks.metrics import named
+from tsmblocks.tables import WIDTH, columns, few
+from tsmblocks.tuning.limits import Limit
+
+TOUCHING = 1e-6
+"""Distance from a bound, as a share of the way between the bounds, that counts as none."""
+CASES = 12
+"""Cases that are shown."""
 
 
 @attrs.frozen(eq=False)
@@ -17,8 +27,9 @@ class Tuned:
     """Parameters found. ``before`` and ``after`` map cases to metrics by name, with the diagrams' numbers and these.
 
     ``diagrams`` are the diagrams with the numbers, by case as they were given; ``met`` whether all limits hold
-    everywhere, ``objective`` the metric that was to be small. ``remarks`` say which limits do not hold, and which
-    numbers lie on a bound or change nothing.
+    everywhere, ``objective`` the name of the metric that was to be small, in ``units`` as all others. ``own`` are the
+    diagrams' own numbers, ``bounds`` what was searched. Of ``starts`` searches ``agreeing`` ended about as low as the
+    best; ``hunting`` says in words which signals go to and fro far more than before.
     """
 
     values: Mapping[str, float]
@@ -28,8 +39,13 @@ class Tuned:
     before: Mapping[str, Mapping[str, float]] = attrs.field(repr=False)
     after: Mapping[str, Mapping[str, float]] = attrs.field(repr=False)
     met: bool
-    status: str = "complete"
-    remarks: tuple[str, ...] = ()
+    status: str
+    own: Mapping[str, float]
+    bounds: Mapping[str, tuple[float, float]]
+    limits: Sequence[Limit] = attrs.field(repr=False)
+    starts: int
+    agreeing: int
+    hunting: tuple[str, ...] = ()
 
     @property
     def diagram(self) -> Diagram:
@@ -42,18 +58,77 @@ class Tuned:
         before, after = (max(case[self.objective] for case in side.values()) for side in (self.before, self.after))
         return before, after
 
+    @property
+    def improved(self) -> bool:
+        """Whether these are other numbers than the diagrams' own."""
+        return dict(self.values) != dict(self.own)
+
+    @property
+    def at_bounds(self) -> dict[str, str]:
+        """Numbers at a bound, and at which side."""
+        made = {}
+        for name, (low, high) in self.bounds.items():
+            for bound, side in ((low, "lower"), (high, "upper")):
+                if abs(self.values[name] - bound) <= TOUCHING * (high - low):
+                    made[name] = side
+        return made
+
+    @property
+    def beware(self) -> list[str]:
+        """What a reader should know before taking these numbers, in words."""
+        made = [] if self.met else ["not every limit is met"]
+        if self.status != "complete":
+            made.append("interrupted: these are the best numbers so far")
+        if not self.improved:
+            made.append("nothing better was found than the diagram's own numbers")
+        if self.starts > 1 and self.agreeing == 1:
+            made.append("no two starts ended here: more starts may find better numbers")
+        held = [f"{name} is at its {side} bound ({self.values[name]:.4g})" for name, side in self.at_bounds.items()]
+        if held and self.improved:
+            made.append(f"{', '.join(held)}: beyond it there may be better numbers")
+        return [*made, *self.hunting]
+
+    def title(self, name: str) -> str:
+        """A metric by name as tables and plots show it: its unit (degrees for angles) and the limits it is to keep."""
+        k, unit = units.for_people(self.units[name])
+        most = [f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}"
+                for one in self.limits if one.name == name]  # fmt: skip
+        return ", ".join([heading(named(name)[0], unit), *most])
+
     def to_dict(self) -> dict[str, Any]:
         """The result as plain values."""
         return {"values": dict(self.values), "objective": self.objective, "worst": self.worst, "met": self.met,
-                "status": self.status, "remarks": list(self.remarks),
-                "before": {k: dict(v) for k, v in self.before.items()},
-                "after": {k: dict(v) for k, v in self.after.items()}}  # fmt: skip
+                "status": self.status, "before": {k: dict(v) for k, v in self.before.items()},
+                "after": {k: dict(v) for k, v in self.after.items()}, "units": dict(self.units),
+                "own": dict(self.own), "bounds": {k: list(v) for k, v in self.bounds.items()},
+                "starts": {"tried": self.starts, "agreeing": self.agreeing}, "beware": self.beware}  # fmt: skip
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per case and side (``"before"``, ``"tuned"``): metrics, their units in ``attrs``.
+
+        Needs pandas.
+        """
+        pd = need("pandas")
+        sides = {"before": self.before, "tuned": self.after}
+        rows = [(case, side) for case in self.after for side in sides]
+        index = pd.MultiIndex.from_tuples(rows, names=["case", "numbers"])
+        names = next(iter(self.after.values()))
+        return frame({name: [sides[side][case][name] for case, side in rows] for name in names}, index,
+                     units=self.units)  # fmt: skip
+
+    def plot(self, *metrics: str, ax: Any = None) -> Any:
+        """Each metric in each case, before and tuned; see ``plots.plot_tuned``. Needs matplotlib."""
+        from tsmblocks.plots import plot_tuned
+
+        return plot_tuned(self, metrics, ax)
 
     def __repr__(self) -> str:
         found = few(f"{k} {v:.4g}" for k, v in self.values.items())
-        before, after = self.worst
+        k, unit = units.for_people(self.units[self.objective])
+        before, after = (f"{k * v:.4g}" for v in self.worst)
         ends = "" if self.met else ", not every limit is met"
-        return f"Tuned({found}; {self.objective} {before:.4g} -> {after:.4g}{ends})"
+        ends += ", it hunts" if self.hunting else ""
+        return f"Tuned({found}; {heading(named(self.objective)[0], unit)} {before} -> {after}{ends})"
 
     def _repr_html_(self) -> str:
         from tsmblocks.notebook import tuned_card
@@ -61,13 +136,35 @@ class Tuned:
         return tuned_card(self)
 
     def __str__(self) -> str:
-        names = list(next(iter(self.after.values())))
-        rows = [("", *(x for name in names for x in (heading(name, self.units[name]), "tuned")))]
-        shown = list(self.after)[:12]
-        for case in shown:
-            cells = [f"{side[case][name]:.4g}" for name in names for side in (self.before, self.after)]
-            rows.append((case, *cells))
-        more = f"\n… ({len(self.after)} in all)" if len(self.after) > len(shown) else ""
-        found = ", ".join(f"{k} {v:.4g}" for k, v in self.values.items())
-        ends = "".join(f"\n- {text}" for text in self.remarks)
-        return f"{found}{ends}\n\n{in_parts(rows, together=2)}{more}"
+        k, unit = units.for_people(self.units[self.objective])
+        before, after = (f"{k * v:.4g}" for v in self.worst)
+        cases = f", the worst of {len(self.after)} cases" if len(self.after) > 1 else ""
+        agree = f"; {self.agreeing} of {self.starts} starts ended there" if self.starts > 1 else ""
+        head = textwrap.fill(f"{heading(named(self.objective)[0], unit)} {before} -> {after}{cases}{agree}", WIDTH)
+        numbers: list[Sequence[str]] = [("parameter", "before", "tuned", "from", "to", "")]
+        at = self.at_bounds
+        for name, value in self.values.items():
+            shown = (f"{v:.4g}" for v in (self.own[name], value, *self.bounds[name]))
+            numbers.append((name, *shown, f"at its {at[name]} bound" if name in at else ""))
+        parts = [head, columns(numbers, left=(0, 5)), columns(self._measured())]
+        if self.beware:
+            parts.append("\n".join(["beware:", *map(_bullet, self.beware)]))
+        return "\n\n".join(parts)
+
+    def _measured(self) -> list[tuple[str, str, str]]:
+        """Rows of all metrics, before and tuned, in degrees where they are angles; an empty row between two."""
+        shown, rows = list(self.after)[:CASES], list[tuple[str, str, str]]()
+        more = [(f"… ({len(self.after)} in all)", "", "")] if len(self.after) > len(shown) else []
+        for name in next(iter(self.after.values())):
+            k, _ = units.for_people(self.units[name])
+            rows += [("", "", "")] if rows else []
+            rows.append((self.title(name), "before", "tuned"))
+            rows += [(case, f"{k * self.before[case][name]:.4g}", f"{k * self.after[case][name]:.4g}")
+                     for case in shown]  # fmt: skip
+            rows += more
+        return rows
+
+
+def _bullet(text: str) -> str:
+    return textwrap.fill(text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False,
+                         break_on_hyphens=False)  # fmt: skip

@@ -1,0 +1,299 @@
+"""The search behind ``tune``: exact gradients, constraints, several starts, the worst of several plants."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.batch import sensitivities
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import RunError
+from tsmblocks.metrics import Metric
+from tsmblocks.studies import Uniform, latin_hypercube, study, table
+from tsmblocks.tuning.limits import Limit
+from tsmblocks.tuning.slopes import Sloped, sloped
+
+SHARP = (0.05, 0.01, 0.002)
+"""How far a peak or a share is rounded, as a share of the signal's size, in one search after another."""
+TRIED = 64
+"""Sets that are looked at before the searches, for each of them to begin at a good one."""
+APART = 1e-4
+"""Share of a number's bounds over which a margin is differentiated."""
+STEPS = 40
+"""Steps of one search at most."""
+LAST_STEPS = 8
+"""Steps of the last search, with curvature, at most."""
+FIRST, NARROWEST, NEAR = 0.1, 1e-5, 0.05
+"""Width of the region that is trusted at first and at last, and that of the last search, as shares of the bounds."""
+PRICE = 10.0
+"""What exceeding a limit by its own size costs, in sizes of the goal."""
+MET = 1e-3
+"""Share of a limit by which it may be missed and still counts as met."""
+SAME = 0.01
+"""Share by which the ends of two searches may differ and still count as the same."""
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@attrs.frozen(eq=False)
+class Search:
+    """The problem: cases, free numbers with bounds, what is to be small and what is to hold."""
+
+    cases: Mapping[str, Diagram]
+    bounds: Mapping[str, Uniform]
+    goal: Metric
+    limits: Sequence[Limit]
+    how: Mapping[str, Any]
+    threads: int | None
+
+    @property
+    def metrics(self) -> list[Metric]:
+        """What is measured in the runs: the goal, then what the limits name, each once."""
+        named = (self.goal, *(one.metric for one in self.limits if one.metric is not None))
+        return list({one.asked: one for one in named}.values())
+
+    @property
+    def units(self) -> dict[str, str]:
+        """All that is measured, by name, with its unit."""
+        return {self.goal.asked: self.goal.unit, **{one.name: one.unit for one in self.limits}}
+
+    def measured(self, sets: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
+        """Metrics and margins (sets,) of each case, without rounding."""
+        plan = table({name: [one[name] for one in sets] for name in self.bounds})
+        texts = {one.asked: one.text for one in self.metrics}
+        made = {}
+        for case, diagram in self.cases.items():
+            found = study(diagram, plan, texts, threads=self.threads, **self.how)
+            made[case] = {one.asked: found[one.asked] for one in self.metrics}
+            for one in self.limits:
+                if one.metric is None:
+                    margins = [one.margin_of(diagram.with_parameters(numbers)) for numbers in sets]
+                    made[case][one.name] = np.array(margins)
+                else:
+                    made[case][one.name] = found[one.metric.asked]
+        return made
+
+    @property
+    def watched(self) -> list[str]:
+        """Signals that the goal and the limits name, and outputs of the diagrams."""
+        named = [name for one in self.metrics for name in one.signals]
+        return list(dict.fromkeys([*named, *next(iter(self.cases.values())).outputs]))
+
+    def _scores(self, found: Mapping[str, Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+        """The goal in the worst case and the largest excess of a limit, each (sets,); infinite where not finite."""
+        goal = np.max([one[self.goal.asked] for one in found.values()], axis=0)
+        over = [limit.excess(one[limit.name]) for limit in self.limits for one in found.values()]
+        most = np.max(over, axis=0) if over else np.full(len(goal), -np.inf)
+        bad = ~np.isfinite(goal) | np.isnan(most)
+        return np.where(bad, np.inf, goal), np.where(bad, np.inf, most)
+
+    def promising(self, own: Mapping[str, float], count: int, seed: int) -> list[dict[str, float]]:
+        """The best of some random sets, those that meet the limits first.
+
+        Raises what measuring the diagrams' ``own`` numbers raises, for no random set too.
+        """
+        plan = latin_hypercube(self.bounds, max(TRIED, 4 * count), seed=seed)
+        sets = [plan.row(k) for k in range(len(plan) if count else 0)]
+        goal, over = (side[1:] for side in self._scores(self.measured([own, *sets])))
+        order = np.lexsort((goal, np.maximum(over, MET)))
+        return [sets[k] for k in order[:count] if np.isfinite(goal[k])]
+
+    def walk(self, begin: Mapping[str, float], trail: list[dict[str, float]]) -> None:
+        """Search from a set, for one sharpness after another, each from where the last one ended.
+
+        Every set on the way is put on the ``trail``: where a search ends the limits often just hold, and another way
+        to run the same numbers may find that they just do not.
+        """
+        z = np.clip([self._scaled(name, begin[name]) for name in self.bounds], 0.0, 1.0)
+        rounded = any(one.rounded for one in self._marks)
+        for sharp in SHARP if rounded else SHARP[-1:]:
+            z = self._searched(z, sharp, trail)
+
+    def _searched(self, z: np.ndarray, sharp: float, trail: list[dict[str, float]]) -> np.ndarray:
+        """Where a search ends: steps by linear programs within a region that is trusted, then one with curvature.
+
+        Source: Madsen, J. Inst. Maths Applics 16 (1975), doi 10.1093/imamat/16.3.321, for the linear programs.
+        """
+        from scipy.optimize import minimize
+
+        at = self._remembered(sharp, trail)
+        if not np.isfinite(self._merit(*at(z)[:2])):
+            return z
+        z = self._stepped(z, at)
+        size = max(abs(float(at(z)[0].max())), 1e-9)
+        last = np.eye(len(z) + 1)[-1]
+
+        def room(v: np.ndarray) -> np.ndarray:
+            goal, over, *_ = at(v[:-1])
+            return np.concatenate([v[-1] - goal / size, -over])
+
+        def slope(v: np.ndarray) -> np.ndarray:
+            _, _, by, beyond = at(v[:-1])
+            return np.vstack([np.column_stack([-by / size, np.ones(len(by))]),
+                              np.column_stack([-beyond, np.zeros(len(beyond))])])  # fmt: skip
+
+        found = minimize(
+            lambda v: v[-1], np.append(z, float(at(z)[0].max()) / size), jac=lambda _: last, method="SLSQP",
+            bounds=[(max(v - NEAR, 0.0), min(v + NEAR, 1.0)) for v in z] + [(None, None)],
+            options={"maxiter": LAST_STEPS, "ftol": 1e-8}, constraints=[{"type": "ineq", "fun": room, "jac": slope}],
+        ).x[:-1]  # fmt: skip
+        end = np.clip(found, 0.0, 1.0) if np.isfinite(found).all() else z
+        return min((z, end), key=lambda one: self._merit(*at(one)[:2]))
+
+    def _stepped(self, z: np.ndarray, at: Callable[[np.ndarray], Rows]) -> np.ndarray:
+        """Steps, each to where the linear model of everything is least within a region, as wide as it proves right."""
+        from scipy.optimize import linprog
+
+        width, best = FIRST, self._merit(*at(z)[:2])
+        for _ in range(STEPS):
+            goal, over, by, beyond = at(z)
+            size, count = max(float(np.abs(goal).max()), 1e-9), len(z)
+            # of the step d, the worst case s and the excess e: min s + PRICE e with s, e above all linear models
+            A = np.vstack([np.column_stack([by / size, -np.ones(len(by)), np.zeros(len(by))]),
+                           np.column_stack([beyond, np.zeros(len(beyond)), -np.ones(len(beyond))])])  # fmt: skip
+            b = np.concatenate([-goal / size, -over])
+            region = [(max(-width, -v), min(width, 1.0 - v)) for v in z]
+            found = linprog([*np.zeros(count), 1.0, PRICE], A, b, bounds=[*region, (None, None), (0.0, None)])
+            if found.x is None:
+                break
+            ahead = np.clip(z + found.x[:count], 0.0, 1.0)
+            merit = self._merit(*at(ahead)[:2])
+            if merit < best - 1e-9 * abs(best):
+                width = min(2.0 * width, 0.5)
+                z, best = ahead, merit
+            else:
+                width *= 0.3
+            if width < NARROWEST:
+                break
+        return z
+
+    def _merit(self, goal: np.ndarray, over: np.ndarray) -> float:
+        """The worst case, and what limits are exceeded at a price; infinite where something is no number."""
+        if not (np.isfinite(goal).all() and np.isfinite(over).all()):
+            return math.inf
+        return float(goal.max()) + PRICE * max(float(over.max(initial=0.0)), 0.0) * max(float(np.abs(goal).max()), 1e-9)
+
+    def _remembered(self, sharp: float, trail: list[dict[str, float]]) -> Callable[[np.ndarray], Rows]:
+        """The rows at a point, the last few points kept; every point is put on the trail."""
+        known: dict[bytes, Rows] = {}
+
+        def at(z: np.ndarray) -> Rows:
+            key = z.tobytes()
+            if key not in known:
+                if len(known) > 3:
+                    known.pop(next(iter(known)))
+                known[key] = self._rows(z, sharp)
+                trail.append(self._values(z))
+            return known[key]
+
+        return at
+
+    @cached_property
+    def _marks(self) -> list[Sloped]:
+        """What is differentiated: the goal, then each limit's metric."""
+        return [sloped(self.goal), *(sloped(one.metric) for one in self.limits if one.metric is not None)]
+
+    def _rows(self, z: np.ndarray, sharp: float) -> Rows:
+        """All that the goal is the largest of (m,), how far limits are exceeded (k,), and the slopes of both."""
+        (goal, by), *others = self._pieces(z, self._marks, sharp)
+        pieces = iter(others)
+        over, beyond = [np.empty(0)], [np.empty((0, len(z)))]
+        for one in self.limits:
+            found, along = next(pieces) if one.metric is not None else self._margins(one, z)
+            over.append(one.excess(found))
+            beyond.append(one.sign / max(abs(one.most), 1e-9) * along)
+        return goal, np.concatenate(over), np.nan_to_num(by), np.nan_to_num(np.vstack(beyond))
+
+    def _pieces(self, z: np.ndarray, marks: Sequence[Sloped], sharp: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each of ``marks`` its values in all cases, and their derivatives by the scaled numbers."""
+        numbers = self._values(z)
+        by = np.array([self._slope(name, numbers[name]) for name in self.bounds])
+        wanted = list(dict.fromkeys(name for one in marks for name in one.metric.signals))
+        found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in marks]
+        for diagram in self.cases.values():
+            run = sensitivities(diagram.with_parameters(numbers), list(self.bounds), outputs=wanted, **self.how)
+            signals = {name: run.y[:, k] for k, name in enumerate(wanted)}
+            along = {name: run.jacobian[:, k] for k, name in enumerate(wanted)}
+            with np.errstate(all="ignore"):
+                for mine, mark in zip(found, marks, strict=True):
+                    mine.append(mark(run.t, signals, along, sharp))
+        return [(np.concatenate([v for v, _ in mine]), np.vstack([w for _, w in mine]) * by) for mine in found]
+
+    def _margins(self, one: Limit, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A margin in all cases, and its derivatives by central differences: a linear model costs next to nothing."""
+        points = [z, *(np.clip(z + side * APART * row, 0.0, 1.0) for row in np.eye(len(z)) for side in (1, -1))]
+        found = np.array([[one.margin_of(d.with_parameters(self._values(p))) for p in points]
+                          for d in self.cases.values()])  # fmt: skip
+        width = np.array([np.abs(a - b).max() for a, b in zip(points[1::2], points[2::2], strict=True)])
+        return found[:, 0], (found[:, 1::2] - found[:, 2::2]) / width
+
+    # ---- scaled numbers
+
+    def _scaled(self, name: str, value: float) -> float:
+        one = self.bounds[name]
+        if one.log:
+            return math.log(max(value, one.low) / one.low) / math.log(one.high / one.low)
+        return (value - one.low) / (one.high - one.low)
+
+    def _values(self, z: np.ndarray) -> dict[str, float]:
+        return {name: float(one.quantile(np.asarray(v)))
+                for (name, one), v in zip(self.bounds.items(), z, strict=True)}  # fmt: skip
+
+    def _slope(self, name: str, value: float) -> float:
+        one = self.bounds[name]
+        return value * math.log(one.high / one.low) if one.log else one.high - one.low
+
+    # ---- what comes out
+
+    def judged(self, own: Mapping[str, float], trails: Sequence[Sequence[Mapping[str, float]]]) -> Judged:
+        """The diagrams' ``own`` numbers and all sets of some trails, measured."""
+        sets = [own, *(one for trail in trails for one in trail)]
+        found = self.measured(sets)
+        goal, over = self._scores(found)
+        ends = np.cumsum([1, *(len(trail) for trail in trails)])
+        of = [np.arange(a, b) for a, b in pairwise(ends)]
+        return Judged(sets, found, goal, over, [_best(goal, over, among) for among in of if len(among)])
+
+
+@attrs.frozen(eq=False)
+class Judged:
+    """Sets of numbers, the diagrams' own ones first, with what was ``found``: metrics (sets,) by case and name.
+
+    ``goal`` and ``over`` (sets,) are the goal in the worst case and the largest excess of a limit; ``ends`` are the
+    positions of the best set of each trail.
+    """
+
+    sets: Sequence[Mapping[str, float]]
+    found: Mapping[str, Mapping[str, np.ndarray]]
+    goal: np.ndarray
+    over: np.ndarray
+    ends: Sequence[int]
+
+    @property
+    def best(self) -> int:
+        """Position of the best set. Raises RunError where no run of any set comes to its end."""
+        k = _best(self.goal, self.over, np.array(self.ends))
+        if not np.isfinite(self.goal[k]):
+            raise RunError("no set of numbers was found with which every case runs to its end.")
+        return k
+
+    @property
+    def agreeing(self) -> int:
+        """How many trails have a set about as good as the best."""
+        best, ends = self.best, np.array(self.ends)
+        near = np.abs(self.goal[ends] - self.goal[best]) <= SAME * abs(self.goal[best])
+        return int(np.sum(near & (np.maximum(self.over[ends], MET) <= max(self.over[best], MET) + SAME)))
+
+    def of(self, k: int) -> dict[str, dict[str, float]]:
+        """What was found with a set, by case and name."""
+        return {case: {name: float(v[k]) for name, v in each.items()} for case, each in self.found.items()}
+
+
+def _best(goal: np.ndarray, over: np.ndarray, among: np.ndarray) -> int:
+    """Of the sets that meet the limits the one with the smallest goal, else the one that nearly does."""
+    return int(among[np.lexsort((goal[among], np.maximum(over[among], MET)))[0]])
