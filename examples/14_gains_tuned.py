@@ -1,8 +1,13 @@
 """Which gains should the tip's PID have? Tuned on the paper's three signals, and tried on a thousand plants.
 
+A limit on the voltage alone is not enough: at each reversal the loop then hunts at 25 Hz, which makes the error small
+and the drive hot, and no linear margin shows it. So the voltage is also limited in how far it goes to and fro.
+
 The plants are those that a noisy recording leaves possible: drawn from the covariance of a fit. The compensator keeps
 the numbers it was built with.
 """
+
+import textwrap
 
 import numpy as np
 
@@ -17,25 +22,28 @@ SIGNALS = {
     "0.25 and 0.43 Hz": ((HALF, HALF), (0.25, 0.25 * 3**0.5)),
 }
 ERROR = "peak_to_peak(x_ref - x_out, after=10)"
+TO_AND_FRO = "variation(u, after=10)"
+METRICS = {"error [deg]": ERROR, "u to and fro": TO_AND_FRO}
 
 fig16 = tsm.load("fig16_feedforward_feedback")
 loops = {
     name: fig16.replace("ref", MultiSine(amplitudes=sizes, frequencies=rates, phases=(0.0,) * len(sizes)))
     for name, (sizes, rates) in SIGNALS.items()
 }
-tuned = tsm.tune(
-    loops,
-    {"pid.kp": (0.1, 5.0), "pid.ki": (0.0, 20.0), "pid.kd": (0.0, 0.1)},
-    ERROR,
-    subject_to=["largest(u) <= 12"],
-    stop=20.0,
-    step=2e-3,
-    starts=2,
-)
-print("tuned: " + ", ".join(f"{name} {value:.3f}" for name, value in tuned.values.items()))
-for name in loops:
-    before, after = (np.rad2deg(side[name][ERROR]) for side in (tuned.before, tuned.after))
-    print(f"{name:17} {before:5.2f} -> {after:5.2f} deg peak to peak")
+
+
+def tuned(*limits):
+    """The gains with the smallest error for the worst of the signals."""
+    free = {"pid.kp": (0.1, 5.0), "pid.ki": (0.0, 20.0), "pid.kd": (0.0, 0.1)}
+    return tsm.tune(loops, free, {"error [deg]": ERROR}, subject_to=limits, stop=20.0, step=2e-3, starts=2)
+
+
+bold = tuned("largest(u) <= 12")
+before, after = bold.worst
+print(f"With 12 V allowed, {before:.2f} -> {after:.2f} deg, but")
+print(textwrap.fill(bold.hunting[0], 80))
+calm = tuned("largest(u) <= 12", f"{TO_AND_FRO} <= 50")
+print(f"\nWith 50 V of changes allowed in 10 s as well:\n{calm}\n")
 
 # What a recording of 20 s with noise of 0.3 deg leaves possible.
 rng = np.random.default_rng(0)
@@ -50,11 +58,13 @@ fit = tsm.fit(plant, record)
 draws = monte_carlo(fit, runs=1000, seed=1)
 plants = table({name: draws[name] for name in draws.names if name.startswith("tsm.")})
 
-print("over 1000 plants  paper's gains: median, 95 %   tuned: median, 95 %")
+print("over 1000 plants   error [deg]: median, 95 %          u to and fro [V]: median, 95 %")
+print("                   the paper's gains       tuned     the paper's gains       tuned")
 for name, loop in loops.items():
     cells = []
-    for diagram in (loop, loop.with_parameters(tuned.values)):
-        found = tsm.study(diagram, plants, {"error [deg]": ERROR}, stop=20.0, step=2e-3)
-        spread = found.quantiles("error")
-        cells += [spread["median"], spread["95 %"]]
-    print(f"{name:17} {cells[0]:20.2f} {cells[1]:8.2f} {cells[2]:14.2f} {cells[3]:7.2f}")
+    for metric in ("error", "u to and fro"):
+        for gains in ({}, calm.values):
+            found = tsm.study(loop.with_parameters(gains), plants, METRICS, stop=20.0, step=2e-3)
+            spread = found.quantiles(metric)
+            cells.append(f"{spread['median']:.2f} {spread['95 %']:.2f}")
+    print(f"{name:17} {cells[0]:>18} {cells[1]:>11} {cells[2]:>21} {cells[3]:>11}")

@@ -97,12 +97,12 @@ def _said(
 ) -> str:  # fmt: skip
     one, *others = found
     factor, unit = known_units.for_people(units.get(one.name, ""))
-    grown = f"{one.growth:.3g} times as far as before" if one.before > 1e-9 * one.after else "to and fro"
+    grown = f"{one.growth:.2g} times as far as before" if one.before > 1e-9 * one.after else "to and fro"
     often = _swings(cases[one.case].with_parameters(values), one.name, goal, how)
     swings = f", mostly in swings of {often:.3g} Hz" if often else ""
     more = f"; so do {few(other.name for other in others)}" if len(others) > 1 else ""
     more = f"; so does {others[0].name}" if len(others) == 1 else more
-    sizes = f"{factor * one.before:.4g} -> {factor * one.after:.4g}{f' {unit}' if unit else ''}"
+    sizes = f"{factor * one.before:.3g} -> {factor * one.after:.3g}{f' {unit}' if unit else ''}"
     limit = f"variation({one.name}{_window(goal)}) <= {most:.2g}"
     return (f"the loop hunts in case '{one.case}': {one.name} goes {grown} ({sizes} of changes in all){swings}{more}. "
             f"To prevent it: subject_to=['{limit}']")  # fmt: skip
