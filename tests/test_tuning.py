@@ -211,6 +211,14 @@ def test_what_is_found_is_told_in_degrees_with_before_and_bounds():
     assert repr(found) == "Tuned(r.amplitude 0.5; error [deg] 114.6 -> 85.94)"
 
 
+def test_of_many_plants_the_worst_are_shown():
+    plants = table({"plant.gain": [1.0 + 0.1 * k for k in range(20)]})
+    found = tune(scaled(), {"gain.gain": (0.5, 5.0)}, "largest(y)", plants=plants, starts=1, stop=0.1, step=0.01)
+    shown = [line.split()[2] for line in str(found).splitlines() if line.startswith("scaled, plant")]
+    assert shown == [str(k) for k in range(8, 20)]
+    assert "… (20 in all, the worst shown)" in str(found)
+
+
 def test_limits_that_cannot_be_met_are_told():
     never = tune(
         scaled(), {"gain.gain": (0.1, 0.5)}, "largest(y - 0.7)", subject_to=["highest(y) >= 1.0"], stop=0.1, step=0.01

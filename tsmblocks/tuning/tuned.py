@@ -19,7 +19,7 @@ from tsmblocks.tuning.limits import Limit
 TOUCHING = 1e-6
 """Distance from a bound, as a share of the way between the bounds, that counts as none."""
 CASES = 12
-"""Cases that are shown."""
+"""Cases that are shown: those where the objective is largest."""
 
 
 @attrs.frozen(eq=False)
@@ -153,8 +153,9 @@ class Tuned:
 
     def _measured(self) -> list[tuple[str, str, str]]:
         """Rows of all metrics, before and tuned, in degrees where they are angles; an empty row between two."""
-        shown, rows = list(self.after)[:CASES], list[tuple[str, str, str]]()
-        more = [(f"… ({len(self.after)} in all)", "", "")] if len(self.after) > len(shown) else []
+        worst = sorted(self.after, key=lambda case: -self.after[case][self.objective])[:CASES]
+        shown, rows = [case for case in self.after if case in worst], list[tuple[str, str, str]]()
+        more = [(f"… ({len(self.after)} in all, the worst shown)", "", "")] if len(self.after) > len(shown) else []
         for name in next(iter(self.after.values())):
             k, _ = units.for_people(self.units[name])
             rows += [("", "", "")] if rows else []
