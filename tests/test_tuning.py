@@ -224,13 +224,26 @@ def test_limits_that_cannot_be_met_are_told():
         scaled(), {"gain.gain": (0.1, 0.5)}, "largest(y - 0.7)", subject_to=["highest(y) >= 1.0"], stop=0.1, step=0.01
     )
     assert not never.met
-    assert "- not every limit is met" in str(never)
+    assert never.remarks == (
+        "highest(y) >= 1.0 is not met: it is 0.5",
+        "gain.gain is at its upper bound (0.5): beyond it there may be better numbers",
+    )
+    assert "\n\nbeware:\n- highest(y) >= 1.0 is not met: it is 0.5\n- gain.gain is at its upper" in str(never)
+    assert never.to_dict()["remarks"] == list(never.remarks)
+
+
+def test_what_changes_nothing_is_told():
+    idle = tsm.Diagram(title="idle", blocks={"s": Sine(amplitude=1.0, frequency=1.0), "g": Gain(), "h": Gain()},
+                       wires=["s -> g", "s -> h"], outputs={"y": "g", "z": "h"})  # fmt: skip
+    found = tune(idle, {"g.gain": (0.1, 5.0), "h.gain": (0.1, 5.0)}, "rms(y - 3 * s.y)", stop=1.0, step=0.01, starts=2)
+    assert found.values["g.gain"] == pytest.approx(3.0, abs=1e-3)
+    assert found.remarks == ("h.gain changes nothing that was asked about",)
 
 
 def test_nothing_better_is_told():
     found = tune(scaled(), {"gain.gain": (1.0, 5.0)}, "largest(y)", stop=0.1, step=0.01, starts=2)
     assert not found.improved
-    assert found.beware == ["nothing better was found than the diagram's own numbers"]
+    assert found.remarks == ("nothing better was found than the diagram's own numbers",)
 
 
 def test_what_is_found_is_a_frame_and_a_figure():
@@ -270,7 +283,7 @@ def test_a_loop_that_hunts_is_told_and_a_limit_prevents_it():
     found = tune(shipped, GAINS, subject_to=["largest(abs(u)) <= 12"], **asked)
     assert far(found.diagram) > 20 * far(shipped)
     (said,) = found.hunting
-    assert said in found.beware
+    assert said in found.remarks
     assert said.startswith("the loop hunts in case 'Feedforward plus PID feedback of the tip': u goes ")
     swings = float(said.split("mostly in swings of ")[1].split(" Hz")[0])
     assert 15 < swings < 35
@@ -306,7 +319,7 @@ REFUSED = {
     "no bounds": (dict(free={"gain.gain": 3}), "'gain.gain' needs bounds (low, high), got 3."),
     "no mapping": (dict(free=["gain.gain"]), "free maps parameters to bounds, such as {'pid.kp': (0.1, 5.0)}, got ['gain.gain']."),
     "unknown": (dict(free={"gain.gian": (0, 1)}), "diagram 'scaled' has no parameter 'gain.gian'. Did you mean 'gain.gain'?"),
-    "upside down": (dict(free={"gain.gain": (2, 1)}), "Uniform needs low < high, got low=2, high=1."),
+    "upside down": (dict(free={"gain.gain": (2, 1)}), "bounds of 'gain.gain': low must be below high, got low=2, high=1."),
     "metric": (dict(minimise="rms(z)"), "metric: there is no signal 'z'."),
     "no slope": (dict(minimise="settling_time(y, 0.1)"), "metric 'settling_time(y, 0.1)': settling_time has no slope, so nothing can be tuned by it."),
     "no limit": (dict(subject_to=["rms(y)"]), "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'."),

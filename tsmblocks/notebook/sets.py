@@ -48,7 +48,9 @@ def tuned_card(found: Tuned) -> str:
              for case, after in found.after.items() for name, (k, _) in people.items()]  # fmt: skip
     k, unit = people[found.objective]
     worst = f"{named(found.objective)[0]} in the worst case: {_ends([k * v for v in found.worst], unit)}"
-    return card("Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(found.beware))
+    return card(
+        "Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(list(found.remarks))
+    )
 
 
 def _ends(values: list[float], unit: str) -> str:

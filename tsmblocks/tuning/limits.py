@@ -21,6 +21,8 @@ from tsmblocks.tuning.slopes import sloped
 EXAMPLE = "Write for example 'largest(u) <= 20'."
 MARGINS = {"gain_margin": (0, ""), "phase_margin": (1, "deg")}
 """Margins by name: their place in what python-control gives, and their unit."""
+MET = 1e-3
+"""Share of a limit by which it may be missed and still counts as met."""
 ENOUGH = {"gain_margin": 1e3, "phase_margin": 180.0}
 """Margins of a loop that never crosses, in their unit; a larger one counts as this."""
 

@@ -16,7 +16,7 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError
 from tsmblocks.metrics import Metric
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
-from tsmblocks.tuning.limits import Limit
+from tsmblocks.tuning.limits import MET, Limit
 from tsmblocks.tuning.slopes import Sloped, sloped
 
 SHARP = (0.05, 0.01, 0.002)
@@ -33,10 +33,10 @@ FIRST, NARROWEST, NEAR = 0.1, 1e-5, 0.05
 """Width of the region that is trusted at first and at last, and that of the last search, as shares of the bounds."""
 PRICE = 10.0
 """What exceeding a limit by its own size costs, in sizes of the goal."""
-MET = 1e-3
-"""Share of a limit by which it may be missed and still counts as met."""
 SAME = 0.01
-"""Share by which the ends of two searches may differ and still count as the same."""
+"""Share, of the goal or of what was gained, by which ends of searches may differ and still count as the same."""
+IDLE = 1e-12
+"""Relative change that is rounding only."""
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -250,6 +250,13 @@ class Search:
 
     # ---- what comes out
 
+    def idle(self, values: Mapping[str, float]) -> list[str]:
+        """Numbers that change neither the goal nor a limit, from bound to bound."""
+        sets = [{**values, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
+        goal, over = self._scores(self.measured([values, *sets]))
+        same = np.isclose(goal, goal[0], rtol=IDLE, atol=0) & ((over == over[0]) | np.isclose(over, over[0], rtol=IDLE))
+        return [name for k, name in enumerate(self.bounds) if same[2 * k + 1 : 2 * k + 3].all()]
+
     def judged(self, own: Mapping[str, float], trails: Sequence[Sequence[Mapping[str, float]]]) -> Judged:
         """The diagrams' ``own`` numbers and all sets of some trails, measured."""
         sets = [own, *(one for trail in trails for one in trail)]
@@ -286,7 +293,8 @@ class Judged:
     def agreeing(self) -> int:
         """How many trails have a set about as good as the best."""
         best, ends = self.best, np.array(self.ends)
-        near = np.abs(self.goal[ends] - self.goal[best]) <= SAME * abs(self.goal[best])
+        gained = self.goal[0] - self.goal[best] if np.isfinite(self.goal[0]) else 0.0
+        near = np.abs(self.goal[ends] - self.goal[best]) <= SAME * max(abs(self.goal[best]), gained)
         return int(np.sum(near & (np.maximum(self.over[ends], MET) <= max(self.over[best], MET) + SAME)))
 
     def of(self, k: int) -> dict[str, dict[str, float]]:

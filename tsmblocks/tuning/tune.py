@@ -10,10 +10,11 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, in_words, near
 from tsmblocks.metrics import Metric, metrics
 from tsmblocks.studies import Plan, Uniform
+from tsmblocks.studies.plans import between
 from tsmblocks.studies.study import signal_units
 from tsmblocks.tuning.hunting import hunting
-from tsmblocks.tuning.limits import limit
-from tsmblocks.tuning.search import MET, Search
+from tsmblocks.tuning.limits import MET, limit
+from tsmblocks.tuning.search import Search
 from tsmblocks.tuning.slopes import sloped
 from tsmblocks.tuning.tuned import Tuned
 
@@ -65,7 +66,7 @@ def tune(
     return Tuned(
         values, made, goal.asked, search.units, judged.of(0), judged.of(best), bool(judged.over[best] <= MET), status,
         own, {name: (one.low, one.high) for name, one in bounds.items()}, limits, len(judged.ends), judged.agreeing,
-        tuple(said),
+        tuple(search.idle(values)), tuple(said),
     )  # fmt: skip
 
 
@@ -131,5 +132,5 @@ def _bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
             low, high = map(float, pair)
         except (TypeError, ValueError):
             raise ParameterError(f"'{name}' needs bounds (low, high), got {in_words(pair)}.") from None
-        made[str(name)] = Uniform(low, high, log=low > 0 and high / low > WIDE)
+        made[str(name)] = between(str(name), low, high, log=low > 0 and high / low > WIDE)
     return made

@@ -14,7 +14,7 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.frames import frame, need
 from tsmblocks.metrics import named
 from tsmblocks.tables import WIDTH, columns, few
-from tsmblocks.tuning.limits import Limit
+from tsmblocks.tuning.limits import MET, Limit
 
 TOUCHING = 1e-6
 """Distance from a bound, as a share of the way between the bounds, that counts as none."""
@@ -29,7 +29,8 @@ class Tuned:
     ``diagrams`` are the diagrams with the numbers, by case as they were given; ``met`` whether all limits hold
     everywhere, ``objective`` the name of the metric that was to be small, in ``units`` as all others. ``own`` are the
     diagrams' own numbers, ``bounds`` what was searched. Of ``starts`` searches ``agreeing`` ended about as low as the
-    best; ``hunting`` says in words which signals go to and fro far more than before.
+    best; ``idle`` are numbers that change nothing, and ``hunting`` says in words which signals go to and fro far more
+    than before. ``remarks`` say all that is to be known of the numbers before they are taken.
     """
 
     values: Mapping[str, float]
@@ -45,6 +46,7 @@ class Tuned:
     limits: Sequence[Limit] = attrs.field(repr=False)
     starts: int
     agreeing: int
+    idle: tuple[str, ...] = ()
     hunting: tuple[str, ...] = ()
 
     @property
@@ -68,15 +70,17 @@ class Tuned:
         """Numbers at a bound, and at which side."""
         made = {}
         for name, (low, high) in self.bounds.items():
+            if name in self.idle:
+                continue
             for bound, side in ((low, "lower"), (high, "upper")):
                 if abs(self.values[name] - bound) <= TOUCHING * (high - low):
                     made[name] = side
         return made
 
     @property
-    def beware(self) -> list[str]:
+    def remarks(self) -> tuple[str, ...]:
         """What a reader should know before taking these numbers, in words."""
-        made = [] if self.met else ["not every limit is met"]
+        made = [self._missed(one) for one in self.limits]
         if self.status != "complete":
             made.append("interrupted: these are the best numbers so far")
         if not self.improved:
@@ -86,7 +90,15 @@ class Tuned:
         held = [f"{name} is at its {side} bound ({self.values[name]:.4g})" for name, side in self.at_bounds.items()]
         if held and self.improved:
             made.append(f"{', '.join(held)}: beyond it there may be better numbers")
-        return [*made, *self.hunting]
+        made += [f"{name} changes nothing that was asked about" for name in self.idle]
+        return tuple(text for text in (*made, *self.hunting) if text)
+
+    def _missed(self, one: Limit) -> str:
+        """How far a limit is missed in the worst case; nothing where it holds."""
+        case, value = max(((c, v[one.name]) for c, v in self.after.items()), key=lambda pair: one.excess(pair[1]))
+        where = f" in case '{case}'" if len(self.after) > 1 else ""
+        missed = f"{one.text} is not met: it is {value:.4g} {one.unit}".rstrip() + where
+        return missed if one.excess(value) > MET else ""
 
     def title(self, name: str) -> str:
         """A metric by name as tables and plots show it: its unit (degrees for angles) and the limits it is to keep."""
@@ -101,7 +113,7 @@ class Tuned:
                 "status": self.status, "before": {k: dict(v) for k, v in self.before.items()},
                 "after": {k: dict(v) for k, v in self.after.items()}, "units": dict(self.units),
                 "own": dict(self.own), "bounds": {k: list(v) for k, v in self.bounds.items()},
-                "starts": {"tried": self.starts, "agreeing": self.agreeing}, "beware": self.beware}  # fmt: skip
+                "starts": {"tried": self.starts, "agreeing": self.agreeing}, "remarks": list(self.remarks)}  # fmt: skip
 
     def to_pandas(self) -> Any:
         """A frame with a row per case and side (``"before"``, ``"tuned"``): metrics, their units in ``attrs``.
@@ -147,8 +159,8 @@ class Tuned:
             shown = (f"{v:.4g}" for v in (self.own[name], value, *self.bounds[name]))
             numbers.append((name, *shown, f"at its {at[name]} bound" if name in at else ""))
         parts = [head, columns(numbers, left=(0, 5)), columns(self._measured())]
-        if self.beware:
-            parts.append("\n".join(["beware:", *map(_bullet, self.beware)]))
+        if self.remarks:
+            parts.append("\n".join(["beware:", *map(_bullet, self.remarks)]))
         return "\n\n".join(parts)
 
     def _measured(self) -> list[tuple[str, str, str]]:
