@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 import tsmblocks as tsm
 from tsmblocks.blocks import PID, Bias, BoucWen, CoulombFriction, Derivative, MotorTransferFunction, Saturation, Sum
 
@@ -83,9 +81,9 @@ def recordings(case, signals=None):
 
 
 def floor_of(case):
-    """The noise of each output as one who knows his sensors would give it, in the diagram's units."""
+    """The noise of each output as one who knows his sensors would give it, with its unit."""
     each = case.floor if isinstance(case.floor, dict) else {"x_out": case.floor}
-    return {k: float(np.deg2rad(v)) if case.units[k] == "deg" else v for k, v in each.items()}
+    return {k: f"{float(v)!r} {case.units[k]}" for k, v in each.items()}
 
 
 def free_of(case):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.cli import console, diagnose, main
+from tsmblocks.cli import console, main
+from tsmblocks.diagnosis.given import asked_floors
 
 T = np.arange(0.0, 6.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
@@ -97,7 +98,8 @@ def test_a_figure_is_drawn_on_request(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words", [("0.2deg",), ("x_out=0.2deg",), ("x_out = 0.2 deg",), (str(np.radians(0.2)),), ("x_out=3.490658504mrad",)]
+    "words",
+    [("0.2deg",), ("x_out=0.2deg",), ("x_out = 0.2 deg",), (f"{np.radians(0.2)}rad",), ("x_out=3.490658504mrad",)],
 )
 def test_a_floor_may_have_a_unit_and_an_output(run, words):
     _, out, _ = run(*BASE[:4], "--effects", "drift", "--noise-floor", *words, "--json", "--no-condition")
@@ -115,11 +117,25 @@ def test_a_floor_without_an_output_goes_to_those_it_measures():
     )
     signals = {"u": T, "x": T, "i": T, "y": T}
     records = {"e": tsm.Record("e", T, signals, {"u": "V", "x": "rad", "i": "V", "y": "rad"})}
-    assert diagnose._floors([diagnose.floor("2mV")], diagram, records) == {"i": 0.002}
-    both = [diagnose.floor("2mV"), diagnose.floor("y=1deg")]
-    assert diagnose._floors(both, diagram, records) == {"i": 0.002, "y": pytest.approx(np.radians(1))}
-    assert diagnose._floors([diagnose.floor("0.5")], diagram, records) == {"i": 0.5, "y": 0.5}
-    assert diagnose._floors([], diagram, records) is None
+    outputs = ("i", "y")
+    asked = lambda given: asked_floors(given, diagram, records, outputs)  # noqa: E731 - four times the same
+    assert asked(["2mV"]) == {"i": (0.002, "2 mV")}
+    assert asked(["2mV", "y=1deg"]) == {"i": (0.002, "2 mV"), "y": (pytest.approx(np.radians(1)), "1 deg")}
+    assert asked(["0.5"]) == asked(0.5) == {"i": (0.5, "0.5 V"), "y": (0.5, "0.5 rad")}
+    assert asked([]) == asked(None) == {}
+
+
+def test_a_number_means_the_unit_of_recording_and_diagram_or_is_refused(run):
+    words = (*BASE[:4], "--effects", "drift", "--noise-floor")
+    assert run(*words, "0.06") == (
+        2,
+        "",
+        (
+            "tsmblocks: --noise-floor 0.06 has no unit, and x_out is in deg in the recording 'full' but compared in "
+            "rad: write '0.06deg' or '0.06rad'.\n"
+        ),
+    )
+    assert run(*words, "x_out=0.06")[2] == run(*words, "0.06")[2]
 
 
 def test_what_was_repaired_is_told_once(run):
@@ -184,11 +200,11 @@ def test_only_what_is_free_is_fitted(run, tmp_path):
         ((*BASE, "--effects", "drfit"), "--effects: 'drfit' names no effect of the catalogue. Did you mean 'drift'?"),
         ((*BASE[:4], "--noise-floor", "0.2V"), "--noise-floor 0.2V: 'V' does not convert to that of x_out [rad]."),
         ((*BASE[:4], "--noise-floor", "0.2dge"), "--noise-floor 0.2dge: 'dge' is not a unit known here. Did you mean 'deg'?"),
-        ((*BASE[:4], "--noise-floor", "x_uot=0.2deg"), "--noise-floor x_uot=…: 'x_uot' is no measured output. Did you mean 'x_out'?"),
+        ((*BASE[:4], "--noise-floor", "x_uot=0.2deg"), "--noise-floor: 'x_uot' is no measured output. Did you mean 'x_out'?"),
         ((*BASE, "0.3deg"), "--noise-floor gives x_out two values; name each output once."),
-        ((*BASE[:4], "--noise-floor", "much"), "argument --noise-floor: 'much' is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg. 'tsmblocks diagnose --help' shows what it takes."),
-        ((*BASE[:4], "--noise-floor", "0"), "argument --noise-floor: '0' is not more than 0. 'tsmblocks diagnose --help' shows what it takes."),
-        ((*BASE[:4], "--noise-floor", "1e999"), "argument --noise-floor: '1e999' is not a number. 'tsmblocks diagnose --help' shows what it takes."),
+        ((*BASE[:4], "--noise-floor", "much"), "--noise-floor: 'much' is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg."),
+        ((*BASE[:4], "--noise-floor", "0"), "--noise-floor: '0' is not more than 0, and finite."),
+        ((*BASE[:4], "--noise-floor", "1e999"), "--noise-floor: '1e999' is not more than 0, and finite."),
         ((*BASE, "--seed", "-1"), "argument --seed: '-1' is not a whole number of at least 0. 'tsmblocks diagnose --help' shows what it takes."),
         ((*BASE, "--out", "full.csv"), "'full.csv' is a file; --out takes a folder."),
         ((*BASE, "--plot", "found.gif"), "'found.gif' must end in .png, .svg or .pdf."),
@@ -210,8 +226,8 @@ def test_an_output_without_noise_asks_for_the_floor(run):
     assert (status, out) == (2, "")
     assert err == (
         "note: full.csv: x_out never changes (it is 0 throughout).\n"
-        "tsmblocks: no noise was found in x_out, so nothing says what counts as a difference. Give the noise floor: "
-        "--noise-floor ….\n"
+        "tsmblocks: no noise was found in x_out, so nothing says what counts as a difference. Give the noise floor "
+        "with its unit: --noise-floor …rad.\n"
     )
 
 
@@ -254,5 +270,7 @@ def test_ctrl_c_keeps_what_was_found(run, monkeypatch, tmp_path):
 
 
 def test_a_terminal_is_told_how_far_the_search_is():
+    from tsmblocks.cli import diagnose
+
     assert diagnose._far("fitted", 2, 5) == "diagnosing: fitted, 2 of 5"
     assert diagnose._far("calibrated", 0, 1) == "diagnosing: calibrated"

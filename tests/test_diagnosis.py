@@ -203,7 +203,7 @@ def test_the_gap_shrinks_on_an_experiment_that_was_never_seen():
     assert names(said) == ["position_ripple"]
     quiet = {unseen.name: conditioned(unseen, ["x_in"])}
     base, augmented = (after(tsm.score(d, quiet, hold="cubic"), 5.0) for d in (said.base, said.augmented))
-    floor = floor_of(case)["x_out"]
+    floor = math.radians(case.floor)
     assert augmented < 1.1 * floor
     assert base > 3 * floor
 
@@ -328,7 +328,8 @@ FAULTS = {
         "there are no recordings to compare with: give a Record (tsm.read), a list, or a mapping.",
     ),
     "floor of nan": (
-        dict(noise_floor=math.nan), ParameterError, "noise_floor of 'x_out' must be a positive number, got nan.",
+        dict(noise_floor=math.nan), ParameterError,
+        "noise_floor must be a positive number, or one with its unit such as '0.05deg', got nan.",
     ),
     "floor of nothing measured": (
         dict(noise_floor={"x_uot": 1.0}), ParameterError,

@@ -16,51 +16,35 @@ search with what was found so far.
 from __future__ import annotations
 
 import argparse
-import re
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tsmblocks.cli import common, console, recordings
-from tsmblocks.errors import near
 
 if TYPE_CHECKING:
-    from tsmblocks.data import Record
     from tsmblocks.diagnosis.result import Diagnosis
-    from tsmblocks.diagram import Diagram
 
 HELP = "find what a model misses, name it, add it, and show how the gap shrinks"
-FLOOR = re.compile(
-    r"(?:(?P<name>[A-Za-z_]\w*)\s*=)?\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*)"
-)
 TYPED = (
-    (r"noise_floor=… \[[^]]*\]", "--noise-floor …"),
+    (r"\bnoise_floor=", "--noise-floor "),
+    (r"^noise_floor\b", "--noise-floor"),
     (r"start=\{'([^']+)': …\}", r"another number of \1 in the diagram"),
     (r"\bfree=\['([^']+)'\]", r"--free '\1'"),
     (r"^(free|effects)\b", r"--\1"),
 )
 """Arguments as messages name them, and as they are typed."""
-FORM = "VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg"
-
-Floor = tuple[str, float, str]
-"""Output (empty for all), number, unit (empty for the output's own)."""
 
 
-def floor(text: str) -> Floor:
+def floor(text: str) -> str:
     """A noise floor: a number, perhaps with its unit, perhaps for one output."""
-    from tsmblocks import units
+    from tsmblocks.diagnosis.given import parsed
+    from tsmblocks.errors import TsmError
 
-    found = FLOOR.fullmatch(text.strip())
-    if not found:
-        raise argparse.ArgumentTypeError(f"'{text}' is not {FORM}")
-    value, unit = common.number(found["value"]), found["unit"].strip()
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not more than 0")
     try:
-        units.parse(unit)
-    except units.UnitError as error:
-        raise common.UsageError(f"--noise-floor {text}: {error}") from None
-    return found["name"] or "", value, unit
+        parsed(text)
+    except TsmError as error:
+        raise common.as_typed(error, TYPED) from None
+    return text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,8 +54,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     add = parser.add_argument_group("search").add_argument
     add("--noise-floor", metavar="VALUE", type=floor, nargs="+", action="extend", default=[],
-        help="rms noise of the outputs, in their unit or with one of its own: 0.05deg, x_out=0.05deg (default: looked "
-        "for in the recordings)")  # fmt: skip
+        help="rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
+        "recordings and of the diagram, and refused where they differ; default: looked for in the data)")  # fmt: skip
     add("--free", metavar="PATTERN", nargs="+", action="extend",
         help="parameters of the diagram that may change, such as 'tsm.*' (default: all)")  # fmt: skip
     add("--effects", metavar="PATTERN", nargs="+", action="extend",
@@ -102,7 +86,7 @@ def execute(args: argparse.Namespace) -> int:
     try:
         with console.progress(_far, quiet=args.json) as tell:
             found = diagnose(
-                diagram, records, free=args.free, noise_floor=_floors(args.noise_floor, diagram, records),
+                diagram, records, free=args.free, noise_floor=args.noise_floor,
                 effects=args.effects, outputs=args.outputs, window=args.window, condition=args.condition,
                 seed=args.seed, step=args.step, progress=tell,
             )  # fmt: skip
@@ -135,40 +119,6 @@ def _saved(found: Diagnosis, folder: Path | None) -> list[str]:
         return []
     found.save(folder)
     return [str(folder / name) for name in NAMES]
-
-
-def _floors(given: Sequence[Floor], diagram: Diagram, records: Mapping[str, Record]) -> dict[str, float] | None:
-    """The noise floors by output, in the diagram's units (of the recordings, where the diagram leaves that open)."""
-    measured = [k for k in diagram.outputs if k not in diagram.inputs and any(k in r for r in records.values())]
-    made: dict[str, float] = {}
-    for name, value, unit in given:
-        if name and name not in measured:
-            raise common.UsageError(f"--noise-floor {name}=…: '{name}' is no measured output.{near(name, measured)}")
-        own = {k: _converted(value, unit, k, diagram, records) for k in ([name] if name else measured)}
-        fitting = {k: v for k, v in own.items() if v is not None}
-        if not fitting:
-            wanted = ", ".join([f"{k} [{diagram.unit(k)}]" for k in own])
-            raise common.UsageError(f"--noise-floor {value:g}{unit}: '{unit}' does not convert to that of {wanted}.")
-        twice = [k for k in fitting if k in made]
-        if twice:
-            raise common.UsageError(f"--noise-floor gives {twice[0]} two values; name each output once.")
-        made |= fitting
-    return made or None
-
-
-def _converted(
-    value: float, unit: str, name: str, diagram: Diagram, records: Mapping[str, Record]
-) -> float | None:  # fmt: skip
-    """A floor in the unit of an output; None where it measures something else."""
-    from tsmblocks import units
-
-    wanted = diagram.unit(name) or next((r.unit(name) for r in records.values() if name in r), "")
-    if not unit or not wanted:
-        return value
-    try:
-        return value * units.factor(unit, wanted)
-    except units.UnitError:
-        return None
 
 
 def _far(stage: str, done: int, of: int) -> str:

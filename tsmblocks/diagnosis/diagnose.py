@@ -18,6 +18,7 @@ from tsmblocks.diagnosis.exchanging import exchanged
 from tsmblocks.diagnosis.finishing import finished
 from tsmblocks.diagnosis.floor import carried, doubtful
 from tsmblocks.diagnosis.folds import parts
+from tsmblocks.diagnosis.given import asked_floors
 from tsmblocks.diagnosis.model import Asked, calibrated
 from tsmblocks.diagnosis.restarts import pieces, remembers
 from tsmblocks.diagnosis.restarts import whole as whole_name
@@ -25,7 +26,7 @@ from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
 from tsmblocks.diagnosis.script import source
 from tsmblocks.diagnosis.segments import Part, in_whole, parted
-from tsmblocks.diagnosis.sensors import Floors, asked_floors, floors
+from tsmblocks.diagnosis.sensors import Floors, floors
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.diagnosis.summing import Work, summed
@@ -68,13 +69,14 @@ def diagnose(
     What is compared: ``outputs`` (by default all that were measured) in ``window`` (start, stop) [s], which may differ
     by experiment; the simulation runs from the start of the recording all the same.
 
-    ``noise_floor`` is the rms noise of the outputs [their units], one number or by output; by default it is looked
-    for in the recordings (repeats, periods, rests). ``condition`` takes the noise out of measured inputs (zero
-    phase, held still at rest), since it would move hysteresis. ``step`` [s] is that of the simulation; by default one
-    is chosen for the base, and the last model gets a finer one where its intervals would not cover the error of the
-    step. ``seed`` makes the random parts repeatable: same data, same seed, same result.
-    ``progress(stage, done, of)`` is called now and then. Ctrl-C ends the search; what was found is returned with
-    ``status`` ``"interrupted"``.
+    ``noise_floor`` is the rms noise of the outputs with its unit, one for all or by output (``"0.06deg"``,
+    ``{"x_out": "0.06deg"}``); a number alone is in the unit of the recordings and of the diagram, and refused where
+    those differ. By default it is looked for in the recordings (repeats, periods, rests). ``condition`` takes the noise
+    out of measured inputs (zero phase, held still at rest), since it would move hysteresis. ``step`` [s] is that of
+    the simulation; by default one is chosen for the base, and the last model gets a finer one where its intervals
+    would not cover the error of the step. ``seed`` makes the random parts repeatable: same data, same seed, same
+    result. ``progress(stage, done, of)`` is called now and then. Ctrl-C ends the search; what was found is returned
+    with ``status`` ``"interrupted"``.
 
     Raises DataError (signals, samples), ParameterError (names, floors), and what ``tsm.fit`` raises.
     """
@@ -85,7 +87,7 @@ def diagnose(
     effects_chosen, seed = _chosen(effects), whole("seed", seed, 0)
     if free is not None:
         chosen(diagram, free)  # names nobody has are told before any work
-    asked_floors(noise_floor, measured)
+    given = asked_floors(noise_floor, diagram, records, measured)
     asked = Asked(None if free is None else tuple(asking.names("free", free, "tsm.*")), {}, (),
                   asking.flag("start_states", start_states), step, integrator, hold, seed=seed,
                   window=inside)  # fmt: skip
@@ -97,7 +99,7 @@ def diagnose(
         tell = _told(progress, stop)
         for part in parted(diagram, measured):
             try:
-                work = _work(part, records, asked, effects_chosen, noise_floor, condition, tell, notes)
+                work = _work(part, records, asked, effects_chosen, given, condition, tell, notes)
             except _Stopped as one:
                 work, stopped = one.work, True
             if work is not None:
@@ -206,8 +208,8 @@ def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
 
 
 def _work(
-    part: Part, raw: Mapping[str, Record], asked: Asked, effects: tuple[Effect, ...], noise_floor: Any,
-    condition: bool, tell: Tell, notes: list[str],
+    part: Part, raw: Mapping[str, Record], asked: Asked, effects: tuple[Effect, ...],
+    given: Mapping[str, tuple[float, str]], condition: bool, tell: Tell, notes: list[str],
 ) -> Work | None:  # fmt: skip
     """Everything that is done for one part."""
     names = tuple(part.diagram.inputs)
@@ -215,7 +217,7 @@ def _work(
     records = all_conditioned(raw, names) if condition else dict(raw)
     notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
     counts = _cut(raw, asked.window)
-    found = _floors(counts, part, noise_floor)
+    found = _floors(counts, part, given)
     own = attrs.evolve(asked, sigma=found.sigma, outputs=part.outputs, free=_free(asked, part.diagram))
     rounds: list[Round] = []
     search: Search | None = None
@@ -255,8 +257,8 @@ def _free(asked: Asked, diagram: Diagram) -> tuple[str, ...] | None:
     return tuple(p for p in asked.free if any(fnmatchcase(k, p) for k in known))
 
 
-def _floors(records: Mapping[str, Record], part: Part, given: Any) -> Floors:
-    mine = {k: v for k, v in given.items() if k in part.outputs} if isinstance(given, Mapping) else given
+def _floors(records: Mapping[str, Record], part: Part, given: Mapping[str, tuple[float, str]]) -> Floors:
+    mine = {k: v for k, v in given.items() if k in part.outputs}
     return floors(records, part.diagram, part.outputs, mine)
 
 

@@ -85,7 +85,8 @@ class Gap:
     """Rms of the difference between simulation and measurement, before and after each effect that was named.
 
     ``train`` and ``held_out`` hold the base and then one number for each effect, ``experiments`` the same held out for
-    each experiment; ``noise_floor`` is what no model can go below, ``method`` says where it is from.
+    each experiment; ``noise_floor`` is what no model can go below: the noise of the output and what the noise of
+    measured inputs makes of it. ``method`` says where it is from, ``given`` in what words it was given, if it was.
     """
 
     output: str
@@ -95,6 +96,7 @@ class Gap:
     train: tuple[float, ...]
     held_out: tuple[float, ...]
     experiments: Mapping[str, tuple[float, ...]]
+    given: str = ""
 
 
 @attrs.frozen

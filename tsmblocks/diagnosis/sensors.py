@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import attrs
 import numpy as np
 
 from tsmblocks import units
-from tsmblocks.arguments import is_number
 from tsmblocks.data import Record, noise
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DataError, ParameterError, in_words, near
+from tsmblocks.errors import DataError
 
 GIVEN = "given"
 """The way of a floor that the user knows."""
@@ -22,39 +20,31 @@ WEAK = "high frequencies"
 
 @attrs.frozen
 class Floors:
-    """Noise of each output, in the diagram's unit, and how it was found; ``known`` unless only fast noise was seen."""
+    """Noise of each output, in the diagram's unit, and how it was found; ``known`` unless only fast noise was seen.
+
+    ``given`` says it in the words of the user, where it was given.
+    """
 
     sigma: Mapping[str, float]
     method: Mapping[str, str]
     known: bool
+    given: Mapping[str, str] = attrs.field(factory=dict)
 
 
-def floors(records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str], given: Any) -> Floors:
-    """The noise floors. ``given`` is a number [unit of the output], a mapping by output, or None to look for them.
+def floors(
+    records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str], asked: Mapping[str, tuple[float, str]]
+) -> Floors:  # fmt: skip
+    """The noise floors: those that were asked for (see asked_floors), and for the other outputs those found.
 
-    Raises ParameterError for a floor that is none, DataError where an output shows no noise at all.
+    Raises DataError where an output shows no noise at all.
     """
-    asked = asked_floors(given, outputs)
     sigma, method = dict[str, float](), dict[str, str]()
     for name in outputs:
         if name in asked:
-            sigma[name], method[name] = asked[name], GIVEN
+            sigma[name], method[name] = asked[name][0], GIVEN
         else:
             sigma[name], method[name] = _found(records, diagram, name)
-    return Floors(sigma, method, all(m != WEAK for m in method.values()))
-
-
-def asked_floors(given: Any, outputs: Sequence[str]) -> dict[str, float]:
-    """The floors that were given, by output; empty for None. Raises ParameterError for one that is none."""
-    if given is None:
-        return {}
-    each = dict(given) if isinstance(given, Mapping) else dict.fromkeys(outputs, given)
-    for name, value in each.items():
-        if name not in outputs:
-            raise ParameterError(f"noise_floor: '{name}' is no measured output.{near(name, outputs)}")
-        if not is_number(value) or not 0 < value < np.inf:
-            raise ParameterError(f"noise_floor of '{name}' must be a positive number, got {in_words(value)}.")
-    return {name: float(value) for name, value in each.items()}
+    return Floors(sigma, method, all(m != WEAK for m in method.values()), {k: words for k, (_, words) in asked.items()})
 
 
 def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
@@ -66,7 +56,7 @@ def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[
     middle = float(np.median(values))
     if not middle > 0:
         raise DataError(f"no noise was found in {name}, so nothing says what counts as a difference. Give the noise "
-                        f"floor: noise_floor=… [{diagram.unit(name) or 'unit of the output'}].")  # fmt: skip
+                        f"floor with its unit: noise_floor=…{diagram.unit(name)}.")  # fmt: skip
     methods = [n.method for n, _ in sound]
     return middle, max(sorted(set(methods)), key=methods.count)
 

@@ -31,6 +31,8 @@ SEEN = 0.3
 """Share of the excess that coordinates must foretell where only fast noise is known, before it counts as misfit."""
 
 
+ADDED = 1e-3
+"""Share of the noise's variance that comes from the inputs, from which it is told."""
 PLAIN = 5.0
 """Excess that is no noise, however the floor was found."""
 
@@ -161,7 +163,14 @@ def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
     return Gap(
         name, base.diagram.unit(name), sigma * float(np.sqrt(work.search.floor)), work.floors.method[name],
         tuple(rms(m.r, rows) for m in work.models), tuple(rms(r, rows) for r in held), each,
+        _given(work, name),
     )  # fmt: skip
+
+
+def _given(work: Work, output: str) -> str:
+    """The floor in the words it was given, and that more was added to it; empty where it was found."""
+    words = work.floors.given.get(output, "")
+    return words and f"{words} given{', and noise of the inputs' if work.search.floor > 1 + ADDED else ''}"
 
 
 def _ranking(work: Work) -> tuple[Ranked, ...]:

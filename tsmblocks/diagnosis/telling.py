@@ -170,7 +170,7 @@ def gap_table(one: tuple[Segment, Gap]) -> str:
         own = fitted.get(name, ())[: len(last)]
         rows.append([_cut(name), *(digits(k * v) for v in values), *(digits(k * v) for v in own),
                      *[""] * (len(last) - len(own))])  # fmt: skip
-    floor = f"noise floor ({gap.method})"
+    floor = f"noise floor ({gap.given or gap.method})"
     rows.append([floor, digits(k * gap.noise_floor), *[""] * (len(gap.held_out) - 1 + len(last))])
     return columns(rows)
 

@@ -93,7 +93,7 @@ def _gap_words(segment: Segment, gap: Gap) -> str:
     k, unit = for_people(gap.unit)
     path = " → ".join(f"{digits(k * v)} ({sentence(name)})" for v, name in zip(gap.held_out, steps_, strict=True))
     return (f"{escape(gap.output)} ({escape(segment.name)}): {path} {escape(unit)}; noise floor "
-            f"{digits(k * gap.noise_floor)} {escape(unit)} ({escape(gap.method)}).")  # fmt: skip
+            f"{digits(k * gap.noise_floor)} {escape(unit)} ({escape(gap.given or gap.method)}).")  # fmt: skip
 
 
 # ---- where they disagree -------------------------------------------------------------------------

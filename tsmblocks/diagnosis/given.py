@@ -1,0 +1,127 @@
+"""Noise floors as people give them: a number, a number with its unit, for every output or by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks import units
+from tsmblocks.arguments import is_number
+from tsmblocks.data import Record
+from tsmblocks.diagram import Diagram
+from tsmblocks.errors import ParameterError, in_words, near
+
+FORM = "VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg"
+"""What a floor looks like that is written as text."""
+_TEXT = re.compile(
+    r"(?:(?P<name>[A-Za-z_]\w*)\s*=)?\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*)"
+)
+
+
+@attrs.frozen
+class Floor:
+    """A noise floor for one output (``""``: for all that it measures), in ``unit`` (``""``: none was said)."""
+
+    output: str
+    value: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """The floor as it was given."""
+        return f"{self.value:g} {self.unit}".rstrip()
+
+    @property
+    def text(self) -> str:
+        """The floor as it is written in an argument."""
+        return f"{self.value:g}{self.unit}"
+
+
+def parsed(text: str) -> Floor:
+    """A floor out of ``0.05``, ``0.05deg`` or ``x_out = 0.05 deg``. Raises ParameterError for anything else."""
+    found = _TEXT.fullmatch(text.strip())
+    if not found:
+        raise ParameterError(f"noise_floor: {in_words(text)} is not {FORM}.")
+    one = Floor(found["name"] or "", float(found["value"]), found["unit"].strip())
+    if not 0 < one.value < np.inf:
+        raise ParameterError(f"noise_floor: {in_words(text)} is not more than 0, and finite.")
+    try:
+        units.parse(one.unit)
+    except units.UnitError as error:
+        raise ParameterError(f"noise_floor={one.text}: {error}") from None
+    return one
+
+
+def asked_floors(
+    given: Any, diagram: Diagram, records: Mapping[str, Record], outputs: Sequence[str]
+) -> dict[str, tuple[float, str]]:  # fmt: skip
+    """The floors that were given, by output: in the diagram's unit (the recording's where it has none), and in words.
+
+    Raises ParameterError for one that is none, and for a number without a unit where it could be in two.
+    """
+    made: dict[str, tuple[float, str]] = {}
+    for one in _each(given):
+        if one.output and one.output not in outputs:
+            raise ParameterError(f"noise_floor: '{one.output}' is no measured output.{near(one.output, outputs)}")
+        names = [one.output] if one.output else list(outputs)
+        found = {k: size for k in names if (size := _size(one, k, diagram, records)) is not None}
+        if not found:
+            wanted = ", ".join(f"{k} [{_unit(k, diagram, records)}]" for k in names)
+            raise ParameterError(f"noise_floor={one.text}: '{one.unit}' does not convert to that of {wanted}.")
+        twice = [k for k in found if k in made]
+        if twice:
+            raise ParameterError(f"noise_floor gives {twice[0]} two values; name each output once.")
+        made |= found
+    return made
+
+
+def _each(given: Any) -> Iterator[Floor]:
+    """The floors one by one, out of a number, a text, a list of them, or a mapping by output."""
+    if isinstance(given, Mapping):
+        for name, value in given.items():
+            yield attrs.evolve(_one(value, f" of '{name}'"), output=str(name))
+    elif given is not None:
+        for value in given if isinstance(given, (list, tuple)) else [given]:
+            yield _one(value, "")
+
+
+def _one(value: Any, whose: str) -> Floor:
+    if isinstance(value, str):
+        return parsed(value)
+    if not is_number(value) or not value > 0:
+        raise ParameterError(f"noise_floor{whose} must be a positive number, or one with its unit such as '0.05deg', "
+                             f"got {in_words(value)}.")  # fmt: skip
+    return Floor("", float(value), "")
+
+
+def _unit(name: str, diagram: Diagram, records: Mapping[str, Record]) -> str:
+    """The unit that an output is compared in."""
+    return diagram.unit(name) or next((r.unit(name) for r in records.values() if name in r), "")
+
+
+def _size(
+    one: Floor, name: str, diagram: Diagram, records: Mapping[str, Record]
+) -> tuple[float, str] | None:  # fmt: skip
+    """A floor in the unit an output is compared in, and in words; None where it measures something else."""
+    unit = _unit(name, diagram, records)
+    if not one.unit:
+        _refuse_two_meanings(one, name, unit, records)
+        return one.value, f"{one.words} {unit}".rstrip()
+    try:
+        return one.value * (units.factor(one.unit, unit) if unit else 1.0), one.words
+    except units.UnitError:
+        return None
+
+
+def _refuse_two_meanings(one: Floor, name: str, unit: str, records: Mapping[str, Record]) -> None:
+    """A number without a unit must mean the same in the recordings and in the diagram."""
+    for experiment, record in records.items():
+        own = record.unit(name) if name in record else ""
+        if own and unit and not units.same(own, unit):
+            raise ParameterError(f"noise_floor={one.text} has no unit, and {name} is in {own} in the recording "
+                                 f"'{experiment}' but compared in {unit}: write '{one.text}{own}' or "
+                                 f"'{one.text}{unit}'.")  # fmt: skip
