@@ -154,7 +154,10 @@ def test_run_says_what_an_input_without_a_unit_is_taken_for(tsm, here):
     (here / "lag.toml").write_text(LAG)
     (here / "m.txt").write_text("".join(f"{k} {k}\n" for k in range(5)))
     _, _, err = tsm("run", "lag.toml", "--data", "m.txt", "--columns", "t,x_in")
-    assert "'x_in' has no unit and is taken to be in rad" in err
+    assert err == (
+        "note: m.txt: x_in has no unit and is taken to be in rad. Where that is wrong, say the unit: "
+        "--map 'x_in [deg]=x_in'.\n"
+    )
     out = tsm("run", "lag.toml", "--data", "m.txt", "--columns", "t, x_in [deg]", "--rows", "2:", "--json")[1]
     in_header = json.loads(out)
     assert in_header["start"] == 1.0
@@ -174,7 +177,7 @@ def test_run_without_its_data(tsm, here):
     fails(tsm("run", "lag.toml", "--data", "m.csv"), "m.csv: there is no column 'x_in'.", "--map 'x_in=COLUMN'.")
     fails(
         tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_inn=motor"),
-        "no input 'x_inn'. Did you mean 'x_in'?",
+        "no input or output 'x_inn'. Did you mean 'x_in'?",
     )
     fails(tsm("run", "lag.toml", "--data", "n.csv"), "there is no file n.csv. Did you mean 'm.csv'?")
     fails(tsm("run", "fig09b_feedforward", "--data", "m.csv"), "has no inputs, so there is nothing")

@@ -131,7 +131,7 @@ def test_a_model_that_cannot_be_fitted_comes_last_with_its_reason():
     assert (row.fit, row.train, row.held_out, row.figure, row.parameters) == (None, None, None, np.inf, 0)
     assert row.fault == (
         "rig: 'elsewhere' needs its input 'angle', and the recording has no such signal. Known here: x_in, x_out. If "
-        "it has another name there, map it when reading (angle=COLUMN)."
+        "it has another name there, map it when reading: map={'angle': 'COLUMN'}, or --map 'angle=COLUMN'."
     )
     assert "needs its input 'angle'" in " ".join(str(found).split())
 

@@ -315,13 +315,13 @@ FAULTS = {
     ),
     "no output": (
         dict(signals=("x_in",)), DataError,
-        f"sine: none of the outputs of {TITLE} (x_out) was measured; the recording has x_in. Map one when reading "
-        "(x_out=COLUMN), or give the diagram an output of that name.",
+        f"sine: none of the outputs of {TITLE} (x_out) was measured; the recording has x_in. Map one when reading: "
+        "map={'x_out': 'COLUMN'}, or --map 'x_out=COLUMN'; or give the diagram an output of that name.",
     ),
     "no input": (
         dict(signals=("x_out",)), DataError,
         f"sine: {TITLE} needs its input 'x_in', and the recording has no such signal. Known here: x_out. If it has "
-        "another name there, map it when reading (x_in=COLUMN).",
+        "another name there, map it when reading: map={'x_in': 'COLUMN'}, or --map 'x_in=COLUMN'.",
     ),
     "no recordings": (
         dict(none=True), DataError,

@@ -459,9 +459,7 @@ def test_records_in_other_units_are_the_same_record():
     theta = plain.unknowns.start
     np.testing.assert_allclose(mixed.residuals(theta), plain.residuals(theta), atol=1e-14)
     np.testing.assert_allclose(bare.residuals(theta), plain.residuals(theta), atol=1e-14)
-    assert setup.notes == (
-        "a: x_in has no unit and is taken to be in rad.", "a: x_out has no unit and is taken to be in rad.",
-    )  # fmt: skip
+    assert setup.notes == ("a: x_in and x_out have no unit and are taken to be in rad.",)
 
 
 def test_several_outputs_count_by_their_spread_and_one_as_it_is(problems):

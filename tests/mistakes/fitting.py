@@ -84,7 +84,7 @@ def a_recording_of_absurd_size():
 
 @mistake(
     DataError,
-    "rig: 'Tendon sheath: a gain and an offset' needs its input 'x_in', and the recording has no such signal. Did you mean 'x_inn'? If it has another name there, map it when reading (x_in=COLUMN).",
+    "rig: 'Tendon sheath: a gain and an offset' needs its input 'x_in', and the recording has no such signal. Did you mean 'x_inn'? If it has another name there, map it when reading: map={'x_in': 'COLUMN'}, or --map 'x_in=COLUMN'.",
 )
 def a_recording_without_the_input():
     fit(rig(x_inn=U, x_out=U))
@@ -92,7 +92,7 @@ def a_recording_without_the_input():
 
 @mistake(
     DataError,
-    "rig: none of the outputs of 'Tendon sheath: a gain and an offset' (x_out) was measured; the recording has x_in, tool. Map one when reading (x_out=COLUMN), or give the diagram an output of that name.",
+    "rig: none of the outputs of 'Tendon sheath: a gain and an offset' (x_out) was measured; the recording has x_in, tool. Map one when reading: map={'x_out': 'COLUMN'}, or --map 'x_out=COLUMN'; or give the diagram an output of that name.",
 )
 def a_recording_without_any_output():
     fit(rig(x_in=U, tool=U))
@@ -100,7 +100,7 @@ def a_recording_without_any_output():
 
 @mistake(
     DataError,
-    "rig: none of the outputs of 'Tendon sheath: a gain and an offset' (x_out) was measured; the recording has x_in. Map one when reading (x_out=COLUMN), or give the diagram an output of that name.",
+    "rig: none of the outputs of 'Tendon sheath: a gain and an offset' (x_out) was measured; the recording has x_in. Map one when reading: map={'x_out': 'COLUMN'}, or --map 'x_out=COLUMN'; or give the diagram an output of that name.",
 )
 def one_of_two_recordings_without_any_output():
     fit([rig("whole"), rig(x_in=U)])

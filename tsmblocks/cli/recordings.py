@@ -64,7 +64,10 @@ def repairs(record: Any) -> None:
 
 
 def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any, dict[str, Any]]:
-    """Return the measured record, if any, and the inputs out of it of a diagram that messages call ``shown``."""
+    """Return the measured record, if any, and the inputs out of it of a diagram that messages call ``shown``.
+
+    Outputs that were measured are kept in the record where they are there.
+    """
     from tsmblocks.data import split_heading
 
     wanted = diagram.inports
@@ -74,19 +77,19 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
             column = f"{name} [{port.unit}]" if port.unit else name
             raise UsageError(
                 f"'{shown}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. "
-                f"Give --data FILE with a column '{column}', or with --map {name}=COLUMN."
+                f"Give --data FILE with a column '{column}', or with --map '{column}=COLUMN'."
             )
         return None, {}
     if not wanted:
         raise UsageError(f"'{shown}' has no inputs, so there is nothing that --data could drive.")
-    for name in (split_heading(text)[0] for text, _ in args.map):
-        if name not in wanted and name != "t":
-            raise UsageError(f"--map {name}=…: '{shown}' has no input '{name}'.{near(name, wanted)}")
-    record = read_record(args, only=wanted)
-    for name, port in wanted.items():
-        if port.unit and not record.unit(name):
-            note(f"{record.origin}: '{name}' has no unit and is taken to be in {port.unit}. "
-                        f"If it is not, say so: --map '{name} [UNIT]=COLUMN'.")  # fmt: skip
+    measured = [name for name in diagram.outputs if name not in wanted]
+    mapped = [split_heading(text)[0] for text, _ in args.map]
+    for name in mapped:
+        if name not in wanted and name not in measured and name != "t":
+            known = [*wanted, *measured]
+            raise UsageError(f"--map {name}=…: '{shown}' has no input or output '{name}'.{near(name, known)}")
+    record = read_record(args, only=[*wanted, *(k for k in measured if k in mapped)], also=measured)
+    _tell_units(args, [record], [diagram])
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
 
@@ -113,7 +116,25 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True
     for path in args.data:
         record = read_record(args, only, path, also, tell)
         records[record.name if record.name not in records else str(path)] = record
+    _tell_units(args, [*records.values()], diagrams)
     return records
+
+
+def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:
+    """Say once what signals without a unit are taken to be in, and how to say another, before any work is done."""
+    from tsmblocks.data.untold import untold
+
+    wanted = {name: d.unit(name) for d in reversed(diagrams) for name in (*d.inputs, *d.outputs)}
+    said: dict[str, list[Any]] = {}
+    for record in records if not getattr(args, "json", False) else ():
+        texts = untold(record, wanted)
+        if texts:
+            said.setdefault(" ".join(texts), []).append(record)
+    for text, those in said.items():
+        name = next(k for k in wanted if k in those[0] and wanted[k] and not those[0].unit(k))
+        column = next((own for heading, own in args.map if heading.strip() == name), name)
+        note(f"{', '.join(record.origin for record in those)}: {text} Where that is wrong, say the unit: "
+             f"--map '{name} [deg]={column}'.")  # fmt: skip
 
 
 def _look_at(paths: Sequence[str]) -> None:

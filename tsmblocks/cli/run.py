@@ -2,6 +2,8 @@
 
 With outputs x_ref and x_out, the peak-to-peak and rms tracking error are printed, over the second
 half of the run (the transient of the start is over) and over all of it. Otherwise a table of outputs.
+Outputs that were measured too are compared: what is left between measurement and run is printed, and
+the measurement is drawn beside the run.
 """
 
 from __future__ import annotations
@@ -52,9 +54,10 @@ def execute(args: argparse.Namespace) -> int:
     record, inputs = recordings.read_inputs(args, diagram, args.diagram)
     run = _simulate(args, diagram, record, inputs, out)
     written = [str(run.save(out))] if out else []
+    beside = _beside(diagram, run, record)
     if plot:
-        written.append(str(_plot(run, plot)))
-    summary = {**summarise(run, args.diagram, record), "every": args.every}
+        written.append(str(_plot(run, plot, beside)))
+    summary = {**summarise(run, args.diagram, record, beside), "every": args.every}
     if args.json:
         console.give({**summary, "written": written})
     else:
@@ -84,10 +87,23 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
         raise
 
 
-def _plot(run: Any, path: Path) -> Path:
+def _beside(diagram: Any, run: Any, record: Any) -> Any:
+    """What is left between the measured outputs and the run; None where none was measured."""
+    names = [name for name in run.aliases if record is not None and name in record]
+    if not names:
+        return None
+    from tsmblocks.fitting.differences import of_run
+
+    return of_run(diagram, run, record, names)
+
+
+def _plot(run: Any, path: Path, beside: Any) -> Path:
     from tsmblocks.plots import plot_run, plot_tracking
 
-    figure = plot_tracking({"x_out": run}, title=run.title) if _tracks(run) else plot_run(run)
+    if beside is not None:
+        figure = beside.plot()
+    else:
+        figure = plot_tracking({"x_out": run}, title=run.title) if _tracks(run) else plot_run(run)
     figure.savefig(path, dpi=150)
     return path
 
@@ -99,7 +115,7 @@ def _tracks(run: Any) -> bool:
 # ---- what is said -------------------------------------------------------------------------------
 
 
-def summarise(run: Any, diagram: str, record: Any = None) -> dict[str, Any]:
+def summarise(run: Any, diagram: str, record: Any = None, beside: Any = None) -> dict[str, Any]:
     """All that the command says about a run, as plain values."""
     made: dict[str, Any] = {
         "diagram": diagram, "title": run.title, "start": float(run.t[0]), "stop": float(run.t[-1]),
@@ -110,6 +126,8 @@ def summarise(run: Any, diagram: str, record: Any = None) -> dict[str, Any]:
         y = run[name]
         made["outputs"][name] = {"unit": run.unit(name), "min": float(y.min()), "max": float(y.max()),
                                  "last": float(y[-1])}  # fmt: skip
+    if beside is not None:
+        made["measured"] = [{**d.to_dict(), "peak_to_peak": d.peak_to_peak} for d in beside]
     if _tracks(run):
         from tsmblocks.measures import tracking_error
 
@@ -131,12 +149,25 @@ def in_words(summary: dict[str, Any]) -> str:
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
     kept = f", every {summary['every']}th kept" if summary["every"] > 1 else ""
     first = f"{title}\n{span} ({summary['method']}){kept}"
+    last = f"\n\n{_measured_table(summary)}" if "measured" in summary else ""
     if "tracking_error" in summary:
-        return f"{first}\n\n{_tracking_table(summary)}"
+        return f"{first}\n\n{_tracking_table(summary)}{last}"
     rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]
     rows += [(name, y["unit"], *(common.show(y[k]) for k in ("min", "max", "last")))
              for name, y in summary["outputs"].items()]  # fmt: skip
-    return f"{first}\n\n{columns(rows, left=frozenset({0, 1}))}"
+    return f"{first}\n\n{columns(rows, left=frozenset({0, 1}))}{last}"
+
+
+def _measured_table(summary: dict[str, Any]) -> str:
+    """How far measured outputs are from the run, angles in degrees too."""
+    rows: list[tuple[str, ...]] = [("measured less run", "peak to peak", "rms", "largest", "samples")]
+    for d in summary["measured"]:
+        words = (d["output"], str(d["samples"]))
+        for unit, factor in _units(d["unit"]):
+            shown = (f"{factor * d[k]:.4g} {unit}".strip() for k in ("peak_to_peak", "rms", "largest"))
+            rows.append((words[0], *shown, words[1]))
+            words = ("", "")
+    return columns(rows)
 
 
 def _tracking_table(summary: dict[str, Any]) -> str:

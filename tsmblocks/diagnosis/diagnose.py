@@ -36,7 +36,7 @@ from tsmblocks.errors import DataError, ParameterError, near
 from tsmblocks.fitting import asking
 from tsmblocks.fitting.interrupt import Asked as Stop
 from tsmblocks.fitting.interrupt import kept
-from tsmblocks.fitting.setting_up import Data, recordings, windows
+from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
 from tsmblocks.fitting.trials import Window, compared, span
 from tsmblocks.fitting.unknowns import chosen
 
@@ -93,7 +93,8 @@ def diagnose(
                   window=inside)  # fmt: skip
     done, stopped = list[Work](), False
     spans = {k: (float(t[0]), float(t[-1])) for k, t in _compared(records, inside).items() if len(t) < len(records[k])}
-    notes = [f"{name}: {text}" for name, r in records.items() for text in r.notes]
+    notes = without_units(records, diagram, measured)
+    notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes]
     notes += [f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in spans.items()]
     with kept() as stop, np.errstate(over="ignore", invalid="ignore"):  # trials that run away are left out
         tell = _told(progress, stop)

@@ -17,7 +17,7 @@ from tsmblocks.fitting import asking
 from tsmblocks.fitting.differences import Differences, score
 from tsmblocks.fitting.estimate import fit
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.setting_up import Data, recordings, windows
+from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
 from tsmblocks.fitting.trials import Window
 from tsmblocks.tables import few
 
@@ -65,6 +65,8 @@ class Comparison:
     rows: tuple[Row, ...]
     unit: str
     interrupted: bool = False
+    notes: tuple[str, ...] = ()
+    """What signals without a unit were taken to be in."""
 
     @property
     def best(self) -> Row:
@@ -86,7 +88,7 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the ranking as plain values, as ``tsmblocks compare --json`` prints it."""
-        return {"format": 1, "unit": self.unit, "interrupted": self.interrupted, "models": [
+        return {"format": 1, "unit": self.unit, "interrupted": self.interrupted, "notes": list(self.notes), "models": [
             {"name": r.name, "parameters": r.parameters, "fault": r.fault or None,
              "train": None if r.train is None else r.train.to_dict(),
              "held_out": None if r.held_out is None else r.held_out.to_dict(),
@@ -139,7 +141,7 @@ def compare(
             raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
     asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
     asking.progress(progress)
-    rows, interrupted = list[Row](), False
+    rows, notes, interrupted = list[Row](), list[str](), False
     for name, diagram in candidates.items():
         tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
         common = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
@@ -149,6 +151,7 @@ def compare(
                         **common)  # type: ignore[arg-type]  # fmt: skip
             left = _held_out(found, records, tested, common) if tested else None
             rows.append(Row(name, found, found.differences, left))
+            notes += without_units(records, diagram, {d.output for d in found.differences})
             interrupted = found.status == "interrupted"
         except TsmError as error:
             if len(candidates) == 1:
@@ -161,7 +164,8 @@ def compare(
         said = [fault if len(reasons) == 1 else f"{name}: {fault}" for fault, name in reasons.items()]
         raise RunError(f"none of the models could be fitted. {' '.join(said)}")
     unit = next((row.train.unit for row in rows if row.train is not None), "")
-    return Comparison(tuple(sorted(rows, key=lambda row: row.figure)), unit, interrupted)
+    ranked = tuple(sorted(rows, key=lambda row: row.figure))
+    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes)))
 
 
 def _held_out(found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Differences:

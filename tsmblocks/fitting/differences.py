@@ -10,13 +10,15 @@ import numpy as np
 
 from tsmblocks import units
 from tsmblocks.arguments import prepared
+from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError, near
 from tsmblocks.fitting.failing import raise_cause
 from tsmblocks.fitting.setting_up import Setup, recordings, set_up
 from tsmblocks.fitting.sums import square
-from tsmblocks.fitting.trials import Trial
+from tsmblocks.fitting.trials import signal_of, span
 from tsmblocks.frames import frame
+from tsmblocks.run import Run
 from tsmblocks.simulate import parameter_vector
 from tsmblocks.tables import few
 
@@ -45,6 +47,11 @@ class Difference:
     def rms(self) -> float:
         """Root mean square of the residual."""
         return float(np.sqrt(np.mean(self.residual**2)))
+
+    @property
+    def peak_to_peak(self) -> float:
+        """Greatest less least value of the residual."""
+        return float(np.ptp(self.residual))
 
     @property
     def largest(self) -> float:
@@ -189,7 +196,7 @@ def between(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
     """Differences of a set-up under parameters of each experiment. Raises NotFinite where a run goes away."""
     made = []
     for trial, p in zip(setup.trials, parameters, strict=True):
-        y, driven = trial.outputs(p), _driven(setup, trial)
+        y, driven = trial.outputs(p), _driven(setup.diagram, trial.record, trial.t)
         if not np.isfinite(y).all():
             raise_cause(setup.diagram, trial, p)
         made += [Difference(trial.name, name, setup.diagram.unit(name), trial.t, trial.measured[:, i], y[:, i],
@@ -198,10 +205,26 @@ def between(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
     return Differences(setup.diagram.title, tuple(made))
 
 
-def _driven(setup: Setup, trial: Trial) -> dict[str, tuple[np.ndarray, str]]:
-    """The inputs of an experiment at its compared instants, in the units of the diagram's ports."""
-    found = {}
-    for name, port in setup.diagram.inports.items():
-        values = trial.record.values(name, port.unit)
-        found[name] = np.interp(trial.t, trial.record.t, values), port.unit or trial.record.unit(name)
-    return found
+def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -> Differences:
+    """Differences between a run of a diagram that is there already and a recording of its outputs, at the instants in both.
+
+    The run is read off between its steps. Raises DataError for measured samples that cannot be used, and for a
+    recording that has next to none within the run.
+    """
+    inside = (float(run.t[0]), float(run.t[-1]))
+    cut = span(record.name, record, inside)
+    t, made = record.t[cut], list[Difference]()
+    driven = _driven(diagram, record, t)
+    for name in outputs:
+        measured = signal_of(record.name, record, name, run.unit(name))[cut]
+        made.append(Difference(record.name, name, run.unit(name) or record.unit(name), t, measured,
+                               np.interp(t, run.t, run[name]), driven))  # fmt: skip
+    return Differences(run.title, tuple(made))
+
+
+def _driven(diagram: Diagram, record: Record, t: np.ndarray) -> dict[str, tuple[np.ndarray, str]]:
+    """The inputs of an experiment at the instants ``t`` [s], in the units of the diagram's ports."""
+    return {
+        name: (np.interp(t, record.t, record.values(name, port.unit)), port.unit or record.unit(name))
+        for name, port in diagram.inports.items()
+    }

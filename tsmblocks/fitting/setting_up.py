@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.arguments import is_number, positive, prepared
 from tsmblocks.data import Record, read
+from tsmblocks.data.untold import untold
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine.methods import method_named
 from tsmblocks.equation_set import Equations
@@ -134,7 +135,8 @@ def set_up(
     asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
     eq, names, rule = equations(diagram), compared(records, diagram, asked), method_named(integrator)
     parts = windows(window, records)
-    p, notes, trials, finer = parameter_vector(eq, diagram), list[str](), list[Trial](), list[Trial | None]()
+    p, trials, finer = parameter_vector(eq, diagram), list[Trial](), list[Trial | None]()
+    notes = without_units(records, diagram, names)
 
     for name, record in records.items():
 
@@ -150,9 +152,13 @@ def set_up(
             why = (f"the samples, {own:.4g} s apart, are no multiples of the step of {trial.times.h:.4g} s"
                    if is_even(record.t, own) else "the samples are unevenly spaced")  # fmt: skip
             notes.append(f"{name}: {why}, so the simulation is read off between its steps.")
-        notes += [f"{name}: {k} has no unit and is taken to be in {diagram.unit(k)}."
-                  for k in (*diagram.inports, *names) if not record.unit(k) and diagram.unit(k)]  # fmt: skip
     return Setup(diagram, eq, tuple(trials), names, tuple(notes), tuple(finer))
+
+
+def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
+    """Say which signals have no unit and what they are taken to be in, experiment by experiment."""
+    wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
+    return [f"{name}: {text}" for name, record in records.items() for text in untold(record, wanted)]
 
 
 def _resolved(made: Any, record: Record, p: np.ndarray, notes: list[str]) -> tuple[Trial, Trial | None]:

@@ -138,7 +138,8 @@ def ranking(comparison: Comparison) -> str:
     rows = ranking_rows(comparison)
     faults = [_bullet(f"{row.name}: {row.fault}") for row in comparison if row.fit is None]
     warnings = [_bullet(f"{row.name}: {text}") for row in comparison if row.fit is not None for text in doubts(row.fit)]
-    parts = [columns(rows)] if len(rows) > 1 else []
+    parts = ["\n".join(map(_bullet, comparison.notes))] if comparison.notes else []
+    parts += [columns(rows)] if len(rows) > 1 else []
     parts += ["\n".join(["could not be fitted:", *faults])] if faults else []
     parts += ["\n".join(["beware:", *warnings])] if warnings else []
     return "\n\n".join(parts)

@@ -13,6 +13,7 @@ from tsmblocks.arguments import Times
 from tsmblocks.batch import batch_kernel, directions, lane_memory, tangent_kernel
 from tsmblocks.block import Samples
 from tsmblocks.data import Record
+from tsmblocks.data.untold import how_to_map
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine import feeds
 from tsmblocks.engine.kernels import Kernel, Memory
@@ -163,7 +164,7 @@ def prepare(
     return Trial(
         name, record, eq, rule, tuple(eq.y.index(eq.aliases[k]) for k in outputs), times,
         feeds.rows(ordered, start, h, 0, times.steps, rule.instants), steps_per_period(eq, h), t,
-        np.stack([_signal(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1), place,
+        np.stack([signal_of(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1), place,
         None if even else exact - place, hold, backend,
     )  # fmt: skip
 
@@ -176,15 +177,17 @@ def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf
     wanted = diagram.inports
     missing = [k for k in wanted if k not in record]
     if missing:
-        raise DataError(f"{record.origin or record.name}: '{diagram.title}' needs its input '{missing[0]}', and the "
-                        f"recording has no such signal.{near(missing[0], record.names)} "
-                        f"If it has another name there, map it when reading ({missing[0]}=COLUMN).")  # fmt: skip
+        raise DataError(
+            f"{record.origin or record.name}: '{diagram.title}' needs its input '{missing[0]}', and the "
+            f"recording has no such signal.{near(missing[0], record.names)} "
+            f"If it has another name there, map it when reading: {how_to_map(missing[0], bare=not record.units)}."
+        )
     own = median_step(record.t)  # times kept with few digits: a held value must not come a step late
     t = record.t[0] + own * np.arange(len(record)) if is_even(record.t, own) else record.t
     beyond = until - float(t[-1]) if until > t[-1] + 1e-9 * own else 0.0
     made = {}
     for k, port in wanted.items():
-        y = _signal(record.name, record, k, port.unit)
+        y = signal_of(record.name, record, k, port.unit)
         if not beyond:
             made[k] = Samples(t, y, hold)
             continue
@@ -193,7 +196,7 @@ def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf
     return made
 
 
-def _signal(name: str, record: Record, k: str, unit: str) -> np.ndarray:
+def signal_of(name: str, record: Record, k: str, unit: str) -> np.ndarray:
     """A signal in a unit. Raises DataError for samples that are not finite."""
     y = record.values(k, unit)
     bad = np.flatnonzero(~np.isfinite(y))
@@ -223,10 +226,10 @@ def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[st
             raise DataError(f"no output of '{diagram.title}' was measured in all experiments ({clip(each)}). Give "
                             "those together that have an output in common.")  # fmt: skip
         some = next(iter(bare or records.values()))
-        known = ", ".join(some.names)
+        known, way = ", ".join(some.names), how_to_map("x_out", bare=not some.units)
         raise DataError(f"{some.origin or some.name}: none of the outputs of '{diagram.title}' "
                         f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {known}. "
-                        "Map one when reading (x_out=COLUMN), or give the diagram an output of that name.")  # fmt: skip
+                        f"Map one when reading: {way}; or give the diagram an output of that name.")  # fmt: skip
     return found
 
 

@@ -1,0 +1,121 @@
+"""The command run beside a recording: what signals without a unit are taken for, and measured outputs compared."""
+
+import json
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.cli import main
+
+PLAY = "tendon_sheath_play"
+T = np.arange(301) / 100
+X = 40 * np.sin(2 * T)
+Y = 35 * np.sin(2 * T - 0.1) + 1
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run a command beside m.csv, whose header tells no units; exit status, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{t:.2f},{x:.4f},{y:.4f}\n" for t, x, y in zip(T, X, Y, strict=True))
+    (tmp_path / "m.csv").write_text("Time,Motor pos,Tip pos\n" + rows)
+
+    def go(*words):
+        status = main([*words])
+        told = capsys.readouterr()
+        return status, told.out, told.err
+
+    return go
+
+
+TOLD = ("--map", "x_in [deg]=Motor pos", "x_out [deg]=Tip pos")
+
+
+def test_a_measured_output_is_compared_as_score_does(run):
+    status, out, err = run("run", PLAY, "--data", "m.csv", *TOLD, "--step", "0.01")
+    assert (status, err) == (0, "")
+    record = tsm.read("m.csv", map={"x_in [deg]": "Motor pos", "x_out [deg]": "Tip pos"})
+    (left,) = tsm.score(tsm.load(PLAY), record, step=0.01).in_degrees()
+    shown = [f"{value:.4g}" for value in (np.ptp(left.residual), left.rms, left.largest)]
+    assert out.splitlines()[-1].split() == [shown[0], "deg", shown[1], "deg", shown[2], "deg"]
+    assert out.splitlines()[-3].split() == [
+        "measured",
+        "less",
+        "run",
+        "peak",
+        "to",
+        "peak",
+        "rms",
+        "largest",
+        "samples",
+    ]
+    told = json.loads(run("run", PLAY, "--data", "m.csv", *TOLD, "--step", "0.01", "--json")[1])["measured"]
+    assert [(d["output"], d["samples"]) for d in told] == [("x_out", 301)]
+    assert np.rad2deg(told[0]["rms"]) == pytest.approx(left.rms, rel=1e-9)
+
+
+def test_a_run_between_the_samples_and_over_a_part_is_compared_there(run):
+    words = ("run", PLAY, "--data", "m.csv", *TOLD, "--json")
+    fine, part = (json.loads(run(*words, *more)[1])["measured"][0] for more in ((), ("--stop", "1.5")))
+    assert (fine["samples"], part["samples"]) == (301, 151)
+    record = tsm.read("m.csv", map={"x_in [deg]": "Motor pos", "x_out [deg]": "Tip pos"})
+    (left,) = tsm.score(tsm.load(PLAY), record, step=1e-3)
+    assert fine["rms"] == pytest.approx(left.rms, rel=1e-6)
+
+
+def test_the_measurement_is_drawn_beside_the_run(run, tmp_path):
+    pytest.importorskip("matplotlib").use("Agg")
+    assert run("run", PLAY, "--data", "m.csv", *TOLD, "--plot", "p.svg")[0] == 0
+    text = (tmp_path / "p.svg").read_text(encoding="utf-8")
+    assert "measured" in text
+    assert "residual" in text
+
+
+def test_without_measured_outputs_nothing_is_compared(run):
+    status, out, _ = run("run", PLAY, "--data", "m.csv", "--map", "x_in [deg]=Motor pos", "--json")
+    assert status == 0
+    assert "measured" not in json.loads(out)
+
+
+def test_a_name_that_is_neither_input_nor_output_is_refused(run):
+    assert run("run", PLAY, "--data", "m.csv", "--map", "x_in=Motor pos", "x_uot=Tip pos") == (
+        2, "", f"tsmblocks: --map x_uot=…: '{PLAY}' has no input or output 'x_uot'. Did you mean 'x_out'?\n"
+    )  # fmt: skip
+
+
+UNTOLD = (
+    "note: m.csv: x_in and x_out have no unit and are taken to be in rad. x_in goes up to 40, which would be 6.37 turns: "
+    "it is probably in deg. x_out goes up to 36, which would be 5.73 turns: it is probably in deg. Where that is wrong, "
+    "say the unit: --map 'x_in [deg]=Motor pos'.\n"
+)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("run", PLAY), ("fit", PLAY, "--starts", "1"), ("compare", "play", "--starts", "1")],
+    ids=lambda words: words[0],
+)
+def test_signals_without_a_unit_are_told_once_and_first(run, command):
+    _, out, err = run(*command, "--data", "m.csv", "--map", "x_in=Motor pos", "x_out=Tip pos")
+    assert err == UNTOLD
+    if command[0] != "run":
+        assert "x_in and x_out have no unit and are taken to be in rad." in " ".join(out.split())
+    assert "no unit" not in "".join(run(*command, "--data", "m.csv", *TOLD)[1:])
+
+
+def test_calls_note_what_was_taken_for_radians():
+    record = tsm.Record("m", T, {"x_in": X, "x_out": Y}, {})
+    said = (
+        "m: x_in and x_out have no unit and are taken to be in rad.",
+        "m: x_in goes up to 40, which would be 6.37 turns: it is probably in deg.",
+        "m: x_out goes up to 36, which would be 5.73 turns: it is probably in deg.",
+    )
+    quick = dict(starts=1, step=0.01)
+    assert tsm.fit(tsm.load(PLAY), record, **quick).notes[:3] == said
+    found = tsm.compare(["linear", "play"], record, **quick)
+    assert found.notes == said
+    assert str(found).startswith("- m: x_in and x_out have no unit")
+    made = tsm.diagnose(tsm.load("tendon_sheath_linear"), record, noise_floor=0.5, effects=["drift"], step=0.01)
+    assert made.notes[:3] == said
+    assert made.segments[0].gaps[0].given == "0.5 rad given"
