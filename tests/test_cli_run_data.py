@@ -85,9 +85,9 @@ def test_a_name_that_is_neither_input_nor_output_is_refused(run):
 
 
 UNTOLD = (
-    "note: m.csv: x_in and x_out have no unit and are taken to be in rad. x_in goes up to 40, which would be 6.37 turns: "
-    "it is probably in deg. x_out goes up to 36, which would be 5.73 turns: it is probably in deg. Where that is wrong, "
-    "say the unit: --map 'x_in [deg]=Motor pos'.\n"
+    "note: m.csv: x_in and x_out have no unit and are taken to be in rad. x_in goes up to 40, which would be 6.37 "
+    "turns: it is probably in deg. x_out goes up to 36, which would be 5.73 turns: it is probably in deg. Where that "
+    "is wrong, say the unit: --map 'x_in [deg]=Motor pos'.\n"
 )
 
 

@@ -206,7 +206,7 @@ def between(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
 
 
 def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -> Differences:
-    """Differences between a run of a diagram that is there already and a recording of its outputs, at the instants in both.
+    """Differences between a run of a diagram and a recording of its outputs, at the instants that both have.
 
     The run is read off between its steps. Raises DataError for measured samples that cannot be used, and for a
     recording that has next to none within the run.
