@@ -120,7 +120,8 @@ def _options(
 ) -> dict[str, str]:  # fmt: skip
     """What the diagnosis was told to do, in words."""
     steps = sorted({trial.times.h for work in done for trial in work.final.setup.trials})
-    floors = {k: f"{in_people_units(v, work.part.diagram.unit(k))} ({work.floors.method[k]})"
+    floors = {k: f"{work.floors.given.get(k) or in_people_units(v, work.part.diagram.unit(k))} "
+                 f"({work.floors.method[k]})"
               for work in done for k, v in work.floors.sigma.items()}  # fmt: skip
     return {
         "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
