@@ -152,7 +152,7 @@ def test_what_was_repaired_is_told_once(run):
 
 
 def test_a_floor_in_another_unit_is_doubted(run):
-    _, out, _ = run(*BASE[:-1], "0.2", "--effects", "backlash")
+    _, out, _ = run(*BASE[:-1], "0.2rad", "--effects", "backlash")
     assert "NONE." in out
     assert "the noise floor given for x_out (11.5 deg) is above all that the base leaves (1." in " ".join(out.split())
     assert "so nothing can be found: is it in the right unit (rad)?" in " ".join(out.split())
