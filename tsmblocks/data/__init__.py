@@ -1,7 +1,7 @@
 """Measured data: files of several kinds in, one checked record out. Nothing here knows diagrams or runs."""
 
-from tsmblocks.data.noise_floor import Noise, cautions, noise
+from tsmblocks.data.noise_floor import Noise, cautions, fast_noise, noise
 from tsmblocks.data.reading import from_pandas, read
 from tsmblocks.data.record import Record, heading, split_heading
 
-__all__ = ["Noise", "Record", "cautions", "from_pandas", "heading", "noise", "read", "split_heading"]
+__all__ = ["Noise", "Record", "cautions", "fast_noise", "from_pandas", "heading", "noise", "read", "split_heading"]

@@ -27,6 +27,8 @@ ROUGH = 0.03
 """Error of a rate, as a share of the rate, from which steps of a reading are told."""
 OVER = 20
 """Samples over which motion is measured, so that steps do not count as motion."""
+DRIVEN = 0.5
+"""Share of what differs between periods that the inputs may explain, by not quite repeating, before it is no noise."""
 PUMPED = 0.05
 """Share of an input's path that noise may add before it is worth a word."""
 
@@ -65,9 +67,9 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
     experiment (all others by default): their period or rest is looked for. In order of preference:
 
     - repeats: what differs between the records, less an offset and a slope in each;
-    - repeated periods: what differs from one period to the next, less an offset and a slope in each; the first
-      period is left out, since it holds the transient. Where there are only two, the difference is taken in
-      eight windows, less an offset and a slope in each, and their median counts;
+    - repeated periods, where the inputs repeat as well: what differs from one period to the next, less an offset and
+      a slope in each; the first period is left out, since it holds the transient. Where there are only two, the
+      difference is taken in eight windows, less an offset and a slope in each, and their median counts;
     - stand-still: what moves while the inputs rest, less a parabola over each rest;
     - high frequencies: what a cubic through the two neighbours on each side does not foretell.
 
@@ -87,6 +89,16 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
     floor, method, samples, freedom = found
     floor = max(floor, (quantum or 0.0) / np.sqrt(12.0))  # a reading that stands still hides its rounding
     return Noise(name, unit, float(floor), quantum, method, samples, freedom)
+
+
+def fast_noise(record: Record, name: str) -> float:
+    """The rms of what changes from sample to sample, in the signal's unit: the noise, where none of it is slow.
+
+    Raises DataError when the signal is not there, or has too few samples.
+    """
+    if len(record) < SHORTEST:
+        raise DataError(f"{record.origin}: noise needs at least {SHORTEST} samples, there are {len(record)}.")
+    return _of_high_frequencies(record.t, record[name])[0]
 
 
 def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple[str, ...]:
@@ -186,9 +198,29 @@ def _of_repeats(records: list[Record], name: str) -> Found:
 
 def _of_periods(record: Record, name: str, drives: list[str]) -> Found:
     t, x = record.t, record[name]
-    lag = _period_of(record, [k for k in drives if np.ptp(record[k]) > 0], name)
+    moving = [k for k in drives if np.ptp(record[k]) > 0]
+    lag = _period_of(record, moving, name)
     if lag is None or len(record) < FEWEST:
         return None
+    found = _between_periods(t, x, lag)
+    others = [k for k in moving if k != name]
+    return found if found and not any(_shares(record, k, x, lag) > DRIVEN * found[0] for k in others) else None
+
+
+def _shares(record: Record, drive: str, x: np.ndarray, lag: float) -> float:
+    """What an input that does not quite repeat does to a signal, if it does as much as with the whole motion.
+
+    Tones that are no multiples of one another come nearly back, so that a period seems to be there, and what is left
+    between such periods is motion. The input's own fast noise is not counted.
+    """
+    own = record[drive]
+    between = _between_periods(record.t, own, lag)
+    slow = between[0] ** 2 - _of_high_frequencies(record.t, own)[0] ** 2 if between else 0.0
+    return float(np.sqrt(max(slow, 0.0)) * np.std(x) / np.std(own))
+
+
+def _between_periods(t: np.ndarray, x: np.ndarray, lag: float) -> Found:
+    """Rms of what differs from one period to the next, less an offset and a slope in each."""
     at, off = _differences(t, x, lag)
     place = np.floor((at - t[0]) / lag + 1e-9).astype(int)
     blocks = [off[place == k] for k in range(place.max() + 1) if np.count_nonzero(place == k) > 3]
@@ -299,4 +331,4 @@ def _of_high_frequencies(t: np.ndarray, x: np.ndarray) -> tuple[float, str, int,
     return float(np.sqrt(np.mean(off**2))), method, len(t), len(off)
 
 
-__all__ = ["Noise", "cautions", "matters", "noise"]
+__all__ = ["Noise", "cautions", "fast_noise", "matters", "noise"]

@@ -16,17 +16,17 @@ from tsmblocks.diagnosis.conditioning import all_conditioned
 from tsmblocks.diagnosis.consequence import consequence
 from tsmblocks.diagnosis.exchanging import exchanged
 from tsmblocks.diagnosis.finishing import finished
-from tsmblocks.diagnosis.floor import carried, doubtful
+from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import parts
 from tsmblocks.diagnosis.given import asked_floors
-from tsmblocks.diagnosis.model import Asked, calibrated
+from tsmblocks.diagnosis.model import Asked, Model, calibrated
 from tsmblocks.diagnosis.restarts import pieces, remembers
 from tsmblocks.diagnosis.restarts import whole as whole_name
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
 from tsmblocks.diagnosis.script import source
 from tsmblocks.diagnosis.segments import Part, in_whole, parted
-from tsmblocks.diagnosis.sensors import Floors, floors
+from tsmblocks.diagnosis.sensors import Floors, floors, lowered
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.diagnosis.summing import Work, summed
@@ -228,9 +228,12 @@ def _work(
             records, raw = pieces(_cut(records, asked.window)), pieces(counts)
             own = attrs.evolve(own, window=None)
             notes.append(f"{part.name}: the plant never forgets where it began, so it is started anew every second.")
-        tell("calibrated", 0, 1)
-        base = calibrated(part.diagram, records, own, lambda *_: tell("calibrated", 0, 1))
-        notes += doubtful(base, found)
+        base = _calibrated(part, records, own, tell)
+        found, words = lowered(found, base.left, counts, part.diagram)
+        notes += words
+        if found.sigma != own.sigma:
+            own = attrs.evolve(own, sigma=found.sigma)
+            base = _calibrated(part, records, own, tell)
         floor = 1 + (carried(base, raw, names, asked.seed) if condition else 0.0)
         search = Search(records, own, effects, parts(base.problem), floor, tell)
         forward(base, {}, search, rounds)
@@ -244,6 +247,11 @@ def _work(
     final, words = finished(rounds[count].base, asked.step is not None)
     notes += [f"{part.name}: {text}" for text in words]
     return Work(part, search, found, rounds, count, final)
+
+
+def _calibrated(part: Part, records: Mapping[str, Record], asked: Asked, tell: Tell) -> Model:
+    tell("calibrated", 0, 1)
+    return calibrated(part.diagram, records, asked, lambda *_: tell("calibrated", 0, 1))
 
 
 def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:

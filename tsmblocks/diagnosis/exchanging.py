@@ -35,18 +35,16 @@ def _beside_others(rounds: list[Round], k: int, count: int, search: Search) -> l
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
     this, others = named[k], named[:k] + named[k + 1 :]
     start = _chain(rounds[0].base, others, search)
-    if start is None:
-        return None
     again = look(start[1], start[2], search)
     new = again.verdict.named if again.verdict.beyond == float("inf") else None
     if new is not None and _kept(this, new):
         rounds[k] = attrs.evolve(rounds[k], beside=again)
         return None
     if new is None:  # beside the others nothing would be named here
-        made, least, allowed = [*start[0], again], len(others), MATERIAL
+        made, least, allowed = [*start[0], again], len(start[0]), MATERIAL
     else:
         whole = _chain(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
-        if whole is None:
+        if len(whole[0]) < count:
             return None
         made, least, allowed = whole[0], count, ALIKE
         made[k] = attrs.evolve(made[k], beside=again)
@@ -62,14 +60,16 @@ def _kept(this: Tried, new: Tried) -> bool:
     return effect.name == name or name in effect.contains
 
 
-def _chain(model: Model, effects: Sequence[Tried], search: Search) -> tuple[list[Round], Model, Sizes] | None:
-    """Rounds that look for these effects alone, the model with them, and their sizes; None where one is not found."""
+def _chain(model: Model, effects: Sequence[Tried], search: Search) -> tuple[list[Round], Model, Sizes]:
+    """Rounds that look for these effects alone, the model with them, and their sizes; one that is not found is left
+    out.
+    """
     made: list[Round] = []
     known: Sizes = {}
     for one in effects:
         found = look(model, known, attrs.evolve(search, effects=[one.candidate.effect]))
         if found.verdict.named is None:
-            return None
+            continue
         made.append(attrs.evolve(found, narrow=True))
         model, known = onward(found.verdict.named, known)
     return made, model, known

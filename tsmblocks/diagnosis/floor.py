@@ -10,12 +10,8 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.conditioning import conditioned
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.sensors import GIVEN, Floors
-from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.fitting.trials import prepare
 
-ABOVE = 1.5
-"""How many times what the base leaves a floor must be to be doubted: noise alone is about once that."""
 DRAWS = 1
 """Draws of input noise for each experiment; thousands of samples make one enough."""
 
@@ -42,21 +38,6 @@ def carried(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed
         total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))
         count += change.size
     return total / count if count else 0.0
-
-
-def doubtful(base: Model, floors: Floors) -> list[str]:
-    """Words on floors that were given and lie above all that the base leaves: perhaps in another unit."""
-    problem, outputs = base.problem, base.setup.outputs
-    said = []
-    for i, name in enumerate(outputs):
-        left = np.concatenate([base.r[rows] for rows in problem.segments[i :: len(outputs)]])
-        size, sigma = float(np.sqrt(np.mean(left**2))) * floors.sigma[name], floors.sigma[name]
-        if floors.method[name] == GIVEN and sigma > ABOVE * size:
-            unit = base.diagram.unit(name)
-            said.append(f"the noise floor given for {name} ({in_people_units(sigma, unit)}) is above all that the base "
-                        f"leaves ({in_people_units(size, unit)} rms), so nothing can be found: is it in the right unit"
-                        f"{f' ({unit})' if unit else ''}?")  # fmt: skip
-    return said
 
 
 def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.Generator) -> Record | None:

@@ -74,6 +74,14 @@ class Model:
         return float(np.mean(self.r**2))
 
     @property
+    def left(self) -> dict[str, float]:
+        """Rms of what is left of each output, in units of its noise."""
+        count = len(self.setup.outputs)
+        rows = {name: [self.r[part] for part in self.problem.segments[k::count]]
+                for k, name in enumerate(self.setup.outputs)}  # fmt: skip
+        return {name: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for name, parts in rows.items()}
+
+    @property
     def values(self) -> dict[str, float]:
         """Each unknown by name (``parameter`` or ``parameter@experiment``)."""
         return dict(zip(self.problem.unknowns.names, self.theta.tolist(), strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 import attrs
 
@@ -81,10 +81,14 @@ def _several(block: Block | Diagram) -> bool:
     return "y" in block.outports and len(block.outports) > 1
 
 
-def sites(diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = ()) -> list[Site]:
+def sites(
+    diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = (), named: Collection[str] = ()
+) -> list[Site]:  # fmt: skip
     """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
 
-    A measured drive (the voltage in a position loop) is a wire that moves another output, not one of its own.
+    In front of blocks that were ``named`` before, effects of an output are looked for as well: which stands first makes
+    a difference where both remember. A measured drive (the voltage in a position loop) is a wire that moves another
+    output, not one of its own.
     Those that ``effects`` made for this diagram name themselves are among them.
     """
     found: list[Site] = []
@@ -96,6 +100,9 @@ def sites(diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = 
         found.append(Site("output", name, source, after=source))
         reading = [k for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0]
         found += [Site("across", name, source, other=k, after=source) for k in reading]
+        for signal, port in _in_front(diagram, source, named):
+            found.append(Site("output", name, signal, before=port))
+            found += [Site("across", name, signal, other=k, before=port) for k in reading]
         drive = driven(diagram, name)
         signal = _source(diagram, drive) if drive else source
         if signal != source:  # an output that drives is set in motion by nothing but itself
@@ -106,6 +113,18 @@ def sites(diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = 
     found += [Site("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
     found += [one for effect in effects if effect.receiver and (one := own_site(diagram, outputs[0], effect))]
     return [one for k, one in enumerate(found) if not any(one.same(other) for other in found[:k])]
+
+
+def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> Iterator[tuple[str, str]]:
+    """Signals that reach ``source`` through blocks that were named, and the ports they drive there, nearest first."""
+    head = source.partition(".")[0]
+    while head in named:
+        port = f"{head}.u"
+        source = _source(diagram, port)
+        if source in diagram.inputs:
+            return
+        yield source, port
+        head = source.partition(".")[0]
 
 
 def own_site(diagram: Diagram, output: str, effect: Effect) -> Site | None:

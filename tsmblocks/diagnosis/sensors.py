@@ -8,12 +8,15 @@ import attrs
 import numpy as np
 
 from tsmblocks import units
-from tsmblocks.data import Record, noise
+from tsmblocks.data import Record, fast_noise, noise
+from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError
 
 GIVEN = "given"
 """The way of a floor that the user knows."""
+ABOVE = 1.5
+"""How many times what the base leaves a floor must be to be doubted: noise alone is about once that."""
 WEAK = "high frequencies"
 """The way of finding a floor that misses slow noise: no model may be called wrong by it alone."""
 
@@ -59,6 +62,33 @@ def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[
                         f"floor with its unit: noise_floor=…{diagram.unit(name)}.")  # fmt: skip
     methods = [n.method for n, _ in sound]
     return middle, max(sorted(set(methods)), key=methods.count)
+
+
+def lowered(
+    found: Floors, left: Mapping[str, float], records: Mapping[str, Record], diagram: Diagram
+) -> tuple[Floors, list[str]]:  # fmt: skip
+    """Floors that are none above what a model leaves, and what was done about it in words.
+
+    ``left`` is the rms that the model leaves of each output, in units of its floor. A floor that was looked for gives
+    way to the fast noise, where that is less; one that was given stays, and is doubted.
+    """
+    sigma, method, words = dict(found.sigma), dict(found.method), list[str]()
+    for name, share in left.items():
+        unit = diagram.unit(name)
+        if share * ABOVE >= 1:
+            continue
+        floor, rms = (in_people_units(k * sigma[name], unit) for k in (1.0, share))
+        if method[name] == GIVEN:
+            words.append(f"the noise floor given for {name} ({floor}) is above all that the base leaves ({rms} rms), so "
+                         f"nothing can be found: is it in the right unit{f' ({unit})' if unit else ''}?")  # fmt: skip
+            continue
+        fast = [fast_noise(r, name) * _factor(r.unit(name), unit) for r in records.values()]
+        middle = float(np.median(fast))
+        if 0 < middle < sigma[name]:
+            words.append(f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base leaves "
+                         f"({rms} rms); {in_people_units(middle, unit)} of fast noise is taken instead.")  # fmt: skip
+            sigma[name], method[name] = middle, WEAK
+    return attrs.evolve(found, sigma=sigma, method=method, known=all(m != WEAK for m in method.values())), words
 
 
 def _factor(own: str, wanted: str) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from tsmblocks.diagnosis.difference import difference
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Limit, Named, Ranked, Segment
 from tsmblocks.diagnosis.script import code
+from tsmblocks.diagnosis.sensors import ABOVE
 from tsmblocks.diagnosis.showing import (
     digits,
     fitted_rms,
@@ -84,7 +85,14 @@ def verdict(segment: Segment) -> str:
         return (f"{between} the model misses something that no block of the catalogue explains: the best removes "
                 f"{percent(max(best, 0.0))} of the error. Where it is: {along}. {_left(segment)}")  # fmt: skip
     weak = " There is a weak excess, below what these data can name." if segment.excess > WEAK else ""
-    return f"{between} nothing is missing that these data could show. {_left(segment)}{weak}"
+    return f"{between} nothing is missing that these data could show. {_left(segment)}{weak}{_doubt(segment)}"
+
+
+def _doubt(segment: Segment) -> str:
+    """A word about a noise floor above what the model leaves."""
+    high = [g.output for g in segment.gaps if g.held_out[0] * ABOVE < g.noise_floor]
+    return (f" But the noise floor given for {listed(high, 3)} cannot be right: the model leaves less than that."
+            if high else "")  # fmt: skip
 
 
 def _ends(segment: Segment) -> str:
