@@ -77,6 +77,22 @@ def test_an_input_that_does_not_repeat_contradicts_the_period():
     assert got.method == "high frequencies"
 
 
+def test_tones_that_come_nearly_back_make_no_period():
+    """Three periods of the one are 15 s, seven of the other 14.89 s: what differs between them is motion."""
+    rng = np.random.default_rng(4)
+    t = T[:4000]
+    u = 45 * np.sin(0.4 * np.pi * t) + 12 * np.sin(0.94 * np.pi * t) + rng.normal(0, 0.02, len(t))
+    got = noise(record(t, u=u, y=0.9 * u + rng.normal(0, 0.06, len(t))), "y", inputs="u")
+    assert (got.method, got.floor) == ("high frequencies", pytest.approx(0.063, rel=0.06))
+
+
+def test_noise_of_the_input_itself_contradicts_no_period():
+    rng = np.random.default_rng(4)
+    x = periodic(T, 10.0)
+    got = noise(record(u=x + rng.normal(0, 0.02, len(T)), y=x + rng.normal(0, 0.02, len(T))), "y", inputs="u")
+    assert (got.method, got.floor) == ("repeated periods", pytest.approx(0.02, rel=0.1))
+
+
 # ---- repeats
 
 
