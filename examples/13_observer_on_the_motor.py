@@ -4,8 +4,6 @@ The encoder at the motor is there already, so this needs no sensor at the tip. O
 diagram: the compensator is opened and its observer wired to the motor.
 """
 
-import numpy as np
-
 import tsmblocks as tsm
 from tsmblocks.blocks import Derivative, Divide, HysteresisObserver, SmoothSlope, Sum
 
@@ -34,5 +32,5 @@ after = before.rewire(
 
 for name, diagram in {"on the reference": before, "on the motor": after}.items():
     run = tsm.simulate(diagram, stop=20.0, step=1e-3)
-    error = np.rad2deg(run["x_ref"] - run["x_out"])[run.t >= 10.0]
-    print(f"observer {name:17} {np.ptp(error):5.2f} deg peak to peak, {error.std():4.2f} deg rms")
+    error = tsm.tracking_error(run, after=10.0).to("deg")
+    print(f"observer {name:17} {error.peak_to_peak:5.2f} deg peak to peak, {error.rms:4.2f} deg rms")

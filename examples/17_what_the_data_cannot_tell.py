@@ -4,6 +4,8 @@ The symmetric Bouc-Wen model has one parameter too many: the size of its state m
 is only pulled, never let back, shows nothing of how its two directions differ: only a further experiment does.
 """
 
+from textwrap import fill
+
 import numpy as np
 
 import tsmblocks as tsm
@@ -29,7 +31,7 @@ def told(words, fit, *names):
 model = tsm.load("tendon_sheath_symmetric")
 record = measured(model, swing, seed=1)
 fit = tsm.fit(model, record, free=["tsm.*"], starts=1)
-print(*(u.words for u in fit.undetermined), sep="\n")
+print(*(fill(u.words, 79) for u in fit.undetermined), sep="\n")
 held = tsm.fit(model, record, free=["tsm.alpha_x", "tsm.A", "tsm.beta", "tsm.gamma", "tsm.n"])
 told("alpha_zeta held", held, "A")
 told("alpha_zeta tied to A", tsm.fit(model, record, free=["tsm.*"], ties={"alpha_zeta": "-A / 2"}), "A")
@@ -39,7 +41,7 @@ told("a prior", tsm.fit(model, record, free=["tsm.*"], priors={"tsm.alpha_zeta":
 model = tsm.load("tendon_sheath_asymmetric")
 pulled, swung = measured(model, pull, seed=2), measured(model, swing, seed=3)
 fit = tsm.fit(model, pulled, free=["tsm.*"], starts=1)
-print(*(u.words for u in fit.undetermined), sep="\n")
+print(*(fill(u.words, 79) for u in fit.undetermined), sep="\n")
 held = tsm.fit(model.with_parameters({"tsm.delta": 0.0}), pulled, free=["tsm.alpha*", "tsm.A", "tsm.theta"])
 told("delta held at zero", held, "A")
 told("swung as well", tsm.fit(model, [pulled, swung], free=["tsm.*"]), "A", "delta")

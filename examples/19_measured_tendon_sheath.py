@@ -11,6 +11,7 @@ that TSMBLOCKS_DATA names.
 import os
 import sys
 from pathlib import Path
+from textwrap import shorten
 
 import tsmblocks as tsm
 
@@ -29,13 +30,14 @@ for bend in (0, 60, 120, 180, 240):
 tracking = tsm.read(folder / "tracking/conf0_60.txt", columns="t, x_in [deg],,,, x_out [deg],,,,", tail="drop")
 records["tracking"] = tracking.resampled(0.02)
 for name, record in records.items():
-    print(f"{name}:", *record.notes, sep="\n  ")
+    more = f" (and {len(record.notes) - 1} more)" if len(record.notes) > 1 else ""
+    print(shorten(f"{name}: {record.notes[0]}", 79 - len(more), placeholder=" …") + more)
 
 for words, train in {"fitted to all samples": 1.0, "fitted to the first half, scored on the second": 0.5}.items():
-    print(f"\nrms error [deg], {words}\n{'':26}", *(f"{name:>9}" for name in records))
+    print(f"\nrms error [deg], {words}\n{'':24}", *(f"{name:>8}" for name in records))
     found = [tsm.compare(None, record, train=train) for record in records.values()]
     for model in sorted((row.name for row in found[0]), key=lambda name: max(c[name].figure for c in found)):
         if train == 1.0 and model in before:
-            print(f"{model + ', before':26}", *(f"{figure:9.2f}" for figure in before[model]))
+            print(f"{model + ', before':24}", *(f"{figure:8.2f}" for figure in before[model]))
         errors = [(c[model].held_out or c[model].train).rms for c in found]
-        print(f"{model:26}", *(f"{57.29578 * error:9.2f}" for error in errors))
+        print(f"{model:24}", *(f"{57.29578 * error:8.2f}" for error in errors))

@@ -70,15 +70,15 @@ simulated = tsm.fit(loop, raw[0], free=names, **sampled)
 
 def row(words, fit, names, errors):
     """The four numbers, half their intervals in percent, and the error of the force in both records."""
-    found = [f"{e.value:7.2f} ±{50 * (e.high - e.low) / abs(e.value):3.0f} %" for e in map(fit.__getitem__, names)]
-    print(f"{words:14}", *found, *(f"{100 * d.relative:8.2f} %" for d in errors))
+    found = [f"{e.value:7.2f} ±{50 * (e.high - e.low) / abs(e.value):3.0f}%" for e in map(fit.__getitem__, names)]
+    print(f"{words:10}", *found, *(f"{100 * d.relative:5.2f}%" for d in errors))
 
 
-print(f"{'':14}", *(f"{k:>13}" for k in ("M [kg]", "Fv [N s/m]", "Fc [N]", "offset [N]")), "  fitted     pulses")
-print(f"{'published':14}", *(f"{x:7.1f}      " for x in (95.1, 203.5, 20.4, -3.2)), f"{4.08:8} % {5.98:8} %")
+print(f"{'':10}", *(f"{k:>13}" for k in ("M [kg]", "Fv [N s/m]", "Fc [N]", "offset [N]")), "fitted pulses")
+print(f"{'published':10}", *(f"{x:7.1f}      " for x in (95.1, 203.5, 20.4, -3.2)), f"{4.08:5}% {5.98:5}%")
 linear = ["mass.gain", "forwards.gain", "dry.gain", "offset.bias"]
-row("term by term", one_level, linear, tsm.score(one_level.diagram, thin))
-row("loop simulated", simulated, names, tsm.score(simulated.diagram, raw, **sampled))
+row("by terms", one_level, linear, tsm.score(one_level.diagram, thin))
+row("simulated", simulated, names, tsm.score(simulated.diagram, raw, **sampled))
 forth, back = two_levels["forwards.gain"].value, two_levels["backwards.gain"].value
-print(f"with two viscous levels, {forth:.1f} and {back:.1f} N s/m, the error is "
+print(f"with two viscous levels, {forth:.1f} and {back:.1f} N s/m, the error is\n"
       f"{100 * two_levels.differences['force'].relative:.2f} % (published: 3.11 %)")  # fmt: skip

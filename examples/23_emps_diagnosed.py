@@ -8,6 +8,7 @@ Janot, Gautier and Brunot (nonlinearbenchmark.org), in the folder emps/ of the o
 import os
 import sys
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 
@@ -35,10 +36,10 @@ floor = {
 first = strokes.part(0.0, 12.36)
 found = tsm.diagnose(loop, first, free=numbers, outputs=[*floor], noise_floor=floor, condition=False, **sampled)
 
-print(found.sentence)
+print(fill(found.sentence, 79))
 for effect in found.effects:
     values = ", ".join(f"{name} {one.value:.3g} {one.unit}".strip() for name, one in effect.parameters.items())
-    print(f"{effect.words} ({effect.name}) on {effect.wire}: {values}")
+    print(f"  {effect.block}: {values}")
 print("error of the force       both strokes  second stroke  pulses")
 for words, diagram in {"base": found.base, "augmented": found.augmented}.items():
     both = tsm.score(diagram, strokes, window=(0.05, None), outputs=["force"], **sampled)["force"].relative

@@ -9,6 +9,7 @@ others (nonlinearbenchmark.org), in the folder cascaded_tanks/ of the one that T
 import os
 import sys
 from pathlib import Path
+from textwrap import fill
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Overflow, Sum
@@ -58,7 +59,7 @@ with registered(upper, lower):
         tanks, recorded("Est"), free=["pump.gain", "*_outlet.gain", "gauge.bias"], noise_floor=0.05, **held
     )
 
-print(found.sentence)
+print(fill(found.sentence, 79))
 (gap,) = found.worst.gaps
 print("V, fitted  ", *(f"{rms:6.3f}" for rms in gap.train))
 print("V, held out", *(f"{rms:6.3f}" for rms in gap.held_out))

@@ -9,6 +9,7 @@ everything that was fitted, shows whether the name is right. Measured data: Wigr
 import os
 import sys
 from pathlib import Path
+from textwrap import fill
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Bias, Gain, Integrator, Sum, ViscousFriction
@@ -49,9 +50,9 @@ sampled = {"hold": "cubic", "step": 1 / 610.35}
 numbers = ["push.gain", "damper.coefficient", "spring.gain", "gauge.bias"]
 found = tsm.diagnose(oscillator, noise, free=numbers, noise_floor=3e-4, **sampled)
 
-print(found.sentence)
+print(fill(found.sentence, 79))
 for effect in found.effects:
-    print(f"{effect.words} ({effect.name}): {100 * effect.share_removed:.2f} % of what can be explained")
+    print(f"{effect.words}: {100 * effect.share_removed:.2f} % of what can be explained")
 (gap,) = found.worst.gaps
 print("mV, fitted  ", *(f"{1e3 * rms:8.3f}" for rms in gap.train))
 print("mV, held out", *(f"{1e3 * rms:8.3f}" for rms in gap.held_out))

@@ -4,6 +4,7 @@ import re
 import runpy
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,12 @@ from tsmblocks.testing import broken_promises
 
 FOLDER = Path(__file__).parents[1] / "examples"
 PLANNED = "15_beyond_the_paper"
+MOST_LINES = 40
 APART = ("04_python_control", "05_two_link_arm", "07_c_export", PLANNED, "21_an_effect_of_your_own")
 """Examples whose answers have tests of their own below."""
 EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 ANSWERS = {
-    "01_feedforward": [28.3, 13.7],
+    "01_feedforward": [28.34, 10.74, 13.7, 2.67],
     "06_design_study": [
         *(0.0, 11.85, 8.56, 20.53, 0.8, 0.5, 10.24, 7.13, 16.87, 0.7, 1.0, 9.0, 5.85, 14.2, 0.9),
         *(1.5, 7.99, 5.40, 12.24, 1.9, 2.0, 7.2, 5.01, 10.78, 3.6, 2.5, 6.7, 4.94, 9.56, 6.4),  # 7.99: as in Fig 17
@@ -106,10 +108,18 @@ def run_example(name, capsys, monkeypatch, *arguments):
     monkeypatch.setattr(sys, "argv", [str(path), *arguments])
     assert tsm.blocks  # the package's own are there before an example adds one
     before = dict(REGISTRY)
-    found = runpy.run_path(str(path))
+    with tempfile.TemporaryDirectory() as elsewhere, monkeypatch.context() as there:
+        there.chdir(elsewhere)
+        if not arguments:
+            there.setitem(sys.modules, "matplotlib", None)  # only pictures need it
+        found = runpy.run_path(str(path))
+        assert not list(Path(elsewhere).iterdir())
     for name in set(REGISTRY) - set(before):
         del REGISTRY[name]  # an example's own block is no block of the package
-    return found, capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert max(map(len, said.splitlines())) <= 80
+    assert len(said.splitlines()) <= MOST_LINES
+    return found, said
 
 
 @pytest.mark.parametrize("path", [p for p in EXAMPLES if p.stem in ANSWERS], ids=lambda p: p.stem)
@@ -124,6 +134,14 @@ def test_example(path, capsys, monkeypatch, request, tmp_path):
 
 def test_every_example_has_its_answer():
     assert {p.stem for p in EXAMPLES} == {*ANSWERS, *MEASURED, *APART}
+
+
+def test_the_list_of_examples_is_complete():
+    rows = re.findall(r"^\| \[(\w+)\]\((\w+)\.py\) \| .+ \| \d+ s \|$", (FOLDER / "README.md").read_text("utf-8"), re.M)
+    assert [name for name, _ in rows] == [path.stem for path in EXAMPLES]
+    assert all(name == file for name, file in rows)
+    marked = re.findall(r"^\| \[(\w+)\].*\(data\) \|", (FOLDER / "README.md").read_text("utf-8"), re.M)
+    assert marked == [path.stem for path in EXAMPLES if path.stem in MEASURED]
 
 
 def test_what_a_plan_gains_over_the_paper(capsys, monkeypatch):
