@@ -168,6 +168,8 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
     assert "the error of u on data held out falls from 2.00 to 0.0200 V rms (noise 0.0100)" in telling.verdict(
         attrs.evolve(NAMED, gaps=(gap, other))
     )
+    bare = attrs.evolve(NAMED, gaps=(attrs.evolve(other, unit=""),))
+    assert "falls from 2.00 to 0.0200 rms (noise 0.0100)" in telling.verdict(bare)
 
 
 def test_a_compensator_that_does_no_better_is_explained():

@@ -117,7 +117,7 @@ def _shrinks(segment: Segment) -> str:
     share = percent(min(sum(e.share_removed for e in segment.effects), 1.0))
     them = "it" if len(segment.effects) == 1 else "them"
     return (f"With {them}, the error of {gap.output} on data held out falls from {digits(k * gap.held_out[0])} to "
-            f"{digits(k * gap.held_out[-1])} {unit} rms (noise {digits(k * gap.noise_floor)}), which is {share} of "
+            f"{_rms(k * gap.held_out[-1], unit)} (noise {digits(k * gap.noise_floor)}), which is {share} of "
             f"what can be explained. {_remains(segment, gap)}".rstrip())  # fmt: skip
 
 
@@ -131,6 +131,10 @@ def _remains(segment: Segment, gap: Gap) -> str:
     return f"That is still {ratio:.1f} times the noise: something is left {why}."
 
 
+def _rms(value: float, unit: str) -> str:
+    return " ".join(filter(None, (digits(value), unit, "rms")))
+
+
 def _also(segment: Segment) -> str:
     also = sorted({name for e in segment.effects for name in e.also_possible})
     return f"Also possible: {listed(also, 9) if also else 'nothing else of the catalogue'}."
@@ -139,7 +143,7 @@ def _also(segment: Segment) -> str:
 def _left(segment: Segment) -> str:
     gap = worst_gap(segment)
     k, unit = for_people(gap.unit)
-    return (f"The error of {gap.output} on data held out is {digits(k * gap.held_out[0])} {unit} rms, "
+    return (f"The error of {gap.output} on data held out is {_rms(k * gap.held_out[0], unit)}, "
             f"its noise {digits(k * gap.noise_floor)}.")  # fmt: skip
 
 
