@@ -69,7 +69,7 @@ def driven(loop, times, samples, hold):
     return loop.replace("ref", source).with_parameters(MOTOR)
 
 
-print("55 deg at 0.2 Hz for ever, motor at once where it is told: the smallest peak-to-peak error")
+print("the smallest peak-to-peak error, 55 deg at 0.2 Hz for ever, motor without delay")
 period = np.linspace(0.0, 5.0, 501)
 sine = WHOLE * np.sin(0.4 * np.pi * period)
 for fastest in (1.5, 3.0, 6.0):
