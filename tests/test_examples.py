@@ -161,6 +161,47 @@ def test_what_a_plan_gains_over_the_paper(capsys, monkeypatch):
             assert np.all(figures[:, 0] <= [28.6, 13.6, 6.3, 6.0, 2.0, 1.2])
 
 
+def bouc_wen(v, z, x):
+    A, beta, gamma, n = -1.495, 4.206, -2.272, 1.0217
+    return A * v - beta * abs(v) * abs(z) ** (n - 1) * z - gamma * v * abs(z) ** n
+
+
+def song(v, z, x):
+    signs = np.sign([v * z, v * x, x * z, v, z, x])
+    return v * (-1.9542 - abs(z) ** 2.024 * signs @ [14.3384, -1.2423, -3.0037, -2.4624, 0.2032, 3.1268])
+
+
+def proposed(v, z, x):
+    return -0.8745 * v - 5.034 * abs(v) * z + 0.14522 * abs(v)
+
+
+LOOPS = {
+    "symmetric": (bouc_wen, lambda v, z, x: 0.9225 * x + 0.6576 * z),
+    "generalized": (song, lambda v, z, x: 0.922 * x + 0.4033 * z),
+    "asymmetric": (proposed, lambda v, z, x: (0.92295 - 0.02575 * np.tanh(v)) * x + z),
+}
+
+
+@pytest.mark.parametrize("model", LOOPS)
+def test_the_loops_of_the_paper_by_scipy(model, capsys, monkeypatch):
+    """The equations as printed (but for the sign of gamma), integrated apart: what of x_in is lost, and the widths."""
+    said = printed(FOLDER / "08_paper_loops.py", capsys, monkeypatch)
+    column = list(LOOPS).index(model)
+    lines = [re.findall(r"-?\d+\.\d+", line)[-3:] for line in said.splitlines() if re.match("55 deg|near the", line)]
+    lost, upper, lower = (float(line[column]) for line in lines)
+    rate, output = LOOPS[model]
+    size, w = np.deg2rad(55.0), 0.4 * np.pi
+    x, v = (lambda t: size * np.sin(w * t)), (lambda t: size * w * np.cos(w * t))
+    t = np.linspace(5.0, 10.0, 20001)  # the second period: the first has forgotten the start
+    made = solve_ivp(lambda t, z: [rate(v(t), z[0], x(t))], (0.0, 10.0), [0.0], "DOP853", t, rtol=1e-7, max_step=0.02)
+    y = np.rad2deg(output(v(t), made.y[0], x(t)))
+    assert np.ptp(np.rad2deg(x(t)) - y) == pytest.approx(lost, abs=0.06)
+    for width, share in ((upper, 0.75), (lower, -0.75)):
+        level = (y.max() + y.min()) / 2 + share * np.ptp(y) / 2
+        there = np.rad2deg(x(t))[np.flatnonzero(np.diff(np.sign(y - level)))]
+        assert np.ptp(there) == pytest.approx(width, abs=0.08)
+
+
 def described(L, h, size):
     """The closed loop L with play of half width h behind it, by the describing function: answer to a sine."""
 
