@@ -28,16 +28,16 @@ def foretold(diagram, record):
 
 
 for model, chosen in bends.items():
-    print(f"\n{model}\n{'rms [deg]':10} {'fitted':^16}   {'held-out blocks':^16}   what is missing")
+    foretells = model == "tendon_sheath_linear"
+    print(f"\n{model}\n{'rms [deg]':10} {'fitted':^16}   {'held-out blocks':^16}" + "   second cycle" * foretells)
     for bend in chosen:
         record = tsm.read(folder / f"{bend}.txt", columns="t, x_in [deg],, x_out [deg],,,,")
         found = tsm.diagnose(tsm.load(model), record)
         (gap,) = found.worst.gaps
-        pairs = [f"{57.29578 * rms[0]:5.2f} -> {57.29578 * rms[-1]:5.2f}" for rms in (gap.train, gap.held_out)]
-        names = ", ".join(effect.name for effect in found.effects) or found.verdict
-        print(f"{bend:4} deg   ", "     ".join(pairs), f"    {names}")
+        pairs = [[57.29578 * rms[0], 57.29578 * rms[-1]] for rms in (gap.train, gap.held_out)]
+        if foretells:
+            pairs.append([foretold(diagram, record) for diagram in (found.base, found.augmented)])
+        print(f"{bend:4} deg   ", "     ".join(f"{before:5.2f} -> {after:5.2f}" for before, after in pairs))
+        print("  missing:", ", ".join(effect.name for effect in found.effects) or found.verdict)
         for effect in found.effects[:1]:
-            print(f"{'':9} instead of the first, also possible:", ", ".join(effect.also_possible) or "none")
-        if model == "tendon_sheath_linear":
-            before, after = (foretold(diagram, record) for diagram in (found.base, found.augmented))
-            print(f"{'':9} second cycle foretold from the first: {before:5.2f} -> {after:5.2f}")
+            print("  the first may also be:", ", ".join(effect.also_possible) or "nothing else")

@@ -49,12 +49,12 @@ def oscillator(measured):
 
 
 def rows(sheath, model):
-    """Bend, rms fitted before and after, held out before and after, and the names, of one model."""
+    """Bend, rms before and after (fitted, held out, second cycle), the names, and what else the first may be."""
     part = next(p for p in sheath.split("\n\n") if p.strip().startswith(model))
     return [
         (int(bend), numbers(figures), names.split(", "), also)
         for bend, figures, names, also in re.findall(
-            r"^ *(\d+) deg +([\d. >-]+[\d])  +([a-z].*)\n +instead of the first, also possible: (.*)$", part, re.M
+            r"^ *(\d+) deg +([\d. >-]+)\n +missing: (.*)\n +the first may also be: (.*)$", part, re.M
         )
     ]
 
@@ -63,13 +63,11 @@ def test_a_gap_is_named_first_on_every_bend_and_foretells_the_second_cycle(sheat
     found = rows(sheath, "tendon_sheath_linear")
     assert [bend for bend, _, _, _ in found] == [0, 60, 120, 180, 240]
     known = [1.12, 1.36, 1.25, 0.95, 0.75]  # play fitted by earlier work, on the first of the rows that repeat a time
-    for (_, (before, after, held_before, held_after), names, _), best in zip(found, known, strict=True):
+    for (_, (before, after, held_before, held_after, *later), names, _), best in zip(found, known, strict=True):
         assert names[0] == "backlash"
         assert after <= best
         assert held_after < 1.4 < 6.0 < before < held_before
-    later = [numbers(line) for line in re.findall(r"second cycle foretold.*", sheath)]
-    assert all(after < 1.25 and before > 7.0 for before, after in later)
-    assert len(later) == 5
+        assert later[1] < 1.25 < 7.0 < later[0]
 
 
 def test_the_model_of_the_paper_lacks_a_gap_or_several(sheath):
