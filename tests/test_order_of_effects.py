@@ -54,7 +54,7 @@ def found(floor):
 
 
 def test_what_stands_in_front_of_a_gap_is_placed_there_and_no_gap_of_nothing_is_named():
-    said = found(NOISE * DEG)
+    said = found(f"{NOISE} deg")
     assert {e.name for e in said.effects} == {"backlash", "asymmetric_hysteresis"}
     wires = {".".join(x.source): x.target[0] for x in said.augmented.links}
     assert wires["asymmetric_hysteresis.y"] == "backlash"
@@ -74,14 +74,14 @@ def test_a_floor_that_is_looked_for_is_that_of_the_sensor():
 
 
 def test_a_floor_above_what_the_model_leaves_is_doubted():
-    said = found(NOISE)  # degrees, taken for radians
+    said = found(f"{NOISE} rad")
     assert said.verdict == "none"
     assert said.sentence.endswith(
         "But the noise floor given for x_out cannot be right: the model leaves less than that."
     )
     (note,) = [n for n in said.notes if "noise floor" in n]
-    assert note.startswith("the noise floor of x_out, 3.44 deg, is more than the model leaves of it, 0.3")
-    assert note.endswith("deg rms: no effect can show under it. Is its unit right?")
+    assert note.startswith("the noise floor given for x_out (3.44 deg) is above all that the base leaves (0.3")
+    assert note.endswith("deg rms), so nothing can be found: is it in the right unit (rad)?")
 
 
 def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
@@ -94,8 +94,8 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     said = found(None)
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]
-    assert "1.16 deg, is more than the model leaves of it" in note
-    assert note.endswith("so the repeated periods were none; 0.0621 deg of fast noise is taken instead.")
+    assert note == ("the noise floor of x_out found in repeated periods (1.16 deg) is above all that the base leaves "
+                    "(0.355 deg rms); 0.0621 deg of fast noise is taken instead.")  # fmt: skip
 
 
 def test_wires_in_front_of_blocks_that_were_named_are_places_too():

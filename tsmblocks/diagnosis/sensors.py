@@ -79,14 +79,16 @@ def lowered(
             continue
         floor, rms = (in_people_units(k * sigma[name], unit) for k in (1.0, share))
         if method[name] == GIVEN:
-            words.append(f"the noise floor given for {name} ({floor}) is above all that the base leaves ({rms} rms), so "
-                         f"nothing can be found: is it in the right unit{f' ({unit})' if unit else ''}?")  # fmt: skip
+            meant = f" ({unit})" if unit else ""
+            words.append(f"the noise floor given for {name} ({floor}) is above all that the base leaves ({rms} rms), "
+                         f"so nothing can be found: is it in the right unit{meant}?")  # fmt: skip
             continue
         fast = [fast_noise(r, name) * _factor(r.unit(name), unit) for r in records.values()]
         middle = float(np.median(fast))
         if 0 < middle < sigma[name]:
-            words.append(f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base leaves "
-                         f"({rms} rms); {in_people_units(middle, unit)} of fast noise is taken instead.")  # fmt: skip
+            taken = f"{in_people_units(middle, unit)} of fast noise is taken instead"
+            words.append(f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base "
+                         f"leaves ({rms} rms); {taken}.")  # fmt: skip
             sigma[name], method[name] = middle, WEAK
     return attrs.evolve(found, sigma=sigma, method=method, known=all(m != WEAK for m in method.values())), words
 
