@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 import attrs
 import numpy as np
 
-from tsmblocks import units
-from tsmblocks.data import Record, noise
+from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError
+from tsmblocks.fitting.noise_of import WEAK, noise_of
 
 GIVEN = "given"
 """The way of a floor that the user knows."""
-WEAK = "high frequencies"
-"""The way of finding a floor that misses slow noise: no model may be called wrong by it alone."""
 
 
 @attrs.frozen
@@ -48,18 +46,9 @@ def floors(
 
 
 def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
-    """The middle of what the experiments say, those before others that show more than fast noise."""
-    inputs = [k for k in diagram.inports if all(k in r for r in records.values())]
-    found = [(noise(r, name, inputs=inputs or None), r) for r in records.values()]
-    sound = [one for one in found if one[0].method != WEAK] or found
-    values = [n.floor * _factor(r.unit(name), diagram.unit(name)) for n, r in sound]
-    middle = float(np.median(values))
+    """The noise that the recordings show. Raises DataError where they show none."""
+    middle, method = noise_of(records, diagram, name)
     if not middle > 0:
         raise DataError(f"no noise was found in {name}, so nothing says what counts as a difference. Give the noise "
                         f"floor with its unit: noise_floor=…{diagram.unit(name)}.")  # fmt: skip
-    methods = [n.method for n, _ in sound]
-    return middle, max(sorted(set(methods)), key=methods.count)
-
-
-def _factor(own: str, wanted: str) -> float:
-    return units.factor(own, wanted) if own and wanted else 1.0
+    return middle, method
