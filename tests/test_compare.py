@@ -247,7 +247,7 @@ def test_several_outputs_have_no_noise_in_common():
 
 def test_a_model_whose_numbers_the_data_leave_open_is_told_in_its_row():
     twice = tsm.Diagram(title="twice", blocks=dict(a=Gain(gain=0.5), b=Gain(gain=2.0)), wires=["a -> b"],
-                        inputs={"x_in": "a"}, outputs={"x_out": "b"})  # fmt: skip
+                        inputs={"x_in": tsm.Inlet("a.u", unit="rad")}, outputs={"x_out": "b"})  # fmt: skip
     once = twice.replace("b", tsm.blocks.Bias())
     found = tsm.compare({"twice": twice, "once": once}, rig(), **QUICK)
     assert {row[0]: row[-1] for row in ranking_rows(found)[1:]} == {"twice": "not determined", "once": ""}
