@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import attrs
-import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
