@@ -9,7 +9,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.cli import console, main
-from tsmblocks.diagnosis.given import asked_floors
+from tsmblocks.fitting.given import asked_floors
 
 T = np.arange(0.0, 6.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
@@ -200,7 +200,7 @@ def test_only_what_is_free_is_fitted(run, tmp_path):
         ((*BASE, "--effects", "drfit"), "--effects: 'drfit' names no effect of the catalogue. Did you mean 'drift'?"),
         ((*BASE[:4], "--noise-floor", "0.2V"), "--noise-floor 0.2V: 'V' does not convert to that of x_out [rad]."),
         ((*BASE[:4], "--noise-floor", "0.2dge"), "--noise-floor 0.2dge: 'dge' is not a unit known here. Did you mean 'deg'?"),
-        ((*BASE[:4], "--noise-floor", "x_uot=0.2deg"), "--noise-floor: 'x_uot' is no measured output. Did you mean 'x_out'?"),
+        ((*BASE[:4], "--noise-floor", "x_uot=0.2deg"), "--noise-floor: 'x_uot' is not compared here. Did you mean 'x_out'?"),
         ((*BASE, "0.3deg"), "--noise-floor gives x_out two values; name each output once."),
         ((*BASE[:4], "--noise-floor", "much"), "--noise-floor: 'much' is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg."),
         ((*BASE[:4], "--noise-floor", "0"), "--noise-floor: '0' is not more than 0, and finite."),

@@ -104,9 +104,7 @@ def test_json_is_one_object_with_the_same_numbers_and_the_repairs(run):
     status, out, err = run(*words, "--json", "--out", "f.toml")
     told = json.loads(out)
     assert (status, err) == (0, "")
-    repair = (
-        "400 rows repeated the time of the row before; each group was replaced by its mean, leaving 400 of 800 samples."
-    )
+    repair = "400 rows repeated the time of the row before (rows 3, 5, 7, 9, 11, …), with the same values; each group was replaced by its mean, leaving 400 of 800 samples."
     assert told["data"] == [{"experiment": "rep", "origin": "rep.csv", "samples": 400, "notes": [repair]}]
     assert told["written"] == ["f.toml"]
     numbers = {e["name"]: e["value"] for e in told["estimates"]}

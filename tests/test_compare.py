@@ -12,6 +12,7 @@ from tsmblocks.block import Block, Input, Output, block, parameter
 from tsmblocks.blocks import Gain
 from tsmblocks.cli import console
 from tsmblocks.fitting.compare import ready_made
+from tsmblocks.fitting.telling import ranking_rows
 
 T = 0.01 * np.arange(601)
 U = 0.6 * np.sin(2.1 * T) + 0.4 * np.sin(5.3 * T)
@@ -218,6 +219,39 @@ def test_a_table_is_shown_in_degrees(ranked):
     assert "deg" in text
     assert f"{np.rad2deg(ranked.best.figure):.4g}" in text
     assert text.index("slack") < text.index("line")
+
+
+def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
+    assert ranked.noise == pytest.approx(0.01, rel=0.15)
+    assert ranked.above_noise == pytest.approx(ranked.best.figure / ranked.noise)
+    assert " deg rms (high frequencies); slack leaves" in str(ranked).replace("\n", " ")
+    assert "tsmblocks diagnose" not in str(ranked)
+    poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
+    assert poor.above_noise > 1.5
+    assert f"and line leaves {poor.above_noise:.2g} times that: something is missing in every one. " in (
+        str(poor).replace("\n", " ")
+    )
+    assert "`tsmblocks diagnose line --data …`" in str(poor).replace("\n", " ")
+    assert poor.to_dict()["noise"] == poor.noise
+
+
+def test_several_outputs_have_no_noise_in_common():
+    both = tsm.Diagram(title="both", blocks=dict(a=Gain(gain=0.5), b=Gain(gain=2.0)), inputs={"x_in": ["a.u", "b.u"]},
+                       outputs={"x_out": "a", "other": "b"})  # fmt: skip
+    data = record("two", T, {}, x_in=U, x_out=noisy(0.6 * U, 0.01, 1), other=noisy(1.7 * U, 0.05, 2))
+    found = tsm.compare({"both": both}, data, **QUICK)
+    assert np.isnan(found.noise)
+    assert found.to_dict()["noise"] is None
+    assert "noise" not in str(found)
+
+
+def test_a_model_whose_numbers_the_data_leave_open_is_told_in_its_row():
+    twice = tsm.Diagram(title="twice", blocks=dict(a=Gain(gain=0.5), b=Gain(gain=2.0)), wires=["a -> b"],
+                        inputs={"x_in": tsm.Inlet("a.u", unit="rad")}, outputs={"x_out": "b"})  # fmt: skip
+    once = twice.replace("b", tsm.blocks.Bias())
+    found = tsm.compare({"twice": twice, "once": once}, rig(), **QUICK)
+    assert {row[0]: row[-1] for row in ranking_rows(found)[1:]} == {"twice": "not determined", "once": ""}
+    assert str(found).count("not determined") == 1
 
 
 def test_it_can_be_drawn(ranked):

@@ -333,7 +333,7 @@ FAULTS = {
     ),
     "floor of nothing measured": (
         dict(noise_floor={"x_uot": 1.0}), ParameterError,
-        "noise_floor: 'x_uot' is no measured output. Did you mean 'x_out'?",
+        "noise_floor: 'x_uot' is not compared here. Did you mean 'x_out'?",
     ),
     "unknown effect": (
         dict(effects=["baklash"]), ParameterError,

@@ -44,7 +44,7 @@ RECORDINGS = {"full": record("full", X), "half": record("half", X / 2, seed=2)}
 
 @pytest.fixture(scope="module")
 def found():
-    return tsm.diagnose(tsm.load("tendon_sheath_linear"), RECORDINGS, noise_floor=NOISE, effects=EFFECTS)
+    return tsm.diagnose(tsm.load("tendon_sheath_linear"), RECORDINGS, noise_floor="0.2deg", effects=EFFECTS)
 
 
 def told(diagnosis):
@@ -99,7 +99,7 @@ def test_diagrams_have_the_start_states_of_their_experiment(found):
 
 
 def test_a_window_is_part_of_the_lines():
-    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), RECORDINGS, noise_floor=NOISE, effects=EFFECTS,
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), RECORDINGS, noise_floor="0.2deg", effects=EFFECTS,
                          window={"full": (1.0, None)}, condition=False)  # fmt: skip
     names, scored = run(code(found), RECORDINGS)
     assert "conditioned" not in "\n".join(code(found))
@@ -124,7 +124,7 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines():
     y = tsm.simulate(motor, inputs={drive: (t, u)}, stop=t[-1], step=0.01, hold="cubic")[angle]
     y = y + 0.002 * np.random.default_rng(3).standard_normal(len(t))
     one = tsm.Record("run", t, {drive: u, angle: y}, {drive: motor.inports[drive].unit, angle: motor.unit(angle)})
-    found = tsm.diagnose(motor, one, noise_floor=0.002, effects=["load_offset"])
+    found = tsm.diagnose(motor, one, noise_floor="0.002rad", effects=["load_offset"])
     assert found.simulated is not None
     assert list(found.simulated.pieces) == ["run#1", "run#2", "run#3", "run#4"]
     names, scored = run(code(found), {"run": one})
@@ -206,7 +206,7 @@ def test_a_diagram_is_loaded_by_the_name_under_which_it_was_found(tmp_path):
 
 def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     twice = tsm.load("tendon_sheath_linear").insert("again", Gain(), before="gain.u")
-    found = tsm.diagnose(twice, RECORDINGS, noise_floor=NOISE, effects=EFFECTS, start_states=False)
+    found = tsm.diagnose(twice, RECORDINGS, noise_floor="0.2deg", effects=EFFECTS, start_states=False)
     (segment,) = found.segments
     ready = {name: one.conditioned(["x_in"]) for name, one in RECORDINGS.items()}
     free = [e.name for e in segment.fit if not e.is_start]

@@ -200,6 +200,16 @@ def test_a_prior_may_be_for_one_experiment():
     assert abs(found.values["offset.bias@two"]) < 1e-3 < found.values["offset.bias@one"]
 
 
+def test_sigma_has_a_unit_of_its_own():
+    data = straight(sigma=0.0)
+    turned = data.converted({"x_out": "deg"})
+    prior = {"gain.gain": (0.5, 0.01)}
+    plain = tsm.fit(LINEAR, data, priors=prior, sigma=np.radians(2.0))
+    for given in ("2deg", {"x_out": "2 deg"}, f"{np.radians(2.0)} rad"):
+        for one in (data, turned):
+            np.testing.assert_allclose(numbers(tsm.fit(LINEAR, one, priors=prior, sigma=given)), numbers(plain))
+
+
 def test_sigma_says_what_outputs_count():
     diagram = tsm.Diagram(
         title="twice", blocks=dict(k=Gain(), more=Gain(gain=10.0)), wires=["k -> more"],

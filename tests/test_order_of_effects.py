@@ -87,10 +87,10 @@ def test_a_floor_above_what_the_model_leaves_is_doubted():
 def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     """Whatever says so, noise that the model explains is none."""
     from tsmblocks.data import Noise
-    from tsmblocks.diagnosis import sensors
+    from tsmblocks.fitting import noise_of
 
     fooled = Noise("x_out", "deg", 1.16, None, "repeated periods", 1000, 900)
-    monkeypatch.setattr(sensors, "noise", lambda *_, **__: fooled)
+    monkeypatch.setattr(noise_of, "noise", lambda *_, **__: fooled)
     said = found(None)
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]

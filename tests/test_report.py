@@ -39,8 +39,6 @@ where they disagree:
 - 90 % of the excess: the error has one sign forwards and the other backwards.
 
 candidates, round 1 (* named, ~ cannot be told from it):
-removes: of the error above the noise, on data held out; new exp.: on whole
-experiments held out; t: how sure that is, in brackets what chance stays below
   candidate   on                 removes  new exp.  t (2)
 * backlash    offset.y -> x_out     98 %      98 %    9.5
 ~ hysteresis  offset.y -> x_out     98 %      98 %    9.5

@@ -338,9 +338,22 @@ def a_sigma_of_an_unknown_output():
     fit(sigma={"x_ou": 1.0})
 
 
-@mistake(ParameterError, "sigma of 'x_out' must be a positive number, got [0.1].")
+@mistake(
+    ParameterError,
+    "sigma of 'x_out' must be a positive number, or one with its unit such as '0.05deg', got [0.1].",
+)
 def a_sigma_that_is_no_number():
-    fit(sigma=[0.1])
+    fit(sigma={"x_out": [0.1]})
+
+
+@mistake(
+    ParameterError,
+    "sigma=0.06 has no unit, and x_out is in deg in the recording 'm' but compared in rad: write '0.06deg' or '0.06rad'.",
+)
+def a_sigma_that_could_be_in_two_units():
+    t = np.arange(100) * 0.01
+    record = tsm.Record("m", t, {"x_in": np.sin(t), "x_out": np.sin(t)}, {"x_in": "deg", "x_out": "deg"})
+    tsm.fit(tsm.load("tendon_sheath_linear"), record, sigma=0.06)
 
 
 @mistake(ParameterError, "sigma is given for some outputs, but not for 'y'.")

@@ -37,8 +37,8 @@ TYPED = (
 
 def floor(text: str) -> str:
     """A noise floor: a number, perhaps with its unit, perhaps for one output."""
-    from tsmblocks.diagnosis.given import parsed
     from tsmblocks.errors import TsmError
+    from tsmblocks.fitting.given import parsed
 
     try:
         parsed(text)

@@ -18,7 +18,6 @@ from tsmblocks.diagnosis.exchanging import exchanged
 from tsmblocks.diagnosis.finishing import finished
 from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import parts
-from tsmblocks.diagnosis.given import asked_floors
 from tsmblocks.diagnosis.model import Asked, Model, calibrated
 from tsmblocks.diagnosis.restarts import pieces, remembers
 from tsmblocks.diagnosis.restarts import whole as whole_name
@@ -34,6 +33,7 @@ from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, catalogue
 from tsmblocks.errors import DataError, ParameterError, near
 from tsmblocks.fitting import asking
+from tsmblocks.fitting.given import asked_floors
 from tsmblocks.fitting.interrupt import Asked as Stop
 from tsmblocks.fitting.interrupt import kept
 from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units

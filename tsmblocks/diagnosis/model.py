@@ -12,6 +12,7 @@ from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
 from tsmblocks.fitting.estimate import begins
 from tsmblocks.fitting.gauss_newton import gauss_newton
+from tsmblocks.fitting.given import Floor
 from tsmblocks.fitting.problem import Problem
 from tsmblocks.fitting.search import Found, feasible_start, held
 from tsmblocks.fitting.setting_up import Setup, pose
@@ -121,10 +122,11 @@ def posed(
     bounds: Mapping[str, Any] | None = None, local: Iterable[str] | None = None,
 ) -> tuple[Problem, Setup]:  # fmt: skip
     """The problem of fitting a diagram, weighed by the noise; ``local`` names what belongs to one experiment."""
+    known = {k: Floor(k, v, diagram.unit(k)) for k, v in asked.sigma.items()}
     return pose(
         diagram, dict(records), free=free, bounds=bounds, start=None, local=local or (),
         start_states=asked.start_states and local is None,
-        constraints=None, ties=None, priors=None, sigma=dict(asked.sigma), outputs=asked.outputs,
+        constraints=None, ties=None, priors=None, sigma=known, outputs=asked.outputs,
         window=asked.window, step=asked.step, integrator=asked.integrator, hold=asked.hold, backend="",
     )  # fmt: skip
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import attrs
-import numpy as np
 
-from tsmblocks import units
-from tsmblocks.data import Record, fast_noise, noise
+from tsmblocks.data import Record
 from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DataError
+from tsmblocks.fitting.noise_of import WEAK, fast_noise_of, noise_of
 
 GIVEN = "given"
 """The way of a floor that the user knows."""
 ABOVE = 1.5
 """How many times what the base leaves a floor must be to be doubted: noise alone is about once that."""
-WEAK = "high frequencies"
-"""The way of finding a floor that misses slow noise: no model may be called wrong by it alone."""
 
 
 @attrs.frozen
@@ -51,17 +48,12 @@ def floors(
 
 
 def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
-    """The middle of what the experiments say, those before others that show more than fast noise."""
-    inputs = [k for k in diagram.inports if all(k in r for r in records.values())]
-    found = [(noise(r, name, inputs=inputs or None), r) for r in records.values()]
-    sound = [one for one in found if one[0].method != WEAK] or found
-    values = [n.floor * _factor(r.unit(name), diagram.unit(name)) for n, r in sound]
-    middle = float(np.median(values))
+    """The noise that the recordings show. Raises DataError where they show none."""
+    middle, method = noise_of(records, diagram, name)
     if not middle > 0:
         raise DataError(f"no noise was found in {name}, so nothing says what counts as a difference. Give the noise "
                         f"floor with its unit: noise_floor=…{diagram.unit(name)}.")  # fmt: skip
-    methods = [n.method for n, _ in sound]
-    return middle, max(sorted(set(methods)), key=methods.count)
+    return middle, method
 
 
 def lowered(
@@ -83,15 +75,10 @@ def lowered(
             words.append(f"the noise floor given for {name} ({floor}) is above all that the base leaves ({rms} rms), "
                          f"so nothing can be found: is it in the right unit{meant}?")  # fmt: skip
             continue
-        fast = [fast_noise(r, name) * _factor(r.unit(name), unit) for r in records.values()]
-        middle = float(np.median(fast))
+        middle = fast_noise_of(records, diagram, name)
         if 0 < middle < sigma[name]:
             taken = f"{in_people_units(middle, unit)} of fast noise is taken instead"
             words.append(f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base "
                          f"leaves ({rms} rms); {taken}.")  # fmt: skip
             sigma[name], method[name] = middle, WEAK
     return attrs.evolve(found, sigma=sigma, method=method, known=all(m != WEAK for m in method.values())), words
-
-
-def _factor(own: str, wanted: str) -> float:
-    return units.factor(own, wanted) if own and wanted else 1.0

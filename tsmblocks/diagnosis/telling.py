@@ -37,12 +37,6 @@ MOST = 8
 FEW = 3
 SENSELESS = 10.0
 """Share of the excess above which there was no excess to speak of, so that the share says nothing."""
-LEGEND = (
-    "removes: of the error above the noise, on data held out; t: how sure that is, in brackets what chance stays below",
-    "removes: of the error above the noise, on data held out; new exp.: on whole experiments held out; t: how sure "
-    "that is, in brackets what chance stays below",
-)
-"""What the columns of candidates say, for one experiment and for several."""
 HOLE = "\0"
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
 STATUS = {"done": "done", "interrupted": "interrupted; this is what was found until then"}
@@ -209,8 +203,7 @@ def _ranking(segment: Segment) -> list[str]:
                   *[percent(across(r, several))][: several - 1], f"{r.t:.1f}"] for r in shown]  # fmt: skip
         rest = len(here) - len(shown)
         more = f"\nOther candidates, which promised or removed less: {rest}." if rest else ""
-        legend = "" if made else textwrap.fill(LEGEND[several > 1], WIDTH) + "\n"
-        made.append(f"candidates, round {number} (* named, ~ cannot be told from it):\n{legend}"
+        made.append(f"candidates, round {number} (* named, ~ cannot be told from it):\n"
                     f"{columns(rows, left=(0, 1))}{more}")  # fmt: skip
     return [*made, _filled(columns_in_words(several > 1))] if made else []
 

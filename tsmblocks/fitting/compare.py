@@ -16,6 +16,7 @@ from tsmblocks.errors import DataError, RunError, TsmError, in_words, near
 from tsmblocks.fitting import asking
 from tsmblocks.fitting.differences import Differences, score
 from tsmblocks.fitting.estimate import fit
+from tsmblocks.fitting.noise_of import noise_of
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
 from tsmblocks.fitting.trials import Window
@@ -60,13 +61,24 @@ class Row:
 
 @attrs.frozen(eq=False)
 class Comparison:
-    """Models from best to worst, on held-out parts where there are any; by name, ``comparison["play"]``."""
+    """Models from best to worst, on held-out parts where there are any; by name, ``comparison["play"]``.
+
+    ``noise`` is the rms noise of the output [``unit``] as the recordings show it, NaN where several outputs are
+    compared; ``noise_from`` says how it was found.
+    """
 
     rows: tuple[Row, ...]
     unit: str
     interrupted: bool = False
     notes: tuple[str, ...] = ()
     """What signals without a unit were taken to be in."""
+    noise: float = float("nan")
+    noise_from: str = ""
+
+    @property
+    def above_noise(self) -> float:
+        """What the best model leaves, over the noise; NaN where that is not known."""
+        return self.best.figure / self.noise if self.noise > 0 else float("nan")
 
     @property
     def best(self) -> Row:
@@ -88,7 +100,9 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the ranking as plain values, as ``tsmblocks compare --json`` prints it."""
-        return {"format": 1, "unit": self.unit, "interrupted": self.interrupted, "notes": list(self.notes), "models": [
+        noise = self.noise if np.isfinite(self.noise) else None
+        return {"format": 1, "unit": self.unit, "interrupted": self.interrupted, "noise": noise,
+                "noise_from": self.noise_from, "notes": list(self.notes), "models": [
             {"name": r.name, "parameters": r.parameters, "fault": r.fault or None,
              "train": None if r.train is None else r.train.to_dict(),
              "held_out": None if r.held_out is None else r.held_out.to_dict(),
@@ -165,7 +179,19 @@ def compare(
         raise RunError(f"none of the models could be fitted. {' '.join(said)}")
     unit = next((row.train.unit for row in rows if row.train is not None), "")
     ranked = tuple(sorted(rows, key=lambda row: row.figure))
-    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes)))
+    noise = _noise(ranked[0], records, candidates[ranked[0].name])
+    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes)), *noise)
+
+
+def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[float, str]:
+    """The noise of the output that was compared, and how it was found; NaN for several, or where there is none."""
+    names = {d.output for d in best.train or ()}
+    if len(names) != 1:
+        return float("nan"), ""
+    try:
+        return noise_of(records, diagram, names.pop())
+    except DataError:  # too few samples to tell
+        return float("nan"), ""
 
 
 def _held_out(found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Differences:

@@ -54,7 +54,9 @@ def fit(
 
     What is compared: ``outputs`` (by default all that were measured) in ``window`` (start, stop) [s], which
     may differ by experiment; the simulation runs from the start of the recording all the same.
-    ``sigma`` is the noise of each output; without it one output counts as it is, several by their spread.
+    ``sigma`` is the noise of each output with its unit, one for all or by output (``"0.06deg"``,
+    ``{"x_out": "0.06deg"}``); a number alone is in the unit of the recordings and of the diagram, and refused where
+    those differ. Without it one output counts as it is, several by their spread.
 
     How: ``method`` is ``"gauss-newton"``, ``"ipopt"`` (with ``segments`` > 1: multiple shooting, for plants
     that run away) or ``"ga"`` (a genetic algorithm, then Nelder-Mead: the paper's route). ``starts`` > 1

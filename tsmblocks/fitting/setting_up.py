@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import is_number, positive, prepared
+from tsmblocks.arguments import positive, prepared
 from tsmblocks.data import Record, read
 from tsmblocks.data.untold import untold
 from tsmblocks.diagram import Diagram
@@ -20,6 +20,7 @@ from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.fitting import asking
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
+from tsmblocks.fitting.given import asked_floors
 from tsmblocks.fitting.problem import Priors, Problem
 from tsmblocks.fitting.trials import FEWEST, Trial, Window, compared, is_even, median_step, prepare
 from tsmblocks.fitting.unknowns import (
@@ -256,16 +257,12 @@ def _items(
 def _weights(setup: Setup, sigma: Any) -> np.ndarray:
     """One over the deviation of each output: given, or what was measured where several outputs are to be weighed."""
     if sigma is not None:
-        given = sigma if isinstance(sigma, Mapping) else dict.fromkeys(setup.outputs, sigma)
-        for name, value in given.items():
-            if name not in setup.outputs:
-                raise ParameterError(f"sigma: '{name}' is not compared here.{near(name, setup.outputs)}")
-            if not is_number(value) or value <= 0:
-                raise ParameterError(f"sigma of '{name}' must be a positive number, got {in_words(value)}.")
+        records = {trial.name: trial.record for trial in setup.trials}
+        given = asked_floors(sigma, setup.diagram, records, setup.outputs, "sigma")
         missing = [k for k in setup.outputs if k not in given]
         if missing:
             raise ParameterError(f"sigma is given for some outputs, but not for '{missing[0]}'.")
-        return np.array([1 / float(given[k]) for k in setup.outputs])
+        return np.array([1 / given[k][0] for k in setup.outputs])
     if len(setup.outputs) == 1:
         return np.ones(1)
     spread = np.sqrt(np.mean([trial.measured.var(axis=0) for trial in setup.trials], axis=0))

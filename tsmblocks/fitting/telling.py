@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 CLOSE = 0.95
 """Correlation from which two parameters are told as hard to tell apart."""
+FAR = 1.5
+"""Error beside the noise from which it is told what to do about it."""
 MOST = 5
 """Pairs of parameters, and names of a list, that are told; the rest is counted."""
 LEAST, EXACT = 3, 7
@@ -138,8 +140,10 @@ def ranking(comparison: Comparison) -> str:
     rows = ranking_rows(comparison)
     faults = [_bullet(f"{row.name}: {row.fault}") for row in comparison if row.fit is None]
     warnings = [_bullet(f"{row.name}: {text}") for row in comparison if row.fit is not None for text in doubts(row.fit)]
+    flush = (0, len(rows[0]) - 1) if rows[0][-1] == "" else (0,)
     parts = ["\n".join(map(_bullet, comparison.notes))] if comparison.notes else []
-    parts += [columns(rows)] if len(rows) > 1 else []
+    parts += [columns(rows, left=flush)] if len(rows) > 1 else []
+    parts += beside_noise(comparison)
     parts += ["\n".join(["could not be fitted:", *faults])] if faults else []
     parts += ["\n".join(["beware:", *warnings])] if warnings else []
     return "\n\n".join(parts)
@@ -151,11 +155,34 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     whole = all(row.held_out is None for row in comparison)
     head = ("model", "parameters", f"rms held out [{unit}]", f"rms fitted [{unit}]")
     rows: list[tuple[str, ...]] = [(*head[:2], head[3]) if whole else head]
+    vague = any(open_numbers(row.fit) for row in comparison if row.fit is not None)
+    rows[0] += ("",) * vague
     for row in comparison:
-        if row.train is not None:
-            fitted = f"{k * row.train.rms:.4g}"
-            rows.append((row.name, str(row.parameters), *([] if whole else [f"{k * row.figure:.4g}"]), fitted))
+        if row.train is not None and row.fit is not None:
+            held, fitted = [] if whole else [f"{k * row.figure:.4g}"], f"{k * row.train.rms:.4g}"
+            said = ("not determined" if open_numbers(row.fit) else "",) * vague
+            rows.append((row.name, str(row.parameters), *held, fitted, *said))
     return rows
+
+
+def beside_noise(comparison: Comparison) -> list[str]:
+    """How far from the noise the best model stays, and what to do where that is far; nothing where it is not known."""
+    ratio = comparison.above_noise
+    if not np.isfinite(ratio):
+        return []
+    k, unit = for_people(comparison.unit)
+    noise = f"The noise of the recordings is {k * comparison.noise:.3g} {unit} rms ({comparison.noise_from})"
+    if ratio < FAR:
+        return [textwrap.fill(f"{noise}; {comparison.best.name} leaves {ratio:.2g} times that.", WIDTH)]
+    return [textwrap.fill(f"{noise}, and {comparison.best.name} leaves {ratio:.2g} times that: something is missing in "
+                          f"every one. `tsmblocks diagnose {comparison.best.name} --data …` (tsm.diagnose) looks for "
+                          "what it is.", WIDTH, break_on_hyphens=False)]  # fmt: skip
+
+
+def open_numbers(fit: Fit) -> list[str]:
+    """Numbers of a fit that its data do not determine, start values last."""
+    open_ = {name for u in fit.undetermined if u.kind != UNCERTAIN for name in u.names}
+    return [e.name for e in sorted(fit.estimates, key=lambda e: e.is_start) if e.name in open_]
 
 
 def by_file(found: Mapping[str, Comparison]) -> str:
@@ -187,8 +214,7 @@ def doubts(fit: Fit) -> list[str]:
     from tsmblocks.fitting.result import STATUS
 
     said = [] if fit.status == "converged" else [f"{STATUS[fit.status]}."]
-    open_ = {name for u in fit.undetermined if u.kind != UNCERTAIN for name in u.names}
-    names = [e.name for e in sorted(fit.estimates, key=lambda e: e.is_start) if e.name in open_]
+    names = open_numbers(fit)
     if names:
         said.append(f"the data do not determine {listed(names)}.")
     return said

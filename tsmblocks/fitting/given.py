@@ -1,4 +1,4 @@
-"""Noise floors as people give them: a number, a number with its unit, for every output or by name."""
+"""Noise of outputs as people give it: a number, a number with its unit, for every output or by name."""
 
 from __future__ import annotations
 
@@ -41,59 +41,61 @@ class Floor:
         return f"{self.value:g}{self.unit}"
 
 
-def parsed(text: str) -> Floor:
+def parsed(text: str, what: str = "noise_floor") -> Floor:
     """A floor out of ``0.05``, ``0.05deg`` or ``x_out = 0.05 deg``. Raises ParameterError for anything else."""
     found = _TEXT.fullmatch(text.strip())
     if not found:
-        raise ParameterError(f"noise_floor: {in_words(text)} is not {FORM}.")
+        raise ParameterError(f"{what}: {in_words(text)} is not {FORM}.")
     one = Floor(found["name"] or "", float(found["value"]), found["unit"].strip())
     if not 0 < one.value < np.inf:
-        raise ParameterError(f"noise_floor: {in_words(text)} is not more than 0, and finite.")
+        raise ParameterError(f"{what}: {in_words(text)} is not more than 0, and finite.")
     try:
         units.parse(one.unit)
     except units.UnitError as error:
-        raise ParameterError(f"noise_floor={one.text}: {error}") from None
+        raise ParameterError(f"{what}={one.text}: {error}") from None
     return one
 
 
 def asked_floors(
-    given: Any, diagram: Diagram, records: Mapping[str, Record], outputs: Sequence[str]
+    given: Any, diagram: Diagram, records: Mapping[str, Record], outputs: Sequence[str], what: str = "noise_floor"
 ) -> dict[str, tuple[float, str]]:  # fmt: skip
     """The floors that were given, by output: in the diagram's unit (the recording's where it has none), and in words.
 
     Raises ParameterError for one that is none, and for a number without a unit where it could be in two.
     """
     made: dict[str, tuple[float, str]] = {}
-    for one in _each(given):
+    for one in _each(given, what):
         if one.output and one.output not in outputs:
-            raise ParameterError(f"noise_floor: '{one.output}' is no measured output.{near(one.output, outputs)}")
+            raise ParameterError(f"{what}: '{one.output}' is not compared here.{near(one.output, outputs)}")
         names = [one.output] if one.output else list(outputs)
-        found = {k: size for k in names if (size := _size(one, k, diagram, records)) is not None}
+        found = {k: size for k in names if (size := _size(one, k, diagram, records, what)) is not None}
         if not found:
             wanted = ", ".join(f"{k} [{_unit(k, diagram, records)}]" for k in names)
-            raise ParameterError(f"noise_floor={one.text}: '{one.unit}' does not convert to that of {wanted}.")
+            raise ParameterError(f"{what}={one.text}: '{one.unit}' does not convert to that of {wanted}.")
         twice = [k for k in found if k in made]
         if twice:
-            raise ParameterError(f"noise_floor gives {twice[0]} two values; name each output once.")
+            raise ParameterError(f"{what} gives {twice[0]} two values; name each output once.")
         made |= found
     return made
 
 
-def _each(given: Any) -> Iterator[Floor]:
+def _each(given: Any, what: str) -> Iterator[Floor]:
     """The floors one by one, out of a number, a text, a list of them, or a mapping by output."""
     if isinstance(given, Mapping):
         for name, value in given.items():
-            yield attrs.evolve(_one(value, f" of '{name}'"), output=str(name))
+            yield attrs.evolve(_one(value, what, f" of '{name}'"), output=str(name))
     elif given is not None:
         for value in given if isinstance(given, (list, tuple)) else [given]:
-            yield _one(value, "")
+            yield _one(value, what, "")
 
 
-def _one(value: Any, whose: str) -> Floor:
+def _one(value: Any, what: str, whose: str) -> Floor:
+    if isinstance(value, Floor):
+        return value
     if isinstance(value, str):
-        return parsed(value)
+        return parsed(value, what)
     if not is_number(value) or not value > 0:
-        raise ParameterError(f"noise_floor{whose} must be a positive number, or one with its unit such as '0.05deg', "
+        raise ParameterError(f"{what}{whose} must be a positive number, or one with its unit such as '0.05deg', "
                              f"got {in_words(value)}.")  # fmt: skip
     return Floor("", float(value), "")
 
@@ -104,12 +106,12 @@ def _unit(name: str, diagram: Diagram, records: Mapping[str, Record]) -> str:
 
 
 def _size(
-    one: Floor, name: str, diagram: Diagram, records: Mapping[str, Record]
+    one: Floor, name: str, diagram: Diagram, records: Mapping[str, Record], what: str
 ) -> tuple[float, str] | None:  # fmt: skip
     """A floor in the unit an output is compared in, and in words; None where it measures something else."""
     unit = _unit(name, diagram, records)
     if not one.unit:
-        _refuse_two_meanings(one, name, unit, records)
+        _refuse_two_meanings(one, name, unit, records, what)
         return one.value, f"{one.words} {unit}".rstrip()
     try:
         return one.value * (units.factor(one.unit, unit) if unit else 1.0), one.words
@@ -117,11 +119,11 @@ def _size(
         return None
 
 
-def _refuse_two_meanings(one: Floor, name: str, unit: str, records: Mapping[str, Record]) -> None:
+def _refuse_two_meanings(one: Floor, name: str, unit: str, records: Mapping[str, Record], what: str) -> None:
     """A number without a unit must mean the same in the recordings and in the diagram."""
     for experiment, record in records.items():
         own = record.unit(name) if name in record else ""
         if own and unit and not units.same(own, unit):
-            raise ParameterError(f"noise_floor={one.text} has no unit, and {name} is in {own} in the recording "
+            raise ParameterError(f"{what}={one.text} has no unit, and {name} is in {own} in the recording "
                                  f"'{experiment}' but compared in {unit}: write '{one.text}{own}' or "
                                  f"'{one.text}{unit}'.")  # fmt: skip
