@@ -21,7 +21,6 @@ from tsmblocks.fitting.telling import cautions
 
 T = np.arange(0.0, 6.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
-NOISE = math.radians(0.2)
 EFFECTS = ("backlash", "drift", "dead_time")
 
 
@@ -211,7 +210,7 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     ready = {name: one.conditioned(["x_in"]) for name, one in RECORDINGS.items()}
     free = [e.name for e in segment.fit if not e.is_start]
     assert free == ["gain.gain", "offset.bias", "again.gain", "backlash.half_width"]
-    own = tsm.fit(found.augmented, ready, free=free, starts=1, sigma=NOISE,
+    own = tsm.fit(found.augmented, ready, free=free, starts=1, sigma="0.2deg",
                   step=found.simulated.steps["full"], hold=found.simulated.hold)  # fmt: skip
     assert [e.name for e in segment.fit] == [e.name for e in own]
     assert segment.cautions == tuple(text for text in cautions(own) if text not in own.notes)

@@ -1,6 +1,7 @@
 """The report of a diagnosis: its text to the letter, its page, its charts, its figures, the files that are written."""
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
+import itertools
 import json
 import re
 
@@ -475,6 +476,25 @@ def test_thinned_signals_keep_their_extremes(y, count):
     assert np.array_equal(kept, y[np.searchsorted(t, kept_t)])
 
 
+@pytest.mark.parametrize(("seed", "length"), [(0, 50), (1, 180), (2, 400)])
+def test_a_loop_is_drawn_within_a_pixel_of_itself(seed, length):
+    rng, phase = np.random.default_rng(seed), np.linspace(0, 11.0, length)
+    x, y = np.sin(phase), np.sin(phase + 0.3) + 0.02 * rng.standard_normal(length)
+    frame = charts.Frame(0, 0, 300, 150, (-1.0, 1.0), (-1.1, 1.1))
+    kept = np.column_stack(charts.traced(frame, x, y, length))
+    corners = [int(np.flatnonzero((x == a) & (y == b))[0]) for a, b in kept]
+    assert corners == sorted(corners)
+    assert (corners[0], corners[-1]) == (0, length - 1)
+    for a, b in itertools.pairwise(corners):
+        for k in range(a, b + 1):
+            ends = [(frame.across(x[i]), frame.up(y[i])) for i in (a, b, k)]
+            (ax, ay), (bx, by), (px, py) = ((float(u), float(v)) for u, v in ends)
+            share = np.clip(((px - ax) * (bx - ax) + (py - ay) * (by - ay)) / ((bx - ax) ** 2 + (by - ay) ** 2), 0, 1)
+            assert np.hypot(px - ax - share * (bx - ax), py - ay - share * (by - ay)) <= charts.OFF + 1e-9
+    few = charts.traced(frame, x, y, 20)[0]
+    assert 2 <= len(few) <= 20
+
+
 @given(st.floats(-100, 100), st.floats(1e-3, 1e5), st.integers(3, 8))
 def test_ticks_are_even_few_and_inside(low, size, most):
     high = low + size
@@ -579,6 +599,17 @@ def test_what_is_left_can_be_drawn_for_any_experiment(plots):
     with pytest.raises(TsmError) as told:
         plots.plot_disagreement(diagnosis(), "hlaf")
     assert str(told.value) == "there is no experiment 'hlaf' in this diagnosis. Did you mean 'half'?"
+
+
+def test_the_loop_shows_the_stretch_that_was_worst_and_no_legend_lies_on_the_residual(plots):
+    figure = plots.plot_diagnosis(diagnosis())
+    _, left, loop, _ = figure.axes
+    one = NAMED.traces[0]
+    (before,) = (line for line in loop.lines if line.get_label() == "before")
+    assert 3 * len(one.t) // 16 <= len(before.get_xdata()) <= 7 * len(one.t) // 16
+    assert loop.get_title(loc="left").endswith(" s")
+    figure.canvas.draw()
+    assert left.get_legend().get_window_extent().y1 < left.get_window_extent().y0
 
 
 def test_the_error_along_a_coordinate_says_when_there_is_none(plots):

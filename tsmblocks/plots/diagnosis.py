@@ -133,7 +133,7 @@ def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
     panel.set_ylabel(heading(f"{trace.output} less simulated", unit))
     panel.set_xlabel("t [s]")
     dress(panel, legend=False)
-    panel.legend(fontsize=8, frameon=False, loc="lower left", ncols=3)
+    panel.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=3)
 
 
 def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
@@ -143,14 +143,26 @@ def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
         x, label = k_in * trace.drive, heading(trace.drive_name, unit_in)
     else:
         x, label = trace.t, "t [s]"
-    for y, colour, width, name in ((trace.measured, PALE, 2.4, "measured"), (trace.before, BEFORE, 0.9, "before"),
-                                   (trace.after, AFTER, 0.9, "after")):  # fmt: skip
-        panel.plot(x, k * y, color=colour, lw=width, label=name)
+    here = _worst_stretch(trace)
+    for y, colour, width, name in ((trace.measured, PALE, 4.0, "measured"), (trace.before, BEFORE, 1.0, "before"),
+                                   (trace.after, AFTER, 1.0, "after")):  # fmt: skip
+        panel.plot(x[here], k * y[here], color=colour, lw=width, label=name)
+    panel.set_title(f"{trace.t[here][0]:.3g} s to {trace.t[here][-1]:.3g} s", loc="left", fontsize=10)
     panel.locator_params(axis="x", nbins=5)
     panel.set_xlabel(label)
     panel.set_ylabel(heading(trace.output, unit))
     dress(panel, legend=False)
     panel.legend(fontsize=8, frameon=False)
+
+
+def _worst_stretch(trace: Trace) -> slice:
+    """The samples of the block of time that was worst, and of those beside it: all cycles at once are a tangle."""
+    rows = trace.excess
+    if len(rows) < 3:
+        return slice(None)
+    worst = int(np.argmax(rows[:, 2]))
+    first, last = rows[max(worst - 1, 0), 0], rows[min(worst + 1, len(rows) - 1), 1]
+    return slice(int(np.searchsorted(trace.t, first)), int(np.searchsorted(trace.t, last, side="right")))
 
 
 def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None:

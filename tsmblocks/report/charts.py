@@ -16,6 +16,8 @@ WIDTH = 360
 """Width of a chart, which is that of a phone; on wider screens charts stand beside each other."""
 TEXT = 11
 """Size of the texts."""
+OFF = 0.3
+"""Pixels by which a curve may be drawn beside itself."""
 TICKS = 6
 """Ticks of an axis at most, about."""
 
@@ -179,6 +181,42 @@ def thinned(t: np.ndarray, y: np.ndarray, count: int) -> tuple[np.ndarray, np.nd
         if len(part) and np.isfinite(part).any():
             kept += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
     return t[kept], y[kept]
+
+
+def traced(frame: Frame, x: np.ndarray, y: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of a curve that may go anywhere, no more of them than ``count``: it stays within pixels of itself.
+
+    What is left out lies off the line drawn by less than ``OFF`` pixels, or twice that as often as it takes.
+    """
+    points = np.column_stack([frame.across(x), frame.up(y)])
+    if not np.isfinite(points).all():
+        return x, y
+    off = OFF
+    kept = _corners(points, off)
+    while len(kept) > max(count, 2):
+        off *= 2
+        kept = _corners(points, off)
+    return x[kept], y[kept]
+
+
+def _corners(points: np.ndarray, off: float) -> np.ndarray:
+    """Which of some points (n, 2) a line through few of them keeps: Ramer's method, the farthest one first."""
+    kept = np.zeros(len(points), dtype=bool)
+    kept[[0, -1]] = True
+    todo = [(0, len(points) - 1)]
+    while todo:
+        first, last = todo.pop()
+        if last - first < 2:
+            continue
+        way, part = points[last] - points[first], points[first + 1 : last] - points[first]
+        length = float(np.hypot(*way))
+        along = np.clip(part @ way / length**2, 0.0, 1.0) if length > 0 else np.zeros(len(part))
+        away = np.hypot(*(part - along[:, None] * way).T)
+        far = int(np.argmax(away))
+        if away[far] > off:
+            kept[first + 1 + far] = True
+            todo += [(first, first + 1 + far), (first + 1 + far, last)]
+    return np.flatnonzero(kept)
 
 
 def sampled(count: int, *signals: np.ndarray) -> list[np.ndarray]:

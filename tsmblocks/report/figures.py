@@ -18,6 +18,8 @@ DARKEST = 4.0
 """Excess, in variances of the noise, at which a strip is as dark as it gets."""
 KINDS = ("measured", "before", "after")
 """What lines show, which is also their colour."""
+CORNERS = 4
+"""Corners of a loop for each point that a line over time has."""
 LEFT, RIGHT = 46, WIDTH - 10
 
 
@@ -126,12 +128,11 @@ def loop(trace: Trace, diagram: Diagram, count: int) -> str:
     """The output over the input, measured and simulated."""
     k, unit = for_people(trace.unit)
     k_in, unit_in = for_people(diagram.unit(trace.drive_name))
-    models = [k * y for y in _models(trace)]
-    x, *signals = charts.sampled(count, k_in * trace.drive, k * trace.measured, *models)
+    x, signals = k_in * trace.drive, [k * trace.measured, *(k * y for y in _models(trace))]
     frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*signals))
     parts = [charts.axes(frame, heading(trace.drive_name, unit_in), heading(trace.output, unit))]
     for kind, y in zip(KINDS, signals, strict=False):
-        parts.append(charts.line(frame, x, y, kind))
+        parts.append(charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), kind))
     return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}")
 
 
@@ -139,13 +140,13 @@ def left_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) ->
     """What is left over the input, before and after: a loop here is a loop that the model lacks."""
     k, unit = for_people(trace.unit)
     k_in, unit_in = for_people(diagram.unit(trace.drive_name))
-    left = [k * (trace.measured - y) for y in _models(trace)]
-    x, *left = charts.sampled(count, k_in * trace.drive, *left)
+    x, left = k_in * trace.drive, [k * (trace.measured - y) for y in _models(trace)]
     frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*left, zero=True))
     parts = [charts.axes(frame, heading(trace.drive_name, unit_in), ""),
              charts.band(frame, -2 * k * noise, 2 * k * noise, "noise"),
              charts.text(2, 12, heading(f"{trace.output} measured less simulated", unit))]  # fmt: skip
-    parts += [charts.line(frame, x, y, f"{kind} thin") for kind, y in zip(KINDS[1:], left, strict=False)]
+    parts += [charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), f"{kind} thin")
+              for kind, y in zip(KINDS[1:], left, strict=False)]  # fmt: skip
     return charts.chart(parts, 184, f"what is left of {trace.output} over {trace.drive_name} in {trace.experiment}")
 
 
