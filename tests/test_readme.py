@@ -76,6 +76,23 @@ def test_pictures_links_and_files_exist(name):
     assert [one for one in named if not (ROOT / one).is_file()] == []
 
 
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_commands_named_in_passing_exist(name):
+    from tsmblocks.cli.entry import COMMANDS
+
+    named = set(re.findall(r"`tsmblocks ([a-z]+)", text_of(name)))
+    assert named <= set(COMMANDS), named - set(COMMANDS)
+    assert len(named) > 3 or name != "README.md"
+
+
+def test_files_of_the_reading_order_exist():
+    order = TEXT.partition("- To read the code")[2].partition("\n\n")[0]
+    named = re.findall(r"`([\w/]+\.py)`", order)
+    assert len(named) > 10
+    known = [path.as_posix() for path in (ROOT / "tsmblocks").rglob("*.py")]
+    assert [one for one in named if not any(path.endswith(f"/{one}") for path in known)] == []
+
+
 def test_figures_of_the_peers_are_those_of_the_whole_run():
     def cells(line):
         return [cell.strip() for cell in line.strip("|").split("|")]

@@ -112,7 +112,7 @@ def one_of_two_recordings_without_any_output():
 )
 def recordings_without_an_output_in_common():
     two = of(a=Gain(), b=Gain())
-    fit([tsm.Record("one", T, {"u": U, "v": U}), tsm.Record("two", T, {"u": U, "y": U})],
+    fit([tsm.Record("one", T, {"u": U, "v": U}, {}), tsm.Record("two", T, {"u": U, "y": U}, {})],
         tsm.Diagram(title="bench", blocks=two.blocks, wires=two.wires, inputs={"u": "a"}, outputs={"v": "a", "y": "b"}))  # fmt: skip
 
 
