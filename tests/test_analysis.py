@@ -320,10 +320,10 @@ REFUSED = {
     "no input": (lambda: linearize(pi_loop(), inputs=["q"]), "diagram 'pi' has no input 'q'. Known here: r."),
     "no signal": (lambda: linearize(pi_loop(), outputs="g.z"), "diagram 'pi' has no signal 'g.z'. Did you mean 'g.y'?"),
     "no point": (lambda: linearize(pi_loop(), at={"r": 1}), "at is a point that trim has found, got {'r': 1}."),
-    "samples": (lambda: linearize(line(UnitDelay(period=0.1))), "b of 'line' acts at instants of their own (samples, or "
-                "memory from step to step), so there is no linear model in continuous time. Replace or remove them "
-                "first."),
-    "memory": (lambda: trim(line(RateLimit())), "b of 'line' acts at instants of their own"),
+    "samples": (lambda: linearize(line(UnitDelay(period=0.1))), "b of 'line' acts at instants of its own (samples, or "
+                "memory from step to step, as a backlash has it), so there is no linear model in continuous time. Replace or "
+                "remove it first: diagram.remove('b')."),
+    "memory": (lambda: trim(line(RateLimit())), "b of 'line' acts at instants of its own"),
     "dead time": (lambda: linearize(line(DeadTime(time=0.2))), "'line' has dead times (0.2 s), which no state space "
                   "holds. Say pade=3 for an approximation of third order."),
     "pade": (lambda: linearize(line(DeadTime(time=0.2)), pade=0), "pade must be a whole number of at least 1, got 0."),

@@ -499,6 +499,15 @@ def test_png_has_the_size_of_the_picture(tmp_path):
     assert first == (tmp_path / "b.png").read_bytes()
 
 
+def test_png_goes_into_png_files(tmp_path):
+    with pytest.raises(TsmError) as error:
+        to_png(cascade(), tmp_path / "motor.pdf")
+    assert str(error.value) == (
+        "to_png writes .png files, got 'motor.pdf'. For pictures made of lines there is to_svg."
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_png_without_matplotlib_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(TsmError, match=r'pip install "tsmblocks\[plots\]"'):

@@ -106,15 +106,21 @@ def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any
     return found
 
 
+def _without(name: str) -> str:
+    outer, _, inner = name.rpartition(".")
+    return f"diagram.remove('{name}')" if not outer else f"diagram.replace('{outer}', …) by one without '{inner}'"
+
+
 def still(diagram: Diagram, inputs: Mapping[str, float], t: float) -> Still:
     """The equations at an instant. Raises RunError for blocks that act at instants of their own."""
     eq = equations(diagram)
     if eq.periods or eq.d:
         names = list(eq.sampled) or list(dict.fromkeys(name.rpartition(".")[0] for name in eq.d))
-        acts = "acts" if len(names) == 1 else "act"
-        raise RunError(f"{', '.join(names[:4])} of '{diagram.title}' {acts} at instants of their own (samples, or "
-                       "memory from step to step), so there is no linear model in continuous time. Replace or remove "
-                       "them first.")  # fmt: skip
+        one = len(names) == 1
+        raise RunError(f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
+                       f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
+                       "so there is no linear model in continuous time. Replace or remove "
+                       f"{'it' if one else 'them'} first: {_without(names[0])}.")  # fmt: skip
     p = parameter_vector(eq, diagram)
     wanted = tuple(feed.name for feed in eq.u if not feed.block and not feed.order)
     values = {name: inputs.get(name, 0.0) for name in wanted}

@@ -90,7 +90,7 @@ def _measured(story: Story) -> list[str]:
         "<h2>2. A mechanism is measured</h2><p>Another sheath, behind the same motor. Its encoder counts, the sensor "
         f"at the tip has noise and an interval of its own: {digits(FLOOR / DEG)} deg rms. Something is in it that "
         "the model does not have.</p>",
-        key([("--soft", "x_in, motor"), ("--measured", "x_out, tip")]), _cards(*drawn),
+        key([("--between", "x_in, motor"), ("--measured", "x_out, tip")]), _cards(*drawn),
     ]  # fmt: skip
 
 
@@ -213,7 +213,7 @@ def _loop(x: np.ndarray, y: np.ndarray, t: np.ndarray, kind: str) -> Line:
 
 def _recording(name: str, record: Record) -> str:
     lines = [(*charts.thinned(record.t, np.rad2deg(record[k]), POINTS), kind)
-             for k, kind in (("x_in", "soft"), ("x_out", "measured"))]  # fmt: skip
+             for k, kind in (("x_in", "between"), ("x_out", "measured"))]  # fmt: skip
     return _chart(lines, "t [s]", heading(name, "deg"), f"the recording {name} over time")
 
 

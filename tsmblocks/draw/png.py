@@ -27,9 +27,13 @@ def to_png(
 ) -> None:
     """Write the drawing to a PNG file, ``scale`` pixels for each of the SVG's.
 
-    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, and when matplotlib is
-    not installed.
+    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, when ``path`` ends in anything but
+    .png, and when matplotlib is not installed.
     """
+    if Path(path).suffix.lower() != ".png":
+        raise TsmError(
+            f"to_png writes .png files, got '{Path(path).name}'. For pictures made of lines there is to_svg."
+        )
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

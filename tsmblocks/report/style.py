@@ -23,7 +23,7 @@ svg.chart text.floor{fill:var(--floor)}svg.chart text.strong{font-weight:600}
 path.grid{stroke:var(--rule);stroke-width:.6;fill:none}path.zero{stroke:var(--soft);stroke-width:.8}
 .line{fill:none;stroke-width:1.3;stroke-linejoin:round}.thin{stroke-width:.9}
 .line.measured{stroke:var(--measured);stroke-width:2;stroke-opacity:.55}.line.before{stroke:var(--before)}
-.line.after{stroke:var(--after)}.line.between{stroke:var(--between)}.line.soft{stroke:var(--soft);stroke-width:1}
+.line.after{stroke:var(--after)}.line.between{stroke:var(--between)}
 .line.floor{stroke:var(--floor);stroke-width:1.6;stroke-dasharray:5 3}
 .line.explained{stroke:var(--after);stroke-width:1.6;stroke-dasharray:4 3}
 .fill.before,.dot.before{fill:var(--before)}.fill.after,.dot.after{fill:var(--after)}.fill.between{fill:var(--between)}
