@@ -58,8 +58,8 @@ fit = tsm.fit(plant, record)
 draws = monte_carlo(fit, runs=1000, seed=1)
 plants = table({name: draws[name] for name in draws.names if name.startswith("tsm.")})
 
-print("over 1000 plants   error [deg]: median, 95 %          u to and fro [V]: median, 95 %")
-print("                   the paper's gains       tuned     the paper's gains       tuned")
+print(f"{'over 1000 plants,':16} {'error [deg]':>27}  {'u to and fro [V]':>29}")
+print(f"{'median and 95 %':16} {'as it was':>13} {'tuned':>13}  {'as it was':>15} {'tuned':>13}")
 for name, loop in loops.items():
     cells = []
     for metric in ("error", "u to and fro"):
@@ -67,4 +67,4 @@ for name, loop in loops.items():
             found = tsm.study(loop.with_parameters(gains), plants, METRICS, stop=20.0, step=2e-3)
             spread = found.quantiles(metric)
             cells.append(f"{spread['median']:.2f} {spread['95 %']:.2f}")
-    print(f"{name:17} {cells[0]:>18} {cells[1]:>11} {cells[2]:>21} {cells[3]:>11}")
+    print(f"{name:17} {cells[0]:>12} {cells[1]:>13}  {cells[2]:>15} {cells[3]:>13}")

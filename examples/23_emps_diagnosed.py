@@ -30,9 +30,8 @@ loop = tsm.load(Path(__file__).with_suffix(".toml"))
 strokes, pulses = recorded("DATA_EMPS.mat"), recorded("DATA_EMPS_PULSES.mat")
 numbers = ["mass.value", "viscous.coefficient", "offset.value"]
 sampled = {"hold": "zero", "step": 1e-3}
-floor = {
-    name: noise(strokes, name, inputs="qg").floor for name in ("force", "qm")
-}  # what differs from stroke to stroke
+between = noise(strokes, "force", inputs="qg").floor  # N, what differs from stroke to stroke
+floor = {"force": between, "qm": 4e-6}  # the position [m] differs by as much as its reference does
 first = strokes.part(0.0, 12.36)
 found = tsm.diagnose(loop, first, free=numbers, outputs=[*floor], noise_floor=floor, condition=False, **sampled)
 

@@ -23,6 +23,8 @@ SUBSTEPS = (80, 40, 20, 10, 5)
 """Steps of the loop between two samples, the fastest loop first: the first that stands is taken."""
 FINER = 4
 """Steps of the simulation for each step of the loop."""
+AWAY = 100.0
+"""Sizes of the motion that is wanted, beyond which a loop has run away."""
 MOST_STEPS = 2_000_000
 """Steps of one simulation at most."""
 
@@ -81,7 +83,9 @@ def _errors(
     model: Diagram | None, plant: Diagram | None, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray,
     step: float,
 ) -> Errors:  # fmt: skip
-    """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model."""
+    """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model; infinite for a loop that
+    runs away.
+    """
     assert plant is not None
     blocks: dict = {"plant": plant}
     wires, ports = [], [f"plant.{inlet}"]
@@ -98,6 +102,8 @@ def _errors(
                        log="outputs")  # fmt: skip
     error = run["x_out"] - np.interp(run.t, t, wanted)
     late = error[run.t >= start + SETTLING * (stop - start)]
+    if np.abs(late).max() > AWAY * np.abs(wanted).max():
+        return np.inf, np.inf
     return peak_to_peak(late), rms(late)
 
 

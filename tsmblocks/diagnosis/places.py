@@ -86,10 +86,9 @@ def sites(
 ) -> list[Site]:  # fmt: skip
     """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
 
-    In front of blocks that were ``named`` before, effects of an output are looked for as well: which stands first makes
-    a difference where both remember. A measured drive (the voltage in a position loop) is a wire that moves another
-    output, not one of its own.
-    Those that ``effects`` made for this diagram name themselves are among them.
+    In front of the blocks that were ``named`` before, effects of an output are looked for as well: which stands first
+    makes a difference where both remember. A measured drive (the voltage in a position loop) is a wire that moves
+    another output, not one of its own. Those that ``effects`` made for this diagram name themselves are among them.
     """
     found: list[Site] = []
     for name in outputs:
@@ -100,7 +99,8 @@ def sites(
         found.append(Site("output", name, source, after=source))
         reading = [k for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0]
         found += [Site("across", name, source, other=k, after=source) for k in reading]
-        for signal, port in _in_front(diagram, source, named):
+        signal, port = _in_front(diagram, source, named)
+        if port:
             found.append(Site("output", name, signal, before=port))
             found += [Site("across", name, signal, other=k, before=port) for k in reading]
         drive = driven(diagram, name)
@@ -115,16 +115,18 @@ def sites(
     return [one for k, one in enumerate(found) if not any(one.same(other) for other in found[:k])]
 
 
-def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> Iterator[tuple[str, str]]:
-    """Signals that reach ``source`` through blocks that were named, and the ports they drive there, nearest first."""
-    head = source.partition(".")[0]
-    while head in named:
-        port = f"{head}.u"
-        source = _source(diagram, port)
-        if source in diagram.inputs:
-            return
-        yield source, port
-        head = source.partition(".")[0]
+def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
+    """The signal in front of all blocks that were named, one behind the other up to ``source``, and the port it drives.
+
+    Wires between them would cost as much again, and nearly always tell the same as one of the ends.
+    """
+    port = ""
+    while (head := source.partition(".")[0]) in named:
+        before = _source(diagram, f"{head}.u")
+        if before in diagram.inputs:
+            break
+        source, port = before, f"{head}.u"
+    return source, port
 
 
 def own_site(diagram: Diagram, output: str, effect: Effect) -> Site | None:
