@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tsmblocks.cli import console, main
 from tsmblocks.fitting import telling
+from tsmblocks.tables import listed
 
 T = np.arange(0.0, 8.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 15 * np.sin(3.1 * T)
@@ -393,10 +394,10 @@ def test_what_is_known_well_is_not_shown_to_the_last_bit():
 
 
 def test_lists_are_cut_where_nobody_would_read_on():
-    assert telling.listed("a") == "a"
-    assert telling.listed("ab") == "a and b"
-    assert telling.listed("abcdef") == "a, b, c, d, e and f"
-    assert telling.listed("abcdefg") == "a, b, c, d, e and 2 more"
+    assert listed("a") == "a"
+    assert listed("ab") == "a and b"
+    assert listed("abcdef") == "a, b, c, d, e and f"
+    assert listed("abcdefg") == "a, b, c, d, e and 2 more"
 
 
 def test_help_fits_a_terminal(run, monkeypatch):

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import tsmblocks as tsm
 from tsmblocks.blocks import AsymmetricBoucWen, Play
+from tsmblocks.data.conditioning import conditioned
 from tsmblocks.data.rests import BLEND, TUBE, held_still, rests
-from tsmblocks.diagnosis.conditioning import all_conditioned, conditioned
+from tsmblocks.diagnosis.conditioning import all_conditioned
 from tsmblocks.errors import DataError
 
 STEP, NOISE = 0.01, 1e-3

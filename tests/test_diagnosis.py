@@ -12,7 +12,7 @@ import tsmblocks as tsm
 from tests.hidden import Spec, cases
 from tests.hidden_bases import base_of, diagnosed, floor_of, recordings
 from tsmblocks.blocks import Bias
-from tsmblocks.diagnosis.conditioning import conditioned
+from tsmblocks.data.conditioning import conditioned
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 from tsmblocks.errors import DataError, ParameterError
 

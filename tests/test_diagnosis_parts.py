@@ -28,8 +28,9 @@ from tsmblocks.blocks import (
     TransferFunction,
     ZeroOrderHold,
 )
+from tsmblocks.data.conditioning import conditioned
 from tsmblocks.diagnosis.candidates import candidates, lines, surroundings
-from tsmblocks.diagnosis.conditioning import all_conditioned, conditioned
+from tsmblocks.diagnosis.conditioning import all_conditioned
 from tsmblocks.diagnosis.deciding import ALIKE, BEYOND, MATERIAL, Tried, decide, max_t_line, mean, student
 from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import BLOCKS, FEWEST, FOLDS, Parts, held_out, parts, settled

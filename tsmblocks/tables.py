@@ -95,3 +95,9 @@ def unlike(names: Iterable[str], *, case: bool = True) -> list[str]:
             one = f"{name}_{k}"
         made[one if case else one.casefold()] = one
     return list(made.values())
+
+
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """``a``, ``a and b``, ``a, b and c``; beyond ``most`` the rest is counted."""
+    shown = [*names] if len(names) <= most + 1 else [*names[:most], f"{len(names) - most} more"]
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"

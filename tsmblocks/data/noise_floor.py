@@ -79,9 +79,7 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
     if not given:
         raise DataError("noise needs at least one record.")
     first = given[0]
-    x, unit = first[name], first.unit(name)
-    if len(x) < SHORTEST:
-        raise DataError(f"{first.origin}: noise needs at least {SHORTEST} samples, there are {len(x)}.")
+    x, unit = _samples(first, name), first.unit(name)
     quantum = quantum_of(x)
     drives = _drives(first, name, inputs)
     found = (_of_repeats(given, name) if len(given) > 1 else None) or _of_periods(first, name, drives)
@@ -96,9 +94,13 @@ def fast_noise(record: Record, name: str) -> float:
 
     Raises DataError when the signal is not there, or has too few samples.
     """
+    return _of_high_frequencies(record.t, _samples(record, name))[0]
+
+
+def _samples(record: Record, name: str) -> np.ndarray:
     if len(record) < SHORTEST:
         raise DataError(f"{record.origin}: noise needs at least {SHORTEST} samples, there are {len(record)}.")
-    return _of_high_frequencies(record.t, record[name])[0]
+    return record[name]
 
 
 def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tsmblocks import units
+from tsmblocks.tables import listed
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -29,10 +30,8 @@ def untold(record: Record, wanted: Mapping[str, str]) -> list[str]:
     made = []
     for unit in dict.fromkeys(bare.values()):
         names = [k for k, own in bare.items() if own == unit]
-        several = len(names) > 1
-        shown = f"{', '.join(names[:-1])} and {names[-1]}" if several else names[0]
-        made.append(f"{shown} {'have' if several else 'has'} no unit and {'are' if several else 'is'} taken to be in "
-                    f"{unit}.")  # fmt: skip
+        have, are = ("have", "are") if len(names) > 1 else ("has", "is")
+        made.append(f"{listed(names)} {have} no unit and {are} taken to be in {unit}.")
     return [*made, *doubtful(record, bare)]
 
 

@@ -14,4 +14,4 @@ def all_conditioned(records: Mapping[str, Record], inputs: Iterable[str]) -> dic
     return {name: conditioned(record, names) for name, record in records.items()}
 
 
-__all__ = ["all_conditioned", "conditioned"]
+__all__ = ["all_conditioned"]

@@ -47,13 +47,14 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
         return (f"It was not tracked in simulation: {inputs[0]} and {outputs[0]} are not one motion, since they are "
                 "not in one unit.")  # fmt: skip
     record = trial.record
-    wanted, models = record.values(inputs[0], unit), [None, _own(base), _own(augmented)]
+    wanted, plant = record.values(inputs[0], unit), _own(augmented)
+    models = [None, _own(base), plant]
     for substeps in SUBSTEPS:
         if len(record) * substeps * FINER > MOST_STEPS:
             continue
         loop = record.step / substeps
         try:
-            errors = [_errors(model, models[-1], inputs[0], outputs[0], record.t, wanted, loop) for model in models]
+            errors = [_errors(model, plant, inputs[0], outputs[0], record.t, wanted, loop) for model in models]
         except TsmError:
             continue
         if np.isfinite(errors).all():
@@ -80,13 +81,12 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
 
 
 def _errors(
-    model: Diagram | None, plant: Diagram | None, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray,
+    model: Diagram | None, plant: Diagram, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray,
     step: float,
 ) -> Errors:  # fmt: skip
     """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model; infinite for a loop that
     runs away.
     """
-    assert plant is not None
     blocks: dict = {"plant": plant}
     wires, ports = [], [f"plant.{inlet}"]
     if model is not None:

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.conditioning import conditioned
+from tsmblocks.data.conditioning import conditioned
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.fitting.trials import prepare
 

@@ -21,8 +21,8 @@ from tsmblocks.diagnosis.showing import (
     leading,
     with_interval,
 )
-from tsmblocks.fitting.telling import estimate_rows, listed
-from tsmblocks.tables import WIDTH, columns
+from tsmblocks.fitting.telling import estimate_rows
+from tsmblocks.tables import WIDTH, columns, listed
 
 WEAK = 0.05
 """Excess over the noise, as a share of it, that is told even where nothing can be named."""

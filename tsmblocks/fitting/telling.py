@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks import units
 from tsmblocks.fitting.differences import Differences
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
-from tsmblocks.tables import WIDTH, columns, in_parts
+from tsmblocks.tables import WIDTH, columns, in_parts, listed
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.compare import Comparison
@@ -22,7 +22,7 @@ CLOSE = 0.95
 FAR = 1.5
 """Error beside the noise from which it is told what to do about it."""
 MOST = 5
-"""Pairs of parameters, and names of a list, that are told; the rest is counted."""
+"""Pairs of parameters that are told; the rest is counted."""
 LEAST, EXACT = 3, 7
 """Significant digits that are shown of every number, and of the best known one."""
 
@@ -227,12 +227,6 @@ def for_people(unit: str) -> tuple[float, str]:
 
 
 # ---- sentences and tables ------------------------------------------------------------------------
-
-
-def listed(names: Sequence[str], most: int = MOST) -> str:
-    """``a``, ``a and b``, ``a, b and c``; beyond ``most`` the rest is counted."""
-    shown = [*names] if len(names) <= most + 1 else [*names[:most], f"{len(names) - most} more"]
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
 def _bullet(text: str) -> str:

@@ -58,8 +58,7 @@ def _index(found: dict[str, dict[str, type[Block]]]) -> str:
                 for name, cls in some.items()]  # fmt: skip
         parts += [rst.heading(family.capitalize(), 1), FAMILY_WORDS.get(family, ""),
                   rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58))]  # fmt: skip
-    toc = "\n".join(f"   {name}" for name in sorted(name for some in found.values() for name in some))
-    return rst.page(*parts, f".. toctree::\n   :hidden:\n\n{toc}")
+    return rst.page(*parts, rst.contents(sorted(name for some in found.values() for name in some)))
 
 
 def _sentence(cls: type) -> str:

@@ -26,13 +26,12 @@ def pages() -> dict[str, str]:
     made = {f"diagrams/{name}": page(name, diagram) for name, diagram in uses.shipped().items()}
     rows = [(rst.link(f"/diagrams/{name}", name), rst.plain(d.title), rst.plain(d.source))
             for name, d in uses.shipped().items()]  # fmt: skip
-    toc = "\n".join(f"   {name}" for name in uses.shipped())
     index = rst.page(
         rst.heading("Diagrams"),
         "Files that come with the toolbox. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
         "is given by its path.",
         rst.table(("Diagram", "What it is", "Source"), rows, (28, 40, 32)),
-        f".. toctree::\n   :hidden:\n\n{toc}",
+        rst.contents(uses.shipped()),
     )
     return {"diagrams/index": index, **made}
 

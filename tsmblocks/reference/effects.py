@@ -59,8 +59,7 @@ def pages() -> dict[str, str]:
         parts += [rst.heading(family.capitalize(), 1), FAMILIES.get(family, ""),
                   rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20))]  # fmt: skip
     parts += [rst.heading("Places", 1), rst.table(("Place", "Where that is"), PLACES.items(), (18, 82)), _wires()]
-    toc = "\n".join(f"   {name}" for name in found)
-    index = rst.page(*parts, f".. toctree::\n   :hidden:\n\n{toc}")
+    index = rst.page(*parts, rst.contents(found))
     return {"effects/index": index, **{f"effects/{name}": page(name, some) for name, some in found.items()}}
 
 

@@ -6,6 +6,7 @@ from tsmblocks.blocks import AsymmetricBoucWen
 from tsmblocks.reference import effects, examples, figures, rst, uses
 
 FIRST = "fig16_feedforward_feedback"
+PARTS = ("concepts", "blocks", "diagrams", "effects", "python", "commands")
 
 
 def pages() -> dict[str, str]:
@@ -14,7 +15,6 @@ def pages() -> dict[str, str]:
 
 
 def _index() -> str:
-    toc = "\n".join(f"   {name}/index" for name in ("concepts", "blocks", "diagrams", "effects", "python", "commands"))
     return rst.page(
         rst.heading("tsmblocks"),
         "Block diagrams for mechanisms with friction, backlash and hysteresis: assemble a model and its controller "
@@ -22,7 +22,7 @@ def _index() -> str:
         rst.html(uses.linked_picture(uses.shipped()[FIRST], up="")),
         f"The paper's Fig. 16 (:doc:`diagrams/{FIRST}`); each block leads to its page.",
         rst.html(_cards()),
-        f".. toctree::\n   :hidden:\n\n{toc}",
+        rst.contents(f"{name}/index" for name in PARTS),
     )
 
 

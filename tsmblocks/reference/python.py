@@ -38,13 +38,12 @@ def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
     rows = [(rst.link(f"/python/{key}", title), words, ", ".join(f"``{n}``" for n in names))
             for key, (title, words, names) in GROUPS.items()]  # fmt: skip
-    toc = "\n".join(f"   {key}" for key in GROUPS)
     index = rst.page(
         rst.heading("Python"),
         "``import tsmblocks as tsm`` gives every name on these pages. Angles are in radians inside; figures and tables "
         "show degrees where people think in degrees.",
         rst.table(("Page", "", "Names"), rows, (22, 34, 44)),
-        f".. toctree::\n   :hidden:\n\n{toc}",
+        rst.contents(GROUPS),
     )
     return {"python/index": index, **{f"python/{key}": _page(key) for key in GROUPS}}
 
@@ -78,13 +77,12 @@ def _entry(module: str, name: str, thing: object) -> str:
 def command_pages(commands: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     """Pages of the commands: name -> (what it does, what --help prints)."""
     rows = [(rst.link(f"/commands/{name}", f"tsmblocks {name}"), words) for name, (words, _) in commands.items()]
-    toc = "\n".join(f"   {name}" for name in commands)
     index = rst.page(
         rst.heading("Commands"),
         "What ``tsmblocks --help`` and ``tsmblocks COMMAND --help`` print. Exit status: 0 done, 2 bad usage or input, "
         "130 stopped by Ctrl-C, 1 anything else.",
         rst.table(("Command", "What it does"), rows, (30, 70)),
-        f".. toctree::\n   :hidden:\n\n{toc}",
+        rst.contents(commands),
     )
     pages = {f"commands/{name}": rst.page(rst.heading(f"tsmblocks {name}"), rst.block(text, "none"))
              for name, (_, text) in commands.items()}  # fmt: skip

@@ -72,6 +72,11 @@ def folded(summary: str, inside: str) -> str:
     return "\n".join([html(f"<details><summary>{summary}</summary>"), inside, html("</details>")])
 
 
+def contents(pages: Iterable[str]) -> str:
+    """What lies below a page, in its order, for the navigation; it does not show on the page itself."""
+    return "\n".join([".. toctree::\n   :hidden:\n", *(f"   {name}" for name in pages)]) + "\n"
+
+
 def page(*parts: str) -> str:
     """Parts one below the other."""
     return "\n".join(part.rstrip() + "\n" for part in parts if part.strip())

@@ -8,6 +8,7 @@ from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.errors import TsmError
 from tsmblocks.files import save
 from tsmblocks.report.page import page
+from tsmblocks.tables import listed
 
 NAMES = ("diagnosis.json", "augmented.toml", "report.html")
 """The files that are written, in this order."""
@@ -20,7 +21,7 @@ def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
     """
     place = Path(folder)
     if place.exists() and not place.is_dir():
-        raise TsmError(f"'{place}' is a file; name a folder for {', '.join(NAMES[:-1])} and {NAMES[-1]}.")
+        raise TsmError(f"'{place}' is a file; name a folder for {listed(NAMES)}.")
     place.mkdir(parents=True, exist_ok=True)
     (place / NAMES[0]).write_text(diagnosis.to_json(), encoding="utf-8", newline="\n")
     save(diagnosis.augmented, place / NAMES[1])

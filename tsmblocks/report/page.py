@@ -34,10 +34,10 @@ from tsmblocks.diagnosis.telling import (
 )
 from tsmblocks.draw import to_svg
 from tsmblocks.errors import TsmError
-from tsmblocks.fitting.telling import listed
 from tsmblocks.fitting.unknowns import is_start, numbers
 from tsmblocks.report import figures
 from tsmblocks.report.html import document, key, picture, sentence, table
+from tsmblocks.tables import listed
 
 ROOM = 12000
 """Points of a line in all traces together, so that the page stays small."""
