@@ -15,8 +15,8 @@ import tsmblocks as tsm
 from tsmblocks.analysis import frequency_response
 from tsmblocks.blocks import Play, Saturation, Sum
 
-motor = control.tf([2.0], [0.02, 1.0, 0.0])  # V to rad
-lead = control.ss(control.tf([0.3, 6.0], [0.005, 1.0]))  # rad to V
+motor = control.tf([2.0], [0.02, 1.0, 0.0], inputs="u [V]", outputs="x [rad]")
+lead = control.ss(control.tf([0.3, 6.0], [0.005, 1.0]), inputs="e [rad]", outputs="u [V]")
 loop = tsm.Diagram(
     title="lead compensator, drive, motor and gear",
     blocks={

@@ -11,6 +11,7 @@ import pytest
 
 from tsmblocks.cli import main
 from tsmblocks.data import read
+from tsmblocks.draw.style import ACCENT
 
 PAPER = importlib.import_module("tsmblocks.demo.paper")
 SIMULATE = importlib.import_module("tsmblocks.simulate")  # the package shows a function of that name
@@ -276,12 +277,27 @@ def test_a_fault_of_ours_is_told_apart(tsm, monkeypatch):
 
 
 def test_draw_writes_what_the_ending_asks_for(tsm, here):
-    for name, start in (("a.svg", "<"), ("a.mmd", "flowchart"), ("a.png", "\x89PNG")):
+    for name, start in (("a.svg", "<"), ("a.mmd", "flowchart"), ("a.png", "\x89PNG"), ("a.pdf", "%PDF")):
         status, out, _ = tsm("draw", "fig09b_feedforward", "--out", name)
         assert (status, out) == (0, f"wrote {name}\n")
         assert start in (here / name).read_bytes().decode("latin-1")[:200]
     assert tsm("draw", "fig09b_feedforward")[1] == "wrote fig09b_feedforward.svg\n"
-    fails(tsm("draw", "fig09b_feedforward", "--out", "a.jpg"), "must end in .svg, .png or .mmd.")
+    fails(tsm("draw", "fig09b_feedforward", "--out", "a.jpg"), "must end in .svg, .png, .pdf or .mmd.")
+
+
+def test_draw_with_other_numbers_and_blocks_marked(tsm, here):
+    (here / "gain.toml").write_text('format = 1\ntitle = "Gain"\n[blocks]\na = { type = "Gain", gain = 2.0 }\n'
+                                    '[inputs]\nu = "a"\n[outputs]\ny = "a"\n')  # fmt: skip
+    tsm("draw", "gain.toml", "--out", "plain.svg")
+    said = tsm("draw", "gain.toml", "--set", "a.gain=17.25", "--highlight", "a", "--out", "marked.svg")
+    assert said[:2] == (0, "wrote marked.svg\n")
+    plain, marked = ((here / f"{name}.svg").read_text(encoding="utf-8") for name in ("plain", "marked"))
+    assert (plain.count(ACCENT), plain.count("17.25")) == (0, 0)
+    assert marked.count(ACCENT) > 1
+    assert marked.count("17.25") == 1
+    fails(tsm("draw", "fig16_feedforward_feedback", "--highlight", "pidd"), "Did you mean 'pid'?")
+    fails(tsm("draw", "fig16_feedforward_feedback", "--highlight", "pid", "--out", "a.mmd"), "Mermaid")
+    fails(tsm("draw", "fig16_feedforward_feedback", "--set", "pid.kpp=1"), "Did you mean 'kp'?")
 
 
 def test_check_counts_or_lists_the_faults(tsm, here):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import sys
 import xml.etree.ElementTree as ET
 
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 from tsmblocks.block import Block, Input, Output, block, option
 from tsmblocks.diagram import Diagram
-from tsmblocks.draw import layout, simplex, to_mermaid, to_png, to_svg
+from tsmblocks.draw import layout, simplex, to_mermaid, to_pdf, to_png, to_svg
 from tsmblocks.draw.picture import text_width
 from tsmblocks.draw.shapes import fraction
 from tsmblocks.draw.tracks import Trunk, arrange
@@ -502,10 +503,25 @@ def test_png_has_the_size_of_the_picture(tmp_path):
 def test_png_goes_into_png_files(tmp_path):
     with pytest.raises(TsmError) as error:
         to_png(cascade(), tmp_path / "motor.pdf")
-    assert str(error.value) == (
-        "to_png writes .png files, got 'motor.pdf'. For pictures made of lines there is to_svg."
-    )
+    assert str(error.value) == ("to_png writes .png files, got 'motor.pdf'. That is what to_pdf makes.")
+    with pytest.raises(TsmError, match=r"^to_pdf writes .pdf files, got 'motor.tex'.$"):
+        to_pdf(cascade(), tmp_path / "motor.tex")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_pdf_has_one_page_of_the_picture_and_its_letters(tmp_path):
+    pytest.importorskip("matplotlib")
+    kept = [tmp_path / "a.pdf", tmp_path / "b.pdf"]
+    for path in kept:
+        to_pdf(cascade(), path, highlight=["tsm"], values={"pid": 1.0})
+    picture, text = layout(cascade(), values={"pid": 1.0}), kept[0].read_bytes()
+    assert text.startswith(b"%PDF")
+    assert text.count(b"/Type /Page ") == 1
+    box = [float(v) for v in re.search(rb"/MediaBox \[ ([\d. ]+) \]", text)[1].split()]
+    assert box == pytest.approx([0, 0, 0.72 * picture.width, 0.72 * picture.height], abs=0.1)
+    assert b"/FontFile2" in text
+    assert b"/Subtype /Image" not in text
+    assert text == kept[1].read_bytes()
 
 
 def test_png_without_matplotlib_says_what_to_install(monkeypatch, tmp_path):

@@ -68,6 +68,7 @@ _HOME = {
     "state": "block",
     "study": "studies.study",
     "to_mermaid": "draw",
+    "to_pdf": "draw",
     "to_png": "draw",
     "to_svg": "draw",
     "tracking_error": "measures",
@@ -129,6 +130,7 @@ if TYPE_CHECKING:
     from tsmblocks.diagram import Diagram as Diagram
     from tsmblocks.diagram import Inlet as Inlet
     from tsmblocks.draw import to_mermaid as to_mermaid
+    from tsmblocks.draw import to_pdf as to_pdf
     from tsmblocks.draw import to_png as to_png
     from tsmblocks.draw import to_svg as to_svg
     from tsmblocks.effects.effect import Effect as Effect

@@ -202,10 +202,11 @@ def sensitivities(
 
 @functools.lru_cache(maxsize=256)
 def batch_kernel(
-    eq: Equations, method: Method, y: tuple[int, ...], lanes: int, vary: frozenset[int], backend: str
-) -> Kernel:
-    """A kernel with one parameter set per lane (kept)."""
-    return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend)
+    eq: Equations, method: Method, y: tuple[int, ...], lanes: int, vary: frozenset[int], backend: str,
+    quick: bool = False,
+) -> Kernel:  # fmt: skip
+    """A kernel with one parameter set per lane (kept); ``quick`` as for ``kernel_for``."""
+    return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend, quick)
 
 
 @functools.lru_cache(maxsize=256)

@@ -7,6 +7,7 @@ import control
 import numpy as np
 import pytest
 
+import tsmblocks as tsm
 from tests.blocks.helpers import Bench, assert_sound, rates, refuses, simulate, value
 from tsmblocks.block import signals
 from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
@@ -19,7 +20,7 @@ from tsmblocks.blocks.linear import (
     SecondOrderLag,
 )
 from tsmblocks.blocks.lti import StateSpace, TransferFunction, ZeroPoleGain, from_control
-from tsmblocks.errors import BlockError
+from tsmblocks.errors import BlockError, ParameterError
 
 FREQUENCIES = np.logspace(-2, 3, 61)
 MIMO = StateSpace(
@@ -259,6 +260,48 @@ def test_from_control_keeps_several_inputs_and_outputs():
     a, b, c, d = matrices(MIMO)
     assert from_control(control.ss(a, b, c, d)) == MIMO
     assert from_control(control.ss([], [], [], [[2.0]])) == StateSpace(A=(), B=(), C=((),), D=((2,),))
+
+
+def test_from_control_takes_names_and_units():
+    made = control.ss([[0, 1], [0, -1]], [[0], [57.3]], np.eye(2), 0, inputs="drive [V]",
+                      outputs=["angle [deg]", "motor speed"], states=["angle", "speed [deg/s]"])  # fmt: skip
+    for system in (made, control.sample_system(made, 0.01)):
+        block = from_control(system)
+        assert {k: p.unit for k, p in block.inports.items()} == {"drive": "V"}
+        assert {k: p.unit for k, p in block.outports.items()} == {"angle": "deg", "motor_speed": ""}
+        assert {k: s.unit for k, s in block.states.items()} == {"angle_2": "", "speed": "deg/s"}
+        assert tsm.loads(tsm.dumps(tsm.Diagram(blocks={"p": block}, inputs={"u": "p"}))).blocks["p"] == block
+        inner = tsm.Diagram(blocks={"p": block}, inputs={"u": "p.drive"}, outputs={"w": "p.motor_speed"})
+        run = tsm.simulate(inner, stop=1.0, inputs={"u": 1.0}, step=0.01)
+        assert run["w"][-1] == pytest.approx(57.3 * (1 - np.exp(-1.0)), rel=1e-6)
+        assert run.unit("u") == "V"
+    for dt in (0, 0.01):
+        block = from_control(control.tf([1], [1, 0.1], dt, inputs="3 phase [V]", outputs="y [rad]"))
+        assert (block.unit_in, block.unit) == ("V", "rad")
+        assert (block.inports["u"].unit, block.outports["y"].unit) == ("V", "rad")
+    one = from_control(control.ss([[-1.0]], [[1]], [[1]], [[0]], inputs="2nd", outputs="y[0]", states="ẋ"))
+    assert (list(one.inports), list(one.outports), list(one.states)) == (["s_2nd"], ["y"], ["s_"])
+    with pytest.raises(ParameterError, match=r"TransferFunction.unit_in: .*'volts'"):
+        from_control(control.tf([1], [1, 1], inputs="u [volts]"))
+
+
+@pytest.mark.parametrize("kind", [StateSpace, DiscreteStateSpace])
+def test_names_of_state_spaces_are_checked(kind):
+    how = ("is no name. Write letters, digits and underscores, and a unit in brackets where there is one, such as "
+           "'a [rad]'.")  # fmt: skip
+    for names, message in (
+        ({"input_names": ["a", "b"]}, "input_names needs one name per input (1) or none, got 2."),
+        ({"state_names": ["x 1"]}, f"state_names: 'x 1' {how}"),
+        ({"output_names": [2.0]}, f"output_names: 2 {how}"),
+        ({"output_names": ["class"]}, f"output_names: 'class' {how}"),
+        ({"state_names": ["w"], "output_names": ["w [rad]"]},
+         "output_names: 'w' is taken already; states, inputs and outputs need names of their own."),
+    ):  # fmt: skip
+        with pytest.raises(ParameterError) as caught:
+            kind(A=((0.5,),), B=((1.0,),), C=((1.0,),), **names)
+        assert str(caught.value) == f"{kind.__name__}.{message}"
+    with pytest.raises(ParameterError, match=r"input_names: 'u \[metres\]': 'metres' is not a unit known here"):
+        kind(A=((0.5,),), B=((1.0,),), C=((1.0,),), input_names=["u [metres]"])
 
 
 def test_from_control_of_sampled_systems():

@@ -76,7 +76,7 @@ def a_block_without_its_parameter():
 
 @mistake(
     ParameterError,
-    "diagram 'position loop' has no parameter 'temperature'. Known here: drive.high, drive.low, error.signs, motor.den, motor.den[0], motor.den[1], motor.den[2], motor.num, … (21 in all).",
+    "diagram 'position loop' has no parameter 'temperature'. Known here: drive.high, drive.low, error.signs, motor.den, motor.den[0], motor.den[1], motor.den[2], motor.num, … (23 in all).",
 )
 def nothing_like_it():
     position_loop().with_parameters({"temperature": 2.0})

@@ -16,11 +16,14 @@ from tsmblocks.blocks.matrices import (
     check_matrices,
     check_starts,
     inputs_of,
+    names_of,
     output_map,
     outputs_of,
     start_values,
     state_map,
+    states_of,
 )
+from tsmblocks.blocks.ports import UNIT, UNIT_IN, check_unit, from_unit, in_unit
 from tsmblocks.errors import ParameterError
 
 
@@ -98,11 +101,22 @@ class DiscreteTransferFunction(Block):
     num: tuple[float, ...] = parameter(default=(0.1,), about="numerator")
     den: tuple[float, ...] = parameter(default=(1.0, -0.9), about="denominator; its length sets the order")
     x0: tuple[float, ...] = parameter(default=(), about="start values of w, newest first; an empty list means zeros")
+    unit: str = option(default="", about=UNIT)
+    unit_in: str = option(default="", about=UNIT_IN)
 
     u = Input("any signal")
     y = Output("filtered signal")
 
+    @property
+    def inports(self) -> dict[str, Input]:
+        return from_unit(self)
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
     def check(self) -> None:
+        check_unit(self, "unit_in")
         if not self.den or self.den[0] == 0:
             raise ParameterError("DiscreteTransferFunction.den must begin with a number other than 0.")
         if not 1 <= len(self.num) <= len(self.den):
@@ -135,8 +149,8 @@ class DiscreteStateSpace(Block):
 
     .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k + D u_k
 
-    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more. Without
-    D no input reaches an output at the same sample.
+    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more, unless they have
+    names of their own, such as ``"motor [V]"``. Without D no input reaches an output at the same sample.
     """
 
     source = "Åström and Wittenmark, Computer-Controlled Systems, section 2.3"
@@ -149,6 +163,9 @@ class DiscreteStateSpace(Block):
     C: Rows = parameter(default=((1.0,),), about="output matrix, as rows")
     D: Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+    input_names: tuple[str, ...] = names_of("inputs", "u, or u1, u2, …")
+    output_names: tuple[str, ...] = names_of("outputs", "y, or y1, y2, …")
+    state_names: tuple[str, ...] = names_of("states", "x1, x2, …")
 
     def check(self) -> None:
         check_matrices(self)
@@ -163,7 +180,7 @@ class DiscreteStateSpace(Block):
 
     @property
     def states(self) -> dict[str, State]:
-        return start_values(self.x0, len(self.A), "state")
+        return states_of(self)
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return state_map(self, x, u)

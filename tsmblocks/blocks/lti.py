@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from itertools import zip_longest
 from typing import Any
 
-from tsmblocks.block import Block, Input, Output, State, block, parameter
+from tsmblocks.block import Block, Input, Output, State, block, option, parameter
 from tsmblocks.blocks.matrices import (
     Rows,
     check_matrices,
     check_starts,
     inputs_of,
+    names_of,
     output_map,
     outputs_of,
     start_values,
     state_map,
+    states_of,
 )
+from tsmblocks.blocks.ports import UNIT, UNIT_IN, check_unit, from_unit, in_unit
 from tsmblocks.errors import BlockError, ParameterError, in_words
+from tsmblocks.tables import unlike
 
 
 def _section(num: Any, den: Any, x: Any, u: Any) -> tuple[Any, Any]:
@@ -46,11 +51,22 @@ class TransferFunction(Block):
     num: tuple[float, ...] = parameter(default=(1.0,), about="numerator")
     den: tuple[float, ...] = parameter(default=(0.05, 1.0), about="denominator; its length sets the order")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+    unit: str = option(default="", about=UNIT)
+    unit_in: str = option(default="", about=UNIT_IN)
 
     u = Input("any signal", unit="?u")
     y = Output("filtered signal", unit="?y")
 
+    @property
+    def inports(self) -> dict[str, Input]:
+        return from_unit(self)
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
     def check(self) -> None:
+        check_unit(self, "unit_in")
         for name in ("num", "den"):
             if any(isinstance(number, tuple) for number in getattr(self, name)):
                 raise ParameterError(f"TransferFunction.{name} must be one list of numbers, such as [1, 0.5].")
@@ -113,11 +129,22 @@ class ZeroPoleGain(Block):
     )
     gain: float = parameter(default=50.0, about="factor in front of the fraction")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+    unit: str = option(default="", about=UNIT)
+    unit_in: str = option(default="", about=UNIT_IN)
 
     u = Input("any signal", unit="?u")
     y = Output("filtered signal", unit="?y")
 
+    @property
+    def inports(self) -> dict[str, Input]:
+        return from_unit(self)
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        return in_unit(self)
+
     def check(self) -> None:
+        check_unit(self, "unit_in")
         for name in ("zero_pairs", "pole_pairs"):
             for k, row in enumerate(getattr(self, name)):
                 if not isinstance(row, tuple) or len(row) != 2:
@@ -172,8 +199,9 @@ class StateSpace(Block):
 
     .. math:: \dot x = A x + B u, \qquad y = C x + D u
 
-    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more. Without D
-    no input reaches an output at the same instant. The default is an oscillator of 10 rad/s.
+    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more, unless they have
+    names of their own, such as ``"motor [V]"``. Without D no input reaches an output at the same instant. The default
+    is an oscillator of 10 rad/s.
     """
 
     source = "Åström and Murray, Feedback Systems, section 3.2"
@@ -184,6 +212,9 @@ class StateSpace(Block):
     C: Rows = parameter(default=((1.0, 0.0),), about="output matrix, as rows")
     D: Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+    input_names: tuple[str, ...] = names_of("inputs", "u, or u1, u2, …")
+    output_names: tuple[str, ...] = names_of("outputs", "y, or y1, y2, …")
+    state_names: tuple[str, ...] = names_of("states", "x1, x2, …")
 
     def check(self) -> None:
         check_matrices(self)
@@ -198,7 +229,7 @@ class StateSpace(Block):
 
     @property
     def states(self) -> dict[str, State]:
-        return start_values(self.x0, len(self.A), "state")
+        return states_of(self)
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return state_map(self, x, u)
@@ -213,8 +244,12 @@ class StateSpace(Block):
 def from_control(system: Any) -> Block:
     """Turn a linear system of python-control (transfer function, zpk, state space) into a block.
 
-    A system with a sample time (``dt`` > 0) becomes a sampled block with that period. Raises
-    BlockError for anything else, for ``dt=True``, and for a transfer function that is not proper.
+    A system with a sample time (``dt`` > 0) becomes a sampled block with that period. What its inputs, outputs and
+    states are called is taken over, units included where they are said in brackets:
+    ``control.ss(A, B, C, D, inputs="u [V]", outputs=["angle [rad]", "speed [rad/s]"])``. A transfer function keeps its
+    ports ``u`` and ``y`` and takes the units; what is no name becomes one, with an underscore for anything but letters
+    and digits. Raises BlockError for anything else, for ``dt=True``, and for a transfer function that is not proper;
+    ParameterError for a unit that is none.
     """
     import control
 
@@ -247,9 +282,34 @@ def _from_fraction(system: Any, period: float) -> Block:
             f"from_control needs a proper transfer function, got a numerator of degree {len(num) - 1} over a "
             f"denominator of degree {len(den) - 1}. Add a fast pole."
         )
+    unit_in, unit = (_heading(labels[0])[1] for labels in (system.input_labels, system.output_labels))
     if period:
-        return DiscreteTransferFunction(num=num, den=den, period=period)
-    return TransferFunction(num=num, den=den)
+        return DiscreteTransferFunction(num=num, den=den, period=period, unit=unit, unit_in=unit_in)
+    return TransferFunction(num=num, den=den, unit=unit, unit_in=unit_in)
+
+
+def _heading(label: str) -> tuple[str, str]:
+    """Name and unit of a label of python-control; no name where it is one that python-control gave itself."""
+    if re.fullmatch(r"[uyx]\[\d+\]", label):
+        return "", ""
+    found = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\])?", label.strip())
+    assert found is not None  # every part is optional
+    name = re.sub(r"\W+", "_", found[1], flags=re.ASCII).strip("_")
+    return name if name and not name[0].isdigit() else f"s_{name}", found[2] or ""
+
+
+def _names(system: Any) -> dict[str, Any]:
+    """Names of inputs, outputs and states from the labels of python-control; none where it gave them itself.
+
+    python-control lets a state and an output have one name, which here means one signal: the state's gets a number.
+    """
+    labels = {"input_names": system.input_labels, "output_names": system.output_labels,
+              "state_names": system.state_labels}  # fmt: skip
+    found = {kind: [_heading(label) for label in own] for kind, own in labels.items()}
+    found = {kind: own for kind, own in found.items() if all(name for name, _ in own)}
+    plain = iter(unlike(name for own in found.values() for name, _ in own))
+    return {kind: tuple(f"{name} [{unit}]" if unit else name for (_, unit), name in zip(own, plain, strict=False))
+            for kind, own in found.items()}  # fmt: skip
 
 
 def _trimmed(coefficients: Any) -> tuple[float, ...]:
@@ -267,5 +327,5 @@ def _from_matrices(system: Any, period: float) -> Block:
     if not system.D.any() and a:
         d = ()
     if period:
-        return DiscreteStateSpace(A=a, B=b, C=c, D=d, period=period)
-    return StateSpace(A=a, B=b, C=c, D=d)
+        return DiscreteStateSpace(A=a, B=b, C=c, D=d, period=period, **_names(system))
+    return StateSpace(A=a, B=b, C=c, D=d, **_names(system))

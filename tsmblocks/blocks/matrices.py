@@ -1,13 +1,19 @@
-"""What the continuous and the sampled linear blocks share: start values, ports, A, B, C and D."""
+"""What the continuous and the sampled linear blocks share: start values, ports and their names, A, B, C and D."""
 
 from __future__ import annotations
 
+import re
+from keyword import iskeyword
 from typing import Any
 
-from tsmblocks.block import Input, Output, State
-from tsmblocks.errors import ParameterError
+import attrs
+
+from tsmblocks.block import Input, Output, State, option
+from tsmblocks.errors import ParameterError, in_words
+from tsmblocks.units import UnitError, parse
 
 Rows = tuple[tuple[float, ...], ...]
+_NAMED = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\[\]]*)\])?\s*", re.ASCII)
 
 
 def start_values(x0: tuple[Any, ...], n: int, about: str, letter: str = "x") -> dict[str, State]:
@@ -46,6 +52,13 @@ def check_matrices(block: Any) -> None:
                 f"got rows of length {lengths}."
             )
     check_starts(owner, block.x0, n)
+    _check_names(block)
+
+
+def names_of(what: str, usual: str) -> Any:
+    """An option for names of ports or states."""
+    return option(default=(), about=f"names of the {what}, with units where they have one, such as 'a [rad]'; an empty "
+                                    f"list means {usual}")  # fmt: skip
 
 
 def numbered(letter: str, n: int) -> list[str]:
@@ -55,12 +68,60 @@ def numbered(letter: str, n: int) -> list[str]:
 
 def inputs_of(block: Any) -> dict[str, Input]:
     """One input for each column of B."""
-    return {name: Input("any signal") for name in numbered("u", shape(block)[1])}
+    return {name: Input("any signal", unit) for name, unit in _called(block.input_names, "u", shape(block)[1])}
 
 
 def outputs_of(block: Any) -> dict[str, Output]:
     """One output for each row of C."""
-    return {name: Output("combination of states and inputs") for name in numbered("y", shape(block)[2])}
+    found = _called(block.output_names, "y", shape(block)[2])
+    return {name: Output("combination of states and inputs", unit) for name, unit in found}
+
+
+def states_of(block: Any) -> dict[str, State]:
+    """One state for each row of A; without start values they start at zero."""
+    usual = start_values(block.x0, len(block.A), "state")
+    if not block.state_names:
+        return usual
+    names = map(split, block.state_names)
+    return {name: attrs.evolve(s, unit=unit) for (name, unit), s in zip(names, usual.values(), strict=True)}
+
+
+def split(text: str) -> tuple[str, str]:
+    """Name and unit of ``"a [rad]"``; no name where it is written otherwise."""
+    found = _NAMED.fullmatch(text)
+    return (found[1], found[2] or "") if found else ("", "")
+
+
+def _called(names: tuple[str, ...], letter: str, n: int) -> list[tuple[str, str]]:
+    return [split(text) for text in names] or [(name, "") for name in numbered(letter, n)]
+
+
+def _check_names(block: Any) -> None:
+    """Raise ParameterError unless there is a name for each port and state (or none at all), no two alike."""
+    owner, taken = type(block).__name__, set[str]()
+    for what, n in zip(("state", "input", "output"), shape(block), strict=True):
+        names, field = getattr(block, f"{what}_names"), f"{owner}.{what}_names"
+        if names and len(names) != n:
+            raise ParameterError(f"{field} needs one name per {what} ({n}) or none, got {len(names)}.")
+        for text in names:
+            name = _checked(field, text)
+            if name in taken:
+                raise ParameterError(f"{field}: '{name}' is taken already; states, inputs and outputs need names of "
+                                     "their own.")  # fmt: skip
+            taken.add(name)
+
+
+def _checked(field: str, text: Any) -> str:
+    """The name in a text such as ``"a [rad]"``; raises ParameterError where there is none, or no unit."""
+    name, unit = split(text) if isinstance(text, str) else ("", "")
+    if not name or iskeyword(name):
+        raise ParameterError(f"{field}: {in_words(text)} is no name. Write letters, digits and underscores, and a unit "
+                             "in brackets where there is one, such as 'a [rad]'.")  # fmt: skip
+    try:
+        parse(unit)
+    except UnitError as error:
+        raise ParameterError(f"{field}: '{text}': {error}") from None
+    return name
 
 
 def state_map(block: Any, x: Any, u: Any) -> dict[str, Any]:
@@ -74,7 +135,7 @@ def output_map(block: Any, x: Any, u: Any) -> dict[str, Any]:
     n = shape(block)[2]
     kept = [_dot(c, x) for c in block.C if c] or [0.0] * n
     direct = [_dot(d, u) for d in block.D] or [0.0] * n
-    return dict(zip(numbered("y", n), (c + d for c, d in zip(kept, direct, strict=True)), strict=True))
+    return dict(zip(block.outports, (c + d for c, d in zip(kept, direct, strict=True)), strict=True))
 
 
 def _dot(row: Any, values: Any) -> Any:

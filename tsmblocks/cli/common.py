@@ -184,6 +184,12 @@ def figure_path(text: str | None) -> Path | None:
     return path
 
 
+def settings_argument(options: argparse._ActionsContainer) -> None:
+    """Declare --set."""
+    options.add_argument("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=setting, action="append",
+                         default=[], help="another value for a parameter; may be given several times")  # fmt: skip
+
+
 def result_arguments(options: argparse._ActionsContainer, written: str) -> None:
     """Declare the options of a fit's results; ``written`` is what --out takes."""
     add = options.add_argument

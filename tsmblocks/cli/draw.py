@@ -1,21 +1,24 @@
-"""Draw a diagram to an SVG or PNG picture, or as Mermaid text (.mmd)."""
+"""Draw a diagram to an SVG, PNG or PDF picture, or as Mermaid text (.mmd)."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from tsmblocks.cli import common, console
 
-HELP = "draw a diagram to .svg, .png or .mmd"
-ENDINGS = (".svg", ".png", ".mmd")
+HELP = "draw a diagram to .svg, .png, .pdf or .mmd"
+ENDINGS = (".svg", ".png", ".pdf", ".mmd")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-    parser.add_argument("--out", metavar="FILE", help=".svg, .png or .mmd (default: NAME.svg in this folder)")
+    parser.add_argument("--out", metavar="FILE", help=".svg, .png, .pdf or .mmd (default: NAME.svg in this folder)")
+    common.settings_argument(parser)
+    parser.add_argument("--highlight", metavar="BLOCK", nargs="+", default=[], help="blocks drawn in another colour")
     common.json_argument(parser)
 
 
@@ -25,8 +28,8 @@ def execute(args: argparse.Namespace) -> int:
 
     path = common.result_path(args.out or f"{Path(args.diagram).stem}.svg", ENDINGS)
     assert path is not None
-    diagram = load(args.diagram)
-    write(diagram, path)
+    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    write(diagram, path, args.highlight)
     if args.json:
         console.give({"diagram": args.diagram, "title": diagram.title, "written": [path]})
     else:
@@ -34,12 +37,15 @@ def execute(args: argparse.Namespace) -> int:
     return 0
 
 
-def write(diagram: Any, path: Path) -> None:
-    """Draw a diagram into a file of the kind its name asks for."""
+def write(diagram: Any, path: Path, highlight: Sequence[str] = ()) -> None:
+    """Draw a diagram into a file of the kind its name asks for, some of its blocks in another colour."""
     from tsmblocks import draw
 
-    if path.suffix.lower() == ".png":
-        draw.to_png(diagram, path)
+    kind = path.suffix.lower()
+    if kind in (".png", ".pdf"):
+        (draw.to_png if kind == ".png" else draw.to_pdf)(diagram, path, highlight=highlight)
         return
-    text = draw.to_svg(diagram) if path.suffix.lower() == ".svg" else draw.to_mermaid(diagram)
+    if kind == ".mmd" and highlight:
+        raise common.UsageError("--highlight is for pictures; Mermaid text (.mmd) has none of our colours.")
+    text = draw.to_svg(diagram, highlight=highlight) if kind == ".svg" else draw.to_mermaid(diagram)
     path.write_text(text, encoding="utf-8", newline="\n")

@@ -25,8 +25,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--step", type=common.number, metavar="H", default=None, help="step of the C code in s (default 0.001)")
     method = add("--method", metavar="M", default=None, help="of the C code: euler, heun or rk4 (default)")
     common.suggest(method, common.METHODS)
-    add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
-        default=[], help="another value for a parameter; may be given several times")  # fmt: skip
+    common.settings_argument(parser)
     common.json_argument(parser)
 
 

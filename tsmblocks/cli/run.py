@@ -32,8 +32,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--step", type=common.number, metavar="H", default=1e-3, help="step in s (default 0.001)")
     method = add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
     common.suggest(method, common.METHODS)
-    add("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=common.setting, action="append",
-        default=[], help="another value for a parameter; may be given several times")  # fmt: skip
+    common.settings_argument(parser)
     recordings.data_arguments(parser)
     hold = add("--hold", default="linear", metavar="HOLD", help="data between samples: zero, linear (default) or cubic")
     common.suggest(hold, common.HOLDS)

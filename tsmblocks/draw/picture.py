@@ -165,7 +165,7 @@ class Wire:
 
 @attrs.frozen
 class Picture:
-    """A drawing as a value: what ``to_svg`` and ``to_png`` put on paper."""
+    """A drawing as a value: what ``to_svg``, ``to_png`` and ``to_pdf`` put on paper."""
 
     title: str
     width: float

@@ -51,8 +51,9 @@ def host() -> str:
     return str(_binding().get_default_triple())
 
 
-def _machine(llvm: Any) -> tuple[Any, str]:
+def _machine(llvm: Any, quick: bool) -> tuple[Any, str]:
     """A target machine for this processor, and the text that identifies it."""
+    level = 0 if quick else 2
     features = llvm.get_host_cpu_features().flatten()
     if "+avx512f" in features:
         features += ",-prefer-256-bit"
@@ -60,8 +61,8 @@ def _machine(llvm: Any) -> tuple[Any, str]:
     target = llvm.Target.from_triple(llvm.get_default_triple())
     import llvmlite
 
-    name = "|".join([llvm.get_default_triple(), cpu, features, llvmlite.__version__, "opt2"])
-    return target.create_target_machine(cpu=cpu, features=features, opt=2, jit=True, codemodel="jitdefault"), name
+    name = "|".join([llvm.get_default_triple(), cpu, features, llvmlite.__version__, f"opt{level}"])
+    return target.create_target_machine(cpu=cpu, features=features, opt=level, jit=True, codemodel="jitdefault"), name
 
 
 def cache_directory() -> Path | None:
@@ -135,14 +136,15 @@ def _prune(directory: Path) -> None:
         total -= size
 
 
-def compile_text(text: str, *, promote: bool) -> Any:
+def compile_text(text: str, *, promote: bool, quick: bool = False) -> Any:
     """The function ``run`` of a module as a callable taking the address of its table.
 
-    ``promote`` lifts the frame's variables into registers (wanted for all but the large form).
+    ``promote`` lifts the frame's variables into registers (wanted for all but the large form). ``quick`` code is made
+    in a third of the time and takes longer to run, by a half or so: for what runs a few times only.
     """
     llvm = _binding()
     with _LOCK:
-        machine, identity = _machine(llvm)
+        machine, identity = _machine(llvm, quick)
         key = hashlib.sha256(f"{identity}|{promote}|{text}".encode()).hexdigest()
         if key in _LOADED:
             return _LOADED[key][1]

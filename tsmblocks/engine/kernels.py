@@ -52,7 +52,7 @@ class Kernel:
 class CompiledKernel(Kernel):
     """Machine code through llvmlite. Re-entrant; runs without the interpreter's lock."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, quick: bool = False) -> None:
         host = jit.host()
         size = plan.rhs.n_instructions() + (plan.update.n_instructions() if plan.update else 0)
         if size > LARGE_OPERATIONS:
@@ -66,7 +66,7 @@ class CompiledKernel(Kernel):
             kernel = RegisterKernel(plan, host)
             super().__init__(kernel.f)
             self.text, self.work = kernel.text(), 0
-            self.function = jit.compile_text(self.text, promote=True)
+            self.function = jit.compile_text(self.text, promote=True, quick=quick)
 
     def advance(
         self, memory: Memory, u: np.ndarray, *, t0: float, h: float, k0: int, n: int, final: bool, every: int,
@@ -84,10 +84,11 @@ class CompiledKernel(Kernel):
 _KNOWN: dict[tuple[Any, ...], Kernel] = {}
 
 
-def kernel_for(plan: Plan, backend: str = "") -> Kernel:
+def kernel_for(plan: Plan, backend: str = "", quick: bool = False) -> Kernel:
     """A kernel for the plan: compiled where llvmlite is there, else CasADi's own evaluator.
 
-    ``backend`` forces ``"llvm"`` or ``"casadi"``. Raises RunError when a forced one cannot be had.
+    ``backend`` forces ``"llvm"`` or ``"casadi"``; ``quick`` is for kernels that run a few times only. Raises RunError
+    when a forced one cannot be had.
     """
     if backend not in ("", "llvm", "casadi"):
         raise RunError(f"there is no back end '{backend}'. Known here: casadi, llvm.")
@@ -97,4 +98,4 @@ def kernel_for(plan: Plan, backend: str = "") -> Kernel:
         from tsmblocks.engine.interpret import InterpretedKernel
 
         return InterpretedKernel(plan)
-    return CompiledKernel(plan)
+    return CompiledKernel(plan, quick)

@@ -84,15 +84,21 @@ class Trial:
         return y[:, begin : begin + count], joined
 
     def many(self, p: np.ndarray, vary: frozenset[int]) -> np.ndarray:
-        """Outputs for many parameter sets at once: ``p`` (parameters, lanes) gives (samples, outputs, lanes)."""
-        kernel, memory = self.lanes(p, vary)
+        """Outputs for many parameter sets at once: ``p`` (parameters, lanes) gives (samples, outputs, lanes).
+
+        For a few runs of a model that is looked at in passing: its code is made in a hurry.
+        """
+        kernel, memory = self.lanes(p, vary, quick=True)
         y = self._run(kernel, memory)
         wide = [y[:, kernel.layout_y.span(i)] for i in range(len(self.columns))]
         return np.stack([np.broadcast_to(v, (len(y), p.shape[1])) for v in wide], axis=1)
 
-    def lanes(self, p: np.ndarray, vary: frozenset[int]) -> tuple[Kernel, Memory]:
-        """What it takes to run many parameter sets ``p`` (parameters, lanes), places ``vary`` differing."""
-        kernel = batch_kernel(self.eq, self.rule, self.columns, p.shape[1], vary, self.backend)
+    def lanes(self, p: np.ndarray, vary: frozenset[int], *, quick: bool = False) -> tuple[Kernel, Memory]:
+        """What it takes to run many parameter sets ``p`` (parameters, lanes), places ``vary`` differing.
+
+        ``quick`` as for ``kernel_for``.
+        """
+        kernel = batch_kernel(self.eq, self.rule, self.columns, p.shape[1], vary, self.backend, quick)
         return kernel, lane_memory(self.eq, kernel, p, self.times.h)
 
     def squares(self, kernel: Kernel, memory: Memory, weights: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from tsmblocks.reference import rst
 
 GROUPS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "diagrams": ("Diagrams", "Assembled by script, read from files, drawn.", (
-        "Diagram", "Inlet", "load", "loads", "save", "dumps", "to_svg", "to_png", "to_mermaid")),
+        "Diagram", "Inlet", "load", "loads", "save", "dumps", "to_svg", "to_png", "to_pdf", "to_mermaid")),
     "blocks": ("Blocks of your own", "What a block declares, and blocks out of functions.", (
         "Block", "block", "parameter", "option", "state", "Input", "Output", "State", "Tape", "Past", "Samples",
         "signals", "function_block", "from_control")),

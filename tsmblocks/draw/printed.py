@@ -1,4 +1,4 @@
-"""A picture as a PNG file, by matplotlib."""
+"""A picture as a PNG or PDF file, by matplotlib."""
 
 from __future__ import annotations
 
@@ -18,37 +18,58 @@ POINT = 72 / DPI
 
 
 def to_png(
-    diagram: Diagram,
-    path: str | Path,
-    scale: float = 2,
-    *,
-    highlight: Iterable[str] = (),
+    diagram: Diagram, path: str | Path, scale: float = 2, *, highlight: Iterable[str] = (),
     values: Mapping[str, Any] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Write the drawing to a PNG file, ``scale`` pixels for each of the SVG's.
 
     ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, when ``path`` ends in anything but
     .png, and when matplotlib is not installed.
     """
-    if Path(path).suffix.lower() != ".png":
-        raise TsmError(
-            f"to_png writes .png files, got '{Path(path).name}'. For pictures made of lines there is to_svg."
-        )
+    _fits(path, ".png")
+    _figure(diagram, highlight, values, DPI * scale).savefig(
+        Path(path), format="png", dpi=DPI * scale, metadata={"Software": None})  # fmt: skip
+
+
+def to_pdf(
+    diagram: Diagram, path: str | Path, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None
+) -> None:
+    """Write the drawing to a PDF file of one page, made of lines and letters.
+
+    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, when ``path`` ends in anything but
+    .pdf, and when matplotlib is not installed.
+    """
+    _fits(path, ".pdf")
+    figure = _figure(diagram, highlight, values, DPI)
+    import matplotlib
+
+    with matplotlib.rc_context({"pdf.fonttype": 42}):  # letters that other programs can search and edit
+        figure.savefig(Path(path), format="pdf", metadata={"CreationDate": None, "Creator": None, "Producer": None})
+
+
+def _fits(path: str | Path, ending: str) -> None:
+    if Path(path).suffix.lower() != ending:
+        known = {".png": "to_png", ".pdf": "to_pdf", ".svg": "to_svg"}
+        other = known.get(Path(path).suffix.lower())
+        hint = f" That is what {other} makes." if other else ""
+        raise TsmError(f"{known[ending]} writes {ending} files, got '{Path(path).name}'.{hint}")
+
+
+def _figure(diagram: Diagram, highlight: Iterable[str], values: Mapping[str, Any] | None, dpi: float) -> Any:
+    """A matplotlib figure of the drawing, in its size."""
     try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
         how = 'pip install "tsmblocks[plots]"'
-        raise TsmError(f"a PNG file needs matplotlib; install it with: {how}") from error
+        raise TsmError(f"a PNG or PDF file needs matplotlib; install it with: {how}") from error
     accent = marked(needed(diagram, "drawn", TsmError), highlight)
     picture = layout(diagram, values=values)
-    figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=DPI * scale, facecolor=PAPER)
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=dpi, facecolor=PAPER)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0, picture.width), ylim=(picture.height, 0))
     axes.set_axis_off()
     _paint(axes, picture, accent)
-    figure.savefig(Path(path), format="png", dpi=DPI * scale, metadata={"Software": None})
+    return figure
 
 
 def _paint(axes: Any, picture: Picture, accent: set[str]) -> None:
