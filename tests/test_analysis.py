@@ -1,6 +1,7 @@
 """Points, linear models and frequency responses against python-control, closed forms and describing functions."""
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
+import attrs
 import control
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tsmblocks.analysis import frequency_response, linearize, loop_gain, opened, trim
+from tsmblocks.analysis import SettlingWarning, frequency_response, linearize, loop_gain, opened, trim
 from tsmblocks.blocks import (
     PID,
     AsymmetricBoucWen,
@@ -90,6 +91,8 @@ def test_the_papers_position_loop_has_the_margins_of_its_transfer_functions():
     pid = p["controller.kp"] + p["controller.ki"] / s + p["controller.kd"] * s / (p["controller.tau"] * s + 1)
     L = pid * p["motor.K"] / (s * (p["motor.tau"] * s + 1))
     made = loop_gain(diagram, "controller -> drive")
+    assert (made.input_labels, made.output_labels) == (["cut"], ["back"])
+    assert set(made.state_labels) == {"controller_integral", "controller_smooth", "motor_speed", "motor_angle"}
     assert answer(made) == pytest.approx(answer(L), rel=1e-8)
     assert control.stability_margins(made)[1] == pytest.approx(control.stability_margins(L)[1], rel=1e-6)
 
@@ -262,7 +265,27 @@ def test_a_slow_answer_is_waited_for(frequency, damping):
 
 def test_what_never_settles_has_no_answer():
     oscillator = tsm.blocks.SecondOrderLag(omega=2 * np.pi * 5.37, zeta=0.0)
-    assert np.isnan(frequency_response(line(oscillator), [1.0], [1.0]).response).all()
+    said = (
+        r"^the answer of 'y' to 2 of 2 sines never becomes periodic: 1 at 1 Hz and 1 at 2 Hz. It is NaN there. A loop "
+        r"that hunts at a frequency of its own does that, and a signal that drifts; tsm.simulate shows which.$"
+    )
+    with pytest.warns(SettlingWarning, match=said):
+        found = frequency_response(line(oscillator), [1.0, 2.0], [1.0])
+    assert np.isnan(found.response).all()
+    assert np.isnan(found.phase).all()
+
+
+def test_an_output_that_stands_still_has_no_phase_and_spoils_no_other():
+    from tsmblocks.blocks import Play
+
+    found = frequency_response(line(Play(half_width=0.5)), [0.5, 1.0], [0.3, 3.0], settle=2)
+    assert found.gain[0].tolist() == [0.0, 0.0]
+    assert np.isnan(found.phase[0]).all()
+    assert np.isnan(found.distortion[0]).all()
+    assert np.isfinite(found.phase[1]).all()
+    answers = np.array([[np.exp(-3.0j), np.nan, 0.0, np.exp(-4.0j)]])
+    spoilt = attrs.evolve(found, response=answers, frequencies=np.array([1.0, 2.0, 3.0, 4.0]))
+    assert spoilt.phase[0] == pytest.approx(np.rad2deg([-3.0, np.nan, np.nan, -4.0]), nan_ok=True)
 
 
 def test_sines_go_around_a_bias():

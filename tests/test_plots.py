@@ -1,10 +1,12 @@
 """Figures: what is on which axes, in which unit. The pictures themselves are looked at, not compared."""
 
+import re
+
 import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.errors import TsmError
+from tsmblocks.errors import ParameterError, RunError, TsmError
 from tsmblocks.plots import plot_loop, plot_run, plot_tracking
 
 figure = pytest.importorskip("matplotlib.figure", reason="the extra [plots] brings it")
@@ -20,6 +22,25 @@ def test_a_run_has_a_panel_for_each_unit_and_angles_in_degrees(run):
     assert [line.get_label() for line in angles.lines] == ["x_ref", "x_out", "x_in"]
     assert (angles.get_ylabel(), volts.get_ylabel(), volts.get_xlabel()) == ("angle [deg]", "u [V]", "t [s]")
     np.testing.assert_allclose(angles.lines[0].get_ydata(), np.degrees(run["x_ref"]))
+
+
+def test_an_expression_is_a_signal_and_the_way_in_can_be_left_out(run):
+    (panel,) = run.plot("x_ref - x_out", "x_out", after=5.0).axes
+    late = run.t >= 5.0
+    assert [line.get_label() for line in panel.lines] == ["x_ref - x_out", "x_out"]
+    np.testing.assert_allclose(panel.lines[0].get_ydata(), np.degrees(run["x_ref"] - run["x_out"])[late])
+    assert panel.lines[0].get_xdata()[0] == 5.0
+    assert (panel.get_ylabel(), len(run.plot("x_ref - x_out", "u * 0.5", "u").axes)) == ("angle [deg]", 3)
+    for text, error, said in (
+        ("x_ref - x_uot", ParameterError, "there is no signal 'x_uot'. Did you mean 'x_out'?"),
+        ("x_reff", RunError, "has no signal 'x_reff'. Did you mean 'x_ref'?"),
+        ("x_ref - u", ParameterError, "this mixes rad and V."),
+        ("x_ref > 1", ParameterError, "this compares, and has no curve."),
+    ):
+        with pytest.raises(error, match=re.escape(said)):
+            run.plot(text)
+    with pytest.raises(TsmError, match=r"^after=20 s is beyond the end of the run, 10 s.$"):
+        run.plot("x_out", after=20.0)
 
 
 def test_given_axes_are_drawn_on(run):

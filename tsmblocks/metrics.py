@@ -160,6 +160,23 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     return {one.asked: one(run.t, {k: run[k] for k in one.signals}) for one in found}
 
 
+def formed(run: Any, text: str) -> tuple[np.ndarray, str]:
+    """Samples and unit of a signal of a run, or of an expression of signals such as ``"x_ref - x_out"``.
+
+    The unit is ``""`` where it is not known. Raises RunError for an unknown signal; ParameterError for what is no
+    expression, for unknown names in one, and for a sum of different units.
+    """
+    if text in run or re.fullmatch(r"[\w.\[\]]*", text):
+        return run[text], run.unit(text)
+    signals = {name: run.unit(name) for name in run}
+    read = reader("signal", text, list(signals), "signal")
+    if isinstance(read.tree, (ast.Compare, ast.BoolOp)):
+        read.refuse("this compares, and has no curve.")
+    made = read.read(read.tree)
+    values = made.of_arrays({name: run[name] for name in made.names})
+    return np.broadcast_to(np.asarray(values, dtype=float), run.t.shape), _unit(read, read.tree, signals)
+
+
 def _reads(text: str, signals: Mapping[str, str]) -> bool:
     try:
         metric(text, signals)

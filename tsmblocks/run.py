@@ -94,11 +94,14 @@ class Run:
         signals = {n: (("t",), self[n], self.unit(n)) for n in _listed(names) or self.keys()}
         return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
-    def plot(self, *names: str, ax: Any = None) -> Any:
-        """Signals over time (the diagram's outputs unless named), angles in degrees. Needs matplotlib."""
+    def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
+        """Signals over time (the diagram's outputs unless named), angles in degrees. Needs matplotlib.
+
+        ``run.plot("x_ref - x_out", after=5.0)`` shows the error from 5 s on.
+        """
         from tsmblocks.plots import plot_run
 
-        return plot_run(self, names, ax)
+        return plot_run(self, names, ax, after=after)
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self.t) else ""

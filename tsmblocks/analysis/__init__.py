@@ -6,4 +6,5 @@ from tsmblocks.analysis.linear import opened as opened
 from tsmblocks.analysis.point import Point as Point
 from tsmblocks.analysis.point import trim as trim
 from tsmblocks.analysis.sweep import FrequencyResponse as FrequencyResponse
+from tsmblocks.analysis.sweep import SettlingWarning as SettlingWarning
 from tsmblocks.analysis.sweep import frequency_response as frequency_response

@@ -68,9 +68,11 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: in
     r"""The gain around a loop opened at a wire, :math:`L`, for margins: a ``control.StateSpace`` with one input.
 
     ``at`` is a wire (``"controller -> drive"``) or a signal (``"drive.y"``, all its wires). The sign is that of
-    negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its margins. States that
-    are not on the way from ``cut`` to ``back`` are left out. ``point`` is one of the closed loop (by default its start
-    values). Raises RunError where no loop goes that way; other arguments and errors as for ``linearize``.
+    negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its margins. Its input
+    ``cut`` is what goes over the wire, its output ``back`` what comes back, the sign turned; states that are not on
+    that way are left out. ``point`` is one of the closed loop (by default its start values); at a kink there (friction
+    at rest, backlash) the mean of both sides is taken: set to zero what the margins are not to hold for. Raises
+    RunError where no loop goes that way; other arguments and errors as for ``linearize``.
     """
     cut = opened(diagram, at)
     if not _comes_back(diagram, at):
@@ -81,11 +83,11 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: in
     whole_point = point_of(there, x, np.array([there.u[k] for k in there.places]))
     inputs = {**whole_point.inputs, CUT: whole_point.signals[BACK]}
     point = attrs.evolve(whole_point, inputs=inputs)
-    return -_between(linearize(cut, inputs=[CUT], outputs=[BACK], at=point, pade=pade))
+    return _around(linearize(cut, inputs=[CUT], outputs=[BACK], at=point, pade=pade))
 
 
-def _between(system: Any) -> Any:
-    """A system without the states that its inputs do not reach, or its outputs do not see, whatever the numbers."""
+def _around(system: Any) -> Any:
+    """What comes back, its sign turned, without states that inputs do not reach or outputs do not see."""
     import control
 
     A, B, C = (np.asarray(part) != 0 for part in (system.A, system.B, system.C))
@@ -94,7 +96,8 @@ def _between(system: Any) -> Any:
         reached, seen = reached | (A & reached[None, :]).any(axis=1), seen | (A & seen[:, None]).any(axis=0)
     kept = np.flatnonzero(reached & seen)
     labels = [system.state_labels[k] for k in kept]
-    return control.ss(system.A[np.ix_(kept, kept)], system.B[kept], system.C[:, kept], system.D, states=labels or None,
+    turned = (0.0 - np.asarray(part) for part in (system.C[:, kept], system.D))  # no -0.0, which would be printed
+    return control.ss(system.A[np.ix_(kept, kept)], system.B[kept], *turned, states=labels or None,
                       inputs=system.input_labels, outputs=system.output_labels)  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,7 +16,8 @@ from tsmblocks.blocks import Sine
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError, in_words, near
 from tsmblocks.frames import dataset, frame, need
-from tsmblocks.tables import few
+from tsmblocks.tables import few, listed
+from tsmblocks.units import for_people
 
 SETTLED = 1e-4
 """Change of a signal from one period to the next, as a share of its size, that counts as none."""
@@ -25,6 +27,12 @@ MOST_STEPS = 20_000_000
 """Steps of one run at most."""
 TONE = "tone"
 """Name of the source that takes the place of an input."""
+STILL = 1e-12
+"""Motion of the output, as a share of that of the input in numbers, below which it stands still."""
+
+
+class SettlingWarning(UserWarning):
+    """Answers to some sines never become periodic."""
 
 
 @attrs.frozen(eq=False)
@@ -33,7 +41,8 @@ class FrequencyResponse:
 
     ``frequencies`` are in Hz, ``amplitudes`` in ``unit``, that of the input (``""`` where it is not known).
     ``harmonics`` (amplitudes, frequencies, n) are sizes at 2, 3, … times the frequency as shares of that at the
-    frequency itself. NaN where a run is not finite.
+    frequency itself. An answer is NaN where it never becomes periodic or a run is not finite; where the output stands
+    still it is 0, with no phase and no harmonics (NaN).
     """
 
     title: str
@@ -53,7 +62,11 @@ class FrequencyResponse:
     @property
     def phase(self) -> np.ndarray:
         """Phase of the output after the input in deg, shape (amplitudes, frequencies), unwrapped along frequency."""
-        return np.degrees(np.unwrap(np.angle(self.response), axis=1))
+        made = np.full(self.response.shape, np.nan)
+        for row, answers in zip(made, self.response, strict=True):
+            there = np.isfinite(answers) & (answers != 0)
+            row[there] = np.degrees(np.unwrap(np.angle(answers[there])))
+        return made
 
     @property
     def distortion(self) -> np.ndarray:
@@ -105,8 +118,9 @@ def frequency_response(
     signal (its only output). The sines go around ``bias`` (zero for an input, a Sine block's own offset); other
     ``inputs`` are constant. Of each run the first ``settle`` periods are left out, and the next ``periods`` taken apart
     into harmonics; where the answer still changes from period to period, more are left out, up to ``LONGEST``, and it
-    is NaN where it changes even then. A period has ``samples`` steps at least, and no step is longer than ``step`` [s].
-    Raises RunError for what is no input or output, and where sampled blocks do not fit into the period.
+    is NaN where it changes even then, with a SettlingWarning. A period has ``samples`` steps at least, and no step is
+    longer than ``step`` [s]. Raises RunError for what is no input or output, and where sampled blocks do not fit into
+    the period.
     """
     diagram = prepared(diagram)
     tuned, source = _driven(diagram, driven, None if bias is None else number("bias", bias))
@@ -136,8 +150,23 @@ def frequency_response(
             waiting, left_out = waiting[~settled], 4 * max(left_out, 1)
             if left_out > LONGEST or n * (left_out + count) > MOST_STEPS:
                 break
-    name = driven or (next(iter(diagram.inputs)) if source == TONE else source)
-    return FrequencyResponse(diagram.title, name, shown, f, a, response, over, tuned.unit(f"{source}.y"))
+    name, unit = driven or (next(iter(diagram.inputs)) if source == TONE else source), tuned.unit(f"{source}.y")
+    _warn_of_unsettled(shown, f, a, np.isnan(response), unit)
+    return FrequencyResponse(diagram.title, name, shown, f, a, response, over, unit)
+
+
+def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarray, unit: str) -> None:
+    if not where.any():
+        return
+    factor, label = for_people(unit)
+    points = [f"{factor * a[i]:.3g} {label}".rstrip() + f" at {f[k]:.3g} Hz" for i, k in np.argwhere(where)]
+    warnings.warn(
+        f"the answer of '{shown}' to {len(points)} of {where.size} sines never becomes periodic: {listed(points, 3)}. "
+        "It is NaN there. A loop that hunts at a frequency of its own does that, and a signal that drifts; "
+        "tsm.simulate shows which.",
+        SettlingWarning,
+        stacklevel=3,
+    )
 
 
 @attrs.frozen
@@ -158,8 +187,10 @@ class _Harmonics:
             into, out = turns[:1] @ x, turns @ y
             size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), 1e-12 * np.abs(x).max(axis=0))
             change = np.abs(last - before).max(axis=0) / size if len(before) == len(last) else np.inf * size
-            made = {"response": out[0] / into[0], "change": change}
-            return made | {f"harmonic {m}": np.abs(out[m - 1] / out[0]) for m in range(2, self.most + 1)}
+            still = np.abs(y - y.mean(axis=0)).max(axis=0) <= STILL * np.abs(x).max(axis=0)
+            made = {"response": np.where(still, 0.0, out[0] / into[0]), "change": np.where(still, 0.0, change)}
+            return made | {f"harmonic {m}": np.where(still, np.nan, np.abs(out[m - 1] / out[0]))
+                           for m in range(2, self.most + 1)}  # fmt: skip
 
 
 def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Diagram, str]:

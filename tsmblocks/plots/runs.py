@@ -14,26 +14,30 @@ import numpy as np
 from tsmblocks.data import heading
 from tsmblocks.errors import TsmError
 from tsmblocks.measures import tracking_error
+from tsmblocks.metrics import formed
 from tsmblocks.plots.panels import COLOURS, INK, LEGEND, QUANTITY, axes, dress, shown, timed
 from tsmblocks.run import Run
 
 
-def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None) -> Any:
-    """Signals of a run over time in s, the diagram's outputs unless named.
+def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:
+    """Signals of a run over time in s, the diagram's outputs unless named; ``"x_ref - x_out"`` is a signal too.
 
-    Signals of one unit share a panel; with ``ax``, all are drawn on that one. Returns the figure.
-    Raises RunError for an unknown name.
+    Signals of one unit share a panel; with ``ax``, all are drawn on that one. With ``after`` [s], what comes before is
+    left out. Returns the figure. Raises RunError for an unknown name, ParameterError for a faulty expression.
     """
+    kept = run.t >= (run.t[0] if after is None else after)
+    if not kept.any():
+        raise TsmError(f"after={after:g} s is beyond the end of the run, {run.t[-1]:g} s.")
     chosen = list(names) or list(run.aliases) or run.keys()
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name in chosen:
-        values, unit = shown(run[name], run.unit(name))
+        values, unit = shown(*formed(run, name))
         groups.setdefault(unit, []).append((name, values))
     panels = axes(None, len(groups), height=2.4) if ax is None else [ax] * len(groups)
     count = 0
     for panel, (unit, lines) in zip(panels, groups.items(), strict=True):
         for name, values in lines:
-            panel.plot(run.t, values, color=COLOURS[count % len(COLOURS)], lw=1.4, label=name)
+            panel.plot(run.t[kept], values[kept], color=COLOURS[count % len(COLOURS)], lw=1.4, label=name)
             count += 1
         alone = lines[0][0] if len(lines) == 1 else ""
         panel.set_ylabel(heading(alone or QUANTITY.get(unit, ""), unit).strip())
