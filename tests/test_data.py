@@ -1,5 +1,6 @@
 """Reading measured data: every kind of file, every repair with its note, every refusal with its row."""
 
+import re
 import sys
 
 import numpy as np
@@ -365,6 +366,42 @@ def test_text_of_windows_is_read_with_a_note(file):
     assert record.notes == ("Row 1 is not UTF-8 text: the file was read as Windows-1252, where byte 0xb0 is °.",)
     assert record.values("x", "rad")[2] == pytest.approx(np.radians(2.0))
     assert record.values("y", "m")[2] == pytest.approx(2e-6)
+
+
+def test_dates_and_times_become_seconds(file):
+    for begin, rows in (
+        ("2026-03-01T10:00:59.9", ["2026-03-01T10:00:59.9", "2026-03-01T10:01:00", "2026-03-01T10:01:00.100",
+                                   "2026-03-01T10:01:00.2"]),
+        ("2026-12-31 23:59:59.9+01:00", ["2026-12-31 23:59:59.9+01:00", '"2026-12-31T23:00:00Z"',
+                                         "2027-01-01 00:00:00.1+01:00", "2026-12-31T23:00:00.2+00:00"]),
+        ("10:00:59.9", ["10:00:59.9", "10:01:00.0", "10:01:00.1", "10:01:00.20"]),
+    ):  # fmt: skip
+        text = "".join(f"{clock},{k}\n" for k, clock in enumerate(rows))
+        seconds = re.escape(begin.replace("T", " ").replace(".9", ".900000"))
+        for head, how in (("Time [ms],x\n", {"map": {"t": "Time"}}), ("", {"columns": ["t", "x"]})):
+            record = read(file(head + text), **how)
+            assert record.t == pytest.approx([0.0, 0.1, 0.2, 0.3], abs=1e-9)
+            assert re.search(rf"was read as seconds since {seconds}\.", record.notes[0])
+    for row, said in (
+        ("7,1", "row 4, column 1 (t [s]) holds '7', which is not a date and time as in the first row."),
+        ("2026-03-01T10:00:01Z,1", "holds '2026-03-01T10:00:01Z', which is not a date and time as in the first row."),
+        ("2026-03-01T10:00:75,1", "holds '2026-03-01T10:00:75', which is not a date and time as in the first row."),
+    ):
+        with pytest.raises(DataError, match=re.escape(said)):
+            read(file(f"t,x\n2026-03-01T10:00:00,0\n2026-03-01T10:00:00.5,0\n{row}\n2026-03-01T10:00:09,0\n"))
+    with pytest.raises(DataError, match="time jumps back at row 4"):  # a time of day knows no midnight
+        read(file("t,x\n23:59:58,0\n23:59:59,0\n00:00:00,0\n00:00:01,0\n"))
+
+
+def test_rows_that_are_not_there_are_told(file):
+    path = file("t,x\n0,1\n1,2\n2,3\n3,4\n")
+    for rows, said in (
+        ((9, None), "from row 9 to the end"),
+        ((None, 1), "from row 1 to 1"),
+        ((7, 8), "from row 7 to 8"),
+    ):
+        with pytest.raises(DataError, match=re.escape(f"there are no samples {said}; they stand in rows 2 to 5.")):
+            read(path, rows=rows)
 
 
 def test_the_newest_row_may_come_first(file):

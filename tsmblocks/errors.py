@@ -16,6 +16,7 @@ Every message says where, what, what was expected, and suggests the near miss.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
@@ -117,20 +118,26 @@ def near(name: object, known: Iterable[str], most: int = 8) -> str:
     """`` Did you mean 'x'?`` when a known name is close, otherwise the choices.
 
     Close is what differs in a letter or two; then the one choice that holds the name as a word of its own (``play``
-    is ``tendon_sheath_play``); then what is spelt much alike; then the only one that begins so.
+    is ``tendon_sheath_play``); then what is spelt much alike; then the only one that begins so, or that ends nearly so.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
     close = [k for k in choices if k.casefold() == plain] or get_close_matches(text, likely, 1, 0.85)
     close = close or _with_word(plain, choices) or get_close_matches(text, likely, 1, 0.6)
     begun = [k for k in choices if k.casefold().startswith(plain)] if len(plain) > 2 and not close else []
-    close = begun if len(begun) == 1 else close
+    close = (begun if len(begun) == 1 else close) or _with_end(plain, choices)
     if close:
         return f" Did you mean '{clip(close[0])}'?"
     if not choices:
         return " There are none."
     more = f", … ({len(choices)} in all)" if len(choices) > most else ""
     return f" Known here: {', '.join(map(clip, choices[:most]))}{more}."
+
+
+def _with_end(plain: str, choices: list[str]) -> list[str]:
+    """The choice whose words at its end are a letter or two off: ``lineer`` is near ``tendon_sheath_linear``."""
+    ends = {k[m.end() :].casefold(): k for k in choices for m in re.finditer("_", k)} if len(plain) > 3 else {}
+    return [ends[end] for end in get_close_matches(plain, ends, 1, 0.8)]
 
 
 def _with_word(plain: str, choices: list[str]) -> list[str]:

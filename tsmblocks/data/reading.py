@@ -74,7 +74,8 @@ def read(
     leaves the rest unread, faults included; those in ``also`` are kept where they are there. ``rows`` keeps the
     rows from the first to the last given, both counted from 1 as an editor does (None: from the start, to the
     end). ``step`` is the time in s from row to row, for files without a time column. ``group`` is the
-    structure or group of a MAT, HDF5 or NPZ file to read.
+    structure or group of a MAT, HDF5 or NPZ file to read. Dates and times in a text file (ISO 8601, or times of day)
+    become seconds from the first on.
 
     ``tail="drop"`` leaves out what comes after a jump of the time backwards, ``gaps="keep"`` reads a file with long
     gaps in time all the same; both are refused otherwise. What was repaired stands in the record's ``notes``.
@@ -138,6 +139,11 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
     found = _selected(origin, found, wish, time, bare, source.notes)
     labels = _labels(origin, found, split, wish.units)
     values, at = source.numbers([*found.values()], wish.rows)
+    if not len(at) and wish.rows != (None, None):
+        _, every = source.numbers([*found.values()], (None, None))
+        first, last = wish.rows[0] or 1, wish.rows[1] or "the end"
+        there = f"they stand in rows {every[0]} to {every[-1]}" if len(every) else "the file has none"
+        raise DataError(f"{source.origin}: there are no samples from row {first} to {last}; {there}.")
     if time is None:
         table = _clocked(origin, found, labels, values, at, float(wish.step or 0.0))
     else:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import date, datetime, time
 from pathlib import Path
 
 import attrs
@@ -69,13 +70,41 @@ def _number(cell: str) -> float | None:
         return None
 
 
+def _instant(cell: str) -> datetime | None:
+    """The date and time, or the time of day, in a cell as ISO 8601 writes them."""
+    text = cell.strip().strip('"').strip()
+    if ":" not in text:
+        return None
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        pass
+    try:
+        return datetime.combine(date.min, time.fromisoformat(text))
+    except ValueError:
+        return None
+
+
+def _seconds(cell: str, first: datetime) -> float | None:
+    """Seconds since ``first``, NaN for a blank cell, None for what is no such time (or has a zone, or none)."""
+    instant = _instant(cell)
+    if instant is None:
+        return float("nan") if cell.strip().lower() in BLANK else None
+    if (instant.tzinfo is None) != (first.tzinfo is None):
+        return None
+    return (instant - first).total_seconds()
+
+
 def _is_numeric(cells: Sequence[str]) -> bool:
-    return all(_number(cell) is not None for cell in cells)
+    return all(_number(cell) is not None or _instant(cell) is not None for cell in cells)
 
 
 @attrs.frozen(eq=False)
 class Text:
-    """A text file split into lines, its headings read, its numbers not yet."""
+    """A text file split into lines, its headings read, its numbers not yet.
+
+    ``clocks`` are the columns of dates and times, with the first of each; they become seconds since then.
+    """
 
     origin: str
     headings: Sequence[str]
@@ -83,6 +112,7 @@ class Text:
     lines: list[str] = attrs.field(repr=False)
     at: np.ndarray = attrs.field(repr=False)
     notes: tuple[str, ...] = ()
+    clocks: Mapping[int, datetime] = attrs.field(factory=dict, repr=False)
 
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """See Source. Raises DataError with row and column for text, and for rows of another length."""
@@ -91,7 +121,7 @@ class Text:
         lines = [line for line, keep in zip(self.lines, kept, strict=True) if keep]
         if not lines:
             return np.empty((0, len(chosen))), at
-        if any('"' in line for line in lines):  # a quoted cell may hold the separator
+        if any('"' in line for line in lines) or set(chosen) & set(self.clocks):  # a quoted cell may hold the separator
             return self._one_by_one(lines, at, chosen), at
         self._check_lengths(lines, at)
         try:
@@ -115,16 +145,18 @@ class Text:
         for row, line in enumerate(lines):
             cells = _cells(line, self.separator)
             for k, place in enumerate(chosen):
-                number = _number(cells[place]) if place < len(cells) else float("nan")
+                cell, first = cells[place] if place < len(cells) else "", self.clocks.get(place)
+                number = _number(cell) if first is None else _seconds(cell, first)
                 if number is None:
-                    wrong.append((row, place, cells[place]))
+                    wrong.append((row, place, cell))
                 else:
                     values[row, k] = number
         if wrong:
             row, place, cell = wrong[0]
             spot = f"row {at[row]}, column {place + 1} ({self.headings[place]})"
             many = _more(len(wrong), "cell")
-            raise DataError(f"{self.origin}: {spot} holds {in_words(cell)}, which is not a number{many}.")
+            what = "a number" if place not in self.clocks else "a date and time as in the first row"
+            raise DataError(f"{self.origin}: {spot} holds {in_words(cell)}, which is not {what}{many}.")
         return values
 
 
@@ -167,7 +199,21 @@ def open_text(path: Path, columns: Sequence[str] | None) -> Text:
     if separator in (";", "\t") and any("," in line for line in lines[:50]):
         lines = [line.replace(",", ".") for line in lines]
         notes.append("Decimal commas were read as points.")
-    return Text(str(path), headings, separator, lines, np.array(at, dtype=int), tuple(notes))
+    clocks = _clocks(_cells(lines[0], separator) if lines else [])
+    for place, begin in clocks.items():
+        headings[place] = heading(split_heading(headings[place])[0], "s")
+        notes.append(f"{split_heading(headings[place])[0]} was read as seconds since {_said(begin)}.")
+    return Text(str(path), headings, separator, lines, np.array(at, dtype=int), tuple(notes), clocks)
+
+
+def _clocks(cells: Sequence[str]) -> dict[int, datetime]:
+    """The columns that hold dates and times in the first row, and those."""
+    found = {place: _instant(cell) for place, cell in enumerate(cells)}
+    return {place: begin for place, begin in found.items() if begin is not None}
+
+
+def _said(begin: datetime) -> str:
+    return begin.time().isoformat() if begin.date() == date.min else begin.isoformat(" ")
 
 
 def _bare(cell: str) -> str:
