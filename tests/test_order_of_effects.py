@@ -33,15 +33,19 @@ def sheath(x, v, step):
 
 
 @cache
-def records():
-    """Tones that come nearly back after 15 s, 13 s and 13 s, but not quite."""
+def records(*, first="sheath"):
+    """Tones that come nearly back after 15 s, 13 s and 13 s, but not quite; the gap is behind or in front."""
     rng, step, made = np.random.default_rng(77), 1e-3, {}
     t = np.arange(0.0, 40.0, step)
     for name, sizes, tones in (
         ("big", (45, 12), (0.2, 0.47)), ("mid", (20, 9), (0.31, 0.77)), ("small", (8, 4), (0.23, 0.9)),
     ):  # fmt: skip
         x = sum(a * np.sin(2 * np.pi * f * t) for a, f in zip(sizes, tones, strict=True)) * np.minimum(t, 1) * DEG
-        y = gap(sheath(x, np.gradient(x, step), step), HALF * DEG)
+        if first == "sheath":
+            y = gap(sheath(x, np.gradient(x, step), step), HALF * DEG)
+        else:
+            moved = gap(x, HALF * DEG)
+            y = sheath(moved, np.gradient(moved, step), step)
         few = slice(None, None, 20)
         seen = y[few] / DEG + rng.normal(0, NOISE, len(t[few]))
         made[name] = tsm.Record(name, t[few], {"x_in": x[few] / DEG, "x_out": seen}, {"x_in": "deg", "x_out": "deg"})
@@ -65,6 +69,19 @@ def test_what_stands_in_front_of_a_gap_is_placed_there_and_no_gap_of_nothing_is_
     assert said.augmented.parameters["asymmetric_hysteresis.speed"] == pytest.approx(BENDS, rel=0.15)
     (held,) = said.segments[0].gaps
     assert held.held_out[-1] == pytest.approx(NOISE * DEG, rel=0.05)
+
+
+def test_what_stands_behind_a_gap_reads_what_comes_out_of_it():
+    base, effects = tsm.load("tendon_sheath_symmetric"), ["backlash", "asymmetric_hysteresis"]
+    said = tsm.diagnose(base, records(first="gap"), noise_floor=f"{NOISE} deg", effects=effects)
+    assert [e.name for e in said.effects] == ["backlash", "asymmetric_hysteresis"]
+    links = {str(link) for link in said.augmented.links}
+    assert {"backlash.y -> tsm.x", "backlash.y -> asymmetric_hysteresis.x"} <= links
+    assert said.augmented.parameters["backlash.half_width"] / DEG == pytest.approx(HALF, rel=0.02)
+    change = said.augmented.parameters["asymmetric_hysteresis.slope_difference"]
+    assert change == pytest.approx(SLOPES[0] - SLOPES[1], rel=0.05)
+    (held,) = said.segments[0].gaps
+    assert held.held_out[-1] < 1.5 * NOISE * DEG < 0.3 * held.held_out[0]
 
 
 def test_a_floor_that_is_looked_for_is_that_of_the_sensor():

@@ -87,7 +87,8 @@ def sites(
     """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
 
     In front of the blocks that were ``named`` before, effects of an output are looked for as well: which stands first
-    makes a difference where both remember. A measured drive (the voltage in a position loop) is a wire that moves
+    makes a difference where both remember. What was named in front of the model comes before all others: what they
+    read of the input is what comes out of it. A measured drive (the voltage in a position loop) is a wire that moves
     another output, not one of its own. Those that ``effects`` made for this diagram name themselves are among them.
     """
     found: list[Site] = []
@@ -97,7 +98,8 @@ def sites(
             continue  # the output shows an input: there is nothing in between
         source = f"{head}.{port}"
         found.append(Site("output", name, source, after=source))
-        reading = [k for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0]
+        reading = [_behind(diagram, k, named)
+                   for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0]  # fmt: skip
         found += [Site("across", name, source, other=k, after=source) for k in reading]
         signal, port = _in_front(diagram, source, named)
         if port:
@@ -127,6 +129,15 @@ def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[st
             break
         source, port = before, f"{head}.u"
     return source, port
+
+
+def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
+    """The signal behind the blocks that were named at an input, one behind the other; the input where none were."""
+    signal, ends = name, [*diagram.inlets[name]]
+    while len(ends) == 1 and ends[0][0] in named and ends[0][1] == "u":
+        signal = f"{ends[0][0]}.y"
+        ends = [x.target for x in diagram.links if ".".join(x.source) == signal]
+    return signal
 
 
 def own_site(diagram: Diagram, output: str, effect: Effect) -> Site | None:
