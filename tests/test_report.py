@@ -46,7 +46,7 @@ candidates, round 1 (* named, ~ cannot be told from it):
   dead_time   offset.y -> x_out    < 0 %      10 %    9.5
 Other candidates, which promised or removed less: 1.
 
-candidates, round 2 (* named, ~ cannot be told from it):
+candidates, round 2 (none named):
   candidate  on                 removes  new exp.  t (2)
   dead_time  offset.y -> x_out     20 %      20 %    9.5
 

@@ -206,10 +206,11 @@ class _Blank:
         items = [i for i in one.model.problem.unknowns.items if i.parameter in c.free]
         units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
         values = {i.parameter.removeprefix(f"{c.block}."): one.model.values[i.name] for i in items}
+        added = verdict.named is not None and self.number <= self.work.count
         gone = across - mean(one.across, parts) if _several(self.work) else float("nan")
         return attrs.evolve(
-            self._made(c, before - one.loss), t=t, in_set=one in verdict.alike, fitted=True, at_bound=one.at_bounds,
-            named=one is verdict.named and self.number <= self.work.count, parameters=values, units=units,
+            self._made(c, before - one.loss), t=t, in_set=added and one in verdict.alike, fitted=True, at_bound=one.at_bounds,
+            named=added and one is verdict.named, parameters=values, units=units,
             across=gone, new=gone / max(across - floor, MATERIAL * floor),
         )  # fmt: skip
 

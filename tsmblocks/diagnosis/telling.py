@@ -203,7 +203,8 @@ def _ranking(segment: Segment) -> list[str]:
                   *[percent(across(r, several))][: several - 1], f"{r.t:.1f}"] for r in shown]  # fmt: skip
         rest = len(here) - len(shown)
         more = f"\nOther candidates, which promised or removed less: {rest}." if rest else ""
-        made.append(f"candidates, round {number} (* named, ~ cannot be told from it):\n"
+        key = "* named, ~ cannot be told from it" if any(r.named for r in here) else "none named"
+        made.append(f"candidates, round {number} ({key}):\n"
                     f"{columns(rows, left=(0, 1))}{more}")  # fmt: skip
     return [*made, _filled(columns_in_words(several > 1))] if made else []
 
