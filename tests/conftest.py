@@ -10,9 +10,10 @@ import pytest
 
 @pytest.fixture(scope="session", autouse=True)
 def _machine_code_store(tmp_path_factory):
-    """Compile into a private folder, so that no test depends on what earlier runs left."""
-    before = os.environ.get("TSMBLOCKS_CACHE")
-    os.environ["TSMBLOCKS_CACHE"] = str(tmp_path_factory.mktemp("machine-code"))
+    """Compile into a folder of this run, so that no test depends on what earlier ones left; its workers share it."""
+    before, own = os.environ.get("TSMBLOCKS_CACHE"), tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+    os.environ["TSMBLOCKS_CACHE"] = str(shared / "machine-code")
     yield
     if before is None:
         del os.environ["TSMBLOCKS_CACHE"]

@@ -97,7 +97,7 @@ CONTINUOUS = [n for n in SHIPPED if not tsm.equations(tsm.load(n)).d]
 
 @pytest.mark.parametrize("name", CONTINUOUS)
 def test_shipped_diagrams_agree_with_scipy(name):
-    stop = 6.3
+    stop = 4.6
     expected = scipy_reference(tsm.load(name), stop, knots=[1.25, 3.75])  # where the reference turns
     run = run_shipped(name, stop=stop, step=1e-4)
     for key, value in expected.items():
@@ -144,8 +144,8 @@ def test_play_against_its_definition():
 def test_sampled_loop_against_scipy_with_a_hand_written_controller():
     """The plant by SciPy between samples, the controller as a difference equation written out here."""
     diagram = tsm.load("sampled_position_loop")
-    run = tsm.simulate(diagram, stop=0.5, step=1e-4)
-    assert np.abs(run["x_out"][::10] - _sampled_by_hand(diagram, 0.5)).max() < 2e-6
+    run = tsm.simulate(diagram, stop=0.25, step=1e-4)
+    assert np.abs(run["x_out"][::10] - _sampled_by_hand(diagram, 0.25)).max() < 2e-6
 
 
 def _sampled_by_hand(diagram, stop):
