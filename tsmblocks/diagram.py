@@ -297,8 +297,8 @@ class Diagram:
     def remove(self, name: str) -> Diagram:
         """The diagram without a block; what drove its only input then drives its listeners.
 
-        Raises DiagramError when the block has several inputs or outputs in use, for then what
-        should take its place is not known.
+        Raises DiagramError when the block has several inputs or outputs in use, for then what should take its place
+        is not known, and when its input is a rate ``v`` (friction, an observer), which cannot.
         """
         inner = self._inside(name, "remove")
         if inner is not None:

@@ -179,6 +179,13 @@ def removed(diagram: Diagram, name: str) -> Diagram:
             f"remove '{name}': it has {several(ins, 'input')} and {several(sorted(leaving), 'output')} "
             "in use, so what should take its place is not known. Use rewire or replace.",
         )
+    heads = {x.target[1] for x in into} | {e[1] for _, e in feeding}
+    if leaving and heads == {"v"}:  # friction, an observer: what comes out is of another kind, units told or not
+        raise _fail(
+            diagram,
+            f"remove '{name}': its input v is a rate, which cannot take the place of what it gives. To do without it: "
+            f"replace('{name}', Gain(gain=0.0), ports={{'v': 'u'}}), or rewire.",
+        )
     links = [x for x in diagram.links if name not in (x.source[0], x.target[0])]
     inputs = {
         k: attrs.evolve(v, ports=[".".join(e) for e in diagram.inlets[k] if e[0] != name])

@@ -2,7 +2,17 @@
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 from tests.mistakes.table import BLOCKS, mistake, position_loop
-from tsmblocks.blocks import Abs, Derivative, Gain, MotorTransferFunction, Product, Sine, Sum
+from tsmblocks.blocks import (
+    Abs,
+    CoulombFriction,
+    Derivative,
+    Gain,
+    Integrator,
+    MotorTransferFunction,
+    Product,
+    Sine,
+    Sum,
+)
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import DiagramError
 
@@ -377,6 +387,24 @@ def remove_a_block_with_two_outputs():
         outputs={"x": "motor.y", "v": "motor.v"},
     )
     d.remove("motor")
+
+
+@mistake(
+    DiagramError,
+    """
+diagram 'axis' (HERE) has 1 problem:
+  1. remove 'rubs': its input v is a rate, which cannot take the place of what it gives. To do without it: replace('rubs', Gain(gain=0.0), ports={'v': 'u'}), or rewire.
+""",
+)
+def remove_friction():
+    d = Diagram(
+        title="axis",
+        blocks=dict(net=Sum(), speed=Integrator(), rubs=CoulombFriction()),
+        wires=["net -> speed -> rubs -> net.minus"],
+        inputs={"force": "net.plus"},
+    )
+    d.replace("rubs", Gain(gain=0.0), ports={"v": "u"})  # the way out that is named
+    d.remove("rubs")
 
 
 @mistake(

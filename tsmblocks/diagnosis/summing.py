@@ -209,8 +209,8 @@ class _Blank:
         added = verdict.named is not None and self.number <= self.work.count
         gone = across - mean(one.across, parts) if _several(self.work) else float("nan")
         return attrs.evolve(
-            self._made(c, before - one.loss), t=t, in_set=added and one in verdict.alike, fitted=True, at_bound=one.at_bounds,
-            named=added and one is verdict.named, parameters=values, units=units,
+            self._made(c, before - one.loss), t=t, in_set=added and one in verdict.alike, fitted=True,
+            at_bound=one.at_bounds, named=added and one is verdict.named, parameters=values, units=units,
             across=gone, new=gone / max(across - floor, MATERIAL * floor),
         )  # fmt: skip
 
