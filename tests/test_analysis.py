@@ -283,6 +283,16 @@ def test_an_output_that_stands_still_has_no_phase_and_spoils_no_other():
     assert np.isnan(found.phase[0]).all()
     assert np.isnan(found.distortion[0]).all()
     assert np.isfinite(found.phase[1]).all()
+    gain = found.plot().axes[0]
+    assert gain.get_ylim()[0] > 0.1
+    assert gain.lines[2].get_xdata().tolist() == [0.5, 1.0]  # crosses, of the size that moves nothing
+    latched = tsm.Diagram(
+        title="latched",
+        blocks={"e": Sum(), "k": Gain(gain=-3.0), "lim": Saturation(), "p": FirstOrderLag(gain=5.0, time_constant=0.5)},
+        wires=["e -> k -> lim -> p -> e.minus"], inputs={"r": "e.plus"}, outputs={"y": "p"},
+    )  # fmt: skip
+    held = frequency_response(latched.with_parameters({"p.value": -5.0}), [0.5, 1.0, 4.0], [0.1])
+    assert held.gain.tolist() == [[0.0, 0.0, 0.0]]
     answers = np.array([[np.exp(-3.0j), np.nan, 0.0, np.exp(-4.0j)]])
     spoilt = attrs.evolve(found, response=answers, frequencies=np.array([1.0, 2.0, 3.0, 4.0]))
     assert spoilt.phase[0] == pytest.approx(np.rad2deg([-3.0, np.nan, np.nan, -4.0]), nan_ok=True)

@@ -601,6 +601,8 @@ def test_a_block_whose_ports_collide_is_refused_where_it_is_read():
         def outputs(self, t, x, u):
             return dict(y=u.y)
 
+    with pytest.raises(BlockError, match=r"^broken_promises takes a block, got the class Wrong: write Wrong\(\).$"):
+        broken_promises(Wrong)
     found = broken_promises(Wrong())
     assert "Wrong.y is two things at once" in found["equations_cover_what_is_declared"]
     with pytest.raises(EquationError):

@@ -77,17 +77,23 @@ _HOME = {
 }
 """Where each public name lives; modules are imported when a name is first used."""
 
-__all__ = sorted([*_HOME, "analysis", "blocks", "errors", "export", "studies", "tuning"])  # noqa: PLE0605 - one list of names is enough
+_ROOMS = ("blocks", "analysis", "studies", "export", "tuning", "errors")
+"""Modules of which all names are public."""
+
+__all__ = sorted([*_HOME, *_ROOMS])  # noqa: PLE0605 - one list of names is enough
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("analysis", "blocks", "errors", "export", "studies", "tuning"):
+    if name in _ROOMS:
         return import_module(f"tsmblocks.{name}")
     if name in _HOME:
         return getattr(import_module(f"tsmblocks.{_HOME[name]}"), name)
     from tsmblocks.errors import near
 
-    raise AttributeError(f"tsmblocks has no '{name}'.{near(name, __all__)}")
+    rooms = _ROOMS if name.isidentifier() and not name.startswith("_") else ()
+    where = [room for room in rooms if callable(getattr(import_module(f"tsmblocks.{room}"), name, None))]
+    hint = f" It is tsmblocks.{where[0]}.{name}." if where else near(name, __all__)
+    raise AttributeError(f"tsmblocks has no '{name}'.{hint}")
 
 
 def __dir__() -> list[str]:

@@ -283,6 +283,9 @@ def test_from_control_takes_names_and_units():
     assert (list(one.inports), list(one.outports), list(one.states)) == (["s_2nd"], ["y"], ["s_"])
     with pytest.raises(ParameterError, match=r"TransferFunction.unit_in: .*'volts'"):
         from_control(control.tf([1], [1, 1], inputs="u [volts]"))
+    round_ = from_control(control.ss(-1, 1, 1, 0, inputs="u (V)", outputs="angle of tip (deg)", states="u [rad]"))
+    assert (round_.input_names, round_.output_names) == (("u [V]",), ("angle_of_tip [deg]",))
+    assert round_.state_names == ("u_2 [rad]",)
 
 
 @pytest.mark.parametrize("kind", [StateSpace, DiscreteStateSpace])
@@ -396,7 +399,8 @@ def test_refuses_matrices_that_do_not_fit():
     cls = StateSpace
     fit = "as the other matrices have it, got rows of length"
     refuses("StateSpace.A must be a list of rows, such as [[1, 0], [0, 1]].", cls, A=(1, 2))
-    refuses(f"StateSpace.A must have 2 rows of 2, {fit} 2, 1.", cls, A=((0, 1), (2,)))
+    refuses("StateSpace.A must be square, got 2 rows of length 2, 1.", cls, A=((0, 1), (2,)))
+    refuses("StateSpace.A must be square, got 1 row of length 2.", cls, A=((0, 1),))
     refuses(f"StateSpace.B must have 2 rows of 1, {fit} 1.", cls, B=((1,),))
     refuses(f"StateSpace.C must have 1 rows of 2, {fit} 3.", cls, C=((1, 0, 0),))
     refuses(f"StateSpace.D must have 1 rows of 1, {fit} 2.", cls, D=((1, 0),))

@@ -40,6 +40,11 @@ def units_that_do_not_convert():
     units.factor("rad", "V")
 
 
+@mistake(AttributeError, "tsmblocks has no 'latin_hypercube'. It is tsmblocks.studies.latin_hypercube.")
+def a_public_name_one_level_down():
+    _ = tsm.latin_hypercube
+
+
 @mistake(AttributeError, "tsmblocks has no 'Diagrm'. Did you mean 'Diagram'?")
 def a_name_the_package_does_not_have():
     _ = tsm.Diagrm

@@ -71,8 +71,8 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: in
     negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its margins. Its input
     ``cut`` is what goes over the wire, its output ``back`` what comes back, the sign turned; states that are not on
     that way are left out. ``point`` is one of the closed loop (by default its start values); at a kink there (friction
-    at rest, backlash) the mean of both sides is taken: set to zero what the margins are not to hold for. Raises
-    RunError where no loop goes that way; other arguments and errors as for ``linearize``.
+    at rest, an edge of a limit) the mean of both sides is taken: set to zero what the margins are not to hold for.
+    Raises RunError where no loop goes that way; other arguments and errors as for ``linearize``.
     """
     cut = opened(diagram, at)
     if not _comes_back(diagram, at):

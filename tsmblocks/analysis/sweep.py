@@ -28,7 +28,7 @@ MOST_STEPS = 20_000_000
 TONE = "tone"
 """Name of the source that takes the place of an input."""
 STILL = 1e-12
-"""Motion of the output, as a share of that of the input in numbers, below which it stands still."""
+"""Motion of the output, as a share of that of the input and of its own size in numbers, below which it stands still."""
 
 
 class SettlingWarning(UserWarning):
@@ -185,9 +185,10 @@ class _Harmonics:
         turns = np.exp(-2j * np.pi * np.outer(np.arange(1, self.most + 1), np.arange(len(x))) / self.n)
         with np.errstate(all="ignore"):
             into, out = turns[:1] @ x, turns @ y
-            size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), 1e-12 * np.abs(x).max(axis=0))
+            size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), STILL * np.abs(x).max(axis=0))
             change = np.abs(last - before).max(axis=0) / size if len(before) == len(last) else np.inf * size
-            still = np.abs(y - y.mean(axis=0)).max(axis=0) <= STILL * np.abs(x).max(axis=0)
+            size = np.maximum(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
+            still = np.abs(y - y.mean(axis=0)).max(axis=0) <= STILL * size
             made = {"response": np.where(still, 0.0, out[0] / into[0]), "change": np.where(still, 0.0, change)}
             return made | {f"harmonic {m}": np.where(still, np.nan, np.abs(out[m - 1] / out[0]))
                            for m in range(2, self.most + 1)}  # fmt: skip

@@ -248,8 +248,8 @@ def from_control(system: Any) -> Block:
     states are called is taken over, units included where they are said in brackets:
     ``control.ss(A, B, C, D, inputs="u [V]", outputs=["angle [rad]", "speed [rad/s]"])``. A transfer function keeps its
     ports ``u`` and ``y`` and takes the units; what is no name becomes one, with an underscore for anything but letters
-    and digits. Raises BlockError for anything else, for ``dt=True``, and for a transfer function that is not proper;
-    ParameterError for a unit that is none.
+    and digits, and a second ``x`` is ``x_2``. Raises BlockError for anything else, for ``dt=True``, and for a transfer
+    function that is not proper; ParameterError for a unit that is none.
     """
     import control
 
@@ -292,10 +292,10 @@ def _heading(label: str) -> tuple[str, str]:
     """Name and unit of a label of python-control; no name where it is one that python-control gave itself."""
     if re.fullmatch(r"[uyx]\[\d+\]", label):
         return "", ""
-    found = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\])?", label.strip())
+    found = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?", label.strip())
     assert found is not None  # every part is optional
     name = re.sub(r"\W+", "_", found[1], flags=re.ASCII).strip("_")
-    return name if name and not name[0].isdigit() else f"s_{name}", found[2] or ""
+    return name if name and not name[0].isdigit() else f"s_{name}", found[2] or found[3] or ""
 
 
 def _names(system: Any) -> dict[str, Any]:

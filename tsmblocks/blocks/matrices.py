@@ -41,6 +41,9 @@ def check_matrices(block: Any) -> None:
     n, inputs, outputs = shape(block)
     if not inputs or not outputs:
         raise ParameterError(f"{owner} needs at least one input (columns of B) and one output (rows of C).")
+    if any(len(row) != n for row in block.A):
+        lengths = ", ".join(str(len(row)) for row in block.A)
+        raise ParameterError(f"{owner}.A must be square, got {n} row{'s' * (n > 1)} of length {lengths}.")
     for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
         matrix = getattr(block, name)
         if not matrix and (not n or name == "D"):

@@ -143,7 +143,7 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
         _, every = source.numbers([*found.values()], (None, None))
         first, last = wish.rows[0] or 1, wish.rows[1] or "the end"
         there = f"they stand in rows {every[0]} to {every[-1]}" if len(every) else "the file has none"
-        raise DataError(f"{source.origin}: there are no samples from row {first} to {last}; {there}.")
+        raise DataError(f"{origin}: there are no samples from row {first} to {last}; {there}.")
     if time is None:
         table = _clocked(origin, found, labels, values, at, float(wish.step or 0.0))
     else:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from tsmblocks.analysis.sweep import FrequencyResponse
 from tsmblocks.data import heading
 from tsmblocks.plots.panels import COLOURS, axes, decimal, dress, shown
@@ -15,17 +17,24 @@ from tsmblocks.plots.panels import COLOURS, axes, decimal, dress, shown
 def plot_frequency_response(found: FrequencyResponse, ax: Any = None) -> Any:
     """Gain, phase and distortion over frequency, a line for each amplitude (angles in deg).
 
-    ``ax`` may be three axes. Returns the figure.
+    Where the output stands still, or never becomes periodic, there is a cross below the gain. ``ax`` may be three axes.
+    Returns the figure.
     """
     panels = axes(ax, 3, height=2.2)
     sizes, unit = shown(found.amplitudes, found.unit)
-    rows = ((found.gain, "gain"), (found.phase, "phase [deg]"), (100 * found.distortion, "distortion [%]"))
+    gain = np.where(found.gain > 0, found.gain, np.nan)  # there is no zero on an axis of decades
+    rows = ((gain, "gain"), (found.phase, "phase [deg]"), (100 * found.distortion, "distortion [%]"))
     for panel, (values, label) in zip(panels, rows, strict=True):
         for k, (amplitude, line) in enumerate(zip(sizes, values, strict=True)):
             panel.semilogx(found.frequencies, line, "o-", ms=3, lw=1.2, color=COLOURS[k % len(COLOURS)],
                            label=f"{amplitude:.3g}")  # fmt: skip
         panel.set_ylabel(label)
         dress(panel, legend=False)
+    for k, line in enumerate(gain):
+        none = found.frequencies[np.isnan(line)]
+        if len(none):
+            panels[0].plot(none, np.zeros(len(none)), "x", ms=5, color=COLOURS[k % len(COLOURS)], clip_on=False,
+                           transform=panels[0].get_xaxis_transform(), label="_no answer")  # fmt: skip
     panels[0].set_yscale("log")
     decimal(panels[0].yaxis)
     for panel in panels:

@@ -21,7 +21,7 @@ import numpy as np
 
 from tsmblocks import units
 from tsmblocks.block import Block, is_reference, leaves, map_leaves, signals
-from tsmblocks.errors import ParameterError, TsmError
+from tsmblocks.errors import BlockError, ParameterError, TsmError, in_words
 from tsmblocks.structure import call, structure_of, symbolic
 from tsmblocks.unit_checks import SHARED
 
@@ -69,7 +69,13 @@ def checks_for(block: Block) -> list[Check]:
 
 
 def broken_promises(block: Block) -> dict[str, str]:
-    """The promises a block breaks, with what was found; empty for a good block."""
+    """The promises a block breaks, by name, with what was found; empty for a good block.
+
+    Raises BlockError for what is no block.
+    """
+    if not isinstance(block, Block):
+        wanted = f"the class {block.__name__}: write {block.__name__}()" if isinstance(block, type) else in_words(block)
+        raise BlockError(f"broken_promises takes a block, got {wanted}.")
     found = {}
     for check in checks_for(block):
         try:
