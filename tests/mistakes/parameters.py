@@ -198,7 +198,7 @@ def a_list_of_lists_where_a_list_belongs():
 
 @mistake(
     ParameterError,
-    "StateSpace.A must have 2 rows of 2, as the other matrices have it, got rows of length 2, 1.",
+    "StateSpace.A must be square, got 2 rows of length 2, 1.",
 )
 def a_matrix_of_uneven_rows():
     StateSpace(A=[[0.0, 1.0], [2.0]], B=[[0.0], [1.0]], C=[[1.0, 0.0]])

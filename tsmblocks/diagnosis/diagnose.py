@@ -39,6 +39,7 @@ from tsmblocks.fitting.interrupt import kept
 from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
 from tsmblocks.fitting.trials import Window, compared, span
 from tsmblocks.fitting.unknowns import chosen
+from tsmblocks.tables import listed
 
 ENOUGH = 200
 """Samples of all experiments together that a diagnosis takes at least."""
@@ -280,6 +281,8 @@ def _result(
     order = {"named": 2, "unknown": 1, "none": 0}
     verdict = max((s.verdict for s in segments), key=lambda v: order[v])
     said = [s.sentence for s in sorted(segments, key=lambda s: -order[s.verdict]) if s.verdict == verdict]
+    if status == "interrupted":
+        said.insert(0, "Provisional, since the search was stopped before its end:")
     base, augmented = _whole(diagram, done, False), _whole(diagram, done, True)
     means = _consequence(done, segments)
     return Diagnosis(
@@ -300,7 +303,8 @@ def _whole(diagram: Diagram, done: Sequence[Work], with_effects: bool) -> Diagra
         items = last.problem.unknowns.items
         own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
         made = made.untied(own).with_parameters(own)
-    return made
+    named = [one.candidate.block for work in done for one in work.named] if with_effects else []
+    return made.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else made
 
 
 def _consequence(done: Sequence[Work], segments: Sequence[Segment]) -> Consequence | str:

@@ -83,6 +83,8 @@ def _inserted(diagnosis: Diagnosis) -> Iterator[str]:
     for effect in diagnosis.effects:
         block = literal(diagnosis.augmented.blocks[effect.block])
         yield f"diagram = {effect.code.replace('…', block, 1)}"
+    if diagnosis.augmented.title != diagnosis.first.title:
+        yield f"diagram = diagram.rewire(title={diagnosis.augmented.title!r})"
 
 
 def literal(value: Any) -> str:
