@@ -23,6 +23,8 @@ WINDOWS = 8
 """Parts of a period over which two periods are compared, when there are no more than two."""
 STILL = 50
 """Samples for which an input must rest to count as standing still."""
+SMOOTH = 10
+"""Samples whose mean is taken when rests are looked for."""
 ROUGH = 0.03
 """Error of a rate, as a share of the rate, from which steps of a reading are told."""
 OVER = 20
@@ -303,15 +305,20 @@ def _of_rests(record: Record, name: str, drives: list[str]) -> Found:
 
 
 def _resting(x: np.ndarray) -> np.ndarray:
-    """Which samples lie in a stretch of ``STILL`` samples over which the signal does not leave its own noise."""
+    """Which samples lie in a stretch of ``STILL`` samples over which the signal does not leave its own noise.
+
+    Means over some samples are looked at, whose noise is less, so that a slow turn is no rest.
+    """
     if len(x) < STILL or not np.ptp(x) > 0:
         return np.full(len(x), not np.ptp(x) > 0)
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
     at = np.arange(float(len(x)))
-    width = max(2.1 * (quantum_of(x) or 0.0), 8 * _of_high_frequencies(at, x)[0], 1e-9 * float(np.ptp(x)))
+    noise, share = _of_high_frequencies(at, x)[0], 1 / np.sqrt(SMOOTH)
+    width = max(2.1 * (quantum_of(x) or 0.0), 8 * share * noise, 1e-9 * float(np.ptp(x)))
     if width > 0.1 * np.ptp(x):
         return np.zeros(len(x), dtype=bool)
+    x = uniform_filter1d(x, SMOOTH) if noise > 0 else x
     span = maximum_filter1d(x, STILL, origin=-(STILL // 2)) - minimum_filter1d(x, STILL, origin=-(STILL // 2))
     begins = np.flatnonzero(span[: len(x) - STILL + 1] <= width)
     count = np.zeros(len(x) + 1)
