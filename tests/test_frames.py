@@ -148,6 +148,26 @@ def test_a_fit_is_a_frame_of_numbers_with_intervals(fit):
     assert left.loc[("bend", "x_out"), "rms"] == fit.differences["bend"].rms
 
 
+def test_models_compared_are_a_frame_the_best_first(record):
+    found = tsm.compare(["linear", "play"], record, train=0.5)
+    frame = found.to_pandas()
+    assert list(frame.index) == [row.name for row in found]
+    assert frame["rms held out"].tolist() == [row.figure for row in found]
+    assert frame["rms held out"].is_monotonic_increasing
+    assert frame.attrs["units"] == {"rms fitted": "rad", "rms held out": "rad"}
+
+
+def test_candidates_of_a_diagnosis_are_a_frame():
+    from tests.diagnoses import diagnosis
+
+    found = diagnosis()
+    frame = found.to_pandas()
+    ranking = found.to_dict()["ranking"]
+    assert frame["name"].tolist() == [row["name"] for row in ranking]
+    assert frame.loc[frame["named"], "name"].tolist() == [e.name for e in found.effects]
+    assert {"round", "wire", "share", "share_across", "statistic", "line", "in_set"} <= set(frame.columns)
+
+
 @pytest.mark.parametrize(("library", "extra"), [("pandas", "data"), ("xarray", "xarray")])
 def test_without_the_library_the_way_out_is_told(library, extra, run, record, fit, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, library, None)

@@ -14,6 +14,7 @@ from tsmblocks.diagnosis.settings import Provenance, Simulated
 from tsmblocks.diagram import Diagram
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.telling import cautions
+from tsmblocks.frames import frame
 from tsmblocks.tables import few
 
 
@@ -255,6 +256,12 @@ class Diagnosis:
             "provenance": None if self.provenance is None else _plain(attrs.asdict(self.provenance)),
             "notes": list(self.notes),
         }  # fmt: skip
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per candidate of each round, as the ranking of ``diagnosis.json`` has it. Needs pandas."""
+        rows = [_ranked(r) for s in self.segments for r in s.ranking]
+        known = [k for k in (rows[0] if rows else {}) if k not in ("at_bound", "parameters")]
+        return frame({k: [row[k] for row in rows] for k in known})
 
     def to_json(self) -> str:
         """Return ``diagnosis.json``: the same data and the same seed give the same bytes."""

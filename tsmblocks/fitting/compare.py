@@ -20,6 +20,7 @@ from tsmblocks.fitting.noise_of import noise_of
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
 from tsmblocks.fitting.trials import Window
+from tsmblocks.frames import frame
 from tsmblocks.tables import few
 
 SHIPPED = "tendon_sheath_"
@@ -107,6 +108,16 @@ class Comparison:
              "train": None if r.train is None else r.train.to_dict(),
              "held_out": None if r.held_out is None else r.held_out.to_dict(),
              "fit": None if r.fit is None else r.fit.to_dict()} for r in self.rows]}  # fmt: skip
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per model, the best first: parameters, rms fitted and held out, fault. Needs pandas."""
+        columns = {
+            "parameters": [r.parameters for r in self],
+            "rms fitted": [np.nan if r.train is None else r.train.rms for r in self],
+            "rms held out": [np.nan if r.held_out is None else r.held_out.rms for r in self],
+            "fault": [r.fault for r in self],
+        }
+        return frame(columns, [r.name for r in self], "model", {k: self.unit for k in columns if k.startswith("rms")})
 
     def plot(self, ax: Any = None) -> Any:
         """A figure of every model's error and the best one's loops. Needs matplotlib."""
