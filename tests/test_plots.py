@@ -39,8 +39,11 @@ def test_an_expression_is_a_signal_and_the_way_in_can_be_left_out(run):
     ):
         with pytest.raises(error, match=re.escape(said)):
             run.plot(text)
-    with pytest.raises(TsmError, match=r"^after=20 s is beyond the end of the run, 10 s.$"):
-        run.plot("x_out", after=20.0)
+    for after in (10.0, 20.0):
+        with pytest.raises(TsmError, match=rf"^after={after:g} s leaves nothing of the run, which ends at 10 s.$"):
+            run.plot("x_out", after=after)
+    with pytest.raises(RunError, match="after must be a finite number, got 'a'"):
+        run.plot("x_out", after="a")
 
 
 def test_given_axes_are_drawn_on(run):

@@ -77,7 +77,7 @@ def diagnose(
     the simulation; by default one is chosen for the base, and the last model gets a finer one where its intervals
     would not cover the error of the step. ``seed`` makes the random parts repeatable: same data, same seed, same
     result. ``progress(stage, done, of)`` is called now and then. Ctrl-C ends the search; what was found is returned
-    with ``status`` ``"interrupted"``.
+    with ``status`` ``"interrupted"``, and before the first candidates were fitted it goes on as KeyboardInterrupt.
 
     Raises DataError (signals, samples), ParameterError (names, floors), and what ``tsm.fit`` raises.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import TsmError, near
+from tsmblocks.errors import TsmError, in_words, near
 
 PAPER, INK, SOFT = "#ffffff", "#1a1a1a", "#5a5a5a"
 ACCENT, ACCENT_FILL, SIGNAL = "#c2410c", "#fff1e8", "#1d4ed8"
@@ -29,7 +29,9 @@ def marked(diagram: Diagram, names: Iterable[str]) -> set[str]:
 
     Raises TsmError for any other name.
     """
-    names = (names,) if isinstance(names, str) else tuple(names)
+    if not isinstance(names, Iterable):
+        raise TsmError(f"highlight takes names of blocks, got {in_words(names)}.")
+    names = (names,) if isinstance(names, str) else tuple(map(str, names))
     found = set()
     for name in names:
         head, dot, _ = name.partition(".")

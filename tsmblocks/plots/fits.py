@@ -111,7 +111,7 @@ def _in_figures(one: Difference) -> str:
 
 def _history(panel: Any, one: Difference) -> None:
     measured, unit = shown(one.measured, one.unit)
-    panel.plot(one.t, measured, color=INK, lw=1.8, label="measured")
+    panel.plot(one.t, measured, color=PALE, lw=4.0, label="measured")
     panel.plot(one.t, shown(one.simulated, one.unit)[0], color=COLOURS[0], lw=1.1, label="simulated")
     panel.set_ylabel(heading(one.output, unit))
     panel.set_xlabel("t [s]")
@@ -146,7 +146,7 @@ def _loop(panel: Any, one: Difference) -> None:
     if len(one.inputs) == 1:
         ((name, (values, own)),) = one.inputs.items()
         x, across = shown(values, own)
-        panel.plot(x, y, color=INK, lw=1.5, label="measured")
+        panel.plot(x, y, color=PALE, lw=4.0, label="measured")
         panel.plot(x, simulated, color=COLOURS[0], lw=0.9, label="simulated")
         panel.set_xlabel(heading(name, across))
         panel.set_ylabel(heading(one.output, unit))

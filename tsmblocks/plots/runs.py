@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.arguments import number
 from tsmblocks.data import heading
 from tsmblocks.errors import TsmError
 from tsmblocks.measures import tracking_error
@@ -25,9 +26,9 @@ def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: floa
     Signals of one unit share a panel; with ``ax``, all are drawn on that one. With ``after`` [s], what comes before is
     left out. Returns the figure. Raises RunError for an unknown name, ParameterError for a faulty expression.
     """
-    kept = run.t >= (run.t[0] if after is None else after)
-    if not kept.any():
-        raise TsmError(f"after={after:g} s is beyond the end of the run, {run.t[-1]:g} s.")
+    kept = run.t >= (run.t[0] if after is None else number("after", after))
+    if kept.sum() < 2:
+        raise TsmError(f"after={after:g} s leaves nothing of the run, which ends at {run.t[-1]:g} s.")
     chosen = list(names) or list(run.aliases) or run.keys()
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name in chosen:
