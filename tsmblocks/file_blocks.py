@@ -56,7 +56,9 @@ def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
         return None
     cls = REGISTRY.get(kind)
     if cls is None:
-        page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{near(kind, REGISTRY)}")
+        hint = near(kind, REGISTRY)
+        own = "" if "Did you mean" in hint else " A block of your own is known once its module is imported."
+        page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}{own}")
         return None
     values = {k: v for k, v in spec.items() if k != "type"}
     sound = True
