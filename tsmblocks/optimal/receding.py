@@ -31,8 +31,6 @@ from tsmblocks.optimal.transcription import (
 
 FEW = 60
 """Iterations of the solver for one sample at most: the last plan is near, and the next sample comes soon."""
-SHORT = {"expand": True}
-"""For a programme that is solved at every sample: one expression of it all takes long to make, and is then fast."""
 SHARP = 0.003
 """Size over which kinks are rounded off, as a share of what lies in them."""
 STUCK = 10.0
@@ -66,7 +64,7 @@ class RecedingHorizon:
         self.interval = Interval(task, h, pieces_of(task, pieces, h))
         self._first, self._later = (
             Programme(self.interval, ahead, "both" if goal == "peak" else goal, False,
-                      {**OPTIONS, **SHORT, "ipopt.max_iter": most}) for most in (10 * few, few)
+                      {**OPTIONS, "ipopt.max_iter": most}) for most in (10 * few, few)
         )  # fmt: skip
         self.t = number("start", start)
         self.state = np.asarray(task.eq.start(task.p)[0]).ravel()
