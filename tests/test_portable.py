@@ -42,7 +42,7 @@ import tsmblocks as tsm
 def work():
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         found = tsm.study(tsm.load("fig09b_feedforward"), {"theta": [4.0, 5.0]}, {"error": "rms(x_ref - x_out)"},
-                          stop=0.5, step=0.01, executor=pool)
+                          stop=0.5, step=0.005, executor=pool)
     print(found["error"].tolist())
 """
 
@@ -147,7 +147,7 @@ def test_a_study_runs_in_processes_that_share_nothing(tmp_path):
     done = ran(tmp_path, '\nif __name__ == "__main__":\n    work()\n')
     assert done.stderr == ""
     diagram, metrics = tsmblocks.load("fig09b_feedforward"), {"error": "rms(x_ref - x_out)"}
-    alone = tsmblocks.study(diagram, {"theta": [4.0, 5.0]}, metrics, stop=0.5, step=0.01)
+    alone = tsmblocks.study(diagram, {"theta": [4.0, 5.0]}, metrics, stop=0.5, step=0.005)
     assert done.stdout.strip() == str(alone["error"].tolist())
 
 

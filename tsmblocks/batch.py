@@ -22,6 +22,7 @@ from tsmblocks.engine.session import check_delays, gather_signals, plan_for, spr
 from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_plan
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, in_words, near
+from tsmblocks.poles import Beginning, extremes, set_in_words, warn_of_fast_poles
 from tsmblocks.simulate import equations, parameter_vector
 
 MOST_DIRECTIONS = 32
@@ -45,6 +46,7 @@ def simulate_batch(
     """
     made = batch_of(diagram, parameters, stop=stop, step=step, start=start, method=method, inputs=inputs, hold=hold,
                     outputs=outputs, every=every, backend=backend)  # fmt: skip
+    warn_of_fast_poles([made.beginning(k) for k in extremes(made.sets)], method_named(method), step)
     return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t, {} if reduce else made.units)
 
 
@@ -63,6 +65,8 @@ class PreparedBatch:
     _base: np.ndarray
     _columns: Mapping[str, int]
     _h: float
+    _start: float
+    _signals: list[tuple[feeds.Signal, int]]
 
     @property
     def count(self) -> int:
@@ -102,6 +106,13 @@ class PreparedBatch:
             parts = list(pool.map(group, begins, memories))
         return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
 
+    def beginning(self, k: int) -> Beginning:
+        """Where the run of a set begins, by its position."""
+        numbers = {name: float(values[k]) for name, values in self.sets.items()}
+        p = self._base.copy()
+        p[[self._eq.p.index(name) for name in numbers]] = list(numbers.values())
+        return Beginning(self._eq, p, self._start, self._signals, words=set_in_words(numbers))
+
     def _parameters(self, first: int) -> np.ndarray:
         """Parameters of the sets from ``first`` on, one set per lane; lanes left over repeat the last set."""
         p = np.repeat(self._base[:, None], self.lanes, axis=1)
@@ -131,10 +142,11 @@ def batch_of(
     chosen, lanes = _columns(eq, names), lanes or lanes_for(count, len(eq.x))
     vary = frozenset(eq.p.index(k) for k in sets)
     kernel = batch_kernel(eq, method_named(method), chosen, lanes, vary, backend)
-    whole = _whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)
+    signals = gather_signals(eq, given, times.grid, hold)
+    whole = _whole_run(eq, kernel, signals, times)
     columns = {name: chosen.index(k) for name, k in zip(names, _positions(eq, names), strict=True)}
     return PreparedBatch(sets, times.grid[:: times.every], eq, kernel, whole, parameter_vector(eq, diagram), columns,
-                         times.h)  # fmt: skip
+                         times.h, times.start, signals)  # fmt: skip
 
 
 def _whole_run(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
@@ -30,14 +29,11 @@ from tsmblocks.engine.session import (
 from tsmblocks.equation_set import Equations, Feed
 from tsmblocks.errors import DataError, NotFinite, RunError, in_words, near
 from tsmblocks.failure import explain
+from tsmblocks.poles import Beginning, StepWarning, no_more_of_steps, warn_of_fast_poles
 from tsmblocks.run import Run
 
 MOST_NUMBERS = 250_000_000
 """Logged numbers (2 GB) above which a run asks to be told what to log."""
-
-
-class StepWarning(UserWarning):
-    """The step is too long for the fastest pole of the diagram."""
 
 
 _COMPILED: dict[Any, Equations] = {}
@@ -155,7 +151,7 @@ def simulate(
     memory, signals = start_memory(eq, kernel, p, h, initial), gather_signals(eq, given, times.grid, hold)
     hits = steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, times.start, h, times.every, 0, hits)
-    _warn_of_fast_poles(eq, rule, session, p, h)
+    warn_of_fast_poles([Beginning(eq, p, times.start, signals, memory)], rule, h)
     if locate:
         session = locating(session, rule, chosen, backend)
     rows, stopped = session.run(times.steps, progress)
@@ -242,22 +238,6 @@ def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def _warn_of_fast_poles(eq: Equations, rule: Method, session: Session, p: np.ndarray, h: float) -> None:
-    """Warn when a mode that decays would grow under this method at this step."""
-    from tsmblocks.poles import fastest_unstable
-
-    found = fastest_unstable(eq, rule, session, p, h)
-    if found is not None:
-        pole, state = found
-        warnings.warn(
-            f"diagram '{eq.title}': the step of {h:g} s is too long for the fastest pole "
-            f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
-            f"{rule.real_limit / abs(pole):.2g} s there.",
-            StepWarning,
-            stacklevel=3,
-        )
-
-
 class Stepper:
     """A diagram run sample by sample, for loops that live outside: hardware, games, other simulators.
 
@@ -283,10 +263,12 @@ class Stepper:
         shown = tuple(dict.fromkeys(eq.y.index(v) for v in eq.aliases.values()))
         self.names = tuple(eq.y[k] for k in shown)
         self.backend = backend
-        self.kernel = single_kernel(eq, method_named(method), shown, backend)
+        rule, p = method_named(method), parameter_vector(eq, diagram)
+        self.kernel = single_kernel(eq, rule, shown, backend)
         self.hits = steps_per_period(eq, self.h)
-        self.memory = start_memory(eq, self.kernel, parameter_vector(eq, diagram), self.h, initial)
+        self.memory = start_memory(eq, self.kernel, p, self.h, initial)
         self.k = 0
+        warn_of_fast_poles([Beginning(eq, p, memory=self.memory)], rule, self.h)
 
     def __repr__(self) -> str:
         return f"Stepper({self.eq.title!r}, t = {self.t:g} s in steps of {self.h:g} s)"
@@ -376,7 +358,8 @@ class Stepper:
 
 def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: Saved) -> Stepper:
     """A stepper that goes on where another stood."""
-    stepper = Stepper(diagram, step=step, method=method, backend=backend)
+    with no_more_of_steps():
+        stepper = Stepper(diagram, step=step, method=method, backend=backend)
     stepper.restore(saved)
     return stepper
 

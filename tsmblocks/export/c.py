@@ -25,6 +25,7 @@ from tsmblocks.errors import ParameterError, RunError, in_words
 from tsmblocks.export.operations import GREATEST, LEAST, number, statements
 from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
 from tsmblocks.files import replace_file
+from tsmblocks.poles import Beginning, warn_of_fast_poles
 from tsmblocks.simulate import equations, parameter_vector
 from tsmblocks.units import times
 
@@ -64,7 +65,10 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
         if feed.block:
             raise RunError(f"diagram '{eq.title}' cannot be written in C: {feed.block} is made for a whole run at "
                            "once. Give its signal as an input instead.")  # fmt: skip
-    return _Text(eq, parameter_vector(eq, diagram), h, method_named(method), name).code()
+    rule, p = method_named(method), parameter_vector(eq, diagram)
+    made = _Text(eq, p, h, rule, name).code()
+    warn_of_fast_poles([Beginning(eq, p)], rule, h)
+    return made
 
 
 class _Text:

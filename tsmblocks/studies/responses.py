@@ -10,10 +10,12 @@ import numpy as np
 
 from tsmblocks.arguments import given_inputs, prepared
 from tsmblocks.diagram import Diagram
+from tsmblocks.engine.methods import method_named
 from tsmblocks.errors import RunError, near
 from tsmblocks.frames import dataset
+from tsmblocks.poles import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
-from tsmblocks.studies.running import grouped
+from tsmblocks.studies.running import beginnings, grouped
 from tsmblocks.studies.study import own_numbers, planned, signal_units
 from tsmblocks.tables import few
 
@@ -76,9 +78,11 @@ def responses(
     how = dict(stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold, every=every,
                backend=backend)  # fmt: skip
     made: dict[str, Any] = {}
-    t = np.empty(0)
-    for group in grouped(diagram, own_numbers(diagram, plan), how):
-        batch = group.batch(names)
+    t, columns = np.empty(0), own_numbers(diagram, plan)
+    groups = grouped(diagram, columns, how)
+    batches = [group.batch(names) for group in groups]
+    warn_of_fast_poles(beginnings(groups, batches, columns), method_named(method), step)
+    for group, batch in zip(groups, batches, strict=True):
         for name, values in batch.results(0, batch.count, None, threads).items():
             made.setdefault(name, np.empty((len(plan), values.shape[1])))[group.runs] = values
         t = batch.t

@@ -16,6 +16,7 @@ from tsmblocks.batch import PreparedBatch, batch_of, lanes_for
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, RunError, TsmError
 from tsmblocks.metrics import Metric
+from tsmblocks.poles import LOOKED_AT, Beginning, extremes, set_in_words
 from tsmblocks.simulate import equations
 from tsmblocks.studies.plans import plain
 
@@ -233,9 +234,23 @@ class _Reduce:
         return {one.name: one(t, signals) for one in self.metrics}
 
 
-def checked(groups: Sequence[Runs], metrics: Sequence[Metric]) -> None:
-    """Raise what running would raise, before anything is run: sets that a block refuses, metrics of no instant."""
-    for group in groups:
-        batch = group.prepared(metrics)
+def checked(groups: Sequence[Runs], metrics: Sequence[Metric]) -> list[PreparedBatch]:
+    """The groups' batches. Raises what running would raise: sets that a block refuses, metrics of no instant."""
+    batches = [group.prepared(metrics) for group in groups]
+    for batch in batches:
         for one in metrics:
             one(batch.t, {name: np.zeros(len(batch.t)) for name in one.signals})
+    return batches
+
+
+def beginnings(
+    groups: Sequence[Runs], batches: Sequence[PreparedBatch], columns: Mapping[str, np.ndarray]
+) -> list[Beginning]:
+    """Where a few of the runs begin: those at the ends of what varies, and the first of each group."""
+    chosen = dict.fromkeys([*extremes(columns), *(int(group.runs[0]) for group in groups)])
+    made = []
+    for run in list(chosen)[:LOOKED_AT]:
+        k, at = next((k, at[0]) for k, one in enumerate(groups) if len(at := np.flatnonzero(one.runs == run)))
+        words = set_in_words({name: plain(values[run]) for name, values in columns.items()})
+        made.append(attrs.evolve(batches[k].beginning(int(at)), words=words))
+    return made

@@ -17,13 +17,15 @@ from tsmblocks.arguments import given_inputs, prepared, run_times, whole
 from tsmblocks.data import heading
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine.feeds import Signal
+from tsmblocks.engine.methods import method_named
 from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.metrics import Metric
 from tsmblocks.metrics import metrics as read_metrics
+from tsmblocks.poles import warn_of_fast_poles
 from tsmblocks.simulate import equations
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results
-from tsmblocks.studies.running import Found, checked, elsewhere, grouped, here
+from tsmblocks.studies.running import Found, beginnings, checked, elsewhere, grouped, here
 from tsmblocks.studies.store import FORMAT, Store
 
 Progress = Callable[[int, int], Any]
@@ -65,7 +67,8 @@ def study(
     if threads is not None:
         whole("threads", threads, 1)
     groups = grouped(diagram, asked.columns, how)
-    checked(groups, wanted)
+    looked_at = beginnings(groups, checked(groups, wanted), asked.columns)
+    warn_of_fast_poles(looked_at, method_named(method), step)
     store = Store(_path(out), asked.facts, asked.heading, tuple(asked.columns.values()), asked.count)
     store.begin()
     missing = np.array([k not in store.done for k in range(asked.count)])

@@ -11,6 +11,7 @@ import numpy as np
 from tsmblocks import units as known_units
 from tsmblocks.diagram import Diagram
 from tsmblocks.metrics import Metric
+from tsmblocks.poles import no_more_of_steps
 from tsmblocks.simulate import simulate
 from tsmblocks.studies import study, table
 from tsmblocks.studies.study import signal_units
@@ -71,7 +72,8 @@ def _ways(
     plan = table({name: [own[name], values[name]] for name in own})
     made = []
     for case, diagram in cases.items():
-        found = study(diagram, plan, texts, **how)
+        with no_more_of_steps():
+            found = study(diagram, plan, texts, **how)
         for name in dict.fromkeys(names):
             way, size = found[f"variation {name}"], found[f"peak_to_peak {name}"]
             times = np.where(size > 0, way / np.where(size > 0, size, 1.0), 0.0)
@@ -119,7 +121,8 @@ def _swings(diagram: Diagram, name: str, goal: Metric, how: Mapping[str, Any]) -
     """How often a signal swings to and fro, in Hz, half its swings being faster; None where there are few."""
     from scipy.signal import find_peaks
 
-    run = simulate(diagram, **how)
+    with no_more_of_steps():
+        run = simulate(diagram, **how)
     part = goal.parts[0]
     inside = (run.t >= part.after - 1e-9) & (run.t <= part.before + 1e-9)
     t, y = run.t[inside], run[name][inside]

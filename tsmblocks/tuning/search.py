@@ -15,7 +15,9 @@ from tsmblocks.batch import sensitivities
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import RunError
 from tsmblocks.metrics import Metric
+from tsmblocks.poles import LOOKED_AT, Beginning, no_more_of_steps
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
+from tsmblocks.studies.running import beginnings, checked, grouped
 from tsmblocks.tuning.limits import MET, Limit
 from tsmblocks.tuning.slopes import Sloped, sloped
 
@@ -68,7 +70,8 @@ class Search:
         texts = {one.asked: one.text for one in self.metrics}
         made = {}
         for case, diagram in self.cases.items():
-            found = study(diagram, plan, texts, threads=self.threads, **self.how)
+            with no_more_of_steps():
+                found = study(diagram, plan, texts, threads=self.threads, **self.how)
             made[case] = {one.asked: found[one.asked] for one in self.metrics}
             for one in self.limits:
                 if one.metric is None:
@@ -77,6 +80,18 @@ class Search:
                 else:
                     made[case][one.name] = found[one.metric.asked]
         return made
+
+    def beginnings(self, own: Mapping[str, float]) -> list[Beginning]:
+        """Where runs begin: with the diagrams' ``own`` numbers, and in the first case with each at its bounds."""
+        ends = [{**own, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
+        columns = {name: np.array([one[name] for one in (own, *ends)]) for name in own}
+        made: list[Beginning] = []
+        for case, diagram in list(self.cases.items())[:LOOKED_AT]:
+            groups = grouped(diagram, columns, self.how)
+            found = beginnings(groups, checked(groups, self.metrics), columns)[: 1 if made else None]
+            named = f"case '{case}', " if len(self.cases) > 1 else ""
+            made += [attrs.evolve(one, words=named + one.words) for one in found]
+        return made[:LOOKED_AT]
 
     @property
     def watched(self) -> list[str]:

@@ -7,8 +7,10 @@ from typing import Any
 
 from tsmblocks.arguments import prepared, whole
 from tsmblocks.diagram import Diagram
+from tsmblocks.engine.methods import method_named
 from tsmblocks.errors import ParameterError, in_words, near
 from tsmblocks.metrics import Metric, metrics
+from tsmblocks.poles import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.plans import between
 from tsmblocks.studies.study import signal_units
@@ -55,6 +57,7 @@ def tune(
     own = {name: first.parameters[name] for name in bounds}
     inside = all(one.low <= own[name] <= one.high for name, one in bounds.items())
     begins = [own, *search.promising(own, whole("starts", starts, 1) - 1, seed)]
+    warn_of_fast_poles(search.beginnings(own), method_named(method), step)
     trails, status = _walked(search, begins, progress or (lambda *_: None))
     if inside:
         trails[0].insert(0, own)  # they are never made worse
