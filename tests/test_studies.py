@@ -100,6 +100,34 @@ def test_options_vary_too_and_shape_their_own_equations():
     assert only["integral(y, before=0.2)"] == pytest.approx([one["integral(y, before=0.2)"] for one in alone])
 
 
+def of(*values):
+    """Results with one metric of such values."""
+    runs = np.arange(len(values))
+    return tsm.studies.Results("d", "table", len(values), runs, {"p": runs.astype(float)}, {"m": np.array(values)},
+                               {"m": ""}, {"m": "m"}, {"p": 0.0})  # fmt: skip
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
+def test_quantiles_are_the_usual_ones(values):
+    found = of(*values, np.nan).quantiles("m")
+    assert list(found.values()) == pytest.approx(np.quantile(values, [0, 0.05, 0.5, 0.95, 1]).tolist(), abs=1e-9)
+    assert (found["lowest"], found["highest"]) == (min(values), max(values))
+    assert found["lowest"] <= found["5 %"] <= found["median"] <= found["95 %"] <= found["highest"]
+
+
+INF = np.inf
+
+
+@pytest.mark.parametrize(("values", "wanted"), [
+    ([1.0, 2.0], [1.0, 1.05, 1.5, 1.95, 2.0]), ([3.0], [3.0] * 5), ([1.0, INF], [1.0, INF, INF, INF, INF]),
+    ([1.0, 2.0, INF], [1.0, 1.1, 2.0, INF, INF]), ([-INF, 1.0, 2.0], [-INF, -INF, 1.0, 1.9, 2.0]),
+    ([-INF, INF], [-INF, -INF, INF, INF, INF]), ([INF, INF, np.nan], [INF] * 5),
+    ([*map(float, range(20)), INF], [0.0, 1.0, 10.0, 19.0, INF]),
+])  # fmt: skip
+def test_quantiles_take_what_never_comes_as_later_than_all(values, wanted):
+    assert list(of(*values).quantiles("m").values()) == pytest.approx(wanted)
+
+
 def test_a_run_that_runs_away_is_told_and_left_out():
     loop = {"sum": Sum(signs="+-"), "lag": FirstOrderLag(), "gain": Gain()}
     wires = ["sum -> gain -> lag", "lag -> sum.minus"]

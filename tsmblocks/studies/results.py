@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -120,12 +121,15 @@ class Results:
         return influence(self, metric)
 
     def quantiles(self, metric: str) -> dict[str, float]:
-        """Lowest, 5 %, median, 95 % and highest of a metric, over the runs that have one."""
+        """Lowest, 5 %, median, 95 % and highest of a metric, over the runs that have one.
+
+        Between two runs a quantile is interpolated linearly; next to an infinite one it is infinite.
+        """
         found = self._numbers(metric)
-        values = found[~np.isnan(found)]
+        values = np.sort(found[~np.isnan(found)])
         if not len(values):
             return dict.fromkeys(QUANTILES, float("nan"))
-        return {name: float(np.quantile(values, q, method="nearest")) for name, q in QUANTILES.items()}
+        return {name: _quantile(values, q) for name, q in QUANTILES.items()}
 
     def to_pandas(self) -> Any:
         """A frame with a row per run, by its number: parameters, then metrics as they were asked for. Needs pandas.
@@ -232,6 +236,16 @@ def _column(table: Table, runs: np.ndarray, k: int) -> np.ndarray:
     made = np.empty(len(values), dtype=object)
     made[:] = values
     return made
+
+
+def _quantile(ordered: np.ndarray, q: float) -> float:
+    """As NumPy's, where values may be infinite: between opposite infinities it is the nearer one."""
+    place = round(q * (len(ordered) - 1), 9)  # a place that is off by rounding would mix in a neighbour's infinity
+    share = place % 1.0
+    low, high = float(ordered[math.floor(place)]), float(ordered[math.ceil(place)])
+    if low == high or np.isinf([low, high]).all():
+        return low if share < 0.5 else high
+    return (1.0 - share) * low + share * high if share else low
 
 
 def _short(value: Any) -> str:
