@@ -7,11 +7,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tsmblocks.blocks import PID, Constant, FirstOrderLag, Gain, MultiSine, Sine, Step, Sum
+from tsmblocks.blocks import PID, Constant, FirstOrderLag, Gain, MultiSine, Sine, Step, Sum, TransferFunction
 from tsmblocks.errors import RunError
 from tsmblocks.metrics import metric
 from tsmblocks.studies import table
 from tsmblocks.tuning import tune
+from tsmblocks.tuning.limits import limit
 from tsmblocks.tuning.slopes import SMOOTH, sloped
 
 T = np.linspace(0.0, 10.0, 2001)
@@ -145,6 +146,27 @@ def test_margins_are_kept():
     assert found.after["loop"]["phase_margin('pid -> g')"] == pytest.approx(margin[1])
     assert found.after["loop"]["gain_margin('pid')"] == 1000.0  # a second-order plant with PI never crosses -180 deg
     assert free_of_it.worst[1] < found.worst[1] < found.worst[0]
+
+
+@pytest.mark.parametrize(("num", "den", "gain", "wanted"), [
+    ((1.0,), (1.0, 3.0, 3.0, 1.0), 2.0, 4.0), ((1.0,), (1.0, 3.0, 3.0, 1.0), 16.0, 0.5),  # unstable above 8
+    ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 1.0, 2.0), ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 4.0, 8.0),  # below 1/2
+    ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 0.25, 0.5), ((1.0,), (1.0, -1.0), 3.0, 3.0), ((1.0,), (1.0, -1.0), 0.5, 0.5),
+    ((1.0,), (1.0, 1.0), 5.0, 1000.0),  # never
+    ((-1.0,), (1.0, 1.0), 0.25, 4.0), ((-1.0,), (1.0, 1.0), 2.0, 0.5),  # the sign turned
+])  # fmt: skip
+def test_a_gain_margin_is_the_smallest_factor_up_or_down_that_makes_the_loop_unstable(num, den, gain, wanted):
+    blocks = {"r": Step(time=0.0), "e": Sum(signs="+-"), "k": Gain(gain=gain), "g": TransferFunction(num=num, den=den)}
+    diagram = tsm.Diagram(title="loop", blocks=blocks, wires=["r -> e.plus", "e -> k -> g -> e.minus"],
+                          outputs={"y": "g"})  # fmt: skip
+    assert limit("gain_margin('k -> g') >= 2", {}, diagram).margin_of(diagram) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_a_gain_margin_of_reduction_is_met():
+    asked = dict(subject_to=["gain_margin('controller -> drive') >= 2"], stop=1.0, step=2e-3, starts=1)
+    found = tune(tsm.load(FIG16), {"controller.kp": (30.0, 100.0)}, "rms(x_ref - x_out)", **asked)
+    assert found.met
+    assert [one["gain_margin('controller -> drive')"] > 100 for one in found.after.values()] == [True]
 
 
 def test_the_papers_gains_are_beaten():

@@ -20,9 +20,11 @@ from tsmblocks.tuning.slopes import sloped
 
 EXAMPLE = "Write for example 'largest(u) <= 20'."
 MARGINS = {"gain_margin": (0, ""), "phase_margin": (1, "deg")}
-"""Margins by name: their place in what python-control gives, and their unit."""
+"""Margins by name: their place in what ``_margins`` gives, and their unit."""
 MET = 1e-3
 """Share of a limit by which it may be missed and still counts as met."""
+STILL = 1e-6
+"""Share of the fastest pole by which one may be to the right of the axis through rounding only."""
 ENOUGH = {"gain_margin": 1e3, "phase_margin": 180.0}
 """Margins of a loop that never crosses, in their unit; a larger one counts as this."""
 
@@ -51,7 +53,8 @@ class Limit:
     def margin_of(self, diagram: Diagram) -> float:
         """The margin of a diagram, linear around its start; NaN where there is no such linear model.
 
-        An unstable loop has a negative phase margin, or a gain margin below 1, as python-control has it.
+        A gain margin is the smallest factor, up or down, that makes the loop unstable; one that is unstable has a gain
+        margin below 1. The phase margin is python-control's, negative where the loop is unstable.
         """
         try:
             system = loop_gain(diagram, self.at)
@@ -69,8 +72,20 @@ def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...]) -> tuple[float
     parts = [np.frombuffer(data).reshape(shape) for shape, data in matrices]
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # of a loop that never crosses
-        gain, phase, *_ = control.margin(control.ss(*parts))
-    return float(gain), float(phase)
+        gains, phases, *_ = control.stability_margins(control.ss(*parts), returnall=True)
+        factors = np.maximum(gains, 1.0 / gains)
+    phase = min(map(float, phases), key=abs, default=math.inf)
+    if _stable(*parts):
+        return float(factors.min(initial=math.inf)), phase
+    return float((1.0 / factors).max(initial=0.0)), phase
+
+
+def _stable(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> bool:
+    """Whether the loop is stable when it is closed."""
+    if not A.size or 1.0 + D.item() == 0.0:
+        return 1.0 + D.item() > 0.0
+    found = np.linalg.eigvals(A - B @ C / (1.0 + D.item()))
+    return bool(np.all(found.real <= STILL * np.abs(found).max()))
 
 
 def limit(text: Any, units: Mapping[str, str], diagram: Diagram) -> Limit:

@@ -36,7 +36,8 @@ def tune(
     ``free`` maps parameters to bounds ``(low, high)``; ``minimise`` is a metric such as
     ``"peak_to_peak(x_ref - x_out, after=10)"``, or that with a name and a unit,
     ``{"error [deg]": "…"}``; ``subject_to`` are limits such as ``"share(abs(u) > 23.9) <= 0.01"``, or
-    ``"phase_margin('controller -> drive') >= 45"`` [deg] and ``gain_margin`` (a ratio) of the loop opened at a wire.
+    ``"phase_margin('controller -> drive') >= 45"`` [deg] and ``gain_margin`` of the loop opened at a wire, which is the
+    smallest factor, up or down, that makes the loop unstable (below 1 where it is unstable as it stands).
     Several ``diagrams`` (signals, say) are cases, and so is every set of ``plants``; what counts is the worst of them.
 
     The searches use exact derivatives of the runs (shares are rounded off, less and less); they begin at the diagrams'
