@@ -21,8 +21,10 @@ from tsmblocks.tuning.slopes import sloped
 EXAMPLE = "Write for example 'largest(u) <= 20'."
 MARGINS = {"gain_margin": (0, ""), "phase_margin": (1, "deg")}
 """Margins by name: their place in what ``_margins`` gives, and their unit."""
-MET = 1e-3
-"""Share of a limit by which it may be missed and still counts as met."""
+MET = 1e-9
+"""Share of a limit by which it may be missed through rounding and still counts as met."""
+INSIDE = 1e-3
+"""Share of a limit by which a search aims to stay within it, so that what it ends at is not just beyond."""
 STILL = 1e-6
 """Share of the fastest pole by which one may be to the right of the axis through rounding only."""
 ENOUGH = {"gain_margin": 1e3, "phase_margin": 180.0}
@@ -49,6 +51,10 @@ class Limit:
     def excess(self, value: Any) -> Any:
         """How far values are beyond the limit, as a share of it; negative within."""
         return self.sign * (value - self.most) / max(abs(self.most), 1e-9)
+
+    def aimed(self, value: Any) -> Any:
+        """As ``excess``, of the limit that a search aims at: a little within, but for one that is zero."""
+        return self.excess(value) + (INSIDE if self.most else 0.0)
 
     def margin_of(self, diagram: Diagram) -> float:
         """The margin of a diagram, linear around its start; NaN where there is no such linear model.

@@ -220,7 +220,7 @@ class Search:
         over, beyond = [np.empty(0)], [np.empty((0, len(z)))]
         for one in self.limits:
             found, along = next(pieces) if one.metric is not None else self._margins(one, z)
-            over.append(one.excess(found))
+            over.append(one.aimed(found))
             beyond.append(one.sign / max(abs(one.most), 1e-9) * along)
         return goal, np.concatenate(over), np.nan_to_num(by), np.nan_to_num(np.vstack(beyond))
 

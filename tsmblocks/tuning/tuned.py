@@ -96,9 +96,11 @@ class Tuned:
     def _missed(self, one: Limit) -> str:
         """How far a limit is missed in the worst case; nothing where it holds."""
         case, value = max(((c, v[one.name]) for c, v in self.after.items()), key=lambda pair: one.excess(pair[1]))
+        if not one.excess(value) > MET:
+            return ""
         where = f" in case '{case}'" if len(self.after) > 1 else ""
-        missed = f"{one.text} is not met: it is {value:.4g} {one.unit}".rstrip() + where
-        return missed if one.excess(value) > MET else ""
+        shown = next((text for n in (4, 6, 9) if one.excess(float(text := f"{value:.{n}g}")) > MET), f"{value!r}")
+        return f"{one.text} is not met: it is {shown} {one.unit}".rstrip() + where
 
     def title(self, name: str) -> str:
         """A metric by name as tables and plots show it: its unit (degrees for angles) and the limits it is to keep."""
