@@ -245,7 +245,7 @@ def _quantile(ordered: np.ndarray, q: float) -> float:
     low, high = float(ordered[math.floor(place)]), float(ordered[math.ceil(place)])
     if low == high or np.isinf([low, high]).all():
         return low if share < 0.5 else high
-    return (1.0 - share) * low + share * high if share else low
+    return min(max((1.0 - share) * low + share * high, low), high) if share else low
 
 
 def _short(value: Any) -> str:
