@@ -124,7 +124,7 @@ FAULTS = {
     "stop": (STUDY.replace("2.0", '"2"'), "4: 'stop' must be a number, got '2'."),
     "set": (STUDY.replace('"pid.kd"', '"pid.kdd"'), "8: pid: PID has no parameter 'kdd'. Did you mean 'kd'?"),
     "metric": (STUDY.replace("rms(u)", "rms(w)"), "12: metric 'effort': there is no signal 'w'."),
-    "metric's unit": (STUDY.replace("[deg]", "[V]"), "11: 'rad' does not convert to 'V'."),
+    "metric's unit": (STUDY.replace("[deg]", "[V]"), "11: metric 'error': 'rad' does not convert to 'V'."),
     "plan": (STUDY.replace("latin_hypercube", "latin_cube"),
              "15: there is no plan 'latin_cube'. Did you mean 'latin_hypercube'?"),
     "plan's key": (STUDY.replace("seed", "sede"), "17: a latin_hypercube takes no 'sede'. Did you mean 'seed'?"),

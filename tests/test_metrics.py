@@ -202,7 +202,7 @@ def test_what_is_no_list_of_metrics():
 
 
 def test_a_unit_that_does_not_fit():
-    with pytest.raises(UnitError, match=r"'rad' does not convert to 'V'"):
+    with pytest.raises(UnitError, match=r"^metric '.*': 'rad' does not convert to 'V'\.$"):
         metric("rms(x_ref)", UNITS, "a [V]")
     with pytest.raises(UnitError, match=r"metric 'a': the unit of '2 \* rms\(x_ref\)' is not known, so it cannot be"):
         metric("2 * rms(x_ref)", UNITS, "a [deg]")

@@ -114,7 +114,10 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
             raise units.UnitError(
                 f"{read.what}: the unit of '{clip(read.text)}' is not known, so it cannot be in {wanted}."
             )
-        factor = units.factor(unit, wanted)
+        try:
+            factor = units.factor(unit, wanted)
+        except units.UnitError as error:
+            raise units.UnitError(f"{read.what}: {error}") from None
     return Metric(name or read.text, read.text, wanted or unit, outer, tuple(lift.parts), factor, asked or read.text)
 
 

@@ -12,9 +12,10 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.arguments import is_number
 from tsmblocks.batch import PreparedBatch, batch_of, lanes_for
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import ParameterError, RunError, TsmError
+from tsmblocks.errors import ParameterError, RunError, TsmError, in_words
 from tsmblocks.metrics import Metric
 from tsmblocks.poles import LOOKED_AT, Beginning, extremes, set_in_words
 from tsmblocks.simulate import equations
@@ -92,7 +93,8 @@ def _in_lanes(diagram: Diagram, columns: Mapping[str, np.ndarray]) -> list[str]:
     known = [name for name in columns if name in loose.parameters]
     for name in known:
         if columns[name].dtype.kind != "f":
-            raise ParameterError(f"'{name}' is a number, and the plan gives it {plain(columns[name][0])!r}.")
+            other = next(value for value in columns[name] if not is_number(value))
+            raise ParameterError(f"'{name}' is a number, and the plan gives it {in_words(other)}.")
     free = equations(loose).p
     return [name for name in known if name in free]
 
