@@ -110,7 +110,9 @@ def of(*values):
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
 def test_quantiles_are_the_usual_ones(values):
     found = of(*values, np.nan).quantiles("m")
-    assert list(found.values()) == pytest.approx(np.quantile(values, [0, 0.05, 0.5, 0.95, 1]).tolist(), abs=1e-9)
+    assert list(found.values()) == pytest.approx(
+        np.quantile(values, [0, 0.05, 0.5, 0.95, 1]).tolist(), rel=1e-9, abs=1e-6
+    )
     assert (found["lowest"], found["highest"]) == (min(values), max(values))
     assert found["lowest"] <= found["5 %"] <= found["median"] <= found["95 %"] <= found["highest"]
 
@@ -499,6 +501,18 @@ REFUSED = {
                              "set 2 of the batch: lag: FirstOrderLag.time_constant must lie in (0, inf), got -2."),
     "a word for a number": (dict(plan={"gain.gain": ["much"]}),
                             "'gain.gain' is a number, and the plan gives it 'much'."),
+    "a word among numbers": (dict(plan={"gain.gain": [1, "a", 2.0]}),
+                             "'gain.gain' is a number, and the plan gives it 'a'."),
+    "a switch among numbers": (dict(plan={"gain.gain": [1, True]}),
+                               "'gain.gain' is a number, and the plan gives it True."),
+    "a metric's unit": (dict(metrics={"err [degg]": "rise_time(y, 1)"}),
+                        "metric 'err': 'degg' is not a unit known here. Did you mean 'deg'?"),
+    "a metric in another unit": (dict(metrics={"err [deg]": "rise_time(y, 1)"}),
+                                 "metric 'err': 's' does not convert to 'deg'."),
+    "the end of a name": (dict(plan={"gain": [1.0]}),
+                          "diagram 'lag' has no parameter 'gain'. Did you mean 'gain.gain' or 'lag.gain'?"),
+    "the end of a swept name": (dict(plan=sweep({"time_constant": [1.0]})),
+                                "diagram 'lag' has no parameter 'time_constant'. Did you mean 'lag.time_constant'?"),
     "metric": (dict(metrics="rms(z)"), "metric: there is no signal 'z'. Known here: gain.y, lag.value, lag.y,"),
     "no metric": (dict(metrics=None), "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'."),
     "no instant": (dict(metrics="rms(y, after=7)"), "metric 'rms(y, after=7)': no instant of the run lies between 7 "

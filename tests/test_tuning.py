@@ -261,6 +261,13 @@ def test_a_limit_that_is_just_missed_is_told_with_digits_that_show_it():
     assert missed.remarks[0] == "highest(y) <= 1 is not met: it is 1.000004"
 
 
+def test_one_limit_need_not_be_a_list():
+    asked = dict(free={"gain.gain": (0.1, 5.0)}, minimise="largest(y - 2)", stop=0.1, step=0.01, starts=1)
+    one, listed = (tune(scaled(), subject_to=given, **asked) for given in ("highest(y) <= 1.5", ["highest(y) <= 1.5"]))
+    assert one.to_dict() == listed.to_dict()
+    assert one.values["gain.gain"] == pytest.approx(1.5, rel=2e-3)
+
+
 def test_a_limit_of_zero_can_be_met():
     found = tune(scaled(), {"gain.gain": (0.1, 3.0)}, "largest(y - 2)", subject_to=["share(y > 1.5) <= 0"],
                  stop=0.1, step=0.01)  # fmt: skip
@@ -365,6 +372,10 @@ REFUSED = {
     "no bounds": (dict(free={"gain.gain": 3}), "'gain.gain' needs bounds (low, high), got 3."),
     "no mapping": (dict(free=["gain.gain"]), "free maps parameters to bounds, such as {'pid.kp': (0.1, 5.0)}, got ['gain.gain']."),
     "unknown": (dict(free={"gain.gian": (0, 1)}), "diagram 'scaled' has no parameter 'gain.gian'. Did you mean 'gain.gain'?"),
+    "the end of a name": (dict(diagrams=loop(), free={"kp": (0, 1)}), "diagram 'loop' has no parameter 'kp'. Did you mean 'pid.kp'?"),
+    "the end of several": (dict(diagrams=loop(), free={"time_constant": (0, 1)}), "diagram 'loop' has no parameter 'time_constant'. Did you mean 'g.time_constant' or 'h.time_constant'?"),
+    "limits that are none": (dict(subject_to=3), "subject_to takes a limit such as 'largest(u) <= 20', or a list of them, got 3."),
+    "one limit that is none": (dict(subject_to="rms(y)"), "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'."),
     "upside down": (dict(free={"gain.gain": (2, 1)}), "bounds of 'gain.gain': low must be below high, got low=2, high=1."),
     "metric": (dict(minimise="rms(z)"), "metric: there is no signal 'z'."),
     "no slope": (dict(minimise="settling_time(y, 0.1)"), "metric 'settling_time(y, 0.1)': settling_time has no slope, so nothing can be tuned by it."),

@@ -22,6 +22,7 @@ from tsmblocks.engine.session import check_delays, gather_signals, plan_for, spr
 from tsmblocks.engine.tangents import Sensitivities, tangent_memory, tangent_plan
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError, in_words, near
+from tsmblocks.overrides import near_path
 from tsmblocks.poles import Beginning, extremes, set_in_words, warn_of_fast_poles
 from tsmblocks.simulate import equations, parameter_vector
 
@@ -333,7 +334,7 @@ def _index(eq: Equations, name: str, diagram: Diagram) -> int:
         )
     if name not in eq.p:
         raise ParameterError(
-            f"diagram '{eq.title}' has no parameter '{name}' that can vary between runs.{near(name, eq.p)}"
+            f"diagram '{eq.title}' has no parameter '{name}' that can vary between runs.{near_path(str(name), eq.p)}"
         )
     return eq.p.index(name)
 

@@ -63,10 +63,10 @@ def _set_leaf(whole: Any, name: str, key: str, value: Any) -> Any:
 
 
 def near_path(name: str, known: Iterable[str]) -> str:
-    """Near misses of a dotted name; those that end the same way come first."""
+    """Near misses of a dotted name; of one without a dot, those that end in it come first."""
     known = list(known)
     hint = near(name, known)
     tail = [k for k in known if k.rpartition(".")[2] == name.rpartition(".")[2]]
-    if tail and not hint.startswith(" Did you mean"):
+    if tail and ("." not in name or not hint.startswith(" Did you mean")):
         return f" Did you mean {' or '.join(repr(k) for k in tail[:3])}?"
     return hint

@@ -110,6 +110,12 @@ def a_misspelt_parameter_in_a_batch():
     simulate_batch(position_loop(), {"pid.kpp": [1.0, 2.0]}, stop=0.1)
 
 
+@mistake(ParameterError, "diagram 'position loop' has no parameter 'kp' that can vary between runs. Did you mean "
+                         "'pid.kp'?")  # fmt: skip
+def the_end_of_a_name_in_a_batch():
+    simulate_batch(position_loop(), {"kp": [1.0, 2.0]}, stop=0.1)
+
+
 @mistake(
     ParameterError,
     "'hold.period' shapes the equations of 'held' (it is an option, or a whole list), so it cannot vary between runs side by side. Simulate once for each value.",

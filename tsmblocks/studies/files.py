@@ -14,6 +14,7 @@ import attrs
 
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import TsmError, in_words, near
+from tsmblocks.overrides import near_path
 from tsmblocks.studies.page import Page
 from tsmblocks.studies.plans import MOST, Belief, Normal, Plan, Uniform, grid, latin_hypercube, monte_carlo, sweep
 from tsmblocks.studies.study import own_numbers
@@ -125,7 +126,7 @@ class _StudyPage(Page):
     def varies(self, name: str, diagram: Diagram) -> bool:
         known = [*diagram.parameters, *diagram.parameter_names()]
         if name not in known:
-            self.fault(f"diagram '{diagram.title}' has no parameter '{name}'.{near(name, known)}", "vary", name)
+            self.fault(f"diagram '{diagram.title}' has no parameter '{name}'.{near_path(name, known)}", "vary", name)
         return name in known
 
 

@@ -18,9 +18,10 @@ from tsmblocks.data import heading
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine.feeds import Signal
 from tsmblocks.engine.methods import method_named
-from tsmblocks.errors import DataError, ParameterError, RunError, in_words, near
+from tsmblocks.errors import DataError, ParameterError, RunError, in_words
 from tsmblocks.metrics import Metric
 from tsmblocks.metrics import metrics as read_metrics
+from tsmblocks.overrides import near_path
 from tsmblocks.poles import warn_of_fast_poles
 from tsmblocks.simulate import equations
 from tsmblocks.studies.plans import Plan, grid
@@ -181,7 +182,7 @@ def _own(diagram: Diagram, name: str, values: np.ndarray) -> np.ndarray:
     if name not in own and name in diagram.parameter_names():
         raise ParameterError(f"'{name}' is an option, and a sweep goes around numbers. Use grid for it.")
     if name not in own:
-        raise ParameterError(f"diagram '{diagram.title}' has no parameter '{name}'.{near(name, own)}")
+        raise ParameterError(f"diagram '{diagram.title}' has no parameter '{name}'.{near_path(name, own)}")
     return np.where(np.isnan(values), own[name], values)
 
 

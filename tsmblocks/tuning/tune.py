@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from tsmblocks.arguments import prepared, whole
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine.methods import method_named
-from tsmblocks.errors import ParameterError, in_words, near
+from tsmblocks.errors import ParameterError, in_words
 from tsmblocks.metrics import Metric, metrics
+from tsmblocks.overrides import near_path
 from tsmblocks.poles import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.plans import between
@@ -27,7 +28,7 @@ WIDE = 20.0
 def tune(
     diagrams: Diagram | Mapping[str, Diagram], free: Mapping[str, Any],
     minimise: str | Mapping[str, str], *,
-    subject_to: Sequence[str] = (), plants: Plan | None = None, stop: float | None = None, step: float = 1e-3,
+    subject_to: str | Sequence[str] = (), plants: Plan | None = None, stop: float | None = None, step: float = 1e-3,
     method: str = "rk4", inputs: Mapping[str, Any] | None = None, hold: str = "linear", starts: int = 4, seed: int = 0,
     threads: int | None = None, progress: Callable[[str, int, int], Any] | None = None, backend: str = "",
 ) -> Tuned:  # fmt: skip
@@ -35,7 +36,7 @@ def tune(
 
     ``free`` maps parameters to bounds ``(low, high)``; ``minimise`` is a metric such as
     ``"peak_to_peak(x_ref - x_out, after=10)"``, or that with a name and a unit,
-    ``{"error [deg]": "…"}``; ``subject_to`` are limits such as ``"share(abs(u) > 23.9) <= 0.01"``, or
+    ``{"error [deg]": "…"}``; ``subject_to`` is a limit, or several, such as ``"share(abs(u) > 23.9) <= 0.01"``, or
     ``"phase_margin('controller -> drive') >= 45"`` [deg] and ``gain_margin`` of the loop opened at a wire, which is the
     smallest factor, up or down, that makes the loop unstable (below 1 where it is unstable as it stands).
     Several ``diagrams`` (signals, say) are cases, and so is every set of ``plants``; what counts is the worst of them.
@@ -52,7 +53,7 @@ def tune(
     first = next(iter(cases.values()))
     bounds, units = _bounds(free, first), signal_units(first)
     goal = _goal(minimise, units)
-    limits = [limit(text, units, first) for text in subject_to]
+    limits = [limit(text, units, first) for text in _listed(subject_to)]
     how = dict(stop=stop, step=step, method=method, inputs=inputs, hold=hold, backend=backend)
     search = Search(cases, bounds, goal, limits, how, threads)
     own = {name: first.parameters[name] for name in bounds}
@@ -124,13 +125,23 @@ def _goal(given: Any, units: Mapping[str, str]) -> Metric:
     return made[0]
 
 
+def _listed(given: Any) -> list[Any]:
+    """Limits that are given, of which one alone need not be a list."""
+    if isinstance(given, str):
+        return [given]
+    if not isinstance(given, Iterable) or isinstance(given, Mapping):
+        raise ParameterError(f"subject_to takes a limit such as 'largest(u) <= 20', or a list of them, "
+                             f"got {in_words(given)}.")  # fmt: skip
+    return list(given)
+
+
 def _bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
     if not isinstance(free, Mapping) or not free:
         raise ParameterError(f"free maps parameters to bounds, such as {{'pid.kp': (0.1, 5.0)}}, got {in_words(free)}.")
     made = {}
     for name, pair in free.items():
         if name not in diagram.parameters:
-            hint = near(name, diagram.parameters)
+            hint = near_path(str(name), diagram.parameters)
             raise ParameterError(f"diagram '{diagram.title}' has no parameter '{name}'.{hint}")
         try:
             low, high = map(float, pair)
