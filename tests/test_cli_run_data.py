@@ -119,3 +119,58 @@ def test_calls_note_what_was_taken_for_radians():
     made = tsm.diagnose(tsm.load("tendon_sheath_linear"), record, noise_floor=0.5, effects=["drift"], step=0.01)
     assert made.notes[:3] == said
     assert made.segments[0].gaps[0].given == "0.5 rad given"
+
+
+# ---- noise of the inputs
+
+
+SYMMETRIC = "tendon_sheath_symmetric"
+NOISY = ("--data", "noisy.csv", "--step", "0.02")
+TAKE_OUT = "which drives hysteresis and friction. Take the noise out first: --condition."
+
+
+@pytest.fixture
+def noisy(tmp_path):
+    """Write noisy.csv, in which the input of hysteresis is measured with noise; what was written."""
+    t, rng = np.arange(501) / 50, np.random.default_rng(3)
+    x = 40 * np.sin(2 * t) + rng.normal(0.0, 1.0, len(t))
+    y = 35 * np.sin(2 * t - 0.1) + rng.normal(0.0, 0.1, len(t))
+    rows = "".join(f"{a:.2f},{b!r},{c!r}\n" for a, b, c in zip(t, x.tolist(), y.tolist(), strict=True))
+    (tmp_path / "noisy.csv").write_text("t [s],x_in [deg],x_out [deg]\n" + rows)
+    return tsm.Record("noisy", t, {"x_in": x, "x_out": y}, {"x_in": "deg", "x_out": "deg"})
+
+
+COMMANDS = [
+    ("run", SYMMETRIC, *NOISY),
+    ("fit", SYMMETRIC, *NOISY, "--free", "offset.bias", "--starts", "1"),
+    ("compare", "symmetric", *NOISY, "--starts", "1"),
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda words: words[0])
+def test_noise_of_an_input_is_told_with_the_option_that_takes_it_out(run, noisy, command):
+    status, out, err = run(*command)
+    assert status == 0
+    said = " ".join((out + err).split())
+    assert said.count("x_in is noisy: its path is ") == said.count(TAKE_OUT) == 1
+    assert "filtered(" not in said
+    status, out, err = run(*command, "--condition")
+    assert status == 0
+    assert "is noisy" not in out + err
+    (note,) = [text for text in noisy.conditioned(["x_in"]).notes if "was filtered" in text]
+    assert err.startswith(f"note: noisy.csv: {note}\n")
+    facts = json.loads(run(*command, "--json")[1])
+    assert any(text.endswith(TAKE_OUT) for text in facts["notes"])
+
+
+def test_a_call_names_the_call_that_takes_the_noise_out(noisy):
+    (said,) = tsm.compare(["tendon_sheath_symmetric", "play"], noisy, starts=1, step=0.02).notes
+    assert said.startswith("noisy: x_in is noisy: ")
+    assert said.endswith("Filter it first: filtered('x_in').")
+
+
+def test_conditioned_inputs_are_those_of_a_diagnosis(run, noisy):
+    words = ("run", SYMMETRIC, *NOISY, "--condition", "--json")
+    (left,) = json.loads(run(*words)[1])["measured"]
+    (same,) = tsm.score(tsm.load(SYMMETRIC), noisy.conditioned(["x_in"]), step=0.02)
+    assert left["rms"] == pytest.approx(same.rms, rel=1e-6)

@@ -17,6 +17,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import attrs
+
 from tsmblocks.cli import common, console, recordings
 
 if TYPE_CHECKING:
@@ -34,7 +36,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         help="diagram files, or names of ready-made ones, short as in the table or in full",
     )
-    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
+    measured = parser.add_argument_group("measured data")
+    recordings.data_arguments(measured, several=True)
+    recordings.condition_argument(measured)
     add = parser.add_argument_group("what is fitted").add_argument
     add("--train", metavar="PART", type=common.part, default=0.5,
         help="share of each recording that is fitted, from its start (default 0.5; 1 holds nothing out), or its "
@@ -90,8 +94,9 @@ def _compared(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) 
     found: dict[str, Comparison] = {}
     with console.progress(console.searched("fitting"), quiet=args.json) as tell:
         for name, records in groups.items():
-            found[name] = compare(models, records, train=args.train, held_out=args.held_out, starts=args.starts,
-                                  seed=args.seed, step=args.step, progress=tell)  # fmt: skip
+            made = compare(models, records, train=args.train, held_out=args.held_out, starts=args.starts,
+                           seed=args.seed, step=args.step, progress=tell)  # fmt: skip
+            found[name] = attrs.evolve(made, notes=tuple(recordings.in_options(text, args) for text in made.notes))
             if found[name].interrupted:
                 break
     return found

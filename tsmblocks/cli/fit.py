@@ -19,6 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import attrs
+
 from tsmblocks.cli import common, console, recordings
 from tsmblocks.errors import TsmError
 
@@ -39,7 +41,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
     parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
+    measured = parser.add_argument_group("measured data")
+    recordings.data_arguments(measured, several=True)
+    recordings.condition_argument(measured)
     _unknowns(parser.add_argument_group("what may change"))
     _search(parser.add_argument_group("search"))
     common.result_arguments(
@@ -96,6 +100,7 @@ def execute(args: argparse.Namespace) -> int:
             )  # fmt: skip
     except TsmError as error:
         raise common.as_typed(error, TYPED) from None
+    found = attrs.evolve(found, notes=tuple(recordings.in_options(text, args) for text in found.notes))
     if not args.json:
         print(found)
     written = _saved(found, out, each=bool(args.local))

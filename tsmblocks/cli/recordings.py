@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
+
+import attrs
 
 from tsmblocks.cli.common import UsageError, number, pair, span
 from tsmblocks.cli.console import note
@@ -39,12 +42,27 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
         help="long gaps in time: refuse the file (default), or keep them")  # fmt: skip
 
 
+def condition_argument(options: argparse._ActionsContainer) -> None:
+    """Declare --condition, for commands whose measured inputs drive a model as they are."""
+    options.add_argument("--condition", dest="conditioned", action="store_true",
+                         help="take the noise out of measured inputs first, as diagnose does")  # fmt: skip
+
+
+def in_options(text: str, args: argparse.Namespace) -> str:
+    """A caution that the input is noisy, with the option in place of a call where it was not given yet."""
+    if args.conditioned:
+        return text
+    return re.sub(r"Filter it first: filtered\('[^']*'\)\.", "Take the noise out first: --condition.", text)
+
+
 def read_record(
-    args: argparse.Namespace, only: Iterable[str], path: str | None = None, also: Iterable[str] = (), tell: bool = True
-) -> Any:
+    args: argparse.Namespace, only: Iterable[str], path: str | None = None, also: Iterable[str] = (),
+    tell: bool = True, drives: Iterable[str] = (),
+) -> Any:  # fmt: skip
     """Return the record that the data options describe, its repairs told on standard error where ``tell`` says so.
 
-    ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there.
+    ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there, and
+    ``drives`` those that --condition takes the noise out of.
     """
     from tsmblocks.data import read
 
@@ -52,6 +70,8 @@ def read_record(
         path or args.data, columns=args.columns, map=dict(args.map), only=only, also=also, rows=args.rows,
         step=args.sampling, group=args.group, tail=args.tail, gaps=args.gaps,
     )  # fmt: skip
+    if getattr(args, "conditioned", False):
+        record = record.conditioned(drives)
     if tell and not getattr(args, "json", False):
         repairs(record)
     return record
@@ -88,7 +108,11 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
         if name not in wanted and name not in measured and name != "t":
             known = [*wanted, *measured]
             raise UsageError(f"--map {name}=…: '{shown}' has no input or output '{name}'.{near(name, known)}")
-    record = read_record(args, only=[*wanted, *(k for k in measured if k in mapped)], also=measured)
+    only = [*wanted, *(k for k in measured if k in mapped)]
+    record = read_record(args, only, also=measured, tell=False, drives=wanted)
+    record = attrs.evolve(record, notes=(*record.notes, *_noisy(args, record, diagram)))
+    if not getattr(args, "json", False):
+        repairs(record)
     _tell_units(args, [record], [diagram])
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
@@ -114,10 +138,18 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True
     also = [name for name in dict.fromkeys([*wanted, *compared]) if name not in only]
     records: dict[str, Any] = {}
     for path in args.data:
-        record = read_record(args, only, path, also, tell)
+        record = read_record(args, only, path, also, tell, wanted)
         records[record.name if record.name not in records else str(path)] = record
     _tell_units(args, [*records.values()], diagrams)
     return records
+
+
+def _noisy(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:
+    """Inputs whose noise would drive a model with memory, a sentence for each."""
+    from tsmblocks.fitting.summing_up import rough_inputs
+    from tsmblocks.simulate import equations
+
+    return [in_options(text, args) for text in rough_inputs(record, equations(diagram))]
 
 
 def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:

@@ -34,6 +34,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     common.suggest(method, common.METHODS)
     common.settings_argument(parser)
     recordings.data_arguments(parser)
+    recordings.condition_argument(parser)
     hold = add("--hold", default="linear", metavar="HOLD", help="data between samples: zero, linear (default) or cubic")
     common.suggest(hold, common.HOLDS)
     add("--out", metavar="FILE", help="write the outputs to a .csv, .npz or .mat file")

@@ -19,8 +19,10 @@ from tsmblocks.fitting.estimate import fit
 from tsmblocks.fitting.noise_of import noise_of
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
+from tsmblocks.fitting.summing_up import rough_inputs
 from tsmblocks.fitting.trials import Window
 from tsmblocks.frames import frame
+from tsmblocks.simulate import equations
 from tsmblocks.tables import few
 
 SHIPPED = "tendon_sheath_"
@@ -72,7 +74,7 @@ class Comparison:
     unit: str
     interrupted: bool = False
     notes: tuple[str, ...] = ()
-    """What signals without a unit were taken to be in."""
+    """What signals without a unit were taken to be in, and which inputs are too noisy to drive a model with memory."""
     noise: float = float("nan")
     noise_from: str = ""
 
@@ -166,7 +168,7 @@ def compare(
             raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
     asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
     asking.progress(progress)
-    rows, notes, interrupted = list[Row](), list[str](), False
+    rows, notes, rough, interrupted = list[Row](), list[str](), list[str](), False
     for name, diagram in candidates.items():
         tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
         common = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
@@ -177,6 +179,7 @@ def compare(
             left = _held_out(found, records, tested, common) if tested else None
             rows.append(Row(name, found, found.differences, left))
             notes += without_units(records, diagram, {d.output for d in found.differences})
+            rough += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
             interrupted = found.status == "interrupted"
         except TsmError as error:
             if len(candidates) == 1:
@@ -191,7 +194,7 @@ def compare(
     unit = next((row.train.unit for row in rows if row.train is not None), "")
     ranked = tuple(sorted(rows, key=lambda row: row.figure))
     noise = _noise(ranked[0], records, candidates[ranked[0].name])
-    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes)), *noise)
+    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes + rough)), *noise)
 
 
 def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[float, str]:

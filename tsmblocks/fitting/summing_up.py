@@ -9,6 +9,7 @@ import numpy as np
 
 from tsmblocks.data import Record, cautions
 from tsmblocks.diagram import Diagram
+from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError
 from tsmblocks.fitting.differences import Differences, between
 from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
@@ -143,6 +144,12 @@ def _estimates(
     return tuple(made)
 
 
+def rough_inputs(record: Record, eq: Equations) -> tuple[str, ...]:
+    """What to mind of the inputs whose rate drives a model, a sentence for each that is noisy or goes in steps."""
+    rates = {f.name.removeprefix("d/dt " * f.order): None for f in eq.u if f.order and not f.block}
+    return _cautions(record, tuple(rates))
+
+
 @functools.lru_cache(maxsize=32)
 def _cautions(record: Record, names: tuple[str, ...]) -> tuple[str, ...]:
     """What to mind of inputs (kept, since one recording is fitted many times)."""
@@ -155,8 +162,7 @@ def _remarks(setup: Setup, differences: Differences) -> list[str]:
     for trial in setup.trials:
         still = [k for k in setup.diagram.inports if np.ptp(trial.record[k]) == 0]
         said += [f"{trial.name}: the input {k} never changes, so it excites nothing." for k in still]
-        rates = {f.name.removeprefix("d/dt " * f.order): None for f in trial.eq.u if f.order and not f.block}
-        said += [f"{trial.name}: {text}" for text in _cautions(trial.record, tuple(rates))]
+        said += [f"{trial.name}: {text}" for text in rough_inputs(trial.record, trial.eq)]
     said += [f"{d.experiment}: the diagram explains {d.output} no better than its mean does." for d in differences
              if d.fit_percent <= 0]  # fmt: skip
     return said
