@@ -121,6 +121,19 @@ def test_calls_note_what_was_taken_for_radians():
     assert made.segments[0].gaps[0].given == "0.5 rad given"
 
 
+def test_the_way_to_say_milliseconds_is_taken(run, tmp_path):
+    text = (tmp_path / "m.csv").read_text().splitlines()
+    rows = [f"{1000 * float(line.partition(',')[0]):g},{line.partition(',')[2]}" for line in text[1:]]
+    (tmp_path / "ms.csv").write_text("\n".join([text[0], *rows]) + "\n")
+    words = ("run", PLAY, "--data", "ms.csv", *TOLD, "--step")
+    err = run(*words, "1")[2]
+    assert err.startswith("note: ms.csv: Time has no unit and was taken to be in s, which makes 10 s from row to row.")
+    way = err.rpartition("--map ")[2].strip(".'\n")
+    status, out, err = run(*words, "0.01", "--map", way)
+    assert (status, err) == (0, "")
+    assert "0 to 3 s in steps of 0.01 s" in out
+
+
 # ---- noise of the inputs
 
 

@@ -415,7 +415,14 @@ def test_seconds_that_may_be_milliseconds_are_doubted(file):
     rows = "".join(f"{2 * k},{k}\n" for k in range(60))
     (note,) = read(file("t,x\n" + rows)).notes
     assert note == ("t has no unit and was taken to be in s, which makes 2 s from row to row. If it is in ms, say so: "
-                    "units={'t': 'ms'}, or --map 't [ms]=t'.")  # fmt: skip
+                    "map={'t [ms]': 't'}, or --map 't [ms]=t'.")  # fmt: skip
+    for head, named in (("Time,x\n", None), ("clock,x\n", {"t": "clock"})):
+        column = head.partition(",")[0]
+        (note,) = read(file(head + rows), map=named).notes
+        assert note.startswith(f"{column} has no unit ")
+        assert note.endswith(f"map={{'t [ms]': '{column}'}}, or --map 't [ms]={column}'.")
+        followed = read(file(head + rows), map={"t [ms]": column})
+        assert (followed.notes, followed.t[1]) == ((), 2e-3)
     for record in (read(file("t [ms],x\n" + rows)), read(file("t,x\n" + rows), units={"t": "ms"})):
         assert record.notes == ()
         assert record.t[1] == 2e-3

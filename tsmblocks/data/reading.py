@@ -167,9 +167,9 @@ def _of_the_clock(source: Source, wish: Wish, table: Table) -> Iterator[str]:
         if found:
             yield f"The column {found[0]} was not read: the rows follow each other at {wish.step:g} s, as asked."
     elif not table.units[0] and len(table.values) >= MANY and (usual := usual_step(table.values[:, 0])) >= SLOW:
-        name = table.names[0]
+        name = split_heading(source.headings[table.places[0] - 1])[0]
         yield (f"{name} has no unit and was taken to be in s, which makes {usual:.4g} s from row to row. If it is in "
-               f"ms, say so: units={{'{name}': 'ms'}}, or --map '{name} [ms]={name}'.")  # fmt: skip
+               f"ms, say so: map={{'t [ms]': '{name}'}}, or --map 't [ms]={name}'.")  # fmt: skip
 
 
 def _labels(
