@@ -7,6 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.cli import main
+from tsmblocks.errors import DataError
 
 PLAY = "tendon_sheath_play"
 T = np.arange(301) / 100
@@ -85,39 +86,76 @@ def test_a_name_that_is_neither_input_nor_output_is_refused(run):
 
 
 UNTOLD = (
-    "note: m.csv: x_in and x_out have no unit and are taken to be in rad. x_in goes up to 40, which would be 6.37 "
-    "turns: it is probably in deg. x_out goes up to 36, which would be 5.73 turns: it is probably in deg. Where that "
-    "is wrong, say the unit: --map 'x_in [deg]=Motor pos'.\n"
+    "note: small.csv: x_in and x_out have no unit and are taken to be in rad. Where that is wrong, say the unit: "
+    "--map 'x_in [deg]=Motor pos'.\n"
 )
+FOUR = [
+    ("run", PLAY),
+    ("fit", PLAY, "--starts", "1"),
+    ("compare", "play", "--starts", "1"),
+    ("diagnose", PLAY),
+]
+BARE = ("--map", "x_in=Motor pos", "x_out=Tip pos")
 
 
-@pytest.mark.parametrize(
-    "command",
-    [("run", PLAY), ("fit", PLAY, "--starts", "1"), ("compare", "play", "--starts", "1")],
-    ids=lambda words: words[0],
-)
-def test_signals_without_a_unit_are_told_once_and_first(run, command):
-    _, out, err = run(*command, "--data", "m.csv", "--map", "x_in=Motor pos", "x_out=Tip pos")
+@pytest.mark.parametrize("command", FOUR[:3], ids=lambda words: words[0])
+def test_signals_without_a_unit_are_told_once_and_first(run, command, tmp_path):
+    rows = "".join(f"{t:.2f},{x / 40:.4f},{y / 40:.4f}\n" for t, x, y in zip(T, X, Y, strict=True))
+    (tmp_path / "small.csv").write_text("Time,Motor pos,Tip pos\n" + rows)
+    _, out, err = run(*command, "--data", "small.csv", *BARE)
     assert err == UNTOLD
     if command[0] != "run":
         assert "x_in and x_out have no unit and are taken to be in rad." in " ".join(out.split())
-    assert "no unit" not in "".join(run(*command, "--data", "m.csv", *TOLD)[1:])
+    assert "no unit" not in "".join(run(*command, "--data", "small.csv", *TOLD)[1:])
+
+
+@pytest.mark.parametrize("command", FOUR, ids=lambda words: words[0])
+def test_angles_of_many_turns_without_a_unit_are_refused(run, command):
+    status, out, err = run(*command, "--data", "m.csv", *BARE)
+    assert (status, out) == (2, "")
+    assert err == (
+        "tsmblocks: m.csv: x_in and x_out have no unit and go up to 40 and 36, which in rad would be 6.37 and 5.73 "
+        "turns: they are probably in deg. Give the units: --map 'x_in [deg]=Motor pos' 'x_out [deg]=Tip pos', or "
+        "[rad] where that is meant.\n"
+    )
+    assert run(*command, "--data", "m.csv", *BARE, "--json")[2] == err
+
+
+def test_radians_that_are_told_are_believed(run):
+    words = ("run", PLAY, "--data", "m.csv", "--map", "x_in [rad]=Motor pos", "x_out [rad]=Tip pos")
+    assert run(*words)[::2] == (0, "")
+
+
+CALLS = {
+    "fit": lambda *records: tsm.fit(tsm.load(PLAY), [*records], starts=1),
+    "compare": lambda *records: tsm.compare(["linear", "play"], [*records], starts=1),
+    "diagnose": lambda *records: tsm.diagnose(tsm.load(PLAY), [*records], noise_floor=0.5),
+    "score": lambda *records: tsm.score(tsm.load(PLAY), [*records]),
+}
+
+
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+def test_calls_refuse_angles_of_many_turns_without_a_unit(call):
+    """One such recording is enough."""
+    small = tsm.Record("small", T, {"x_in": X / 40, "x_out": Y / 40}, {})
+    with pytest.raises(DataError) as told:
+        call(small, tsm.Record("m", T, {"x_in": X, "x_out": Y / 40}, {}))
+    assert str(told.value) == (
+        "m: x_in has no unit and goes up to 40, which in rad would be 6.37 turns: it is probably in deg. "
+        "Give the unit: units={'x_in': 'deg'}, or 'rad' where that is meant."
+    )
 
 
 def test_calls_note_what_was_taken_for_radians():
-    record = tsm.Record("m", T, {"x_in": X, "x_out": Y}, {})
-    said = (
-        "m: x_in and x_out have no unit and are taken to be in rad.",
-        "m: x_in goes up to 40, which would be 6.37 turns: it is probably in deg.",
-        "m: x_out goes up to 36, which would be 5.73 turns: it is probably in deg.",
-    )
+    record = tsm.Record("m", T, {"x_in": X / 4, "x_out": Y / 4}, {})
+    said = "m: x_in and x_out have no unit and are taken to be in rad."
     quick = dict(starts=1, step=0.01)
-    assert tsm.fit(tsm.load(PLAY), record, **quick).notes[:3] == said
+    assert tsm.fit(tsm.load(PLAY), record, **quick).notes[0] == said
     found = tsm.compare(["linear", "play"], record, **quick)
-    assert found.notes == said
+    assert found.notes == (said,)
     assert str(found).startswith("- m: x_in and x_out have no unit")
     made = tsm.diagnose(tsm.load("tendon_sheath_linear"), record, noise_floor=0.5, effects=["drift"], step=0.01)
-    assert made.notes[:3] == said
+    assert made.notes[0] == said
     assert made.segments[0].gaps[0].given == "0.5 rad given"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsmblocks.data import Record, from_pandas, read
-from tsmblocks.data.untold import how_to_map, untold
+from tsmblocks.data.untold import how_to_map, refuse_doubtful, untold
 from tsmblocks.errors import DataError
 
 
@@ -116,11 +116,14 @@ def test_what_signals_without_a_unit_are_taken_for():
 
 
 def test_angles_of_many_turns_are_probably_degrees():
-    assert said(-45.0, x_out="deg", u="V") == [
-        "x_in has no unit and is taken to be in rad.",
-        "x_in goes up to 45, which would be 7.16 turns: it is probably in deg.",
-    ]
-    assert len(said(12.5, x_out="rad", u="V")) == 1  # two turns are nothing strange
+    with pytest.raises(DataError) as told:
+        refuse_doubtful("a.csv", Record("run", T, {"x_in": -45 * np.sin(T), "x_out": T, "u": 100 * T}, {}), WANTED)
+    assert str(told.value) == (
+        "a.csv: x_in has no unit and goes up to 45, which in rad would be 7.16 turns: it is probably in deg. "
+        "Give the unit: units={'x_in': 'deg'}, or 'rad' where that is meant."
+    )
+    for size, units in ((12.5, {}), (-45.0, {"x_in": "deg"}), (-45.0, {"x_in": "rad"})):  # two turns: nothing strange
+        refuse_doubtful("a.csv", Record("run", T, {"x_in": size * np.sin(T)}, units), WANTED)
 
 
 @pytest.mark.parametrize(("bare", "heading"), [(True, "x [deg]"), (False, "x")])

@@ -110,6 +110,7 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
             raise UsageError(f"--map {name}=…: '{shown}' has no input or output '{name}'.{near(name, known)}")
     only = [*wanted, *(k for k in measured if k in mapped)]
     record = read_record(args, only, also=measured, tell=False, drives=wanted)
+    _refuse_doubtful(args, record, [diagram])
     record = attrs.evolve(record, notes=(*record.notes, *_noisy(args, record, diagram)))
     if not getattr(args, "json", False):
         repairs(record)
@@ -139,6 +140,7 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True
     records: dict[str, Any] = {}
     for path in args.data:
         record = read_record(args, only, path, also, tell, wanted)
+        _refuse_doubtful(args, record, diagrams)
         records[record.name if record.name not in records else str(path)] = record
     _tell_units(args, [*records.values()], diagrams)
     return records
@@ -156,7 +158,7 @@ def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequ
     """Say once what signals without a unit are taken to be in, and how to say another, before any work is done."""
     from tsmblocks.data.untold import untold
 
-    wanted = {name: d.unit(name) for d in reversed(diagrams) for name in (*d.inputs, *d.outputs)}
+    wanted = _units(diagrams)
     said: dict[str, list[Any]] = {}
     for record in records if not getattr(args, "json", False) else ():
         texts = untold(record, wanted)
@@ -164,9 +166,33 @@ def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequ
             said.setdefault(" ".join(texts), []).append(record)
     for text, those in said.items():
         name = next(k for k in wanted if k in those[0] and wanted[k] and not those[0].unit(k))
-        column = next((own for heading, own in args.map if heading.strip() == name), name)
         note(f"{', '.join(record.origin for record in those)}: {text} Where that is wrong, say the unit: "
-             f"--map '{name} [deg]={column}'.")  # fmt: skip
+             f"--map {_in_degrees(args, name)}.")  # fmt: skip
+
+
+def _refuse_doubtful(args: argparse.Namespace, record: Any, diagrams: Sequence[Any]) -> None:
+    """Raise DataError where angles without a unit would be many turns."""
+    from tsmblocks.data.untold import refuse_doubtful
+
+    def way(names: Sequence[str]) -> str:
+        return f"--map {' '.join(_in_degrees(args, name) for name in names)}, or [rad]"
+
+    refuse_doubtful(record.origin, record, _units(diagrams), way)
+
+
+def _units(diagrams: Sequence[Any]) -> dict[str, str]:
+    """The units that signals are wanted in; of several diagrams that of the first."""
+    return {name: d.unit(name) for d in reversed(diagrams) for name in (*d.inputs, *d.outputs)}
+
+
+def _in_degrees(args: argparse.Namespace, name: str) -> str:
+    """How --map says that a signal is in degrees."""
+    return f"'{name} [deg]={_column(args, name)}'"
+
+
+def _column(args: argparse.Namespace, name: str) -> str:
+    """What the file calls a signal."""
+    return next((own for heading, own in args.map if heading.strip() == name), name)
 
 
 def _look_at(paths: Sequence[str]) -> None:

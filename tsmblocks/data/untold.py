@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tsmblocks import units
+from tsmblocks.errors import DataError
 from tsmblocks.tables import listed
 
 if TYPE_CHECKING:
@@ -17,41 +18,54 @@ MOST = 4 * np.pi
 """Angle [rad] beyond which one without a unit was probably measured in degrees."""
 
 
-class UnitWarning(UserWarning):
-    """A signal without a unit that is probably not in the unit it is taken to be in."""
-
-
 def untold(record: Record, wanted: Mapping[str, str]) -> list[str]:
     """Say which signals have no unit and what they are taken to be in; ``wanted`` gives that by name, ``""`` for none.
 
-    One sentence for each unit, then one for each angle that would be many turns.
+    One sentence for each unit.
     """
-    bare = {k: unit for k, unit in wanted.items() if unit and k in record and not record.unit(k)}
+    bare = _bare(record, wanted)
     made = []
     for unit in dict.fromkeys(bare.values()):
         names = [k for k, own in bare.items() if own == unit]
         have, are = ("have", "are") if len(names) > 1 else ("has", "is")
         made.append(f"{listed(names)} {have} no unit and {are} taken to be in {unit}.")
-    return [*made, *doubtful(record, bare)]
-
-
-def doubtful(record: Record, wanted: Mapping[str, str]) -> list[str]:
-    """Say which angles without a unit would be many turns, a sentence for each."""
-    made = []
-    for name, unit in wanted.items():
-        if name not in record or record.unit(name) or not unit or not _is_radian(unit):
-            continue
-        peak = float(np.abs(record[name]).max(initial=0.0))
-        if peak > MOST:
-            turns = f"{peak / (2 * np.pi):.3g} turns"
-            made.append(f"{name} goes up to {peak:.4g}, which would be {turns}: it is probably in deg.")
     return made
+
+
+def in_calls(names: Sequence[str]) -> str:
+    """Say how signals of these names are given a unit in Python."""
+    said = ", ".join(f"'{name}': 'deg'" for name in names)
+    return f"units={{{said}}}, or 'rad'"
+
+
+def refuse_doubtful(
+    where: str, record: Record, wanted: Mapping[str, str], way: Callable[[Sequence[str]], str] = in_calls
+) -> None:
+    """Raise DataError where angles without a unit would be many turns: all that is found from them would be wrong.
+
+    ``wanted`` is as for untold, ``where`` what the message calls the record, ``way`` says how names get their units.
+    """
+    peaks = {k: float(np.abs(record[k]).max(initial=0.0)) for k, unit in _bare(record, wanted).items()
+             if _is_radian(unit)}  # fmt: skip
+    peaks = {k: peak for k, peak in peaks.items() if peak > MOST}
+    if not peaks:
+        return
+    names, sizes = [*peaks], listed([f"{peak:.4g}" for peak in peaks.values()])
+    turns = listed([f"{peak / (2 * np.pi):.3g}" for peak in peaks.values()])
+    have, go, are, s = ("has", "goes", "it is", "") if len(peaks) == 1 else ("have", "go", "they are", "s")
+    raise DataError(f"{where}: {listed(names)} {have} no unit and {go} up to {sizes}, which in rad would be {turns} "
+                    f"turns: {are} probably in deg. Give the unit{s}: {way(names)} where that is meant.")  # fmt: skip
 
 
 def how_to_map(name: str, *, bare: bool) -> str:
     """Say how a column of another name is mapped: with its unit, where columns are ``bare`` of theirs."""
     heading = f"{name} [deg]" if bare else name
     return f"map={{'{heading}': 'COLUMN'}}, or --map '{heading}=COLUMN'"
+
+
+def _bare(record: Record, wanted: Mapping[str, str]) -> dict[str, str]:
+    """The units that signals without one are taken to be in."""
+    return {k: unit for k, unit in wanted.items() if unit and k in record and not record.unit(k)}
 
 
 def _is_radian(label: str) -> bool:

@@ -168,7 +168,7 @@ def compare(
             raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
     asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
     asking.progress(progress)
-    rows, notes, rough, interrupted = list[Row](), list[str](), list[str](), False
+    rows, notes, interrupted = list[Row](), _untold(candidates, records, asked), False
     for name, diagram in candidates.items():
         tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
         common = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
@@ -178,8 +178,7 @@ def compare(
                         **common)  # type: ignore[arg-type]  # fmt: skip
             left = _held_out(found, records, tested, common) if tested else None
             rows.append(Row(name, found, found.differences, left))
-            notes += without_units(records, diagram, {d.output for d in found.differences})
-            rough += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
+            notes += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
             interrupted = found.status == "interrupted"
         except TsmError as error:
             if len(candidates) == 1:
@@ -194,7 +193,16 @@ def compare(
     unit = next((row.train.unit for row in rows if row.train is not None), "")
     ranked = tuple(sorted(rows, key=lambda row: row.figure))
     noise = _noise(ranked[0], records, candidates[ranked[0].name])
-    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes + rough)), *noise)
+    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes)), *noise)
+
+
+def _untold(models: Mapping[str, Diagram], records: Mapping[str, Record], asked: Iterable[str] | None) -> list[str]:
+    """What signals without a unit are taken to be in. Raises DataError where it can hardly be that."""
+    return [
+        text
+        for diagram in models.values()
+        for text in without_units(records, diagram, [k for k in diagram.outputs if asked is None or k in asked])
+    ]
 
 
 def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[float, str]:

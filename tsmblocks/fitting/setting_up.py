@@ -12,7 +12,7 @@ import numpy as np
 
 from tsmblocks.arguments import positive, prepared
 from tsmblocks.data import Record, read
-from tsmblocks.data.untold import untold
+from tsmblocks.data.untold import refuse_doubtful, untold
 from tsmblocks.diagram import Diagram
 from tsmblocks.engine.methods import method_named
 from tsmblocks.equation_set import Equations
@@ -157,8 +157,13 @@ def set_up(
 
 
 def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
-    """Say which signals have no unit and what they are taken to be in, experiment by experiment."""
+    """Say which signals have no unit and what they are taken to be in, experiment by experiment.
+
+    Raises DataError where they are angles of so many turns that it can hardly be so.
+    """
     wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
+    for name, record in records.items():
+        refuse_doubtful(name, record, wanted)
     return [f"{name}: {text}" for name, record in records.items() for text in untold(record, wanted)]
 
 
