@@ -12,6 +12,8 @@ import pytest
 from tsmblocks.cli import main
 from tsmblocks.data import read
 from tsmblocks.draw.style import ACCENT
+from tsmblocks.files import load
+from tsmblocks.shelf import names
 
 PAPER = importlib.import_module("tsmblocks.demo.paper")
 SIMULATE = importlib.import_module("tsmblocks.simulate")  # the package shows a function of that name
@@ -322,6 +324,17 @@ def test_blocks_lists_families(tsm):
     listed = json.loads(tsm("blocks", "--json")[1])
     assert listed["hysteresis"]["AsymmetricBoucWen"].startswith("Tendon-sheath transmission")
     assert "StateSpace" in listed["linear"]
+
+
+def test_diagrams_lists_names_and_titles(tsm):
+    status, out, err = tsm("diagrams")
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines[: lines.index("")] if not line.startswith(" ")] == names()
+    assert all(len(line) <= 80 for line in lines)
+    listed = json.loads(tsm("diagrams", "--json")[1])
+    assert listed == {name: load(name).title for name in names()}
+    assert "Tendon sheath: play and an offset" in out
 
 
 def test_a_block_has_a_card(tsm):

@@ -51,7 +51,7 @@ def offered(tmp_path, monkeypatch, capsys):
 @needs_bash
 def test_commands_are_offered(offered):
     assert offered("") == [*COMMANDS, "--help", "--version"]
-    assert offered("d") == ["diagnose", "draw", "demo"]
+    assert offered("d") == ["diagnose", "draw", "diagrams", "demo"]
     assert offered("nothing", "") == []
 
 

@@ -433,6 +433,13 @@ def test_a_misspelt_name_is_answered_with_a_near_one():
     )
 
 
+def test_a_name_that_is_near_to_none_is_answered_with_where_they_are_listed():
+    assert fault_of("slider").startswith(
+        "there is no file 'slider', and no ready-made diagram of that name. Known here: "
+    )
+    assert fault_of("slider").endswith(f", … ({len(names())} in all). `tsmblocks diagrams` lists them.")
+
+
 def test_a_misspelt_file_is_answered_with_a_near_one(tmp_path):
     (tmp_path / "loop.toml").write_text(GOOD)
     assert fault_of(tmp_path / "lop.toml") == f"{tmp_path}/lop.toml: there is no such file. Did you mean 'loop.toml'?"

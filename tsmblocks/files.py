@@ -112,9 +112,11 @@ def _path_of(given: str | os.PathLike[str]) -> Path:
         raise FileError(
             clip(text), [f"'{text}' is not among the ready-made diagrams. For the file, say '{text}.toml'."]
         )
-    raise FileError(clip(text), [
-        f"there is no file '{clip(text)}', and no ready-made diagram of that name.{near(text, names())}"
-    ])  # fmt: skip
+    hint = near(text, names())
+    more = "" if hint.startswith(" Did you mean") else " `tsmblocks diagrams` lists them."
+    raise FileError(
+        clip(text), [f"there is no file '{clip(text)}', and no ready-made diagram of that name.{hint}{more}"]
+    )
 
 
 def _is_file(path: Path) -> bool:

@@ -14,14 +14,28 @@ from collections.abc import Sequence
 from typing import Any
 
 from tsmblocks import __version__
-from tsmblocks.cli import blocks, check, compare, completion, demo, diagnose, draw, export, fit, reference, run, study
+from tsmblocks.cli import (
+    blocks,
+    check,
+    compare,
+    completion,
+    demo,
+    diagnose,
+    diagrams,
+    draw,
+    export,
+    fit,
+    reference,
+    run,
+    study,
+)
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
 from tsmblocks.cli.console import complain, legible
 from tsmblocks.errors import TsmError, near
 
 COMMANDS = {
     "run": run, "fit": fit, "compare": compare, "diagnose": diagnose, "study": study, "draw": draw, "check": check,
-    "export": export, "blocks": blocks, "reference": reference, "demo": demo,
+    "export": export, "diagrams": diagrams, "blocks": blocks, "reference": reference, "demo": demo,
     "completion": completion,
 }  # fmt: skip
 

@@ -1,0 +1,32 @@
+"""What ready-made diagrams there are, by the names that every command takes in place of a file."""
+
+from __future__ import annotations
+
+import argparse
+
+from tsmblocks.cli import common, console
+from tsmblocks.tables import columns
+
+HELP = "list the ready-made diagrams"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    common.json_argument(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; the exit status."""
+    from tsmblocks.files import load
+    from tsmblocks.shelf import names
+
+    listed = {name: load(name).title for name in names()}
+    console.give(listed) if args.json else print(in_words(listed))
+    return 0
+
+
+def in_words(listed: dict[str, str]) -> str:
+    """Return the list as the terminal shows it."""
+    table = columns([*listed.items()], "", frozenset({0, 1}), console.width())
+    more = "'tsmblocks check NAME' says what goes in and out, 'tsmblocks draw NAME' draws it."
+    return f"{table}\n\n{console.wrapped(more, console.width())}"
