@@ -160,6 +160,7 @@ REFUSED = [
     (["tendon_sheath_play", "--data", "sheath.csv", "./sheath.csv"],
      "--data names ./sheath.csv twice; it would count for two experiments."),
     (["tendon_sheath_play", "--data", "sheth.csv"], "there is no file sheth.csv. Did you mean 'sheath.csv'?"),
+    (["tendon_sheath_play", "sheath.csv"], "fit takes no argument 'sheath.csv'. Recordings follow --data."),
     (["+", "--map", "x_inn=motor"], "--map x_inn=…: there is no signal 'x_inn' to compare. Did you mean 'x_in'?"),
     (["+", "--bounds", "play.gain"],
      "argument --bounds: 'play.gain' is not NAME=LOW:HIGH, such as tsm.theta=0.1:50. 'tsmblocks fit --help' shows what it takes."),

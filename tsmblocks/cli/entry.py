@@ -92,9 +92,15 @@ def _dispatch(argv: list[str]) -> int:
         known = known_to[args.command].options()
         word = extra[0].partition("=")[0]
         kind = "option" if word.startswith("-") else "argument"
-        hint = near(word, known, most=20) if kind == "option" else ""
+        hint = near(word, known, most=20) if kind == "option" else _of_recordings(extra[0], known)
         raise UsageError(f"{args.command} takes no {kind} '{word}'.{hint}")
     return int(COMMANDS[args.command].execute(args))
+
+
+def _of_recordings(word: str, options: Sequence[str]) -> str:
+    """A hint where a recording stands among the diagrams."""
+    there = os.path.isfile(word)  # noqa: PTH113 - a name too long to be one raises nothing here
+    return " Recordings follow --data." if there and "--data" in options and not word.endswith(".toml") else ""
 
 
 def parsers() -> tuple[Parser, dict[str, Parser]]:
