@@ -79,6 +79,25 @@ def test_without_measured_outputs_nothing_is_compared(run):
     assert "measured" not in json.loads(out)
 
 
+def test_a_map_the_wrong_way_round_is_told_the_right_way(run):
+    wrong = ("run", PLAY, "--data", "m.csv", "--map", "Motor pos=x_in [deg]")
+    said = run(*wrong)[2]
+    assert said == (
+        f"tsmblocks: --map Motor pos=…: '{PLAY}' has no input or output 'Motor pos'. --map takes NAME=COLUMN: the "
+        "other way round that is --map 'x_in [deg]=Motor pos'.\n"
+    )
+    assert run(*wrong[:-1], said.rpartition("--map ")[2].strip(".'\n"))[0] == 0
+
+
+def test_one_name_of_two_columns_is_refused_and_one_column_of_two_names_is_told(run):
+    words = ("run", PLAY, "--data", "m.csv", "--map", "x_in [deg]=Motor pos")
+    assert run(*words, "x_in=Tip pos") == (
+        2, "", "tsmblocks: --map names 'x_in' twice, for the columns 'Motor pos' and 'Tip pos'.\n"
+    )  # fmt: skip
+    status, _, err = run(*words, "x_out [deg]=Motor pos")
+    assert (status, err) == (0, "note: m.csv: x_in and x_out are the same column, 'Motor pos'.\n")
+
+
 def test_a_name_that_is_neither_input_nor_output_is_refused(run):
     assert run("run", PLAY, "--data", "m.csv", "--map", "x_in=Motor pos", "x_uot=Tip pos") == (
         2, "", f"tsmblocks: --map x_uot=…: '{PLAY}' has no input or output 'x_uot'. Did you mean 'x_out'?\n"

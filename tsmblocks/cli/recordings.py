@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import attrs
@@ -67,7 +67,7 @@ def read_record(
     from tsmblocks.data import read
 
     record = read(
-        path or args.data, columns=args.columns, map=dict(args.map), only=only, also=also, rows=args.rows,
+        path or args.data, columns=args.columns, map=_map(args), only=only, also=also, rows=args.rows,
         step=args.sampling, group=args.group, tail=args.tail, gaps=args.gaps,
     )  # fmt: skip
     if getattr(args, "conditioned", False):
@@ -88,8 +88,6 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
 
     Outputs that were measured are kept in the record where they are there.
     """
-    from tsmblocks.data import split_heading
-
     wanted = diagram.inports
     if not args.data:
         if wanted:
@@ -103,11 +101,7 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     if not wanted:
         raise UsageError(f"'{shown}' has no inputs, so there is nothing that --data could drive.")
     measured = [name for name in diagram.outputs if name not in wanted]
-    mapped = [split_heading(text)[0] for text, _ in args.map]
-    for name in mapped:
-        if name not in wanted and name not in measured and name != "t":
-            known = [*wanted, *measured]
-            raise UsageError(f"--map {name}=…: '{shown}' has no input or output '{name}'.{near(name, known)}")
+    mapped = _mapped(args, [*wanted, *measured], lambda name: f"'{shown}' has no input or output '{name}'")
     only = [*wanted, *(k for k in measured if k in mapped)]
     record = read_record(args, only, also=measured, tell=False, drives=wanted)
     _refuse_doubtful(args, record, [diagram])
@@ -128,11 +122,7 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True
     compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))
     if not args.data:
         raise UsageError(f"give --data FILE with the signals {', '.join([*wanted, *compared])}.")
-    known = {*wanted, *compared, "t"}
-    mapped = [heading.partition("[")[0].strip() for heading, _ in args.map]
-    for name in mapped:
-        if name not in known:
-            raise UsageError(f"--map {name}=…: there is no signal '{name}' to compare.{near(name, known)}")
+    mapped = _mapped(args, [*wanted, *compared], lambda name: f"there is no signal '{name}' to compare")
     _look_at(args.data)
     needed = [name for name in wanted if all(name in d.inputs for d in diagrams) or name in mapped]
     only = list(dict.fromkeys([*needed, *(name for name in compared if name in mapped)]))
@@ -144,6 +134,38 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True
         records[record.name if record.name not in records else str(path)] = record
     _tell_units(args, [*records.values()], diagrams)
     return records
+
+
+def _map(args: argparse.Namespace) -> dict[str, str]:
+    """What --map says: columns by name. Raises UsageError for a name that is given two."""
+    from tsmblocks.data import split_heading
+
+    seen: dict[str, str] = {}
+    for heading, column in args.map:
+        name = split_heading(heading)[0]
+        if name in seen:
+            raise UsageError(f"--map names '{name}' twice, for the columns '{seen[name]}' and '{column}'.")
+        seen[name] = column
+    return dict(args.map)
+
+
+def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[str], str]) -> list[str]:
+    """The names that --map gives to columns. Raises UsageError for one that is neither known nor the time's.
+
+    ``missing`` says that there is none of a name.
+    """
+    from tsmblocks.data import split_heading
+
+    names = []
+    for heading, column in _map(args).items():
+        name = split_heading(heading)[0]
+        if name not in known and name != "t":
+            hint = near(name, [*known, "t"])
+            if split_heading(column)[0] in known and not hint.startswith(" Did you mean"):
+                hint = f" --map takes NAME=COLUMN: the other way round that is --map '{column}={heading}'."
+            raise UsageError(f"--map {name}=…: {missing(name)}.{hint}")
+        names.append(name)
+    return names
 
 
 def _noisy(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:

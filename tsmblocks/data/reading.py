@@ -17,6 +17,7 @@ from tsmblocks.data.repair import repaired
 from tsmblocks.data.table import Rows, Source, Table
 from tsmblocks.data.untold import how_to_map
 from tsmblocks.errors import DataError, clip, in_words, near
+from tsmblocks.tables import listed
 
 _READERS = {
     ".npy": containers.open_npy,
@@ -156,8 +157,16 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
     table = repaired(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps))
     signals = {k: table.values[:, i] for i, k in enumerate(table.names) if i}
     told = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
-    notes = (*source.notes, *_of_the_clock(source, wish, table))
+    notes = (*source.notes, *_twice(found, split), *_of_the_clock(source, wish, table))
     return Record(name, table.values[:, 0], signals, told, origin, (*notes, *table.notes))
+
+
+def _twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """Columns that were read under several names, a sentence for each."""
+    for place in dict.fromkeys(found.values()):
+        names = [name for name, own in found.items() if own == place]
+        if len(names) > 1:
+            yield f"{listed(names)} are the same column, '{split[place][0]}'."
 
 
 def _of_the_clock(source: Source, wish: Wish, table: Table) -> Iterator[str]:
