@@ -22,7 +22,7 @@ format = 1
 title = "Größe θ"
 diagram = "fig09b_feedforward"
 stop = 2
-step = 0.01
+step = 0.005
 [metrics]
 error = "rms(x_ref - x_out)"
 [vary]

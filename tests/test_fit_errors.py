@@ -139,7 +139,9 @@ def test_odd_data_are_told(call):
 
 @pytest.mark.parametrize("size", [1e-320, 1e-150, 1e-30, 1e-12, 1e12, 1e30, 1e150, 1e300])
 def test_odd_sizes_are_fitted_or_refused(size):
-    data = record(t=T[:40], x_in=size * U[:40], x_out=size * (0.8 * U[:40] + 0.1))
+    data = record(
+        t=T[:40], units={"x_in": "rad", "x_out": "rad"}, x_in=size * U[:40], x_out=size * (0.8 * U[:40] + 0.1)
+    )
     said = told(lambda: tsm.fit(LINEAR, data))
     if 1e-100 < size < 1e100:
         found = tsm.fit(LINEAR, data, starts=1)

@@ -78,7 +78,8 @@ def measured(diagram, truth, inputs, sigma=0.0):
     samples = {k: tsm.Samples(T, v) for k, v in inputs.items()}
     run = tsm.simulate(diagram, step=STEP / 4, inputs=samples, parameters=truth)
     outputs = {k: noisy(run[k][::4], sigma, seed) for seed, k in enumerate(diagram.outputs)}
-    return record(**inputs, **outputs)
+    units = {**{k: diagram.inports[k].unit for k in inputs}, **{k: diagram.unit(k) for k in outputs}}
+    return record(units=units, **inputs, **outputs)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -212,7 +213,9 @@ def test_the_minimum_under_constraints_is_that_of_scipy(name, method):
 
 def test_a_search_range_that_is_no_bound_holds_nothing():
     far = noisy(80.0 * U + 0.3, 0.05, seed=4)  # two decades and more from where the search began
-    found = tsm.fit(LINEAR, record(x_in=U, x_out=far), start={"gain.gain": 0.1}, method="ga")
+    found = tsm.fit(
+        LINEAR, record(units={"x_in": "rad", "x_out": "rad"}, x_in=U, x_out=far), start={"gain.gain": 0.1}, method="ga"
+    )
     assert found.values["gain.gain"] == pytest.approx(np.linalg.lstsq(REGRESSORS, far, rcond=None)[0][0], abs=1e-6)
 
 

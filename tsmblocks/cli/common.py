@@ -186,8 +186,8 @@ def figure_path(text: str | None) -> Path | None:
 
 def settings_argument(options: argparse._ActionsContainer) -> None:
     """Declare --set."""
-    options.add_argument("--set", dest="settings", metavar="BLOCK.PARAMETER=VALUE", type=setting, nargs="+",
-                         action="extend", default=[], help="other values for parameters")  # fmt: skip
+    options.add_argument("--set", dest="settings", metavar="NAME=VALUE", type=setting, nargs="+", action="extend",
+                         default=[], help="other values for parameters, such as pid.kp=2.2")  # fmt: skip
 
 
 def result_arguments(options: argparse._ActionsContainer, written: str) -> None:
