@@ -30,6 +30,7 @@ from tsmblocks.declare import (
     validate,
 )
 from tsmblocks.errors import BlockError, EquationError, ParameterError, in_words, near
+from tsmblocks.units import UnitError, parse
 
 # ---- signals by name and by position ------------------------------------------------------------
 
@@ -107,12 +108,17 @@ class Block:
     @property
     def inports(self) -> dict[str, Input]:
         """Input ports by name, in order. A block whose ports depend on an option overrides this."""
-        return {k: p for k, p in self._declared.items() if isinstance(p, Input)}
+        return {k: self._in_unit(p) for k, p in self._declared.items() if isinstance(p, Input)}
 
     @property
     def outports(self) -> dict[str, Output]:
         """Output ports by name, in order."""
-        return {k: p for k, p in self._declared.items() if isinstance(p, Output)}
+        return {k: self._in_unit(p) for k, p in self._declared.items() if isinstance(p, Output)}
+
+    def _in_unit(self, port: Any) -> Any:
+        """A port in the unit that an option says, where one does."""
+        unit = getattr(self, port.told) if port.told else ""
+        return attrs.evolve(port, unit=unit) if unit else port
 
     @property
     def states(self) -> dict[str, State]:
@@ -178,7 +184,16 @@ class Block:
             whole = isinstance(value, float) and type(field.default) is int
             object.__setattr__(self, name, int(value) if whole else value)
         if not any(is_reference(v) for k in self.parameters for _, v in leaves(getattr(self, k))):
+            self._check_units()
             self.check()
+
+    def _check_units(self) -> None:
+        """Raise ParameterError where an option that says the unit of a port is no unit."""
+        for name in (port.told for port in self._declared.values() if isinstance(port, (Input, Output))):
+            try:
+                parse(getattr(self, name) if name else "")
+            except UnitError as error:
+                raise ParameterError(f"{type(self).__name__}.{name}: {error}") from None
 
 
 def _short(value: Any) -> str:

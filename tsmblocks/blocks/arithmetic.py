@@ -9,7 +9,7 @@ import attrs
 import casadi as ca
 
 from tsmblocks.block import Block, Input, Output, block, option, parameter
-from tsmblocks.blocks.ports import UNIT, check_unit, in_unit
+from tsmblocks.blocks.ports import UNIT
 from tsmblocks.errors import ParameterError, in_words
 from tsmblocks.units import UnitError, factor
 
@@ -33,14 +33,7 @@ class Gain(Block):
     unit: str = option(default="", about=UNIT)
 
     u = Input("any signal", unit="?u")
-    y = Output("the signal times the gain", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the signal times the gain", unit="?y", told="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.gain * u.u)

@@ -23,7 +23,7 @@ from tsmblocks.blocks.matrices import (
     state_map,
     states_of,
 )
-from tsmblocks.blocks.ports import UNIT, UNIT_IN, check_unit, from_unit, in_unit
+from tsmblocks.blocks.ports import UNIT, UNIT_IN
 from tsmblocks.errors import ParameterError
 
 
@@ -104,19 +104,10 @@ class DiscreteTransferFunction(Block):
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
-    u = Input("any signal")
-    y = Output("filtered signal")
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return from_unit(self)
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
+    u = Input("any signal", told="unit_in")
+    y = Output("filtered signal", told="unit")
 
     def check(self) -> None:
-        check_unit(self, "unit_in")
         if not self.den or self.den[0] == 0:
             raise ParameterError("DiscreteTransferFunction.den must begin with a number other than 0.")
         if not 1 <= len(self.num) <= len(self.den):

@@ -7,7 +7,6 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.block import Block, Input, Output, Past, block, option, parameter, state
-from tsmblocks.blocks.ports import check_unit, in_unit
 from tsmblocks.errors import ParameterError
 
 INFINITE = float("inf")
@@ -33,7 +32,7 @@ class Integrator(Block):
     unit: str = option(default="", about="unit of the output when the gain brings one; empty means the input's times s")
 
     u = Input("any signal", unit="?u")
-    y = Output("its time integral", unit="?u*s")
+    y = Output("its time integral", unit="?u*s", told="unit")
     integral: float = state(default=0.0, about="the integral; starts and is reset here", unit="?u*s")
 
     def check(self) -> None:
@@ -42,11 +41,6 @@ class Integrator(Block):
         if not self.low <= self.integral <= self.high:
             raise ParameterError(f"Integrator.integral must start within its limits, {self.low:g} to {self.high:g}, "
                                  f"got {self.integral:g}.")  # fmt: skip
-        check_unit(self)
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
 
     @property
     def inports(self) -> dict[str, Input]:

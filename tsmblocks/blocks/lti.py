@@ -19,7 +19,7 @@ from tsmblocks.blocks.matrices import (
     state_map,
     states_of,
 )
-from tsmblocks.blocks.ports import UNIT, UNIT_IN, check_unit, from_unit, in_unit
+from tsmblocks.blocks.ports import UNIT, UNIT_IN
 from tsmblocks.errors import BlockError, ParameterError, in_words
 from tsmblocks.tables import unlike
 
@@ -54,19 +54,10 @@ class TransferFunction(Block):
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
-    u = Input("any signal", unit="?u")
-    y = Output("filtered signal", unit="?y")
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return from_unit(self)
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
+    u = Input("any signal", unit="?u", told="unit_in")
+    y = Output("filtered signal", unit="?y", told="unit")
 
     def check(self) -> None:
-        check_unit(self, "unit_in")
         for name in ("num", "den"):
             if any(isinstance(number, tuple) for number in getattr(self, name)):
                 raise ParameterError(f"TransferFunction.{name} must be one list of numbers, such as [1, 0.5].")
@@ -132,19 +123,10 @@ class ZeroPoleGain(Block):
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
-    u = Input("any signal", unit="?u")
-    y = Output("filtered signal", unit="?y")
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return from_unit(self)
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
+    u = Input("any signal", unit="?u", told="unit_in")
+    y = Output("filtered signal", unit="?y", told="unit")
 
     def check(self) -> None:
-        check_unit(self, "unit_in")
         for name in ("zero_pairs", "pole_pairs"):
             for k, row in enumerate(getattr(self, name)):
                 if not isinstance(row, tuple) or len(row) != 2:

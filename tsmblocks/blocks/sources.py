@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.block import Block, Output, Samples, Tape, block, option, parameter
-from tsmblocks.blocks.ports import UNIT, check_unit, in_unit
+from tsmblocks.blocks.ports import UNIT
 from tsmblocks.errors import ParameterError
 
 PEAK = math.radians(55.0)
@@ -48,14 +48,7 @@ class Constant(Block):
 
     value: float = parameter(default=1.0, about="the value", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the value", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the value", unit="?y", told="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.value)
@@ -75,14 +68,7 @@ class Step(Block):
     before: float = parameter(default=0.0, about="value before the jump", unit="?y")
     after: float = parameter(default=1.0, about="value from the jump on", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the value that holds now", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the value that holds now", unit="?y", told="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=ca.if_else(t + ROUNDING * ca.fabs(t) >= self.time, self.after, self.before))
@@ -102,14 +88,7 @@ class Ramp(Block):
     slope: float = parameter(default=1.0, about="rate of change while it rises", unit="?y/s")
     initial: float = parameter(default=0.0, about="value before the ramp", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the ramp", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the ramp", unit="?y", told="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.initial + self.slope * ca.fmax(t - self.start, 0.0))
@@ -130,14 +109,7 @@ class Sine(Block):
     phase: float = parameter(default=0.0, about="phase at time zero", unit="rad")
     offset: float = parameter(default=0.0, about="mean value", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the sine", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the sine", unit="?y", told="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.offset + self.amplitude * ca.sin(2 * math.pi * self.frequency * t + self.phase))
@@ -159,14 +131,9 @@ class MultiSine(Block):
     )
     phases: tuple[float, ...] = parameter(default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad")
     unit: str = option(default="", about=UNIT)
-    y = Output("the sum of the sines", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
+    y = Output("the sum of the sines", unit="?y", told="unit")
 
     def check(self) -> None:
-        check_unit(self)
         lengths = len(self.amplitudes), len(self.frequencies), len(self.phases)
         if len(set(lengths)) > 1 or not lengths[0]:
             raise ParameterError(
@@ -197,14 +164,7 @@ class Chirp(Block):
     f1: float = parameter(default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0)
     duration: float = parameter(default=20.0, about="how long the sweep takes", unit="s", above=0.0)
     unit: str = option(default="", about=UNIT)
-    y = Output("the sweep", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the sweep", unit="?y", told="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         s = ca.fmin(t, self.duration)
@@ -228,14 +188,7 @@ class Random(Block):
     interval: float = option(default=0.01, about="time for which each number is held", unit="s", above=0.0)
     unit: str = option(default="", about=UNIT)
     w = Tape("white noise of unit spread")
-    y = Output("the noise", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the noise", unit="?y", told="unit")
 
     def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
         return dict(w=white_noise(self.seed, self.interval, start, stop, name))
@@ -257,14 +210,7 @@ class Triangle(Block):
     amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
     frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)
     unit: str = option(default="", about=UNIT)
-    y = Output("the triangle", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
-
-    def check(self) -> None:
-        check_unit(self)
+    y = Output("the triangle", unit="?y", told="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         p = self.frequency * t + 0.25
@@ -290,14 +236,9 @@ class Staircase(Block):
     up: int = option(default=4, about="steps above zero", at_least=0)
     down: int = option(default=4, about="steps below zero", at_least=0)
     unit: str = option(default="", about=UNIT)
-    y = Output("the step it stands on", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
+    y = Output("the step it stands on", unit="?y", told="unit")
 
     def check(self) -> None:
-        check_unit(self)
         if not self.up + self.down:
             raise ParameterError("Staircase needs at least one step, got up=0, down=0.")
 
@@ -329,14 +270,9 @@ class Recorded(Block):
     offset: float = parameter(default=0.0, about="added to the recorded values", unit="?y")
     unit: str = option(default="", about=UNIT)
     w = Tape("the signal as recorded")
-    y = Output("the recorded signal", unit="?y")
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return in_unit(self)
+    y = Output("the recorded signal", unit="?y", told="unit")
 
     def check(self) -> None:
-        check_unit(self)
         for name in ("times", "values"):
             for k, number in enumerate(getattr(self, name)):
                 if not isinstance(number, float) or not math.isfinite(number):
