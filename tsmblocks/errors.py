@@ -114,11 +114,12 @@ LONGEST = 1500
 """Characters of one problem that are shown; a loop of a thousand blocks need not be read in full."""
 
 
-def near(name: object, known: Iterable[str], most: int = 8) -> str:
+def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "") -> str:
     """`` Did you mean 'x'?`` when a known name is close, otherwise the choices.
 
     Close is what differs in a letter or two; then the one choice that holds the name as a word of its own (``play``
     is ``tendon_sheath_play``); then what is spelt much alike; then the only one that begins so, or that ends nearly so.
+    ``otherwise`` is said after the choices.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
@@ -129,9 +130,9 @@ def near(name: object, known: Iterable[str], most: int = 8) -> str:
     if close:
         return f" Did you mean '{clip(close[0])}'?"
     if not choices:
-        return " There are none."
+        return f" There are none.{otherwise}"
     more = f", … ({len(choices)} in all)" if len(choices) > most else ""
-    return f" Known here: {', '.join(map(clip, choices[:most]))}{more}."
+    return f" Known here: {', '.join(map(clip, choices[:most]))}{more}.{otherwise}"
 
 
 def _with_end(plain: str, choices: list[str]) -> list[str]:

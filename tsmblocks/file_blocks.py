@@ -56,9 +56,8 @@ def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
         return None
     cls = REGISTRY.get(kind)
     if cls is None:
-        hint = near(kind, REGISTRY)
-        own = "" if "Did you mean" in hint else " A block of your own is known once its module is imported."
-        page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}{own}")
+        hint = near(kind, REGISTRY, otherwise=" A block of your own is known once its module is imported.")
+        page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}")
         return None
     values = {k: v for k, v in spec.items() if k != "type"}
     sound = True

@@ -112,11 +112,8 @@ def _path_of(given: str | os.PathLike[str]) -> Path:
         raise FileError(
             clip(text), [f"'{text}' is not among the ready-made diagrams. For the file, say '{text}.toml'."]
         )
-    hint = near(text, names())
-    more = "" if hint.startswith(" Did you mean") else " `tsmblocks diagrams` lists them."
-    raise FileError(
-        clip(text), [f"there is no file '{clip(text)}', and no ready-made diagram of that name.{hint}{more}"]
-    )
+    hint = near(text, names(), otherwise=" `tsmblocks diagrams` lists them.")
+    raise FileError(clip(text), [f"there is no file '{clip(text)}', and no ready-made diagram of that name.{hint}"])
 
 
 def _is_file(path: Path) -> bool:

@@ -13,6 +13,7 @@ from tsmblocks.data import Record
 from tsmblocks.errors import DataError, RunError, in_words, near
 from tsmblocks.frames import dataset, frame
 from tsmblocks.tables import few
+from tsmblocks.units import heading
 
 
 @attrs.frozen(eq=False)
@@ -77,8 +78,7 @@ class Run:
 
     def heading(self, name: str) -> str:
         """``name [unit]``, as tables and files show it."""
-        unit = self.unit(name)
-        return f"{name} [{unit}]" if unit else name
+        return heading(name, self.unit(name))
 
     def to_pandas(self, names: Sequence[str] | None = None) -> Any:
         """A frame indexed by time [s], one column per signal (all unless named). Needs pandas.

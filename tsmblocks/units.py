@@ -147,3 +147,18 @@ def _rate(label: str, power_of: str) -> str:
     if match:
         return f"{match[1]}/{power_of}^{int(match[2] or 1) + 1}"
     return f"{label}/{power_of}"
+
+
+_HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
+
+
+def split_heading(text: str) -> tuple[str, str]:
+    """Name and unit of ``"x_in [deg]"`` or ``"x_in (deg)"``; the unit is ``""`` when none is given."""
+    match = _HEADING.fullmatch(text)
+    assert match is not None  # every part is optional
+    return match[1], (match[2] or match[3] or "").strip()
+
+
+def heading(name: str, unit: str) -> str:
+    """``name [unit]``, or the name alone when no unit is known."""
+    return f"{name} [{unit}]" if unit else name

@@ -187,8 +187,8 @@ class _Harmonics:
             into, out = turns[:1] @ x, turns @ y
             size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), STILL * np.abs(x).max(axis=0))
             change = np.abs(last - before).max(axis=0) / size if len(before) == len(last) else np.inf * size
-            size = np.maximum(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
-            still = np.abs(y - y.mean(axis=0)).max(axis=0) <= STILL * size
+            reach = np.maximum(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
+            still = np.abs(y - y.mean(axis=0)).max(axis=0) <= STILL * reach
             made = {"response": np.where(still, 0.0, out[0] / into[0]), "change": np.where(still, 0.0, change)}
             return made | {f"harmonic {m}": np.where(still, np.nan, np.abs(out[m - 1] / out[0]))
                            for m in range(2, self.most + 1)}  # fmt: skip

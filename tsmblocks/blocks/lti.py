@@ -22,6 +22,7 @@ from tsmblocks.blocks.matrices import (
 from tsmblocks.blocks.ports import UNIT, UNIT_IN
 from tsmblocks.errors import BlockError, ParameterError, in_words
 from tsmblocks.tables import unlike
+from tsmblocks.units import heading, split_heading
 
 
 def _section(num: Any, den: Any, x: Any, u: Any) -> tuple[Any, Any]:
@@ -274,10 +275,9 @@ def _heading(label: str) -> tuple[str, str]:
     """Name and unit of a label of python-control; no name where it is one that python-control gave itself."""
     if re.fullmatch(r"[uyx]\[\d+\]", label):
         return "", ""
-    found = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?", label.strip())
-    assert found is not None  # every part is optional
-    name = re.sub(r"\W+", "_", found[1], flags=re.ASCII).strip("_")
-    return name if name and not name[0].isdigit() else f"s_{name}", found[2] or found[3] or ""
+    text, unit = split_heading(label)
+    name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
+    return name if name and not name[0].isdigit() else f"s_{name}", unit
 
 
 def _names(system: Any) -> dict[str, Any]:
@@ -290,8 +290,10 @@ def _names(system: Any) -> dict[str, Any]:
     found = {kind: [_heading(label) for label in own] for kind, own in labels.items()}
     found = {kind: own for kind, own in found.items() if all(name for name, _ in own)}
     plain = iter(unlike(name for own in found.values() for name, _ in own))
-    return {kind: tuple(f"{name} [{unit}]" if unit else name for (_, unit), name in zip(own, plain, strict=False))
-            for kind, own in found.items()}  # fmt: skip
+    return {
+        kind: tuple(heading(name, unit) for (_, unit), name in zip(own, plain, strict=False))
+        for kind, own in found.items()
+    }
 
 
 def _trimmed(coefficients: Any) -> tuple[float, ...]:

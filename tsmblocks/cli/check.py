@@ -8,6 +8,7 @@ from typing import Any
 
 from tsmblocks.cli import common, console
 from tsmblocks.errors import DiagramError, FileError, TsmError
+from tsmblocks.units import heading
 
 HELP = "check diagram files and list their faults"
 
@@ -68,4 +69,4 @@ def _count(n: int, word: str) -> str:
 
 
 def _named(signals: dict[str, str]) -> str:
-    return ", ".join(f"{k} [{u}]" if u else k for k, u in signals.items()) or "none"
+    return ", ".join(heading(k, u) for k, u in signals.items()) or "none"

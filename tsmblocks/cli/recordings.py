@@ -13,6 +13,7 @@ import attrs
 from tsmblocks.cli.common import UsageError, number, pair, span
 from tsmblocks.cli.console import note
 from tsmblocks.errors import near
+from tsmblocks.units import heading, split_heading
 
 
 def data_arguments(options: argparse._ActionsContainer, *, several: bool = False) -> None:
@@ -92,7 +93,7 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     if not args.data:
         if wanted:
             name, port = next(iter(wanted.items()))
-            column = f"{name} [{port.unit}]" if port.unit else name
+            column = heading(name, port.unit)
             raise UsageError(
                 f"'{shown}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. "
                 f"Give --data FILE with a column '{column}', or with --map '{column}=COLUMN'."
@@ -138,11 +139,9 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True
 
 def _map(args: argparse.Namespace) -> dict[str, str]:
     """What --map says: columns by name. Raises UsageError for a name that is given two."""
-    from tsmblocks.data import split_heading
-
     seen: dict[str, str] = {}
-    for heading, column in args.map:
-        name = split_heading(heading)[0]
+    for written, column in args.map:
+        name = split_heading(written)[0]
         if name in seen:
             raise UsageError(f"--map names '{name}' twice, for the columns '{seen[name]}' and '{column}'.")
         seen[name] = column
@@ -154,15 +153,13 @@ def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[s
 
     ``missing`` says that there is none of a name.
     """
-    from tsmblocks.data import split_heading
-
     names = []
-    for heading, column in _map(args).items():
-        name = split_heading(heading)[0]
+    for written, column in _map(args).items():
+        name = split_heading(written)[0]
         if name not in known and name != "t":
             hint = near(name, [*known, "t"])
             if split_heading(column)[0] in known and not hint.startswith(" Did you mean"):
-                hint = f" --map takes NAME=COLUMN: the other way round that is --map '{column}={heading}'."
+                hint = f" --map takes NAME=COLUMN: the other way round that is --map '{column}={written}'."
             raise UsageError(f"--map {name}=…: {missing(name)}.{hint}")
         names.append(name)
     return names
@@ -214,7 +211,7 @@ def _in_degrees(args: argparse.Namespace, name: str) -> str:
 
 def _column(args: argparse.Namespace, name: str) -> str:
     """What the file calls a signal."""
-    return next((own for heading, own in args.map if heading.strip() == name), name)
+    return next((own for written, own in args.map if written.strip() == name), name)
 
 
 def _look_at(paths: Sequence[str]) -> None:

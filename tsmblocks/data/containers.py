@@ -10,9 +10,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import structures
-from tsmblocks.data.record import heading, split_heading
 from tsmblocks.data.table import Rows, within
 from tsmblocks.errors import DataError, near
+from tsmblocks.units import heading, split_heading
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 CLOCKS = ("t", "time", "tout")

@@ -10,8 +10,8 @@ import numpy as np
 
 from tsmblocks import units
 from tsmblocks.data.grid import refuse_uneven
-from tsmblocks.data.record import heading
 from tsmblocks.errors import DataError
+from tsmblocks.units import heading
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record

@@ -12,12 +12,13 @@ import numpy as np
 from tsmblocks import units as unit_labels
 from tsmblocks.data import containers, text
 from tsmblocks.data.grid import usual_step
-from tsmblocks.data.record import Record, heading, split_heading
+from tsmblocks.data.record import Record
 from tsmblocks.data.repair import repaired
 from tsmblocks.data.table import Rows, Source, Table
 from tsmblocks.data.untold import how_to_map
 from tsmblocks.errors import DataError, clip, in_words, near
 from tsmblocks.tables import listed
+from tsmblocks.units import heading, split_heading
 
 _READERS = {
     ".npy": containers.open_npy,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -17,20 +16,7 @@ from tsmblocks.data import signals as one_by_one
 from tsmblocks.errors import DataError, near
 from tsmblocks.frames import dataset, frame
 from tsmblocks.tables import few
-
-_HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
-
-
-def split_heading(text: str) -> tuple[str, str]:
-    """Name and unit of ``"x_in [deg]"`` or ``"x_in (deg)"``; the unit is ``""`` when none is given."""
-    match = _HEADING.fullmatch(text)
-    assert match is not None  # every part is optional
-    return match[1], (match[2] or match[3] or "").strip()
-
-
-def heading(name: str, unit: str) -> str:
-    """``name [unit]``, or the name alone when no unit is known."""
-    return f"{name} [{unit}]" if unit else name
+from tsmblocks.units import heading
 
 
 def _still(values: np.ndarray) -> np.ndarray:

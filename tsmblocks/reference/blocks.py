@@ -12,6 +12,7 @@ from tsmblocks.reference import examples, figures, rst, uses
 from tsmblocks.reference.cards import by_family
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
 from tsmblocks.structure import Structure, structure_of
+from tsmblocks.units import heading
 
 LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
 ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "lateness", "arithmetic", "sensors")
@@ -256,7 +257,7 @@ def _computed(block: Block, apart: str) -> str:
 def _charts(cls: type[Block]) -> str:
     run, made = examples.run(cls), examples.example(cls)
     names = list(made.outputs)
-    labels = {k: f"{k} [{made.unit(k)}]" if made.unit(k) else k for k in names}
+    labels = {k: heading(k, made.unit(k)) for k in names}
     signals = {k: run[k] for k in names}
     drawn = [figures.over_time(run.t, signals, labels)]
     driven = [k for k in cls().inports if k in names]

@@ -9,6 +9,7 @@ from tsmblocks.blocks import MultiSine
 from tsmblocks.diagram import Diagram
 from tsmblocks.reference import figures, rst, uses
 from tsmblocks.reference.blocks import number, unit
+from tsmblocks.units import heading
 
 DRIVE = {
     "rad": MultiSine(unit="rad"),
@@ -75,7 +76,7 @@ def _chart(diagram: Diagram) -> str:
     if not set(names) & set(diagram.outputs):
         names = list(driven.outputs)
     values = {k: shown(run[k], driven.unit(k)) for k in names}
-    labels = {k: f"{k} [{values[k][1]}]" if values[k][1] else k for k in names}
+    labels = {k: heading(k, values[k][1]) for k in names}
     signals = {k: v for k, (v, _) in values.items()}
     drawn = [figures.over_time(run.t, signals, labels)]
     x = next(k for k in ("x_in", "x_ref", *names) if k in names)
