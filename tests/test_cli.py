@@ -414,7 +414,7 @@ def test_help_and_version(tsm):
 
 
 def python(*words, **options):
-    return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=60, check=False, **options)
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=120, check=False, **options)
 
 
 def test_it_runs_as_a_module():

@@ -1,5 +1,6 @@
 """Completion in shells: bash is run and asked; zsh and fish are asked where they are installed."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -41,7 +42,7 @@ def offered(tmp_path, monkeypatch, capsys):
             f"COMP_WORDS=({typed}); COMP_CWORD={len(words)}; _tsmblocks; "
             'for one in "${COMPREPLY[@]+"${COMPREPLY[@]}"}"; do printf "%s\\n" "$one"; done'
         )
-        done = subprocess.run(["bash", "--norc", "-c", code], capture_output=True, text=True, timeout=30, check=True)
+        done = subprocess.run(["bash", "--norc", "-c", code], capture_output=True, text=True, timeout=120, check=True)
         assert done.stderr == "complete -F _tsmblocks tsmblocks\n"
         return done.stdout.splitlines()
 
@@ -126,24 +127,45 @@ def test_fish_offers_commands_options_and_diagrams(capsys, tmp_path):
 
     def ask(line):
         done = subprocess.run(["fish", "--no-config", "-c", f"source a.fish; complete -C '{line}'"], text=True,
-                              capture_output=True, timeout=30, check=True, cwd=tmp_path)  # fmt: skip
+                              capture_output=True, timeout=120, check=True, cwd=tmp_path)  # fmt: skip
         assert done.stderr == ""
         return [one.partition("\t")[0] for one in done.stdout.splitlines()]
 
-    assert ask("tsmblocks d") == ["demo", "diagnose", "draw"]
+    assert ask("tsmblocks d") == ["demo", "diagnose", "diagrams", "draw"]
     assert ask("tsmblocks run fig08") == ["fig08_slope"]
     assert ask("tsmblocks run x --met") == ["--method"]
     assert ask("tsmblocks run x --method ") == ["euler", "heun", "rk4"]
     assert ask("tsmblocks blocks PID") == ["PID", "PIDController"]
 
 
+ZSH = """
+zmodload zsh/zpty
+zpty shell zsh -f -i
+zpty -w shell 'fpath=($PWD $fpath); autoload -Uz compinit && compinit -u -D'
+zpty -w shell 'show() { print -r -- "<<$BUFFER>>"; BUFFER=; zle accept-line }; zle -N show; bindkey "^X" show'
+zpty -w shell 'PROMPT=; print REA""DY'
+zpty -r -m shell out '*READY*'
+for typed in "$@"; do
+    zpty -w -n shell "$typed"$'\\t\\x18'
+    zpty -r -m shell out '*<<*>>*'
+    print -r -- "$out"
+done
+"""
+
+
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
-def test_zsh_reads_the_script(capsys, tmp_path):
-    (tmp_path / "_tsmblocks").write_text(script("zsh", capsys), encoding="utf-8")
-    code = (
-        "fpath=(. $fpath); autoload -Uz compinit && compinit -u -D; print -r -- $_comps[tsmblocks]; zsh -n _tsmblocks"
-    )
-    done = subprocess.run(
-        ["zsh", "-f", "-c", code], capture_output=True, text=True, timeout=30, check=True, cwd=tmp_path
-    )
-    assert (done.stdout.strip(), done.stderr) == ("_tsmblocks", "")
+def test_zsh_completes_commands_options_and_diagrams(capsys, tmp_path):
+    """A shell at a terminal of its own, what is typed into it, and the line after Tab."""
+    (tmp_path / "_tsmblocks").write_text(script("zsh", capsys), encoding="utf-8", newline="\n")
+    (tmp_path / "typed.zsh").write_text(ZSH, encoding="utf-8", newline="\n")
+    lines = {
+        "dem": "demo ",
+        "run fig08": "run fig08_slope ",
+        "run x --meth": "run x --method=",
+        "run x --method eul": "run x --method euler ",
+        "blocks PIDC": "blocks PIDController ",
+    }
+    done = subprocess.run(["zsh", "-f", "typed.zsh", *(f"tsmblocks {typed}" for typed in lines)], capture_output=True,
+                          text=True, timeout=120, check=True, cwd=tmp_path)  # fmt: skip
+    shown = re.findall("<<(.*?)>>", done.stdout)
+    assert (shown, done.stderr) == ([f"tsmblocks {line}" for line in lines.values()], "")

@@ -752,6 +752,9 @@ def test_killed_and_concurrent_writers_leave_no_bad_file(tmp_path):
             w.start()
         for e in events:
             e.wait(30)
+        until = time.monotonic() + 60
+        while not list(store.glob("*.o")) and time.monotonic() < until:
+            time.sleep(0.02)
         time.sleep(0.3)
         for w in workers:
             w.kill()

@@ -18,6 +18,9 @@ from tsmblocks.file_text import LARGEST
 from tsmblocks.files import dumps, load, loads
 from tsmblocks.shelf import names, shelf
 
+HANGS = 120
+"""Seconds. All of it is a matter of seconds; this only tells a hang from a slow machine."""
+
 GOOD = """\
 format = 1
 title = "position loop"
@@ -407,7 +410,7 @@ def test_few_files_cannot_add_up_to_billions_of_blocks(tmp_path):
         load(tmp_path / "f0.toml")
     assert len(caught.value.problems) == 1
     assert "there are 200,000 blocks, with those of the diagrams in use; at most 100,000 are read." in str(caught.value)
-    assert time.perf_counter() - began < 20
+    assert time.perf_counter() - began < HANGS
 
 
 def test_what_is_no_text_and_no_diagram_is_said():
@@ -535,7 +538,7 @@ MANY = {
 def test_a_large_file_is_refused_in_seconds_with_one_short_message(case):
     began = time.perf_counter()
     _, error = refused(MANY[case])
-    assert time.perf_counter() - began < 120  # it is a matter of seconds; this only tells a hang from a slow machine
+    assert time.perf_counter() - began < HANGS
     assert len(str(error)) < 20_000
     assert str(error).count("\n") <= MOST_PROBLEMS + 1
 
@@ -553,7 +556,7 @@ def test_a_large_sound_file_loads_in_seconds():
     began = time.perf_counter()
     diagram = loads(f"format = 1\nwires = [\n{chain}]\n[blocks]\n{blocks}[inputs]\nu = 'b0'\n")
     assert loads(dumps(diagram)) == diagram
-    assert time.perf_counter() - began < 20
+    assert time.perf_counter() - began < HANGS
 
 
 # ---- nothing is run ---------------------------------------------------------------------------

@@ -214,7 +214,7 @@ def test_a_card_needs_no_matplotlib_and_no_pandas():
         "import sys, tsmblocks as tsm; run = tsm.simulate(tsm.load('fig16_feedforward_feedback'), stop=0.1); "
         "run._repr_html_(); print({'matplotlib', 'pandas', 'xarray'} & set(sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert done.stdout.strip() == "set()"
 
 

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from pathlib import Path
 
 import numpy as np
@@ -310,25 +310,38 @@ def test_an_error_that_comes_again_and_again_counts(tmp_path):
         small(tmp_path / "s.csv", executor=pool)
 
 
-class Silent(Losing):
-    """Loses pieces without a word: their futures never end."""
+class Silent(Executor):
+    """Takes ten seconds for a piece, by a clock of its own; of one piece it loses copies without a word."""
+
+    def __init__(self, monkeypatch, lost):
+        self.now, self.lost, self.given = 0.0, lost, []
+        monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
+        monkeypatch.setattr("tsmblocks.studies.running.monotonic", lambda: self.now)
+        monkeypatch.setattr("tsmblocks.studies.running.wait", self.wait)
 
     def submit(self, function, runs, *more):
-        key = tuple(runs.runs)
-        self.seen[key] = self.seen.get(key, 0) + 1
-        if 32 in key and self.seen[key] <= self.times:
-            return Future()
-        return super(Losing, self).submit(function, runs, *more)
+        copies = [first for first, _ in self.given].count(runs.runs[0])
+        self.given.append((int(runs.runs[0]), self.now))
+        future = Future()
+        if runs.runs[0] != 32 or copies >= self.lost:
+            future.set_result(function(runs, *more))
+        return future
+
+    def wait(self, waiting, timeout, return_when):
+        done, _ = found = wait(waiting, timeout=0, return_when=return_when)
+        assert done or timeout is not None, "it would wait for ever"
+        self.now += 10.0 if done else timeout + 1e-6
+        return found
 
 
-@pytest.mark.parametrize("times", [1, 2])
-def test_a_piece_that_never_ends_is_given_again(times, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
-    monkeypatch.setattr("tsmblocks.studies.running.OVERDUE", 1.5)
-    monkeypatch.setattr("tsmblocks.studies.running.PATIENCE", 0.0)
-    with Silent(times) as pool:
-        small(tmp_path / "s.csv", executor=pool)
-    assert max(pool.seen.values()) == times + 1
+@pytest.mark.parametrize("lost", [1, 2])
+def test_a_piece_that_never_ends_is_given_again(lost, whole, tmp_path, monkeypatch):
+    """And only that one, after four times as long as any other took."""
+    pool = Silent(monkeypatch, lost)
+    small(tmp_path / "s.csv", executor=pool)
+    first, *again = [at for run, at in pool.given if run == 32]
+    assert (first, again) == (0.0, pytest.approx([50.0, 90.0][:lost], abs=1e-3))
+    assert [run for run, _ in pool.given if run != 32] == [0, 64]
     assert (tmp_path / "s.csv").read_bytes() == whole
 
 
