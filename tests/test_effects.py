@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tests.mistakes import diagnosing
 from tests.mistakes.table import TABLE, said
-from tsmblocks.block import leaves
+from tsmblocks.block import REGISTRY, leaves
 from tsmblocks.blocks import AsymmetricBoucWen, Bias, Gain
 from tsmblocks.diagnosis.places import sites
 from tsmblocks.diagram import Diagram
@@ -328,6 +328,29 @@ def test_register_gives_the_effect_back(monkeypatch):
     mine = own()
     assert register(mine) is mine
     assert catalogue()[-1] is mine
+
+
+def test_an_effect_of_a_block_defined_anew_replaces_the_one_before(monkeypatch):
+    """As when a notebook's cell is run again."""
+    monkeypatch.setattr(import_module("tsmblocks.effects.catalogue"), "_OWN", [])
+    cell = """
+@tsm.block
+class RunAgain(tsm.Block):
+    gain: float = tsm.parameter(default=1.0, about="gain")
+    u = tsm.Input("in")
+    y = tsm.Output("out")
+    def outputs(self, t, x, u):
+        return dict(y=self.gain * u.u)
+"""
+    try:
+        for _ in range(2):
+            exec(cell, scope := {"tsm": tsm, "__name__": "cell"})
+            register(own(name="run_again", block=scope["RunAgain"]()))
+        with pytest.raises(ParameterError, match="there is an effect 'run_again' at the place 'output' already"):
+            register(own(name="run_again", block=scope["RunAgain"]()))
+        assert [type(e.block) for e in catalogue() if e.name == "run_again"] == [scope["RunAgain"]]
+    finally:
+        REGISTRY.pop("RunAgain")
 
 
 def test_an_effect_may_be_a_diagram():

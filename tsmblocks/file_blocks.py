@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 FAULTY = Part(None, 1)
+OWN = " A block of your own is known once its module is imported (by a command: --with FILE.py)."
+"""What is said of a type that is near no other."""
 LONGEST_TEXT = 10_000
 """Characters of one option; a sum with as many signs has as many inputs."""
 
@@ -56,7 +58,7 @@ def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
         return None
     cls = REGISTRY.get(kind)
     if cls is None:
-        hint = near(kind, REGISTRY, otherwise=" A block of your own is known once its module is imported.")
+        hint = near(kind, REGISTRY, otherwise=OWN)
         page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}")
         return None
     values = {k: v for k, v in spec.items() if k != "type"}

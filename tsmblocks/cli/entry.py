@@ -25,6 +25,7 @@ from tsmblocks.cli import (
     draw,
     export,
     fit,
+    own,
     reference,
     run,
     study,
@@ -38,6 +39,8 @@ COMMANDS = {
     "export": export, "diagrams": diagrams, "blocks": blocks, "reference": reference, "demo": demo,
     "completion": completion,
 }  # fmt: skip
+CLOSED = {"diagrams", "reference", "demo", "completion"}
+"""Commands that deal with the package's own blocks alone; all others take --with."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -94,6 +97,7 @@ def _dispatch(argv: list[str]) -> int:
         kind = "option" if word.startswith("-") else "argument"
         hint = near(word, known, most=20) if kind == "option" else _of_recordings(extra[0], known)
         raise UsageError(f"{args.command} takes no {kind} '{word}'.{hint}")
+    own.bring(getattr(args, "own", ()))
     return int(COMMANDS[args.command].execute(args))
 
 
@@ -116,6 +120,8 @@ def parsers() -> tuple[Parser, dict[str, Parser]]:
             formatter_class=Formatter,
         )  # fmt: skip
         module.arguments(made[name])
+        if name not in CLOSED:
+            own.own_argument(made[name])
     return parser, made
 
 

@@ -89,6 +89,8 @@ def _executor(args: argparse.Namespace) -> Iterator[Executor | None]:
         except (OSError, ValueError) as error:
             raise common.UsageError(f"no Dask scheduler answers at '{args.dask}': {error}.") from None
         with client:
+            for path in args.own:
+                client.upload_file(path)
             yield client.get_executor()
     else:
         yield None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from tsmblocks.block import REGISTRY
 from tsmblocks.effects import delay, friction, loop, maps, timely
 from tsmblocks.effects.effect import Effect
 from tsmblocks.errors import ParameterError, in_words
@@ -19,14 +20,29 @@ def catalogue() -> tuple[Effect, ...]:
 
 
 def register(effect: Effect) -> Effect:
-    """Let an effect take part in every diagnosis from now on. Raises ParameterError for one that is there already."""
+    """Let an effect take part in every diagnosis from now on.
+
+    Where its block has been defined anew (a notebook's cell, a module loaded again), the effect replaces the one of
+    the block before. Raises ParameterError for one that is there already.
+    """
     if not isinstance(effect, Effect):
         raise ParameterError(f"register takes an Effect, got {in_words(effect)}.")
-    if any((e.name, e.variant, e.place) == (effect.name, effect.variant, effect.place) for e in catalogue()):
+    _OWN[:] = [one for one in _OWN if not _outlived(one, effect)]
+    if any(_key(e) == _key(effect) for e in catalogue()):
         raise ParameterError(f"there is an effect '{effect.name}' at the place '{effect.place}' already; give this one "
                              "another name, or a variant.")  # fmt: skip
     _OWN.append(effect)
     return effect
+
+
+def _outlived(old: Effect, new: Effect) -> bool:
+    """Whether an effect is the same as a new one, but of a block that no longer is what its name means."""
+    kind, known = type(old.block), REGISTRY.get(type(old.block).__name__)
+    return _key(old) == _key(new) and type(new.block) is known is not kind
+
+
+def _key(effect: Effect) -> tuple[str, str, str]:
+    return effect.name, effect.variant, effect.place
 
 
 @contextmanager
