@@ -338,7 +338,7 @@ def test_a_loop_that_hunts_is_told_and_a_limit_prevents_it():
     (said,) = found.hunting
     assert said in found.remarks
     assert said.startswith("the loop hunts in case 'Feedforward plus PID feedback of the tip': u goes ")
-    swings = float(said.split("mostly in swings of ")[1].split(" Hz")[0])
+    swings = float(said.split("mostly in swings of some ")[1].split(" Hz")[0])
     assert 15 < swings < 35
     assert repr(found).endswith(", it hunts)")
     limit = said.split("subject_to=['")[1].split("']")[0]

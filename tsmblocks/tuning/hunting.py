@@ -101,7 +101,7 @@ def _said(
     factor, unit = known_units.for_people(units.get(one.name, ""))
     grown = f"{one.growth:.2g} times as far as before" if one.before > 1e-9 * one.after else "to and fro"
     often = _swings(cases[one.case].with_parameters(values), one.name, goal, how)
-    swings = f", mostly in swings of {often:.3g} Hz" if often else ""
+    swings = f", mostly in swings of some {often:.2g} Hz" if often else ""
     more = f"; so do {few(other.name for other in others)}" if len(others) > 1 else ""
     more = f"; so does {others[0].name}" if len(others) == 1 else more
     sizes = f"{factor * one.before:.3g} -> {factor * one.after:.3g}{f' {unit}' if unit else ''}"
