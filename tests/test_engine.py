@@ -24,6 +24,7 @@ from tsmblocks.blocks import (
     Constant,
     Delay,
     Derivative,
+    DiscreteIntegrator,
     DiscretePID,
     Divide,
     FirstOrderLag,
@@ -541,6 +542,50 @@ def test_delayed_feedback_against_the_method_of_steps():
     assert np.abs(run["y"] - exact)[second].max() < 5e-5  # the corner in the past costs an order locally
 
 
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize(("source", "jump"), [(Constant(value=2.0), 0.0), (Step(time=0.2, after=2.0), 0.2)])
+@pytest.mark.parametrize("tau", [0.01, 0.05, 0.3])
+def test_a_jump_comes_out_of_a_delay_as_a_jump(source, jump, tau, backend):
+    """What lies before the start ends with the step before, and a jump is not spread over one."""
+    d = tsm.Diagram(title="jump", blocks={"s": source, "late": Delay(time=tau), "i": Integrator()},
+                    wires=["s -> late -> i"], outputs={"y": "i"})  # fmt: skip
+    run = tsm.simulate(d, stop=1.0, step=0.01, backend=backend)
+    assert np.abs(run["y"] - 2.0 * np.maximum(run.t - jump - tau, 0.0)).max() < EXACT
+
+
+def test_what_began_before_a_delay_costs_no_order():
+    """A sine that is 0.84 as the run starts comes out of the delay with a jump there."""
+    d = tsm.Diagram(title="cut", blocks={"s": Sine(amplitude=1.0, frequency=0.5, phase=1.0), "late": Delay(time=0.3),
+                                         "i": Integrator()}, wires=["s -> late -> i"], outputs={"y": "i"})  # fmt: skip
+    exact = (np.cos(1.0) - np.cos(1.0 + np.pi * 0.7)) / np.pi
+    errors = [abs(tsm.simulate(d, stop=1.0, step=h)["y"][-1] - exact) for h in (0.02, 0.01)]
+    assert errors[1] < 1e-8
+    assert np.log2(errors[0] / errors[1]) > 3.5
+
+
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize("tau", [0.003, 0.01, 0.024])
+@pytest.mark.parametrize("split", [1, 2])
+def test_a_sampled_controller_behind_a_delay_against_its_exact_sequence(tau, split, backend):
+    """A lag of 0.05 s under a sampled PI controller whose command comes late by one delay, or by two in a row."""
+    period, lag = 0.01, 0.05
+    blocks = {"one": Constant(value=1.0), "e": Sum(), "pi": DiscretePID(period=period, kp=2.0, ki=10.0),
+              "double": Gain(gain=2.0), "p": FirstOrderLag(gain=0.5, time_constant=lag)}  # fmt: skip
+    late = {f"late{k}": Delay(time=tau if split == 1 else [tau - 0.001, 0.001][k]) for k in range(split)}
+    d = tsm.Diagram(title="late", blocks={**blocks, **late}, outputs={"y": "p"},
+                    wires=["one -> e.plus", f"e -> pi -> double -> {' -> '.join(late)} -> p -> e.minus"])  # fmt: skip
+    run = tsm.simulate(d, stop=0.5, step=1e-3, backend=backend)
+    whole, part = divmod(round(tau * 1e3), 10)
+    y, integral, given, expected = 0.0, 0.0, [0.0] * (whole + 1), []
+    for _ in range(51):
+        expected.append(y)
+        integral += 10.0 * period * (1.0 - y)
+        given.append(2.0 * (1.0 - y) + integral)
+        for u, length in ((given[-2 - whole], part * 1e-3), (given[-1 - whole], period - part * 1e-3)):
+            y = u + (y - u) * np.exp(-length / lag)
+    assert np.abs(run["y"][::10] - expected).max() < 1e-8
+
+
 def test_sampled_blocks_of_two_rates_update_in_signal_order():
     d = tsm.Diagram(
         title="rates",
@@ -882,6 +927,37 @@ def test_a_stepper_goes_on_from_a_run_that_began_elsewhere():
     found = [stepper.step()["y"] for _ in range(100)]
     assert stepper.t == pytest.approx(5.0)
     assert found == pytest.approx(whole["y"][101:], abs=1e-12)
+
+
+@pytest.mark.parametrize("locate", [False, True])
+def test_samples_and_memory_act_once_where_a_run_is_gone_on_with(locate):
+    """At the last instant of a run samples show what they become; who goes on from there lets them act, once."""
+    d = tsm.Diagram(
+        title="counts",
+        blocks={"s": Ramp(), "sum": DiscreteIntegrator(period=0.1), "late": UnitDelay(period=0.1), "i": Integrator(),
+                "gap": Play(half_width=0.05)},
+        wires=["s -> sum, late, gap", "late -> i"], outputs={"sum": "sum", "i": "i", "late": "late", "gap": "gap"},
+    )  # fmt: skip
+    whole = tsm.simulate(d, stop=2.0, step=0.05, locate=locate)
+    first = tsm.simulate(d, stop=1.0, step=0.05, locate=locate)
+    stepper = tsm.Stepper(d, step=0.05)
+    stepper.restore(first.state)
+    for k in range(21, 41):
+        found = stepper.step()
+        for name in d.outputs:
+            assert found[name] == pytest.approx(whole[name][k], abs=1e-12)
+            assert first[name][-1] == pytest.approx(whole[name][20], abs=1e-12)
+
+
+def test_a_state_is_gone_on_from_with_the_steppers_own_numbers():
+    d = tsm.Diagram(title="lag", blocks={"g": FirstOrderLag(time_constant=1.0)}, inputs={"u": "g"}, outputs={"y": "g"})
+    warm = tsm.simulate(d, inputs={"u": 1.0}, stop=1.0, step=0.01)
+    stepper = tsm.Stepper(d, step=0.01, parameters={"g.gain": 3.0})
+    stepper.restore(warm.state)
+    for _ in range(100):
+        found = stepper.step({"u": 1.0})["y"]
+    assert found == pytest.approx(3.0 + (warm["y"][-1] - 3.0) * np.exp(-1.0), abs=1e-9)
+    assert warm.parameters["g.gain"] == 1.0
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))], ids=["copy", "pickle"])

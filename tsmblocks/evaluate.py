@@ -183,9 +183,29 @@ class Evaluator:
         if past.now and source not in self.value:
             return (source,)
         first = None if past.first else flat.first_past[k]
-        now = self.value[source] if past.now else None
-        self.value[node] = recalled(self.q[k], flat.t, flat.delays[k], first, now)
+        if past.now:
+            self.value[node] = recalled(self.q[k], flat.t, flat.delays[k], first, self.value[source])
+        else:
+            made = recalled_steps if self._holds(source) else recalled
+            self.value[node] = made(self.q[k], flat.t, flat.delays[k], first)
         return ()
+
+    def _holds(self, source: Node) -> bool:
+        """Whether a signal stands still within steps: made of samples, memory and jumps in time alone."""
+        flat, seen, left = self.flat, set[Node](), [source]
+        while left:
+            node = left.pop()
+            kind, *key = node
+            if node in seen or (kind == "y" and tuple(key) in flat.held):
+                continue
+            seen.add(node)
+            if kind == "past" and not flat.pasts[k := self.past[key[0], key[1]]].now:
+                left.append(flat.past_source[k])
+            elif kind == "y" and key[1] not in (shape := flat.structures[key[0]]).moving:
+                left += [self._source(key[0], name) for name in shape.outputs[key[1]]]
+            else:
+                return False
+        return True
 
     def _form_rate(self, node: Node) -> Iterable[Node]:
         """The time derivative of a signal: along the rates of the states it depends on, and of its inputs."""
@@ -328,7 +348,7 @@ class Evaluator:
         )
 
 
-def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any) -> Any:
+def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
     """The value a signal had ``delay`` s before ``t``: along the cubic through four instants, fewer at the start.
 
     ``kept`` holds what the engine keeps of the signal (``PER_DELAY`` numbers). ``first`` is the value before
@@ -346,7 +366,7 @@ def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any) -> Any:
     d1, d2 = y3 - y2, y3 - 2 * y2 + y1
     d3 = there(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
     value = y3 + since * (there(2, d1) + (since + 1) / 2 * (there(3, d2) + (since + 2) * d3))
-    early = ca.logic_and(count <= 1, since < -1e-9)
+    early = ca.fmax(count - 1, 0.0) + since < -_rounding(t, per_second)
     before = y3 if first is None else first
     if now is None:
         return ca.if_else(early, before, value)
@@ -358,3 +378,16 @@ def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any) -> Any:
     value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
     before = ca.if_else(count < 1, now, y3) if first is None else first
     return ca.if_else(early, before, value)
+
+
+def recalled_steps(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
+    """As ``recalled``, of a signal that stands still within steps: its jumps stay jumps."""
+    y0, y1, y2, y3, newest, per_second, count = kept
+    back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
+    value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))
+    return ca.if_else(ca.fmax(count - 1, 0.0) + back < 0, y3 if first is None else first, value)
+
+
+def _rounding(t: Any, per_second: Any) -> Any:
+    """By how many steps an instant may fall short of one on the grid by rounding."""
+    return 1e-10 + 1e-12 * ca.fabs(t) * per_second

@@ -353,7 +353,9 @@ class Stepper:
         shapes = (getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring"))
         if saved.names != _remembered(self.eq) or any(shapes):
             raise RunError(f"the saved state belongs to a diagram other than '{self.eq.title}'.")
+        p = self.memory.p  # the numbers stay those of this stepper
         self.memory, self.k, self.start = saved.memory.copy(), saved.k, saved.start
+        self.memory.p = p
 
 
 def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: Saved) -> Stepper:

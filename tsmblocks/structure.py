@@ -23,13 +23,17 @@ _HERE = str(Path(__file__).parent)
 
 @attrs.frozen
 class Structure:
-    """Dependencies of one block: which inputs each output and each rate reads, at the same instant."""
+    """Dependencies of one block: which inputs each output and each rate reads, at the same instant.
+
+    ``moving`` are the outputs that change between steps though their inputs do not.
+    """
 
     outputs: dict[str, frozenset[str]]
     rates: dict[str, frozenset[str]]
     continuous: tuple[str, ...]
     memory: tuple[str, ...]
     resets: tuple[str, ...]
+    moving: frozenset[str]
 
 
 _KNOWN: dict[Any, Structure] = {}
@@ -145,6 +149,7 @@ def _read(block: Block) -> Structure:
         continuous=tuple(k for k in states if k in dx),
         memory=tuple(k for k in states if k not in dx),
         resets=tuple(k for k in states if k in dx and k in dm),
+        moving=frozenset(k for k, v in y.items() if _moves(v, t, [getattr(x, name) for name in dx])),
     )
 
 
@@ -189,6 +194,11 @@ def _check_ports(block: Block) -> None:
 
 def _needs(expression: Any, u: Any) -> frozenset[str]:
     return frozenset(k for k, s in zip(u._fields, u, strict=True) if ca.depends_on(expression, s))
+
+
+def _moves(expression: Any, t: Any, x: list[Any]) -> bool:
+    """Whether an output follows time or continuous states; what only jumps with time does not."""
+    return not ca.jtimes(expression, t, 1).is_zero() or ca.depends_on(expression, ca.vertcat(*x))
 
 
 def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) -> None:

@@ -65,13 +65,18 @@ class SoftSaturation(Block):
             raise ParameterError(f"SoftSaturation needs low < high, got low={self.low:g}, high={self.high:g}.")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        above, below = u.u - self.high, self.low - u.u
-        return dict(y=u.u - _softened(above, self.softness) + _softened(below, self.softness))
+        hard = ca.fmin(ca.fmax(u.u, self.low), self.high)
+        return dict(y=hard - _rounding(u.u - self.high, self.softness) + _rounding(self.low - u.u, self.softness))
 
 
 def _softened(away: Any, softness: Any) -> Any:
     """The positive part of a signal, rounded; no exponential of a large number is ever formed."""
-    return ca.fmax(away, 0.0) + softness * ca.log1p(ca.exp(-ca.fabs(away) / softness))
+    return ca.fmax(away, 0.0) + _rounding(away, softness)
+
+
+def _rounding(away: Any, softness: Any) -> Any:
+    """By how much a corner is rounded, so far away from it."""
+    return softness * ca.log1p(ca.exp(-ca.fabs(away) / softness))
 
 
 @block

@@ -168,6 +168,9 @@ class Delay(Block):
     r"""The signal as it was some time ago.
 
     .. math:: y(t) = u(t - T)
+
+    It runs along the cubic through four instants. A signal that stands still within steps (samples, a relay, a Step)
+    is not drawn out: its jumps stay jumps. In a signal that moves as well, a jump is spread over one step.
     """
 
     source = "definition"

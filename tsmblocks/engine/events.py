@@ -85,7 +85,7 @@ def _warn(title: str, slid: Event) -> None:
         f"diagram '{title}': from t = {round(slid.t, 9):g} s on, {place} turns over again and again at one "
         "instant (a sliding mode). Such steps are taken as without locate, with errors of the step's order.",
         SlidingWarning,
-        stacklevel=5,
+        stacklevel=6,
     )
 
 

@@ -28,16 +28,22 @@ HAIR = (1e-9, 8e-12)
 """How far the end of a step stands before a jump that falls on it: of the step, and of the time itself."""
 
 
+SLOTS = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
+"""How often each input of a program changes."""
+
+
 def grades_of(program: Program) -> list[int]:
     """How often each node's value changes: never, with time, once a step, at each stage."""
-    slots = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
-    return program.grade({k: slots[name] for k, name in enumerate(program.inputs)})
+    return program.grade({k: SLOTS[name] for k, name in enumerate(program.inputs)})
 
 
 def time_jumps(program: Program) -> bool:
-    """Whether a signal that depends on time alone is decided by a comparison (a step, a staircase)."""
+    """Whether time alone decides a comparison: of a signal (a step, a staircase), or of where its past is read."""
     deciding = {"LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL"}
-    return any(g == TIME and name in deciding for g, (name, _) in zip(grades_of(program), program.nodes, strict=True))
+    read = [args for name, args in program.nodes if name == "INPUT" and program.inputs[args[0]] == "q"]
+    past = [MOVING if k % PER_DELAY < KEPT else TIME for k in range(max((k for _, k in read), default=0) + 1)]
+    grades = program.grade({k: past if name == "q" else SLOTS[name] for k, name in enumerate(program.inputs)})
+    return any(g == TIME and name in deciding for g, (name, _) in zip(grades, program.nodes, strict=True))
 
 
 class Frame:

@@ -203,7 +203,7 @@ class Session:
                 n = min(piece, steps - self.k)
                 final = self.k + n == steps
                 y = rows[count : count + self.rows_in(n, final)]
-                self.advance(n, final, y)
+                self._go(n, final, y)
                 if not math.isfinite(y.sum() + self.memory.x.sum()):
                     stopped = self._failed(y, safe[2], safe[1], n)
                     if stopped is not None:
@@ -219,6 +219,16 @@ class Session:
         except KeyboardInterrupt:
             count, self.k, self.memory = safe  # wherever it struck, all up to here is whole
             return rows[:count], Stopped(self.k, 0, self.memory, interrupted=True)
+
+    def _go(self, n: int, final: bool, y: np.ndarray) -> None:
+        """Take n steps; of the last instant only rows are kept, so that who goes on from there lets it act once."""
+        count = self.rows_in(n, False)
+        self.advance(n, False, y[:count])
+        y[count:] = np.nan
+        if final and np.isfinite(self.memory.x).all():
+            rest = self.memory.copy()
+            self.advance(0, True, y[count:])
+            self.memory = rest
 
     def _failed(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
         bad = np.flatnonzero(~np.isfinite(y).all(axis=1))
