@@ -71,9 +71,10 @@ int main(int n, char **given)
 needs_compiler = pytest.mark.skipif(GCC is None, reason="needs a C compiler (gcc or cc)")
 
 
-def compiled(code, folder):
+def compiled(code, folder, begun=""):
+    """The program; ``begun`` are statements after everything has its start values."""
     code.save(folder)
-    (folder / "main.c").write_text(MAIN.replace("NAME", code.name))
+    (folder / "main.c").write_text(MAIN.replace("NAME_init(&c);", f"NAME_init(&c); {begun}").replace("NAME", code.name))
     command = [GCC, *FLAGS, f"{code.name}.c", "main.c", "-lm", "-o", "run"]
     made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert made.returncode == 0, made.stderr
@@ -81,9 +82,9 @@ def compiled(code, folder):
     return folder / "run"
 
 
-def c_rows(diagram, folder, values, step, steps, **how):
+def c_rows(diagram, folder, values, step, steps, begun="", **how):
     """Outputs of the C code, one row per instant."""
-    program = compiled(to_c(diagram, step=step, **how), folder)
+    program = compiled(to_c(diagram, step=step, **how), folder, begun)
     given = "\n".join(" ".join(f"{v:.17g}" for v in row) for row in values)
     counts = [str(steps), str(values.shape[1]), str(len(diagram.outputs))]
     out = subprocess.run([program, *counts], input=given, capture_output=True, text=True, check=True).stdout
@@ -183,6 +184,27 @@ def test_numbers_may_be_changed_in_the_code(tmp_path):
     (tmp_path / "main.c").write_text(main)
     subprocess.run([GCC, *FLAGS, "g.c", "main.c", "-lm", "-o", "run"], cwd=tmp_path, check=True)
     assert subprocess.run([tmp_path / "run"], capture_output=True, text=True, check=True).stdout == "15"
+
+
+@needs_compiler
+@pytest.mark.parametrize("block", [Delay(time=0.05), DeadTime(time=0.05)], ids=["delay", "dead time"])
+def test_a_delay_made_longer_than_there_is_room_for_is_the_longest_there_is(block, tmp_path):
+    step, t = 5e-3, 5e-3 * np.arange(300)
+    values = np.sin(2 * t)[:, None]
+    found = c_rows(one(block), tmp_path, values, step, 300, begun="c.p.b_time = 0.7;")
+    expected = engine_rows(one(block.replace(time=24 * step)), ["i0"], values, step, 300, "rk4")
+    assert found == pytest.approx(expected, abs=1e-12)
+
+
+@needs_compiler
+def test_steps_are_counted_for_years(tmp_path):
+    """Of 32 bits 2**31 steps would be too many: those of 25 days at 1 ms."""
+    begun, step = "c.k = 1LL << 31;", 0.5
+    diagram = tsm.Diagram(title="late", blocks={"s": Step(time=2.0**30 + 2, after=7.0), "z": UnitDelay(period=1.0)},
+                          wires=["s -> z"], outputs={"y": "s", "z": "z"})  # fmt: skip
+    found = c_rows(diagram, tmp_path, np.empty((8, 0)), step, 8, begun=begun)
+    assert found.tolist() == [[7.0 * (k >= 4), 7.0 * (k >= 6)] for k in range(8)]
+    assert "long long k;" in to_c(diagram, step=step).header
 
 
 def test_nothing_is_allocated_and_nothing_but_math_is_needed():

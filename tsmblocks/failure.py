@@ -10,7 +10,7 @@ import numpy as np
 from tsmblocks.engine.session import Session
 from tsmblocks.equation_set import Equations
 
-ORDINARY = 1e100
+ORDINARY = 1e20
 """States below this did not run away."""
 
 

@@ -120,7 +120,7 @@ class _Text:
         yield f"    double d[{max(len(eq.d), 1)}];  /* memory: {comment(', '.join(eq.d)) or 'none'} */"
         if eq.q:
             yield f"    double past[{len(eq.q)}][{self.room}];  /* of what is delayed */"
-        yield "    long k;  /* steps taken */"
+        yield "    long long k;  /* steps taken */"
         yield f"}} {n};"
         yield ""
         yield f"void {n}_init({n} *c);"

@@ -25,7 +25,7 @@ static void {n}_keep({n} *c, const double *s)
 {{
     int i;
     for (i = 0; i < {count}; i++) {{
-        c->past[i][c->k & {mask}L] = s[i];
+        c->past[i][c->k & {mask}LL] = s[i];
     }}
 }}
 
@@ -39,10 +39,11 @@ static void {n}_recall(const {n} *c, double offset, double *q)
     for (i = 0; i < {count}; i++) {{
         const double steps = tau[i] / {h};
         const double longest = (double)({room} - {spare});
-        const double place = (double)c->k + offset - ((steps > longest) ? longest : steps);
-        const long m = (long)floor(place);
-        const long last = (offset == 0.0) ? c->k - 1 : c->k;
-        long newest = (m + 2 < {kept} - 1) ? {kept} - 1 : m + 2;
+        const double excess = (steps > longest) ? steps - longest : 0.0;
+        const double place = (double)c->k + offset - (steps - excess);
+        const long long m = (long long)floor(place);
+        const long long last = (offset == 0.0) ? c->k - 1 : c->k;
+        long long newest = (m + 2 < {kept} - 1) ? {kept} - 1 : m + 2;
         int j;
         if (m < 0) {{
             newest = 0;
@@ -51,10 +52,10 @@ static void {n}_recall(const {n} *c, double offset, double *q)
             newest = last;
         }}
         for (j = 0; j < {kept}; j++) {{
-            const long at = ((newest < 0) ? 0 : newest) - ({kept} - 1 - j);
-            q[{per} * i + j] = c->past[i][at & {mask}L];
+            const long long at = ((newest < 0) ? 0 : newest) - ({kept} - 1 - j);
+            q[{per} * i + j] = c->past[i][at & {mask}LL];
         }}
-        q[{per} * i + {kept}] = (double)((newest < 0) ? 0 : newest) * {h};
+        q[{per} * i + {kept}] = ((double)((newest < 0) ? 0 : newest) - excess) * {h};
         q[{per} * i + {kept} + 1] = 1.0 / {h};
         q[{per} * i + {kept} + 2] = (double)(newest + 1);
     }}
