@@ -30,6 +30,7 @@ from tsmblocks.blocks import (
     FirstOrderLag,
     Gain,
     Integrator,
+    MovingAverage,
     Play,
     Ramp,
     Saturation,
@@ -947,6 +948,41 @@ def test_samples_and_memory_act_once_where_a_run_is_gone_on_with(locate):
         for name in d.outputs:
             assert found[name] == pytest.approx(whole[name][k], abs=1e-12)
             assert first[name][-1] == pytest.approx(whole[name][20], abs=1e-12)
+
+
+@pytest.mark.parametrize("locate", [False, True])
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_run_goes_on_from_another(every, locate):
+    """Time, samples, memory, noise, inputs and the instants that are kept go on as in one run."""
+    blocks = {"s": Sine(frequency=0.5), "noise": SensorNoise(interval=0.05), "z": MovingAverage(period=0.15),
+              "gap": Play(half_width=0.05), "add": Sum(signs="++"), "i": FirstOrderLag(time_constant=0.3)}  # fmt: skip
+    late = {} if locate else {"late": Delay(time=0.37)}
+    d = tsm.Diagram(title="goes on", blocks={**blocks, **late}, inputs={"u": "add.plus2"}, outputs={"y": "i", "z": "z"},
+                    wires=["s -> noise -> z -> gap -> add.plus1", f"add {'-> late' if late else ''} -> i"])  # fmt: skip
+    t = 0.05 * np.arange(81)
+    how = dict(inputs={"u": (t, np.cos(t))}, step=0.05, every=every, locate=locate)
+    whole = tsm.simulate(d, start=1.0, stop=4.0, **how)
+    first = tsm.simulate(d, start=1.0, stop=2.5, **how)
+    states = first.state, pickle.loads(pickle.dumps(first.state))
+    for second in [tsm.simulate(d, stop=4.0, initial=state, **how) for state in states]:
+        assert second.t == pytest.approx(whole.t[-len(second.t) :], abs=1e-12)
+        assert second.t[0] == pytest.approx(2.5, abs=1e-12)
+        for name in d.outputs:
+            assert second[name] == pytest.approx(whole[name][-len(second.t) :], abs=1e-9)
+    twice = tsm.simulate(d, stop=4.0, initial=tsm.simulate(d, stop=3.2, initial=first.state, **how).state, **how)
+    assert twice["y"] == pytest.approx(whole["y"][-len(twice.t) :], abs=1e-9)
+
+
+def test_a_run_goes_on_with_other_numbers_and_tells_how_far_it_is():
+    d = tsm.Diagram(title="lag", blocks={"g": FirstOrderLag(time_constant=1.0)}, inputs={"u": "g"}, outputs={"y": "g"})
+    warm = tsm.simulate(d, inputs={"u": 1.0}, stop=10.0)
+    seen = []
+    run = tsm.simulate(d, inputs={"u": 1.0}, stop=20.0, initial=warm.state, parameters={"g.gain": 3.0},
+                       progress=seen.append)  # fmt: skip
+    assert run["y"] == pytest.approx(3.0 + (warm["y"][-1] - 3.0) * np.exp(10.0 - run.t), abs=1e-9)
+    assert run["y"][0] == warm["y"][-1]
+    assert seen == sorted(seen)
+    assert 0.0 < seen[0] < 0.5
 
 
 def test_a_state_is_gone_on_from_with_the_steppers_own_numbers():

@@ -74,6 +74,11 @@ class Block:
     _fields: ClassVar[dict[str, Field]] = {}
     _declared: ClassVar[dict[str, Any]] = {}
 
+    def __init__(self, *_: Any, **__: Any) -> None:
+        # A class that @block has made a block has a constructor of its own.
+        owner = type(self).__name__
+        raise BlockError(f"{owner} is not a block yet: write @block above class {owner}(Block).")
+
     # -- equations, to be written by the block
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

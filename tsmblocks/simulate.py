@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
 
-import attrs
 import numpy as np
 
 from tsmblocks.arguments import Times, given_inputs, number, positive, prepared, run_times
@@ -31,6 +30,7 @@ from tsmblocks.errors import DataError, NotFinite, RunError, in_words, near
 from tsmblocks.failure import explain
 from tsmblocks.poles import Beginning, StepWarning, no_more_of_steps, warn_of_fast_poles
 from tsmblocks.run import Run
+from tsmblocks.saved import Saved, begins, remembered, taken_up
 
 MOST_NUMBERS = 250_000_000
 """Logged numbers (2 GB) above which a run asks to be told what to log."""
@@ -87,22 +87,6 @@ def parameter_vector(eq: Equations, diagram: Diagram) -> np.ndarray:
     return np.array([values[name] for name in eq.p], dtype=float)
 
 
-@attrs.frozen(eq=False)
-class Saved:
-    """A state to go on from: all memory, the step counter and the step. It pickles."""
-
-    memory: Memory = attrs.field(repr=False)
-    k: int
-    start: float
-    step: float
-    names: tuple[str, ...] = attrs.field(repr=False, default=())
-    """Of states, memory and delays: what tells one diagram's memory from another's."""
-
-
-def _remembered(eq: Equations) -> tuple[str, ...]:
-    return (*eq.x, *eq.d, *eq.q)
-
-
 def simulate(
     diagram: Diagram,
     *,
@@ -113,7 +97,7 @@ def simulate(
     inputs: Mapping[str, Any] | None = None,
     hold: str = "linear",
     parameters: Mapping[str, Any] | None = None,
-    initial: Mapping[str, float] | None = None,
+    initial: Mapping[str, float] | Saved | None = None,
     log: str | Iterable[str] = "all",
     every: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -127,7 +111,8 @@ def simulate(
     ``inputs`` maps each input of the diagram to a number, values on the steps, a pair (times, values), Samples,
     a Record (of which its signal of that name is taken, in the input's unit), a column of pandas (its index
     being time in s), or a function of time that takes an array; ``hold`` says what values are between the
-    samples (zero, linear, cubic). ``parameters`` overrides numbers by name, ``initial`` start values of states.
+    samples (zero, linear, cubic). ``parameters`` overrides numbers by name, ``initial`` start values of states;
+    ``initial=run.state`` goes on where a run ended.
     ``log`` is ``"all"``, ``"outputs"`` or patterns such as ``"tsm.*"``; every ``every``-th instant is kept.
     ``progress`` is called with the fraction done, on long runs. ``backend`` forces ``"llvm"`` or ``"casadi"``.
 
@@ -141,21 +126,25 @@ def simulate(
     what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
     """
     diagram, given = prepared(diagram, parameters), given_inputs(inputs)
-    times = run_times(given, start, stop, step, every)
+    times = run_times(given, begins(start, initial), stop, step, every)
     if progress is not None and not callable(progress):
         raise RunError(f"progress must be a function of the fraction done, got {in_words(progress)}.")
     eq = equations(diagram)
     chosen, names = _logged(eq, log, times)
     rule, p = method_named(method), parameter_vector(eq, diagram)
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
-    memory, signals = start_memory(eq, kernel, p, h, initial), gather_signals(eq, given, times.grid, hold)
-    hits = steps_per_period(eq, h)
-    session = Session(eq, kernel, memory, signals, times.start, h, times.every, 0, hits)
+    saved = initial if isinstance(initial, Saved) else None
+    memory = start_memory(eq, kernel, p, h, None if saved else initial)  # type: ignore[arg-type]
+    origin, k = times.start, 0
+    if saved is not None:
+        memory, origin, k = taken_up(saved, eq, memory, h), saved.start, saved.k
+    signals, hits = gather_signals(eq, given, times.grid, hold), steps_per_period(eq, h)
+    session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
     warn_of_fast_poles([Beginning(eq, p, times.start, signals, memory)], rule, h)
     if locate:
         session = locating(session, rule, chosen, backend)
     rows, stopped = session.run(times.steps, progress)
-    run = _result(diagram.title, session, rule, names, rows, p, stopped is None)
+    run = _result(diagram.title, session, rule, names, rows, p, k, stopped is None)
     if stopped is not None and not stopped.interrupted:
         raise _failure(eq, rule, session, stopped, run, backend)
     return run
@@ -168,13 +157,14 @@ def _result(
     names: tuple[str, ...],
     rows: np.ndarray,
     p: np.ndarray,
+    k: int,
     complete: bool,
 ) -> Run:
-    """What has been run so far."""
+    """What has been run so far, from step ``k`` on."""
     eq, start, h = session.eq, session.start, session.h
     return Run(
         title,
-        start + h * (session.every * np.arange(len(rows))),
+        start + h * (-(-k // session.every) * session.every + session.every * np.arange(len(rows))),
         rows,
         names,
         eq.aliases,
@@ -182,7 +172,7 @@ def _result(
         dict(zip(eq.p, p, strict=True)),
         h,
         rule.name,
-        Saved(session.memory, session.k, start, h, _remembered(eq)),
+        Saved(session.memory, session.k, start, h, remembered(eq)),
         complete,
         tuple(e for e in session.events if e.t <= start + session.k * h),
     )
@@ -342,20 +332,13 @@ class Stepper:
 
     def save(self) -> Saved:
         """The state now, to come back to."""
-        return Saved(self.memory.copy(), self.k, self.start, self.h, _remembered(self.eq))
+        return Saved(self.memory.copy(), self.k, self.start, self.h, remembered(self.eq))
 
     def restore(self, saved: Saved) -> None:
         """Go on from a saved state of the same diagram and step, or from ``run.state``. Raises RunError otherwise."""
         if not isinstance(saved, Saved):
             raise RunError(f"restore takes what save gave, or the state of a run, got {in_words(saved)}.")
-        if saved.step != self.h:
-            raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {self.h:g} s.")
-        shapes = (getattr(saved.memory, k).shape != getattr(self.memory, k).shape for k in ("x", "d", "p", "ring"))
-        if saved.names != _remembered(self.eq) or any(shapes):
-            raise RunError(f"the saved state belongs to a diagram other than '{self.eq.title}'.")
-        p = self.memory.p  # the numbers stay those of this stepper
-        self.memory, self.k, self.start = saved.memory.copy(), saved.k, saved.start
-        self.memory.p = p
+        self.memory, self.k, self.start = taken_up(saved, self.eq, self.memory, self.h), saved.k, saved.start
 
 
 def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: Saved) -> Stepper:

@@ -26,6 +26,19 @@ def compiled(cls, **parameters):
     )
 
 
+@mistake(BlockError, "Mine is not a block yet: write @block above class Mine(Block).")
+def a_class_that_was_not_made_a_block():
+    class Mine(Block):
+        gain: float = parameter(default=2.0, about="gain")
+        u = Input("in")
+        y = Output("out")
+
+        def outputs(self, t, x, u):
+            return dict(y=self.gain * u.u)
+
+    compiled(Mine, gain=3.0)
+
+
 @mistake(EquationError, "mine: Mine.outputs leaves out z. Declared: y, z.")
 def an_output_is_left_out():
     @block(register=False)

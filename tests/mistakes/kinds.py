@@ -243,7 +243,7 @@ def a_sample_that_is_masked():
     driven(inputs={"u": np.ma.array(np.ones(11), mask=np.arange(11) == 3)})
 
 
-@mistake(RunError, "initial must map states to their start values, got [1.0].")
+@mistake(RunError, "initial must map states to their start values, or be the state of a run, got [1.0].")
 def a_list_of_start_values():
     driven(initial=[1.0])
 

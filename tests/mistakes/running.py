@@ -556,6 +556,25 @@ def a_state_of_another_diagram():
     Stepper(position_loop()).restore(saved)
 
 
+@mistake(
+    RunError,
+    "a run that goes on from a saved state starts when that ended, at 0.5 s. Leave out start.",
+)
+def a_start_beside_a_state_to_go_on_from():
+    saved = simulate(plant(), inputs={"u": 1.0}, stop=0.5).state
+    simulate(plant(), inputs={"u": 1.0}, start=1.0, stop=2.0, initial=saved)
+
+
+@mistake(
+    RunError,
+    "the saved state keeps the past of 'late' for delays of another length. Take one from a run with these delays.",
+)
+def a_state_with_too_short_a_past():
+    late = Diagram(title="late", blocks=dict(b=Delay(time=0.01)), inputs={"u": "b"}, outputs={"y": "b"})
+    saved = simulate(late, inputs={"u": 1.0}, stop=0.5).state
+    simulate(late, inputs={"u": 1.0}, stop=2.0, initial=saved, parameters={"b.time": 1.0})
+
+
 @mistake(RunError, "the saved state belongs to a step of 0.001 s, and this one is 0.0001 s.")
 def a_state_of_another_step():
     saved = Stepper(plant()).save()

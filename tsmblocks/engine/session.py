@@ -104,7 +104,9 @@ def start_memory(
     """Memory before the first step, for one run."""
     x, d, s = (np.asarray(v).ravel() for v in eq.start(p))
     if start is not None and not isinstance(start, Mapping):
-        raise RunError(f"initial must map states to their start values, got {in_words(start)}.")
+        raise RunError(
+            f"initial must map states to their start values, or be the state of a run, got {in_words(start)}."
+        )
     for name, value in (start or {}).items():
         if not isinstance(value, (int, float, np.integer, np.floating)) or not math.isfinite(value):
             raise RunError(f"the start value of '{name}' must be a finite number, got {in_words(value)}.")
@@ -194,9 +196,9 @@ class Session:
         self.k += n
 
     def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:
-        """Run to the end, or to where it stopped being finite or was interrupted."""
-        rows, count = self.rows_for(steps - self.k, True), 0
-        piece, safe = min(steps, 4096), (count, self.k, self.memory.copy())
+        """Run ``steps`` steps, or to where it stopped being finite or was interrupted."""
+        rows, count, first, steps = self.rows_for(steps, True), 0, self.k, self.k + steps
+        piece, safe = 4096, (count, self.k, self.memory.copy())
         try:
             while True:
                 began = clock.perf_counter()
@@ -213,7 +215,7 @@ class Session:
                     return rows, None
                 safe = (count, self.k, self.memory.copy())
                 if progress is not None:
-                    progress(self.k / steps)
+                    progress((self.k - first) / (steps - first))
                 took = max(clock.perf_counter() - began, 1e-6)
                 piece = int(np.clip(piece * PIECE_SECONDS / took, 1024, 1 << 20))
         except KeyboardInterrupt:
