@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Gain, Play
+from tsmblocks.blocks import Gain, Lag, Play, Saturation
 from tsmblocks.diagnosis.consequence import consequence, inverse
 
 DEG = np.pi / 180
@@ -45,6 +45,19 @@ def test_a_compensator_that_knows_more_and_does_no_better_is_explained():
     found = consequence(model(other), model(base))
     said = [found.augmented[k] > found.base[k] for k in (0, 1)]
     assert bool(found.words) == any(said)
+
+
+def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
+    """Around a plant that is stuck at a limit, the loop around the model winds up."""
+    plant = tsm.load("tendon_sheath_linear").with_parameters({"gain.gain": 1.0, "offset.bias": 0.0})
+    slow = Lag(time_constant=0.5)
+    low = plant.insert("limit", Saturation(low=-5 * DEG, high=5 * DEG), after="gain.y").insert(
+        "lag", slow, after="limit.y"
+    )
+    assert consequence(model(low), model(low)) == (
+        "It was not tracked in simulation: a loop around the model, which a compensator is, errs more there than a "
+        "command that stands still."
+    )
 
 
 def test_what_cannot_be_tracked_says_why():

@@ -157,6 +157,25 @@ def test_wires_of_a_motor():
     ]
 
 
+def test_wires_of_a_motor_whose_speed_is_measured():
+    """One integration lies between a force and the speed: dry friction has its wire there as well."""
+    spinning = tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})
+    expected = [
+        ("output", "v", "motor.v", "", "motor.v -> v"),
+        ("drive", "v", "u", "", "u -> motor.u"),
+        ("brake", "v", "u", "motor.v", "u -> motor.u"),
+        ("input", "v", "u", "", "u -> motor.u"),
+    ]
+    assert where(spinning, ["v"]) == expected
+    both = spinning.rewire(outputs={"v": "motor.v", "x": "motor.y"})
+    assert [place for place, *_ in where(both, ["v", "x"])] == ["output", "drive", "output", "load", "input"]
+
+
+def test_what_is_no_speed_has_no_wire_for_friction():
+    level = Diagram(blocks={"tank": Integrator()}, inputs={"flow": "tank"}, outputs={"y": "tank"})
+    assert [place for place, *_ in where(level, ["y"])] == ["output", "input"]
+
+
 def test_wires_of_a_closed_loop():
     """No wire stands twice, and a measured voltage is the wire that drives, not one of its own."""
     assert where(tsm.load("fig16_feedforward_feedback"), ["x_in", "x_out", "u"]) == [

@@ -145,6 +145,8 @@ def test_of_a_chain_only_the_diagram_is_made():
 
 def bench(place):
     """A diagram that has a wire of this kind."""
+    if place == "brake":
+        return tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})
     return tsm.load("motor_linear" if place in ("drive", "load") else "tendon_sheath_linear")
 
 

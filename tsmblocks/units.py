@@ -112,8 +112,14 @@ def factor(source: str, target: str) -> float:
     """
     a, b = parse(source), parse(target)
     if a.dimension != b.dimension:
-        raise UnitError(f"'{source}' does not convert to '{target}'.")
+        raise UnitError(f"'{source}' does not convert to '{target}'.{_turns(a, b)}")
     return a.factor / b.factor
+
+
+def _turns(a: Unit, b: Unit) -> str:
+    """What to write where two units differ by nothing but an angle: ``1/min`` is a rate of anything."""
+    without = [tuple(one for one in unit.dimension if one[0] != "rad") for unit in (a, b)]
+    return " Revolutions per minute are rpm, those per second rev/s." if without == [(("s", -1),)] * 2 else ""
 
 
 def same(a: str, b: str) -> bool:

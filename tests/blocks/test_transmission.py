@@ -19,6 +19,7 @@ from tsmblocks.blocks import (
     Disturbance,
     Drift,
     GainChange,
+    GainDrift,
     Jump,
     Lag,
     LoopAsymmetry,
@@ -43,6 +44,7 @@ NULL = {
     "Drift": Drift(),
     "Jump": Jump(time=0.7, width=0.05),
     "GainChange": GainChange(time=0.7, width=0.05),
+    "GainDrift": GainDrift(),
     "LoopChange": LoopChange(distance=0.2, time=0.7),
     "Disturbance": Disturbance(frequency=3.3),
     "Creep": Creep(time_constant=0.3),
@@ -68,6 +70,7 @@ ACTIVE = {
     "Drift": (Drift(rate=0.02), ("rate",)),
     "Jump": (Jump(size=0.2, time=0.7, width=0.1), ("size", "time", "width")),
     "GainChange": (GainChange(change=0.2, time=0.7, width=0.1), ("change", "time", "width")),
+    "GainDrift": (GainDrift(rate=0.02), ("rate",)),
     "LoopChange": (LoopChange(change=-0.1, gain=0.2, time=0.7, width=0.1),
                    ("change", "gain", "distance", "time", "width")),
     "Disturbance": (Disturbance(cosine=0.02, sine=0.03, frequency=3.3), ("cosine", "sine", "frequency")),
@@ -189,8 +192,9 @@ def test_derivatives_by_the_strengths_at_zero(name):
     block = NULL[name]
     strengths = {"Slack": ["share"], "Bend": ["quadratic", "cubic", "quartic", "quintic"], "Bow": ["size"],
                  "Ripple": ["cosine", "sine"], "Drift": ["rate"],
-                 "Jump": ["size"], "GainChange": ["change"], "LoopChange": ["change", "gain"], "Creep": ["share"],
-                 "Disturbance": ["cosine", "sine"], "RateDependence": ["coefficient"], "Resonance": ["share"],
+                 "Jump": ["size"], "GainChange": ["change"], "GainDrift": ["rate"], "LoopChange": ["change", "gain"],
+                 "Creep": ["share"], "Disturbance": ["cosine", "sine"], "RateDependence": ["coefficient"],
+                 "Resonance": ["share"],
                  "NonlocalMemory": ["weights[0]"], "LoopAsymmetry": ["slope_difference", "delta"],
                  "PositionDependentLoop": ["gain"], "Stretch": ["half_width"]}  # fmt: skip
     x = signal([(0.8, 2.0, 0.3), (0.3, 7.0, 1.0)])
@@ -268,10 +272,11 @@ def test_ripple():
         (Drift(rate=0.3), lambda t, u: u + 0.3 * t),
         (Jump(size=0.3, time=1.0, width=0.1), lambda t, u: u + 0.3 / (1 + np.exp(-2 * (t - 1) / 0.1))),
         (GainChange(change=0.3, time=1.0, width=0.1), lambda t, u: u * (1 + 0.3 / (1 + np.exp(-2 * (t - 1) / 0.1)))),
+        (GainDrift(rate=-0.07), lambda t, u: u - 0.07 * t * u),
         (Disturbance(cosine=0.3, sine=0.4, frequency=2.0),
          lambda t, u: u + 0.5 * np.sin(4 * np.pi * t + np.arctan2(0.3, 0.4))),
     ],
-    ids=["Drift", "Jump", "GainChange", "Disturbance"],
+    ids=["Drift", "Jump", "GainChange", "GainDrift", "Disturbance"],
 )  # fmt: skip
 def test_what_comes_with_time(block, expected):
     run = simulate(block, {"u": SOURCE["u"]}, stop=2.0, step=0.01)

@@ -37,7 +37,7 @@ def an_effect_at_a_misspelt_place():
 
 @mistake(
     ParameterError,
-    "effect 'louder': there is no place 'sensor'. Known here: across, drive, input, load, output.",
+    "effect 'louder': there is no place 'sensor'. Known here: across, brake, drive, input, load, output.",
 )
 def an_effect_at_an_unknown_place():
     effect(place="sensor")
@@ -115,7 +115,7 @@ def an_effect_settled_in_a_misspelt_state():
 
 @mistake(
     ParameterError,
-    "effect 'louder': nothing would drive the input 'x' of its block at the place 'output' (an input x is driven at the places across and load alone).",
+    "effect 'louder': nothing would drive the input 'x' of its block at the place 'output' (an input x is driven at the places across, load and brake alone).",
 )
 def an_effect_that_reads_a_second_signal_where_there_is_none():
     effect(block=PositionDependentLoop(), null={"gain": 0.0})

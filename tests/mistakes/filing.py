@@ -40,6 +40,11 @@ def units_that_do_not_convert():
     units.factor("rad", "V")
 
 
+@mistake(UnitError, "'1/min' does not convert to 'rad/s'. Revolutions per minute are rpm, those per second rev/s.")
+def a_speed_told_as_a_rate_of_anything():
+    units.factor("1/min", "rad/s")
+
+
 @mistake(AttributeError, "tsmblocks has no 'latin_hypercube'. It is tsmblocks.studies.latin_hypercube.")
 def a_public_name_one_level_down():
     _ = tsm.latin_hypercube

@@ -189,6 +189,25 @@ class GainChange(Block):
 
 
 @block
+class GainDrift(Block):
+    r"""A gain that changes steadily: a tendon that stretches, a sensor that warms up.
+
+    .. math:: y = u (1 + r t)
+    """
+
+    source = "definition"
+    symbol = "(1 + rt)"
+
+    rate: float = parameter(default=0.0, about="change of the gain in each second, as a share of it", unit="1/s")
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal, times the gain of the time", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.rate * t * u.u)
+
+
+@block
 class Disturbance(Block):
     r"""An oscillation from outside that does not follow the signal: breathing, mains, a fan.
 

@@ -59,6 +59,9 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
             continue
         if np.isfinite(errors).all():
             none, before, after = errors
+            if after[1] >= max(none[1], float(np.std(wanted))):
+                return ("It was not tracked in simulation: a loop around the model, which a compensator is, errs more "
+                        "there than a command that stands still.")  # fmt: skip
             words = _words(before, after, unit, 4 * loop / FAST)
             return Consequence(unit, trial.name, none, before, after, words)
     return "It was not tracked in simulation: the loop around the model, which a compensator is, does not stand there."
@@ -76,8 +79,8 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
     return (f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that "
             f"model itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot "
-            "do. At a reversal, where a gap has to be crossed before the output moves, it would have to jump, and it "
-            f"takes some {1000 * delay:.2g} ms.")  # fmt: skip
+            "do: where it would have to jump, as at a reversal to cross a gap, it takes some "
+            f"{1000 * delay:.2g} ms.")  # fmt: skip
 
 
 def _errors(

@@ -13,11 +13,13 @@ from tsmblocks.effects import Effect
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import TsmError
 from tsmblocks.simulate import equations
+from tsmblocks.units import parse
 from tsmblocks.wires import Fault, resolve
 
 PROBE = "probe_of_the_wire"
 MOTION = 2
-"""Integrations between a force and the position it moves, at least."""
+"""Integrations between a force and the position it moves, at least; to the speed it is one less."""
+SPEEDS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 
 
 @attrs.frozen
@@ -105,11 +107,14 @@ def sites(
         if port:
             found.append(Site("output", name, signal, before=port))
             found += [Site("across", name, signal, other=k, before=port) for k in reading]
-        drive = driven(diagram, name)
+        speed = is_speed(diagram.unit(name))
+        drive = driven(diagram, name, MOTION - speed)
         signal = _source(diagram, drive) if drive else source
         if signal != source:  # an output that drives is set in motion by nothing but itself
             found.append(Site("drive", name, signal, before=drive))
-            found.append(Site("load", name, signal, other=source, before=drive))
+            found.append(Site("brake" if speed else "load", name, signal, other=source, before=drive))
+    loads = {site.before for site in found if site.place == "load"}
+    found = [site for site in found if site.place != "brake" or site.before not in loads]
     drives = {site.signal for site in found if site.place == "drive"}
     found = [site for site in found if site.place not in ("output", "across") or site.signal not in drives]
     found += [Site("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
@@ -160,10 +165,15 @@ def _source(diagram: Diagram, port: str) -> str:
     return next(k for k, ends in diagram.inlets.items() if port in {".".join(e) for e in ends})
 
 
-def driven(diagram: Diagram, output: str) -> str:
-    """The port nearest to an output that moves it through two integrations or more; ``""`` where there is none."""
+def is_speed(unit: str) -> bool:
+    """Whether a unit is that of a speed, of turning or straight on."""
+    return parse(unit).dimension in SPEEDS
+
+
+def driven(diagram: Diagram, output: str, least: int = MOTION) -> str:
+    """The nearest port that moves an output through ``least`` integrations or more; ``""`` where there is none."""
     for port in _upstream(diagram, diagram.shown[output][0]):
-        if reaches(diagram, output, before=port, after="") >= MOTION:
+        if reaches(diagram, output, before=port, after="") >= least:
             return port
     return ""
 

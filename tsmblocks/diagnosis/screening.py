@@ -84,6 +84,8 @@ class _Try:
     """Change of the outputs (N,)."""
     felt: float
     """Sum of squares that the first size worth trying changes, beyond what the base absorbs."""
+    beyond: bool
+    """Whether that size moves an output farther than it ever went, as in a loop that then runs away."""
     plain: np.ndarray
     """The unknowns with the base's as they were."""
 
@@ -122,6 +124,8 @@ def _smallest(candidate: Candidate, tried: Sequence[_Try], shows: float) -> floa
     sizes = []
     for one in tried:
         factor = float(np.sqrt(shows / one.felt)) if one.felt > 0 else np.inf
+        if one.beyond:  # it would be seen, but what is smaller is not in proportion
+            factor = max(factor, 1.0)
         if strengths and factor < FARTHEST:
             sizes.append(abs(next(iter(strengths.values()))) * factor)
         elif not strengths and factor <= 1:  # towards its null; a limit has none, and counts as it is
@@ -158,6 +162,12 @@ class _Screen:
     model: Model
     base: Absorbing
     begin: np.ndarray
+
+    @property
+    def reach(self) -> float:
+        """How far the outputs went, in units of the noise."""
+        return max(float(np.ptp(trial.measured[:, i])) * weight
+                   for trial in self.problem.trials for i, weight in enumerate(self.problem.weights))  # fmt: skip
 
     def tries(self, shapes: Sequence[Mapping[str, float]]) -> list[_Try]:
         """Every shape with its best size."""
@@ -219,7 +229,8 @@ class _Screen:
         if not strengths:  # the size is part of the shape; count what another size in this direction would gain
             gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, NEXT)))
         inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
-        return _Try(gain, inside_bounds, shape, z @ size, float(m[0, 0]), plain)
+        beyond = bool(np.abs(z[:, 0]).max(initial=0.0) > self.reach)
+        return _Try(gain, inside_bounds, shape, z @ size, float(m[0, 0]), beyond, plain)
 
     def _sizes(self, g: np.ndarray, m: np.ndarray, strengths: list[tuple[str, float]]) -> np.ndarray:
         """Factors on the sizes worth trying, in bounds."""

@@ -24,11 +24,13 @@ COORDINATE_UNITS = {
 
 
 def with_interval(q: Quantity) -> str:
-    """A number with half its interval, as many digits as that leaves: ``0.157 ± 0.011 deg``."""
+    """A number with half its interval, as many digits as that leaves: ``0.157 ± 0.011 deg``; said where it has none."""
     k, unit = for_people(q.unit)
     value, low, high = k * q.value, k * q.low, k * q.high
     half = (high - low) / 2
-    if not (np.isfinite(half) and half > 0):
+    if not np.isfinite(half):
+        return f"{value:.3g} {unit}".rstrip() + " (not determined)"
+    if half == 0:
         return f"{value:.3g} {unit}".rstrip()
     digits = 1 - int(np.floor(np.log10(half)))
     if not 0 <= digits <= 6:

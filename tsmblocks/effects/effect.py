@@ -12,17 +12,19 @@ from tsmblocks.block import Block, leaves
 from tsmblocks.blocks import Sum
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, in_words, near
+from tsmblocks.tables import listed
 from tsmblocks.wires import not_a_block
 
-PLACES = ("output", "input", "drive", "across", "load")
+PLACES = ("output", "input", "drive", "across", "load", "brake")
 """Where an effect may stand.
 
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that
-sets the measured output in motion (a force, a voltage: two integrations before it). ``load``: there too, and it reads
-the motion as well. ``across``: on the wire of an output, and it reads the input as well. An effect made for one
+sets the measured output in motion (a force, a voltage: two integrations before it, or one where the output is a
+speed). ``load``: there too, and it reads the motion as well. ``brake``: the same where the motion that is measured is a
+speed, as its unit says. ``across``: on the wire of an output, and it reads the input as well. An effect made for one
 diagram names its wire instead, ``"pump -> tank.inflow"``; it stands there in diagrams that have this port.
 """
-READING = ("across", "load")
+READING = ("across", "load", "brake")
 """Places at which an effect is given a second signal, at its input ``x``."""
 
 
@@ -238,7 +240,7 @@ def _port_faults(effect: Effect) -> Iterator[str]:
     reads = ("u", "x") if effect.place in READING or effect.reads else ("u",)
     for name, inlet in effect.block.inports.items():
         if name not in reads and not getattr(inlet, "rate_of", ""):
-            also = " (an input x is driven at the places across and load alone)" if name == "x" else ""
+            also = f" (an input x is driven at the places {listed(READING)} alone)" if name == "x" else ""
             yield f"nothing would drive the input '{name}' of its block at the place '{effect.place}'{also}."
 
 

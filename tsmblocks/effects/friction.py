@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import attrs
+
 from tsmblocks.block import Block
 from tsmblocks.blocks import (
     Abs,
@@ -14,7 +18,7 @@ from tsmblocks.blocks import (
     Sum,
 )
 from tsmblocks.diagram import Diagram
-from tsmblocks.effects.effect import Effect, Scales, Trials
+from tsmblocks.effects.effect import Effect, Scales, Span, Trials
 
 SMOOTH = 0.02
 """Speed over which the sign of a dry friction turns, as a share of the rms speed: too small to matter, large enough
@@ -23,19 +27,47 @@ SMALL = 0.05
 """Friction worth trying, as a share of the rms drive."""
 
 
-def resisting(title: str, law: dict[str, Block], wires: list[str]) -> Diagram:
-    """Drive ``u`` less a force that a chain of blocks forms from the exact rate of motion ``x``."""
-    return Diagram(
-        title=title,
-        blocks={"rate": Derivative(), **law, "left": Sum(signs="+-")},
-        wires=wires,
-        inputs={"u": "left.plus", "x": "rate.u"},
-        outputs={"y": "left"},
-    )
+@attrs.frozen
+class Motion:
+    """How the measured motion tells a friction its speed: by its rate, or because it is a speed itself."""
+
+    place: str
+    variant: str
+    rate: Block
+    scales: Callable[[Scales], Scales]
+
+    def resisting(self, title: str, law: dict[str, Block], wires: list[str]) -> Diagram:
+        """Drive ``u`` less a force that a chain of blocks forms from the speed of motion ``x``."""
+        return Diagram(
+            title=title,
+            blocks={"rate": self.rate, **law, "left": Sum(signs="+-")},
+            wires=wires,
+            inputs={"u": "left.plus", "x": "rate.u"},
+            outputs={"y": "left"},
+        )
+
+    def along(self, title: str, block: Block) -> Diagram:
+        """The same for a law that is one block, ``friction``."""
+        return self.resisting(title, {"friction": block}, ["rate -> friction -> left.minus"])
+
+    def begins(self, trials: Callable[[Scales], Trials]) -> Callable[[Scales], Trials]:
+        """``trials`` that see the motion as if it were a position."""
+        return lambda scales: trials(self.scales(scales))
 
 
-def _along(title: str, name: str, block: Block) -> Diagram:
-    return resisting(title, {name: block}, [f"rate -> {name} -> left.minus"])
+def _of_speed(scales: Scales) -> Scales:
+    """Scales in which the other signal, a speed, is taken for the position that moves with it."""
+    speed = scales.other
+    travel = speed.rms**2 / max(speed.speed, 1e-12)  # of a sine, its amplitude: speed squared over acceleration
+    fastest = max(abs(speed.low), abs(speed.high))
+    return attrs.evolve(scales, other=Span(-travel, travel, travel, speed.rms, fastest))
+
+
+MOTIONS = (
+    Motion("load", "", Derivative(), lambda scales: scales),
+    Motion("brake", "speed", Gain(), _of_speed),
+)
+"""A position, whose exact rate is formed, and a speed."""
 
 
 def _size(scales: Scales) -> float:
@@ -75,47 +107,55 @@ def _bristles(scales: Scales) -> Trials:
     )
 
 
-EFFECTS = (
-    Effect(
-        "coulomb_friction", "friction", "Coulomb friction", "load",
-        _along("Coulomb friction", "friction", CoulombFriction(level=0.0)),
-        {"friction.level": 0.0}, ("friction.level", "friction.smoothing"), _dry,
-        excites="reversals of the motion",
-        confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
-        separates="slow triangles in both directions at two speeds",
-    ),
-    Effect(
-        "asymmetric_friction", "friction", "viscous friction that differs with the direction", "load",
-        resisting("asymmetric friction", {"size": Abs(), "difference": Gain(gain=0.0)},
-                  ["rate -> size -> difference -> left.minus"]),
-        {"difference.gain": 0.0}, ("difference.gain",), _one_sided,
-        excites="two speeds or more in each direction",
-        confused=("load_offset", "drift", "even_nonlinearity"),
-        separates="two speeds in each direction: an offset does not grow with the speed",
-    ),
-    Effect(
-        "stribeck_friction", "friction", "Stribeck friction (more friction at low speed)", "load",
-        _along("Stribeck friction", "friction", StribeckFriction(coulomb=0.0, static=0.0, viscous=0.0)),
-        {"friction.static": 0.0}, ("friction.static", "friction.stribeck"), _falling,
-        excites="very slow motion beside fast motion",
-        confused=("coulomb_friction", "nonlocal_memory"),
-        separates="very slow ramps and fast sweeps",
-    ),
-    Effect(
-        "presliding_friction", "friction", "friction that yields before it slides (presliding)", "load",
-        resisting("presliding friction", {"friction": DahlFriction(sigma0=1.0, coulomb=1.0), "level": Gain(gain=0.0)},
-                  ["rate -> friction -> level -> left.minus"]),
-        {"level.gain": 0.0}, ("level.gain", "friction.sigma0"), _bristles,
-        excites="reversals with small motion between them",
-        confused=("coulomb_friction", "nonlocal_memory", "backlash"),
-        separates="tiny amplitudes, below five times the presliding distance",
-    ),
-    Effect(
-        "quadratic_drag", "friction", "drag that grows with the square of the speed", "load",
-        _along("quadratic drag", "friction", QuadraticDrag(coefficient=0.0)),
-        {"friction.coefficient": 0.0}, ("friction.coefficient",), _drag,
-        excites="slow and fast motion",
-        confused=("coulomb_friction", "odd_nonlinearity"),
-        separates="constant speeds at three levels or more",
-    ),
-)  # fmt: skip
+def _all(motion: Motion) -> tuple[Effect, ...]:
+    """Every friction, for one kind of motion."""
+    place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
+    return (
+        Effect(
+            "coulomb_friction", "friction", "Coulomb friction", place,
+            along("Coulomb friction", CoulombFriction(level=0.0)),
+            {"friction.level": 0.0}, ("friction.level", "friction.smoothing"), begins(_dry),
+            excites="reversals of the motion",
+            confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
+            separates="slow triangles in both directions at two speeds", variant=variant,
+        ),
+        Effect(
+            "asymmetric_friction", "friction", "viscous friction that differs with the direction", place,
+            motion.resisting("asymmetric friction", {"size": Abs(), "difference": Gain(gain=0.0)},
+                             ["rate -> size -> difference -> left.minus"]),
+            {"difference.gain": 0.0}, ("difference.gain",), begins(_one_sided),
+            excites="two speeds or more in each direction",
+            confused=("load_offset", "drift", "even_nonlinearity"),
+            separates="two speeds in each direction: an offset does not grow with the speed", variant=variant,
+        ),
+        Effect(
+            "stribeck_friction", "friction", "Stribeck friction (more friction at low speed)", place,
+            along("Stribeck friction", StribeckFriction(coulomb=0.0, static=0.0, viscous=0.0)),
+            {"friction.static": 0.0}, ("friction.static", "friction.stribeck"), begins(_falling),
+            excites="very slow motion beside fast motion",
+            confused=("coulomb_friction", "nonlocal_memory"),
+            separates="very slow ramps and fast sweeps", variant=variant,
+        ),
+        Effect(
+            "presliding_friction", "friction", "friction that yields before it slides (presliding)", place,
+            motion.resisting("presliding friction",
+                             {"friction": DahlFriction(sigma0=1.0, coulomb=1.0), "level": Gain(gain=0.0)},
+                             ["rate -> friction -> level -> left.minus"]),
+            {"level.gain": 0.0}, ("level.gain", "friction.sigma0"), begins(_bristles),
+            excites="reversals with small motion between them",
+            confused=("coulomb_friction", "nonlocal_memory", "backlash"),
+            separates="tiny amplitudes, below five times the presliding distance", variant=variant,
+        ),
+        Effect(
+            "quadratic_drag", "friction", "drag that grows with the square of the speed", place,
+            along("quadratic drag", QuadraticDrag(coefficient=0.0)),
+            {"friction.coefficient": 0.0}, ("friction.coefficient",), begins(_drag),
+            excites="slow and fast motion",
+            confused=("coulomb_friction", "odd_nonlinearity"),
+            separates="constant speeds at three levels or more", variant=variant,
+        ),
+    )  # fmt: skip
+
+
+EFFECTS = tuple(effect for group in zip(*map(_all, MOTIONS), strict=True) for effect in group)
+"""Variants of one name follow each other."""

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from tsmblocks.blocks import Creep, Disturbance, Drift, GainChange, Jump, LoopChange, RateLimit, SoftRateLimit
+from tsmblocks.blocks import (
+    Creep,
+    Disturbance,
+    Drift,
+    GainChange,
+    GainDrift,
+    Jump,
+    LoopChange,
+    RateLimit,
+    SoftRateLimit,
+)
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 
 _LOOP = "a loop that changes at one time"
@@ -31,6 +41,10 @@ def _jump(scales: Scales) -> Trials:
 
 def _gain(scales: Scales) -> Trials:
     return _instants(scales, {"change": 0.05}, {})
+
+
+def _steadily(scales: Scales) -> Trials:
+    return Trials({"rate": 0.05 / max(scales.stop - scales.start, scales.step)})
 
 
 def _loop(scales: Scales) -> Trials:
@@ -92,6 +106,7 @@ EFFECTS = (
         )
         for variant, words, place, block, null, shape, trials in (
             ("gain", "a gain that changes at one time", "output", GainChange(), ("change",), ("time",), _gain),
+            ("drift", "a gain that drifts", "output", GainDrift(), ("rate",), (), _steadily),
             ("loop", _LOOP, "output", LoopChange(), ("change", "gain"), ("distance", "time"), _loop),
             ("loop of the input", _LOOP, "across", beside("loop", LoopChange()), ("loop.change", "loop.gain"),
              ("loop.distance", "loop.time"), lambda scales: _loop(scales.of_other).under("loop")),

@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals, spectrum
+from tsmblocks.tables import listed
 
 SILENT = 1e-10
 """Effect of a parameter, beside that of the strongest, below which it is rounding."""
@@ -19,6 +20,10 @@ LEADING = 0.2
 """The same for a combination that is only uncertain: else one uncertain parameter would drag all others in."""
 PASSING = 0.002
 """Share of a combination below which a parameter is not mentioned at all."""
+NEAR_ZERO = 0.1
+"""Share of its size below which a parameter counts as found near zero: a percentage of it would say nothing."""
+MOST_TOLD = 5
+"""Parameters of a combination that are told by name."""
 MOST_TRIED = 400
 """Choices of parameters to leave out that are tried for combinations of few parameters."""
 
@@ -74,7 +79,7 @@ def undetermined(
     rows = np.ascontiguousarray(np.asarray(J, dtype=float).T) * scales[:, None]
     weight = np.zeros((len(rows), len(rows))) if prior is None else prior * np.outer(scales, scales)
     size = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
-    told = _Teller(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))))
+    told = _Teller(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
     held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
     silent = _silent(size, _free(held))
     found = [told.without_influence(int(i)) for i in np.flatnonzero(silent)]
@@ -172,6 +177,8 @@ class _Teller:
     names: tuple[str, ...]
     rows: np.ndarray
     rms: float
+    theta: np.ndarray
+    scales: np.ndarray
 
     def effect(self, v: np.ndarray) -> float:
         """What a hundredth of ``v`` changes, in rms values of the residual."""
@@ -189,16 +196,34 @@ class _Teller:
         main = [i for i in range(len(v)) if abs(v[i]) >= small]
         passing = [i for i in range(len(v)) if PASSING <= abs(v[i]) < small]
         v = v * np.sign(v[main[0]])
-        moves = [f"{'raising' if v[i] > 0 else 'lowering'} {self.names[i]} by {abs(v[i]):.2g} %" for i in main]
-        steps = moves[0] if len(moves) == 1 else f"{moves[0]} while {_listed(moves[1:])}"
-        also = f" (and {_listed([self.names[i] for i in passing])} by less than {small:g} %)" if passing else ""
-        effect = self.effect(v)
-        amount = f"{effect:.1g} of the residual" if 0 < effect < math.inf else "no more than rounding"
-        subject = _listed([self.names[i] for i in main]) + (f" {what}" if len(main) > 1 else " hardly matters")
-        words = f"{subject}: {steps}{also} changes the outputs by {amount}."
+        effect, (moves, factor) = self.effect(v), self.moves(v, main)
+        shown = sorted(sorted(main, key=lambda i: -abs(v[i]))[:MOST_TOLD]) if len(main) > MOST_TOLD + 1 else main
+        steps = [moves[i] for i in shown] + [f"moving {len(main) - len(shown)} more"] * (len(main) > len(shown))
+        chain = steps[0] if len(steps) == 1 else f"{steps[0]} while {listed(steps[1:], MOST_TOLD + 1)}"
+        also = f" (and {listed([self.names[i] for i in passing], 3)} by far less)" if passing else ""
+        changed = factor * effect
+        amount = f"{changed:.1g} of the residual" if 0 < changed < math.inf else "no more than rounding"
+        subject = listed([self.names[i] for i in main], MOST_TOLD) + (
+            f" {what}" if len(main) > 1 else " hardly matters"
+        )
+        words = f"{subject}: {chain}{also} changes the outputs by {amount}."
         named = [*main, *(passing if small == SMALL else [])]
         return Undetermined(COMBINATION, tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named),
                             effect, words)  # fmt: skip
+
+    def moves(self, v: np.ndarray, main: list[int]) -> tuple[dict[int, str], float]:
+        """What each parameter of ``main`` does along ``v``, the largest step being 1 % of what was found; and how many
+        hundredths of ``v`` that is. A parameter that was found near zero moves by a number of its own.
+        """
+        step = np.abs(v * self.scales)
+        known = [i for i in main if abs(self.theta[i]) >= NEAR_ZERO * self.scales[i]]
+        factor = 1 / max((step[i] / abs(self.theta[i]) for i in known), default=1.0)
+        made = {}
+        for i in main:
+            size = factor * step[i]
+            by = f"{size / abs(self.theta[i]):.2g} %" if i in known else f"{0.01 * size:.2g}"
+            made[i] = f"{'raising' if v[i] > 0 else 'lowering'} {self.names[i]} by {by}"
+        return made, factor
 
     def uncertain(self, i: int, value: float, half: float, beyond: bool) -> Undetermined:
         """One parameter whose interval is wider than it, or (``beyond``) than its bounds."""
@@ -206,8 +231,3 @@ class _Teller:
         words = f"{self.names[i]} is hardly determined: {value:.3g} ± {half:.2g}, an interval wider than {than}."
         v = np.eye(len(self.names))[i]
         return Undetermined(UNCERTAIN, (self.names[i],), (1.0,), self.effect(v), words)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

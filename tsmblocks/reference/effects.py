@@ -24,6 +24,7 @@ PLACES = {
     "across": "on the wire of a measured output, where it reads the input as well",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
     "load": "on the wire that sets the output in motion, where it reads the motion as well",
+    "brake": "on the wire that sets the output in motion, where that is a speed, which it reads as well",
 }
 FAMILIES = {
     "friction": "What resists a motion, taken off the force or voltage that drives it.",
@@ -34,8 +35,10 @@ FAMILIES = {
     "time": "Changes with the clock.",
     "limit": "Limits of speed.",
 }
-PLANTS = {"output": "tendon_sheath_asymmetric", "drive": "motor_linear"}
+PLANTS = {"output": "tendon_sheath_asymmetric", **dict.fromkeys(("drive", "load", "brake"), "motor_linear")}
 """Shipped diagrams into which the pages put effects: for those on signals, and for those on drives."""
+SPEED = {"v": "motor.v"}
+"""What is measured of the motor where a speed is."""
 INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
     "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(1.5707963267948966, 1.5707963267948966),
@@ -68,7 +71,7 @@ def _wires() -> str:
     rows = []
     for name, diagram in uses.shipped().items():
         if diagram.inputs:
-            found = [f"{site.place} ``{site.words(diagram)}``" for site in _sites(name)]
+            found = [f"{site.place} ``{site.words(diagram)}``" for site in _sites(diagram)]
             rows.append((rst.link(f"/diagrams/{name}", name), ", ".join(found)))
     return rst.page("In the ready-made diagrams that recordings can drive:",
                     rst.table(("Diagram", "Places and their wires"), rows, (34, 66)))  # fmt: skip
@@ -144,10 +147,11 @@ def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
 
 @attrs.frozen(eq=False)
 class Placed:
-    """An effect in a shipped diagram, as large as a diagnosis would first try it."""
+    """An effect in a shipped diagram, as large as a diagnosis would first try it; ``base`` is that without it."""
 
     effect: Effect
     plant: str
+    base: Diagram
     site: Site
     trials: Trials
     diagram: Diagram
@@ -156,23 +160,24 @@ class Placed:
 @functools.cache
 def placed(effect: Effect) -> Placed:
     """An effect on its wire in a shipped diagram. Raises TsmError where there is no such wire."""
-    plant = PLANTS["drive" if effect.place in ("drive", "load") else "output"]
+    plant = PLANTS.get(effect.place, PLANTS["output"])
     base = uses.shipped()[plant]
-    site = next((s for s in _sites(plant) if s.place == effect.place), None)
+    base = base.rewire(outputs=SPEED) if effect.place == "brake" else base
+    site = next((s for s in _sites(base) if s.place == effect.place), None)
     if site is None:
         raise TsmError(f"there is no place '{effect.place}' in the diagram {plant}.")
-    trials = effect.trials(_scales(plant, site))
+    trials = effect.trials(_scales(base, site))
     if trials is None:
         raise TsmError(f"effect {effect.name} has nothing to try in the diagram {plant}.")
     name = effect.name
     numbers = {**trials.fixed, **trials.shapes[len(trials.shapes) // 2], **trials.strengths}
     made = site.put(base, name, effect.block)
-    return Placed(effect, plant, site, trials, made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()}))
+    made = made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
+    return Placed(effect, plant, base, site, trials, made)
 
 
 @functools.cache
-def _sites(plant: str) -> list[Site]:
-    base = uses.shipped()[plant]
+def _sites(base: Diagram) -> list[Site]:
     return sites(base, list(base.outputs))
 
 
@@ -188,9 +193,9 @@ def _run(diagram: Diagram) -> Any:
     return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP)
 
 
-def _scales(plant: str, site: Site) -> Scales:
+def _scales(plant: Diagram, site: Site) -> Scales:
     """The sizes an effect would see on a wire of a plant."""
-    run = _run(uses.shipped()[plant])
+    run = _run(plant)
     wire, other = (span_of([np.asarray(run[k])], [STEP]) for k in (site.signal, site.other or site.signal))
     return Scales(wire, other, 0.0, STOP, STEP, STOP, (LINE,))
 
@@ -219,7 +224,7 @@ def traces(made: Placed) -> Traces:
     """Run the plant with and without the effect."""
     from tsmblocks.plots.panels import shown
 
-    base, now = _run(uses.shipped()[made.plant]), _run(made.diagram)
+    base, now = _run(made.base), _run(made.diagram)
     (output,) = made.diagram.outputs
     before, unit_shown = shown(np.asarray(base[output]), made.diagram.unit(output))
     after, _ = shown(np.asarray(now[output]), made.diagram.unit(output))
@@ -235,6 +240,6 @@ def _residual(made: Placed) -> str:
     drawn = [found.over_time(), found.over_position()]
     return rst.page(
         f"What a model without it leaves, in {rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
-        f"``{made.site.words(uses.shipped()[made.plant])}``, with {said}:",
+        f"``{made.site.words(made.base)}``, with {said}:",
         rst.html(figures.side_by_side(drawn, list(found.labels))),
     )
