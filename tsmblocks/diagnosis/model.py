@@ -30,6 +30,8 @@ compared: a thousandth of what decides between candidates."""
 
 FINE = 1e-3
 """The same for models that further ones are built on, and that are shown."""
+SAME = 1e-4
+"""Share of the sum of squares by which two ends are the same."""
 
 
 @attrs.frozen
@@ -108,13 +110,20 @@ class Model:
 
 
 def calibrated(diagram: Diagram, records: Mapping[str, Record], asked: Asked, tell: Any = None) -> Model:
-    """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises."""
+    """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises.
+
+    Start values of memories count once more from where they began, with all other numbers found: a search that threw
+    one beyond its reach, where it changes nothing, does not find back.
+    """
     problem, setup = posed(diagram, records, asked, asked.free)
     begin = feasible_start(problem, problem.unknowns.start)
     ends = [gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
             for one in begins(problem, setup, begin, asked.starts, asked.seed)]  # fmt: skip
     best = min(ends, key=lambda found: found.cost)
-    return at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
+    local = np.array([bool(item.experiment) for item in problem.unknowns.items], dtype=bool)
+    anew = [held(problem, np.where(local, begin, best.theta))] if local.any() else []
+    finals = [gauss_newton(problem, one, iterations=STEPS, enough=FINE, tell=tell) for one in (*anew, best.theta)]
+    return at(problem, setup, min(finals, key=lambda found: found.cost * (1 + SAME * (found is finals[-1]))))
 
 
 def posed(

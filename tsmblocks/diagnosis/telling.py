@@ -21,6 +21,7 @@ from tsmblocks.diagnosis.showing import (
     leading,
     with_interval,
 )
+from tsmblocks.fitting.leading import runs_ahead
 from tsmblocks.fitting.telling import estimate_rows
 from tsmblocks.tables import WIDTH, columns, listed
 
@@ -69,15 +70,17 @@ def told(diagnosis: Diagnosis) -> str:
 
 def verdict(segment: Segment) -> str:
     """What is said of a segment in a sentence or two, sizes with their intervals, angles in degrees."""
-    between = f"Between {_ends(segment)}"
+    between, ahead = f"Between {_ends(segment)}", _ahead(segment)
     if segment.verdict == "named":
         missing = [f"{e.words} ({_size(e, segment)})" for e in segment.effects]
-        return f"{between} the model misses {listed(missing, len(missing))}. {_shrinks(segment)} {_also(segment)}"
+        return (
+            f"{between} the model misses {listed(missing, len(missing))}. {_shrinks(segment)} {_also(segment)}{ahead}"
+        )
     if segment.verdict == "unknown":
         best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
         along = "; ".join(w.words for w in segment.where) or "it follows none of the coordinates looked at"
         return (f"{between} the model misses something that no block of the catalogue explains: the best removes "
-                f"{percent(max(best, 0.0))} of the error. Where it is: {along}. {_left(segment)}")  # fmt: skip
+                f"{percent(max(best, 0.0))} of the error. Where it is: {along}. {_left(segment)}{ahead}")  # fmt: skip
     weak = " There is a weak excess, below what these data can name." if segment.excess > WEAK else ""
     return f"{between} nothing is missing that these data could show. {_left(segment)}{weak}{_doubt(segment)}"
 
@@ -87,6 +90,15 @@ def _doubt(segment: Segment) -> str:
     high = [g.output for g in segment.gaps if g.held_out[0] * ABOVE < g.noise_floor]
     return (f" But the noise floor given for {listed(high, 3)} cannot be right: the model leaves less than that."
             if high else "")  # fmt: skip
+
+
+def _ahead(segment: Segment) -> str:
+    """A word about an output that runs ahead of the input, in the first experiment where it does."""
+    said = (
+        runs_ahead((t.drive_name, t.output), t.t, t.drive, t.measured, t.before) for t in segment.traces if t.drive_name
+    )
+    words = next(filter(None, said), "")
+    return f" But {words}" if words else ""
 
 
 def _ends(segment: Segment) -> str:

@@ -13,6 +13,7 @@ from tsmblocks.equation_set import Equations
 from tsmblocks.errors import ParameterError, RunError
 from tsmblocks.fitting.differences import Differences, between
 from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
+from tsmblocks.fitting.leading import runs_ahead
 from tsmblocks.fitting.problem import Problem
 from tsmblocks.fitting.result import Estimate, Fit
 from tsmblocks.fitting.search import Found
@@ -25,6 +26,8 @@ TOUCHING = 1e-7
 """Distance from a bound, as a share of the parameter's size, that counts as none."""
 VERDICTS = {"no influence": "no influence", "combination": "not determined", "uncertain": "uncertain"}
 """What a table says of a parameter that the data leave open, by kind."""
+NEXT_TO_NOTHING = 1.0
+"""Fit [%] up to which a diagram says hardly more than a constant would."""
 SAME = 1.0
 """Costs that differ by less than this many variances of a sample belong to one optimum."""
 
@@ -163,6 +166,9 @@ def _remarks(setup: Setup, differences: Differences) -> list[str]:
         still = [k for k in setup.diagram.inports if np.ptp(trial.record[k]) == 0]
         said += [f"{trial.name}: the input {k} never changes, so it excites nothing." for k in still]
         said += [f"{trial.name}: {text}" for text in rough_inputs(trial.record, trial.eq)]
-    said += [f"{d.experiment}: the diagram explains {d.output} no better than its mean does." for d in differences
-             if d.fit_percent <= 0]  # fmt: skip
+    said += [f"{d.experiment}: the diagram explains {d.output} {'no' if d.fit_percent <= 0 else 'hardly'} better than "
+             "its mean does." for d in differences if d.fit_percent <= NEXT_TO_NOTHING]  # fmt: skip
+    for d in differences:
+        ahead = (runs_ahead((k, d.output), d.t, x, d.measured, d.simulated) for k, (x, _) in d.inputs.items())
+        said += [f"{d.experiment}: {text}" for text in ahead if text]
     return said

@@ -1,0 +1,41 @@
+"""Outputs that run ahead of the input: where no model does so, columns were exchanged, or one was recorded late."""
+
+from __future__ import annotations
+
+import numpy as np
+
+PLAIN = 0.25
+"""Share of what a signal in proportion to the input leaves, from which its rate explains it plainly."""
+MOSTLY = 0.5
+"""Share of an output that has to be in proportion to the input, and of the lead that a model has to show."""
+
+
+def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarray, simulated: np.ndarray) -> str:
+    """Say that a measured output ``y`` runs ahead of the input ``x``, and ``simulated`` does not; ``""`` where not so.
+
+    ``names`` are those of input and output; all arrays have one value for each of the times ``t`` [s].
+    """
+    if len(t) < 4 or not np.ptp(x) > 0:
+        return ""
+    lead = _lead(t, x, y)
+    if lead <= 0 or _lead(t, x, simulated) > MOSTLY * lead:
+        return ""
+    return (f"{names[1]} runs {lead:.2g} s ahead of {names[0]}, which the model does not: were the two exchanged, or "
+            "was one recorded late?")  # fmt: skip
+
+
+def _lead(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
+    """Time [s] by which ``y`` runs ahead of ``x``, as its rate and its value explain ``y``; 0.0 where unclear."""
+    x, y = x - x.mean(), y - y.mean()
+    rate = np.gradient(x, t)
+    rate = rate - rate.mean()
+    slope = float(x @ y) / float(x @ x)
+    along = rate - x * (float(x @ rate) / float(x @ x))
+    rest = y - slope * x
+    size, left = float(along @ along), float(rest @ rest)
+    if not (size > 0 and left > 0):
+        return 0.0
+    gain = float(along @ rest) / size
+    plain = gain**2 * size >= PLAIN * left and abs(slope) * float(np.std(x)) >= MOSTLY * float(np.std(y))
+    proportion = slope - gain * float(x @ rate) / float(x @ x)
+    return gain / proportion if plain and proportion != 0 else 0.0
