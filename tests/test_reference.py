@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import math
 import re
 import sys
@@ -17,8 +18,10 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.block import leaves
+from tsmblocks.blocks import DeadTime, Delay, Gain
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
+from tsmblocks.compile import compile_diagram
 from tsmblocks.reference import blocks, examples, python, uses
 from tsmblocks.reference import trace as tracing
 from tsmblocks.reference.cards import words
@@ -250,6 +253,31 @@ def compare(owner, field, value, default, unit, bounds):
         assert unit == field.unit, owner
     if math.isfinite(field.low) and math.isfinite(field.high):
         assert re.findall(r"[-\d.e]+", bounds) == [f"{field.low:g}", f"{field.high:g}"], owner
+
+
+def test_what_pages_say_of_feedthrough_is_what_closes_an_algebraic_loop():
+    tried = 0
+    for name, cls in BLOCKS.items():
+        block, text = cls(), blocks._feedthrough(cls())
+        rates = {port.rate_of for port in block.inports.values()} - {""}  # a loop may go by the rate alone
+        inputs = [k for k, port in block.inports.items() if not port.rate_of]
+        for inlet, outlet in itertools.product([k for k in inputs if k not in rates], block.outports):
+            others = {k: f"b.{k}" for k in inputs if k != inlet}
+            closed = tsm.Diagram(blocks=dict(b=block, g=Gain(gain=0.5)), wires=[f"b.{outlet} -> g", f"g -> b.{inlet}"],
+                                 inputs=others, outputs={"y": f"b.{outlet}"})  # fmt: skip
+            said = re.search(rf"``{outlet}`` depends on ([^,.]*)", text)
+            there = said is not None and f"``{inlet}``" in said[1]
+            with pytest.raises(tsm.errors.AlgebraicLoop) if there else contextlib.nullcontext():
+                compile_diagram(closed)
+            assert there or outlet in text or "breaks algebraic loops" in text, name
+            tried += 1
+    assert tried > 80
+
+
+def test_blocks_that_read_the_past_are_not_said_to_be_of_one_instant():
+    assert "earlier instants" in blocks._time(Delay())
+    assert "earlier instants" in blocks._time(DeadTime())
+    assert "same instant" in blocks._time(Gain())
 
 
 def test_every_formula_becomes_mathml():

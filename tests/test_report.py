@@ -19,7 +19,7 @@ from tsmblocks.diagnosis import showing, telling
 from tsmblocks.diagnosis.difference import difference, in_code
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.errors import TsmError
-from tsmblocks.report import charts, page, written
+from tsmblocks.report import charts, figures, page, written
 from tsmblocks.report.style import CSS
 
 TOLD = """\
@@ -451,13 +451,22 @@ def luminance(colour):
 @pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
 @pytest.mark.parametrize(
     ("name", "least"), [("ink", 7), ("soft", 4.5), ("floor", 4.5), ("add", 4.5), ("gone", 4.5), ("before", 4.5),
-                    ("after", 4.5), ("between", 2.5), ("measured", 7)],
+                    ("after", 4.5), ("between", 2.5), ("measured", 2.9)],
 )  # fmt: skip
 @pytest.mark.parametrize("paper", ["paper", "panel"])
 def test_colours_stand_out_from_the_paper(scheme, name, least, paper):
     colours = dict(re.findall(r"--(\w+):(#\w+)", re.findall(r":root\{(.*?)\}", CSS, re.DOTALL)[scheme]))
     light, dark = sorted([luminance(colours[name]), luminance(colours[paper])], reverse=True)
     assert (light + 0.05) / (dark + 0.05) >= least
+
+
+def test_what_was_measured_shows_on_both_sides_of_the_models_drawn_over_it():
+    wide, model = (
+        float(re.search(rf"{kind}{{[^}}]*stroke-width:([.\d]+)", CSS)[1]) for kind in (".line.measured", ".line")
+    )
+    assert wide > 2 * model
+    drawn = re.findall(r'class="line (\w+)', figures.history(trace("slow", 0.8), 100))
+    assert drawn == ["measured", "before", "after"]  # what is drawn later lies on top
 
 
 # ---- charts

@@ -120,7 +120,7 @@ def _measured(story: Story) -> str:
 
     return _wrapped(
         f"2. A mechanism is measured: {', '.join(story.records)}, with an encoder at the motor and a "
-        f"sensor of {FLOOR / DEG:.3f} deg rms at the tip. Something is in it that its model has not."
+        f"sensor of {FLOOR / DEG:.3f} deg rms at the tip. There may be something in it that its model has not."
     )
 
 
@@ -142,13 +142,13 @@ def _diagnosed(story: Story) -> str:
 
 
 def _rebuilt(story: Story) -> str:
-    from tsmblocks.demo.story import AUGMENTED, IDENTIFIED
+    from tsmblocks.demo.story import IDENTIFIED
 
-    names = [name for name in (IDENTIFIED, AUGMENTED) if story.on(name)]
-    first = story.tracked[0]
+    names, first = story.models, story.tracked[0]
     rows: list[tuple[str, ...]] = [("model:", *names), (first.words, *([_error(first)] * len(names)))]
     rows += [(words, *(_error(story.on(name).get(words)) for name in names)) for words in story.on(IDENTIFIED)]
-    title = _wrapped("5. The compensators are rebuilt on both models, and the mechanism tracks 55 deg at 0.2 Hz: "
+    which = "both models" if len(names) > 1 else "the model"
+    title = _wrapped(f"5. The compensators are rebuilt on {which}, and the mechanism tracks 55 deg at 0.2 Hz: "
                      "peak-to-peak error in deg, rms in brackets")  # fmt: skip
     return f"{title}\n\n{columns(rows)}"
 
@@ -158,10 +158,8 @@ def _error(one: Tracked | None) -> str:
 
 
 def _revealed(story: Story) -> str:
-    from tsmblocks.demo.story import AUGMENTED, IDENTIFIED
-
-    rows: list[tuple[str, ...]] = [("", "in truth", IDENTIFIED, AUGMENTED)]
-    rows += [(name, *("-" if v is None else f"{v:.3g}" for v in values)) for name, *values in story.revealed]
+    rows: list[tuple[str, ...]] = [("", "in truth", *story.models)]
+    rows += [(name, *(f"{v:.3g}" for v in values)) for name, *values in story.revealed]
     return f"{_wrapped(f'6. What had been hidden: {story.hidden.words}')}\n\n{columns(rows)}"
 
 

@@ -13,7 +13,7 @@ from tsmblocks.demo import paper
 from tsmblocks.demo.compensators import PERIOD, REFERENCE, Tracked
 from tsmblocks.demo.mechanism import DEG, model
 from tsmblocks.demo.paper import DIAGRAMS, Case
-from tsmblocks.demo.story import AUGMENTED, FLOOR, IDENTIFIED, Story
+from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.showing import by_excess, digits, histories, profile, with_interval
 from tsmblocks.diagnosis.telling import verdict, worst_gap
@@ -46,7 +46,7 @@ def page(cases: Sequence[Case], story: Story) -> str:
 
 def _head(story: Story) -> str:
     first = story.tracked[0].error.peak_to_peak
-    ends = [best(story, model) for model in (IDENTIFIED, AUGMENTED) if story.on(model)]
+    ends = [best(story, model) for model in story.models]
     path = " → ".join(f"{digits(x)}" for x in (first, *(one.error.peak_to_peak for one in ends)))
     box = f'<p><b class="word">In one line.</b> {sentence(_found(story.diagnosis))}</p>'
     steps = "no compensation, the best on the model identified"
@@ -63,8 +63,9 @@ def _found(diagnosis: Diagnosis) -> str:
 
 def _paper(cases: Sequence[Case]) -> list[str]:
     sine = cases[0]
-    names = ("l:signal", *DIAGRAMS.values(), "the paper measured")
+    names = ("l:signal", *(_hyphened(words) for words in DIAGRAMS.values()), "the paper measured")
     rows = [tuple(map(escape, row)) for row in paper.compared(cases)]
+    why = paper.WHY.replace("'", "’")
     runs = list(zip(sine.runs.values(), KINDS, strict=True))
     errors = [_late(run.t, run["x_ref"] - run["x_out"], kind) for run, kind in runs]
     loops = [_loop(run["x_in"], run["x_out"], run.t, kind) for run, kind in runs]
@@ -73,7 +74,7 @@ def _paper(cases: Sequence[Case]) -> list[str]:
         "make what arrives at the tip of the endoscope lag behind. The paper tracks three signals: as it is, with a "
         "feedforward compensator, and with feedback of the tip as well. Peak-to-peak error in deg, with the paper’s "
         "numbers:</p>",
-        table(names, rows), f'<p class="soft">{escape(paper.WHY)}</p>',
+        table(names, rows), f'<p class="soft">{why}</p>',
         picture(to_svg(load("fig16_feedforward_feedback"))),
         key([(f"--{kind}", words) for words, kind in zip(DIAGRAMS.values(), KINDS, strict=True)]),
         _cards(_chart(errors, "t [s]", "x_ref - x_out [deg]", f"error for {sine.words}"),
@@ -81,15 +82,20 @@ def _paper(cases: Sequence[Case]) -> list[str]:
     ]  # fmt: skip
 
 
+def _hyphened(words: str) -> str:
+    """The heading of a column that is narrow on a phone: its long words may be parted."""
+    return words.replace("compensation", "compen\u00adsation").replace("feedforward", "feed\u00adforward")
+
+
 def _measured(story: Story) -> list[str]:
     drawn = [_recording(name, record) for name, record in story.records.items()]
     large = story.records[REFERENCE]
-    loop = _loop(large["x_in"], large["x_out"], large.t, "measured")
+    loop = _loop(large["x_in"], large["x_out"], large.t, "measured thin")
     drawn.append(_chart([loop], "x_in [deg]", heading("x_out", "deg"), f"the loop of the recording {REFERENCE}"))
     return [
         "<h2>2. A mechanism is measured</h2><p>Another sheath, behind the same motor. Its encoder counts, the sensor "
-        f"at the tip has noise and an interval of its own: {digits(FLOOR / DEG)} deg rms. Something is in it that "
-        "the model does not have.</p>",
+        f"at the tip has noise and an interval of its own: {digits(FLOOR / DEG)} deg rms. There may be something in "
+        "it that the model does not have.</p>",
         key([("--between", "x_in, motor"), ("--measured", "x_out, tip")]), _cards(*drawn),
     ]  # fmt: skip
 
@@ -98,12 +104,14 @@ def _identified(story: Story) -> list[str]:
     estimates = [(escape(e.name), f"{e.value:.4g}", f"{e.low:.4g} … {e.high:.4g}", escape(e.unit))
                  for e in story.fit.estimates]  # fmt: skip
     left = story.fit.differences
+    said = ("A better search will not help: the model has no place for it." if story.diagnosis.verdict != "none" else
+            "No model can do better.")  # fmt: skip
     return [
         "<h2>3. The model is identified</h2><p>The paper’s proposed model, Eqs (8) and (9), all numbers free, to "
         "all experiments at once:</p>",
         picture(to_svg(model())), table(("l:parameter", "value", "95 % interval", "l:unit"), estimates),
         f"<p>What is left is {digits(left.rms / DEG)} deg rms, {left.rms / FLOOR:.1f} times the sensor’s "
-        "noise. A better search will not help: the model has no place for it.</p>",
+        f"noise. {said}</p>",
     ]  # fmt: skip
 
 
@@ -120,15 +128,16 @@ def _diagnosed(story: Story) -> list[str]:
         "<h2>4. What is missing is found</h2><p>Every effect of the catalogue is put on every wire where it can stand, "
         "fitted together with the model, and judged on stretches of time held out.</p>",
         f'<div class="verdict {escape(found.verdict)}"><p>{sentence(verdict(segment))}</p></div>', after,
-        key([("--measured", "measured"), ("--before", "before"), ("--after", "with what was found"),
-             ("--noise", "noise, ± 2 rms")]),
+        key([("--measured", "measured"), ("--before", "before"),
+             *([("--after", "with what was found")] if found.effects else []),
+             ("hollow", "hollow: fitted to these data too"), ("--noise", "noise, ± 2 rms")]),
         _cards(*shown),
         '<p>The whole of it, with all that was tried: <a href="found/report.html">report</a>.</p>',
     ]  # fmt: skip
 
 
 def _rebuilt(story: Story) -> list[str]:
-    columns = [name for name in (IDENTIFIED, AUGMENTED) if story.on(name)]
+    columns = story.models
     first = story.tracked[0]
     rows = [(first.words, *([_error(first)] * len(columns)))]
     rows += [(words, *(_error(story.on(c).get(words)) for c in columns)) for words in story.on(IDENTIFIED)]
@@ -136,11 +145,12 @@ def _rebuilt(story: Story) -> list[str]:
     lines = [_late(one.run.t, one.run["x_ref"] - one.run["x_out"], kind) for one, kind in ends]
     loops = [_loop(one.run["x_ref"], one.run["x_out"], one.run.t, kind) for one, kind in paper_s]
     names = ("l:", *(f"model {name}" for name in columns))
+    second = ", and on the model with what was found in place" if len(columns) > 1 else ""
     return [
         "<h2>5. The compensators are rebuilt</h2><p>The mechanism itself, motor and its 24 V included, follows the "
-        f"reference of “{REFERENCE}” behind compensators built on the model as first identified, and on the model "
-        "with what was found in place. Peak-to-peak error in deg, rms in brackets. The loop knows the present only; "
-        "what is planned knows the whole reference, and is the best command there is for its model.</p>",
+        f"reference of “{REFERENCE}” behind compensators built on the model as first identified{second}. "
+        "Peak-to-peak error in deg, rms in brackets. The loop knows the present only; what is planned knows the whole "
+        "reference, and is the best command there is for its model.</p>",
         table(names, rows),
         _cards(_keyed(ends, _chart(lines, "t [s]", "x_ref - x_out [deg]", "error behind the best compensators")),
                _keyed(paper_s, _chart(loops, "x_ref [deg]", "x_out [deg]", "what arrives over what is wanted"))),
@@ -148,14 +158,14 @@ def _rebuilt(story: Story) -> list[str]:
 
 
 def _revealed(story: Story) -> list[str]:
-    rows = [(escape(name), *(f"{v:.3g}" if v is not None else "" for v in values)) for name, *values in story.revealed]
+    rows = [(escape(name), *(f"{v:.3g}" for v in values)) for name, *values in story.revealed]
+    words = story.hidden.words
     sizes = "; ".join(f"{escape(k)} {escape(with_interval(q))}" for e in story.diagnosis.effects
                       for k, q in e.parameters.items())  # fmt: skip
-    found = f" Found: {sizes}." if sizes else ""
+    found = f" Found: {sizes}. With it in place the model’s other numbers come right too:" if sizes else ""
     return [
-        f"<h2>6. What had been hidden</h2><p>{escape(story.hidden.words[0].upper() + story.hidden.words[1:])}.{found} "
-        "With it in place the model’s other numbers come right too:</p>",
-        table(("l:", "in truth", IDENTIFIED, AUGMENTED), rows), picture(to_svg(story.mechanism)),
+        f"<h2>6. What had been hidden</h2><p>{escape(words[0].upper() + words[1:])}.{found}</p>",
+        table(("l:", "in truth", *story.models), rows), picture(to_svg(story.mechanism)),
     ]  # fmt: skip
 
 
@@ -179,14 +189,13 @@ def best(story: Story, on: str) -> Tracked:
 
 def _ends(story: Story) -> list[tuple[Tracked, str]]:
     """The best compensator on each model."""
-    on = [best(story, model) for model in (IDENTIFIED, AUGMENTED) if story.on(model)]
+    on = [best(story, model) for model in story.models]
     return list(zip(on, KINDS[::2], strict=False))
 
 
 def _steps(story: Story) -> list[tuple[Tracked, str]]:
     """No compensation, the paper's, and the best there is."""
-    last = AUGMENTED if story.on(AUGMENTED) else IDENTIFIED
-    on = [story.tracked[0], story.on(IDENTIFIED)["feedforward (11)"], best(story, last)]
+    on = [story.tracked[0], story.on(IDENTIFIED)["feedforward (11)"], best(story, story.models[-1])]
     return list(zip(on, KINDS, strict=True))
 
 
@@ -213,7 +222,7 @@ def _loop(x: np.ndarray, y: np.ndarray, t: np.ndarray, kind: str) -> Line:
 
 def _recording(name: str, record: Record) -> str:
     lines = [(*charts.thinned(record.t, np.rad2deg(record[k]), POINTS), kind)
-             for k, kind in (("x_in", "between"), ("x_out", "measured"))]  # fmt: skip
+             for k, kind in (("x_in", "between"), ("x_out", "measured thin"))]  # fmt: skip
     return _chart(lines, "t [s]", heading(name, "deg"), f"the recording {name} over time")
 
 

@@ -46,12 +46,15 @@ class Story:
         return {one.words: one for one in self.tracked if one.model == model}
 
     @property
-    def revealed(self) -> list[tuple[str, float, float, float | None]]:
-        """Each of the sheath's numbers: its name, what it is, as first identified, and with what was found in place."""
-        named = bool(self.diagnosis.effects)
-        after = self.diagnosis.augmented.parameters
-        return [(k, v, self.fit.diagram.parameters[f"tsm.{k}"], after[f"tsm.{k}"] if named else None)
-                for k, v in NUMBERS.items()]  # fmt: skip
+    def models(self) -> tuple[str, ...]:
+        """The models there are to build compensators on, in the order in which they were found."""
+        return (IDENTIFIED, AUGMENTED) if self.diagnosis.effects else (IDENTIFIED,)
+
+    @property
+    def revealed(self) -> list[tuple[str, float, *tuple[float, ...]]]:
+        """Each of the sheath's numbers: its name, what it is, and what it is in each of the ``models``."""
+        found = [self.fit.diagram.parameters, self.diagnosis.augmented.parameters][: len(self.models)]
+        return [(k, v, *(numbers[f"tsm.{k}"] for numbers in found)) for k, v in NUMBERS.items()]
 
 
 def told(name: str, seed: int, tell: Callable[[str, float], None] | None = None) -> Story:

@@ -197,11 +197,14 @@ def _time(block: Block) -> str:
         return "**Time**: continuous, with memory that is set once at the start of each step."
     if shape.continuous:
         return "**Time**: continuous; its states are integrated by the method of the run."
+    if block.past_ports:
+        return "**Time**: continuous; it has no state, and reads what its input was at earlier instants of the run."
     return "**Time**: none; it has no state, and its output is a function of the same instant."
 
 
 def _feedthrough(block: Block) -> str:
-    found = {name: [f"``{k}``" for k in block.inports if k in wanted]
+    passed = {key: past.of for key, past in block.past_ports.items() if past.now}  # a delay that may be none
+    found = {name: [f"``{k}``" for k in block.inports if k in wanted | {passed.get(key, key) for key in wanted}]
              for name, wanted in structure_of(block).outputs.items()}  # fmt: skip
     if not block.inports:
         return "**Direct feedthrough**: none; it has no input."

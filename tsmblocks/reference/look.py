@@ -1,7 +1,7 @@
 """How the pages look beyond their theme: drawings, charts, formulas, in light and dark, wide and narrow."""
 
-LIGHT = "--measured:#1b1b1b;--before:#b84a06;--after:#0067a5;--between:#7a5195;--rule:#d5d5d5;--soft:#5b5b5b"
-DARK = "--measured:#ececec;--before:#ff9a57;--after:#62b5f2;--between:#c39be0;--rule:#3b3d3f;--soft:#a9a9a9"
+LIGHT = "--measured:#757575;--before:#b84a06;--after:#0067a5;--between:#7a5195;--rule:#d5d5d5;--soft:#5b5b5b"
+DARK = "--measured:#9a9a9a;--before:#ff9a57;--after:#62b5f2;--between:#c39be0;--rule:#3b3d3f;--soft:#a9a9a9"
 CSS = """
 body{LIGHT}
 body[data-theme="dark"]{DARK}
@@ -21,7 +21,7 @@ svg.chart{width:100%;max-width:520px;height:auto;display:block}
 svg.chart text{font-size:11px;fill:var(--color-foreground-primary)}
 path.grid{stroke:var(--rule);stroke-width:.6;fill:none}
 .line{fill:none;stroke-width:1.4;stroke-linejoin:round}
-.line.measured{stroke:var(--measured);stroke-opacity:.6;stroke-width:2}
+.line.measured{stroke:var(--measured);stroke-width:2}
 .line.after{stroke:var(--after)}.line.before{stroke:var(--before)}.line.between{stroke:var(--between)}
 .key{display:flex;flex-wrap:wrap;gap:4px 16px;font-size:.85rem;margin:.6em 0}
 .key span::before{content:'';display:inline-block;width:18px;height:4px;margin:0 6px 3px 0;background:var(--c)}

@@ -7,8 +7,8 @@ from html import escape
 
 from tsmblocks.report.style import CSS
 
-WIDE = 4
-"""Columns from which a table is moved sideways on a phone and not squeezed."""
+WIDE, TEXTS = 5, 2
+"""Columns, and columns of words, beyond which a table is moved sideways on a phone and not squeezed."""
 
 
 def document(title: str, parts: Iterable[str]) -> str:
@@ -31,7 +31,7 @@ def table(names: Sequence[str], rows: Iterable[Sequence[str]], kinds: Sequence[s
         kind = f' class="{kinds[place]}"' if kinds and kinds[place] else ""
         cells = "".join(f"<td{side}>{cell}</td>" for cell, side in zip(row, sides, strict=True))
         body.append(f"<tr{kind}>{cells}</tr>")
-    wide = ' class="wide"' if len(names) > WIDE else ""
+    wide = ' class="wide"' if len(names) > WIDE else ' class="text"' if sum(map(bool, sides)) > TEXTS else ""
     inner = f"<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody>"
     return f'<div class="scroll" tabindex="0"><table{wide}>{inner}</table></div>'
 

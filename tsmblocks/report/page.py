@@ -157,9 +157,9 @@ def _experiment(diagnosis: Diagnosis, gap: Gap, trace: Trace, points: int) -> st
 def _ranking(diagnosis: Diagnosis) -> str:
     parts = ["<h2>What was tried</h2><p>Each candidate was put into the diagram and fitted together with it. "
              "<i>Removes</i>: share of the error above the noise that goes with it, on blocks of time held out; <i>new "
-             "experiments</i>: the same with whole experiments held out, of what the round's base leaves there; &lt; "
-             "0&nbsp;%: the error grows. <i>t</i>: how many times its own scatter that is; <i>line</i>: what chance "
-             "stays below.</p>"]  # fmt: skip
+             "experiments</i>: the same with whole experiments held out, of what the round's base leaves there; "
+             "&lt;&nbsp;0&nbsp;%: the error grows. <i>t</i>: how many times its own scatter that is; <i>line</i>: what "
+             "chance stays below.</p>"]  # fmt: skip
     several = len(diagnosis.segments) > 1
     tables = 0
     for segment in diagnosis.segments:
@@ -227,8 +227,9 @@ def _own_numbers(diagnosis: Diagnosis) -> str:
     for segment in diagnosis.segments:
         head, *rows = number_rows(segment) or [()]
         if rows:
-            names = [f"{'l:' if k in (0, 4, 6) else ''}{name}" for k, name in enumerate(head)]
-            parts.append(table(names, [tuple(map(sentence, row)) for row in rows]))
+            kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
+            names = [f"{'l:' if k in (0, 4, 6) else ''}{head[k]}" for k in kept]
+            parts.append(table(names, [tuple(sentence(row[k]) for k in kept) for row in rows]))
         if segment.cautions:
             said = "".join(f"<li>{sentence(text)}</li>" for text in segment.cautions)
             parts.append(f"<p><b>Beware:</b></p><ul>{said}</ul>")

@@ -1,10 +1,10 @@
 """How a report looks: colours for light and dark, apart for colour-blind readers, one column on a phone."""
 
 CSS = """
-:root{--paper:#fff;--ink:#1b1b1b;--soft:#5b5b5b;--rule:#d5d5d5;--panel:#f5f5f3;--measured:#1b1b1b;
+:root{--paper:#fff;--ink:#1b1b1b;--soft:#5b5b5b;--rule:#d5d5d5;--panel:#f5f5f3;--measured:#909090;
 --before:#b84a06;--after:#0067a5;--between:#7a9fbe;--noise:#009e7333;--floor:#00795a;--add:#0067a5;--gone:#a83232}
 @media (prefers-color-scheme:dark){:root{--paper:#161718;--ink:#ececec;--soft:#a9a9a9;--rule:#3b3d3f;
---panel:#202224;--measured:#ececec;--before:#ff9a57;--after:#62b5f2;--between:#6c8fae;--noise:#2fd0a333;
+--panel:#202224;--measured:#7d7d7d;--before:#ff9a57;--after:#62b5f2;--between:#6c8fae;--noise:#2fd0a333;
 --floor:#45d6ad;--add:#62b5f2;--gone:#ff8f8f}}
 *{box-sizing:border-box}
 body{margin:0 auto;padding:16px;max-width:1160px;background:var(--paper);color:var(--ink);
@@ -22,7 +22,7 @@ svg.chart text{font-size:11px;fill:var(--ink)}svg.chart text.small{font-size:9.5
 svg.chart text.floor{fill:var(--floor)}svg.chart text.strong{font-weight:600}
 path.grid{stroke:var(--rule);stroke-width:.6;fill:none}path.zero{stroke:var(--soft);stroke-width:.8}
 .line{fill:none;stroke-width:1.3;stroke-linejoin:round}.thin{stroke-width:.9}
-.line.measured{stroke:var(--measured);stroke-width:2;stroke-opacity:.55}.line.before{stroke:var(--before)}
+.line.measured{stroke:var(--measured);stroke-width:3.6}.line.measured.thin{stroke-width:1.6}.line.before{stroke:var(--before)}
 .line.after{stroke:var(--after)}.line.between{stroke:var(--between)}
 .line.floor{stroke:var(--floor);stroke-width:1.6;stroke-dasharray:5 3}
 .line.explained{stroke:var(--after);stroke-width:1.6;stroke-dasharray:4 3}
@@ -39,10 +39,10 @@ tr.blind td{color:var(--soft)}tr.blind td:first-child::after{content:' (not seen
 pre{background:var(--panel);padding:10px 12px;border-radius:4px;overflow-x:auto;font-size:.84rem;line-height:1.45}
 pre.wrap{white-space:pre-wrap;overflow-wrap:anywhere}
 code{font-size:.92em}.add{color:var(--add)}.gone{color:var(--gone)}
-.picture{overflow-x:auto;background:#fff;border-radius:8px;border:1px solid var(--rule)}
+.picture{margin:.6em 0;overflow-x:auto;background:#fff;border-radius:8px;border:1px solid var(--rule)}
 .picture svg{display:block;max-width:max(100%,560px)!important}
 details{margin:.6em 0}summary{cursor:pointer;padding:4px 0}ul{padding-left:1.2em}li{margin:.2em 0}
-@media (max-width:600px){table{min-width:440px}table.wide{min-width:820px}
+@media (max-width:600px){table{font-size:.82rem}table.text{min-width:440px}table.wide{min-width:820px}
 body{padding:12px}h2{margin-top:1.6em}.verdict p{font-size:1.02rem}}
 @media print{details>*{display:block}}
 """
