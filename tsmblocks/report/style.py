@@ -44,6 +44,10 @@ code{font-size:.92em}.add{color:var(--add)}.gone{color:var(--gone)}
 details{margin:.6em 0}summary{cursor:pointer;padding:4px 0}ul{padding-left:1.2em}li{margin:.2em 0}
 @media (max-width:600px){table{font-size:.82rem}table.text{min-width:440px}table.wide{min-width:820px}
 body{padding:12px}h2{margin-top:1.6em}.verdict p{font-size:1.02rem}}
-@media print{details>*{display:block}}
+@media print{html,body{font-size:11px}body{padding:0}.cards{grid-template-columns:1fr 1fr}details>*{display:block}
+details::details-content{display:block;content-visibility:visible}
+.scroll,.picture,pre{overflow:visible}pre{white-space:pre-wrap;overflow-wrap:anywhere}
+h2,h3,.key{break-after:avoid}figure,table,.picture,.verdict,pre{break-inside:avoid}
+.verdict,.key span::before{-webkit-print-color-adjust:exact;print-color-adjust:exact}}
 """
 """The style sheet of the page."""
