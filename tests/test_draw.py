@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import os
 import re
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 
@@ -442,6 +444,33 @@ def test_the_same_diagram_gives_the_same_bytes():
     one = cascade()
     assert to_svg(one) == to_svg(cascade())
     assert to_svg(one) == to_svg(one._with(wires=list(reversed(one.links))))
+
+
+DIGEST = """
+import hashlib
+from tsmblocks.draw import to_svg
+from tsmblocks.files import load
+from tsmblocks.shelf import names
+print(hashlib.sha256("".join(to_svg(load(name)) for name in names()).encode()).hexdigest())
+"""
+
+
+def test_the_same_diagram_gives_the_same_bytes_in_every_session():
+    made = {subprocess.run([sys.executable, "-c", DIGEST], env={**os.environ, "PYTHONHASHSEED": seed}, check=True,
+                           capture_output=True).stdout for seed in "0145"}  # fmt: skip
+    assert len(made) == 1
+
+
+def test_loops_beside_each_other_are_closed_in_their_own_rows():
+    blocks = {"ref": Source()}
+    wires = []
+    for k in range(3):
+        blocks |= {f"error{k}": Add(), f"plant{k}": Plant()}
+        wires += [f"ref -> error{k}.u0", f"error{k} -> plant{k} -> error{k}.u1"]
+    picture = layout(Diagram(blocks=blocks, wires=wires, outputs={f"y{k}": f"plant{k}" for k in range(3)}))
+    tops = {b.name: b.y for b in picture.boxes}
+    lows = [lowest(next(w for w in picture.wires if w.signal == f"plant{k}.y")) for k in range(3)]
+    assert tops["plant0"] < lows[0] < tops["plant1"] < lows[1] < tops["plant2"] < lows[2]
 
 
 def test_texts_are_escaped():

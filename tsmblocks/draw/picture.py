@@ -110,6 +110,11 @@ class Box:
         """Left, top, right and bottom of the outline."""
         return self.x, self.y, self.x + self.width, self.y + self.height
 
+    @property
+    def rim(self) -> float:
+        """Radius of the corners; the first and the last port of a tall sum stand where they end."""
+        return PITCH / 2 if self.shape == "tall" else 2.0
+
     def moved(self, dx: float, dy: float) -> Box:
         """The same box elsewhere."""
         strokes = tuple((_shifted(a, dx, dy), _shifted(b, dx, dy)) for a, b in self.strokes)

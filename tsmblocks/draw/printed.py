@@ -117,9 +117,8 @@ def _box(axes: Any, box: Box, accent: bool) -> None:
     if box.shape in ("round", "terminal"):
         axes.add_patch(Circle((box.x + box.width / 2, box.y + box.height / 2), box.width / 2, **pen))
     else:
-        rim = box.width / 2 if box.shape == "tall" else 2
         axes.add_patch(FancyBboxPatch((box.x, box.y), box.width, box.height,
-                                      boxstyle=f"round,pad=0,rounding_size={rim}", **pen))  # fmt: skip
+                                      boxstyle=f"round,pad=0,rounding_size={box.rim}", **pen))  # fmt: skip
     if box.shape == "double":
         pen |= dict(facecolor="none", linewidth=POINT, zorder=4)
         width, height = box.width - 2 * FRAME, box.height - 2 * FRAME

@@ -1,4 +1,4 @@
-"""Wires: pins, feedback channels below the blocks, tracks between the columns, and all x coordinates."""
+"""Wires: pins, feedback channels below or between the blocks, tracks between the columns, and all x coordinates."""
 
 from __future__ import annotations
 
@@ -19,13 +19,22 @@ BEFORE, AFTER, TRACK, PLAIN = 14, 22, 12, 40
 
 @attrs.define(eq=False)
 class Channel:
-    """One feedback below the blocks: its height, the gaps between which it runs, and its blocks' columns."""
+    """One feedback below its blocks: its height, the gaps between which it runs, and its blocks' columns.
+
+    ``above`` and ``below`` are the room that the blocks in it take.
+    """
 
     loop: Loop
     right: int
     left: int
     y: float = 0.0
     columns: tuple[int, ...] = ()
+    above: float = 0.0
+    below: float = 0.0
+
+    def meets(self, other: Channel) -> bool:
+        """Whether both run below one column, or turn in one gap."""
+        return other.left <= self.right and self.left <= other.right
 
 
 @attrs.define(eq=False)
@@ -53,7 +62,8 @@ def routed(plan: Plan) -> Plan:
     _pins(plan, fed_back=False)
     _channels(plan)
     _pins(plan, fed_back=True)
-    plan.trunks = [arrange(_trunks(plan, gap)) for gap in range(len(plan.rows.gaps))]
+    levels = [c.y for c in plan.channels]
+    plan.trunks = [arrange(_trunks(plan, gap), levels) for gap in range(len(plan.rows.gaps))]
     _columns(plan)
     for net in plan.graph.nets:
         plan.pieces[net], plan.arrows[net] = [], []
@@ -68,22 +78,42 @@ def routed(plan: Plan) -> Plan:
 
 
 def _channels(plan: Plan) -> None:
-    """Lead each feedback close below the columns it spans, short ones above long ones."""
+    """Lead each feedback close below its own blocks where there is room, else below the columns it spans.
+
+    Short ones come first, above long ones.
+    """
     graph = plan.graph
     for loop in graph.loops:
         column = graph.column[loop.nets[0].source[0]]
         left = min(graph.column[key] for key, _ in loop.nets[-1].back)
         plan.channels.append(Channel(loop, column + 1, left))
     plan.channels.sort(key=lambda c: (c.right - c.left, c.left))
-    lowest = [_bottom(plan, column) for column in range(len(plan.rows.columns))]
-    floors: list[tuple[Channel, float]] = []
+    spans = [_spans(plan, column) for column in range(len(plan.rows.columns))]
+    done: list[Channel] = []
     for channel in plan.channels:
         _seat(channel)
         sizes = [size(graph.nodes[k], plan.sides) for k in channel.loop.blocks]
-        y = max([*lowest[channel.left : channel.right],
-                 *(f for c, f in floors if c.left <= channel.right and channel.left <= c.right)])  # fmt: skip
-        channel.y = _up(y) + max([2 * GRID, *(_up(s.above) for s in sizes)])
-        floors.append((channel, channel.y + max([0, *(s.below for s in sizes)])))
+        channel.above, channel.below = (max([0.0, *heights]) for heights in ([_up(s.above) for s in sizes],
+                                                                            [s.below for s in sizes]))  # fmt: skip
+        blocks = [span for column in spans[channel.left : channel.right] for span in column]
+        met = blocks + [(c.y - c.above, c.y + c.below) for c in done if c.meets(channel)]
+        floor = _up(max(high for _, high in met)) + max(2 * GRID, channel.above)
+        lowest = max(low for low, _ in blocks)
+        channel.y = next((y for y in _between(plan, channel, lowest) if _fits(channel, y, met)), floor)
+        done.append(channel)
+
+
+def _between(plan: Plan, channel: Channel, lowest: float) -> list[float]:
+    """Heights below the blocks that a feedback leaves and enters, the closest first, down to ``lowest``."""
+    keys = [channel.loop.nets[0].source[0], *(key for key, _ in channel.loop.nets[-1].back)]
+    own = max(plan.y[key] + size(plan.graph.nodes[key], plan.sides).below for key in keys)
+    return [float(y) for y in range(int(_up(own)) + GRID, int(lowest), GRID)]
+
+
+def _fits(channel: Channel, y: float, spans: list[tuple[float, float]]) -> bool:
+    """Whether a feedback at a height keeps clear of what is taken."""
+    up, down = max(GRID, channel.above), GRID + channel.below
+    return all(high <= y - up or y + down <= low for low, high in spans)
 
 
 def _up(value: float) -> float:
@@ -91,12 +121,15 @@ def _up(value: float) -> float:
     return -(-value // GRID) * GRID
 
 
-def _bottom(plan: Plan, column: int) -> float:
-    """How far down a column reaches, with the wires that pass it or enter it."""
-    lows = [plan.y[k] + (GRID if k.startswith("~") else size(plan.graph.nodes[k], plan.sides).below)
-            for k in plan.rows.columns[column]]  # fmt: skip
-    lows += [plan.pin[a.right] for a in plan.rows.gaps[column] if a.right in plan.pin]
-    return max(lows, default=0.0)
+def _spans(plan: Plan, column: int) -> list[tuple[float, float]]:
+    """Heights taken in a column: by its blocks, and by wires that pass it or enter it."""
+    found = []
+    for key in plan.rows.columns[column]:
+        whole = None if key.startswith("~") else size(plan.graph.nodes[key], plan.sides)
+        above, below = (whole.above, whole.below) if whole else (GRID, GRID)
+        found.append((plan.y[key] - above, plan.y[key] + below))
+    pins = [plan.pin[a.right] for a in plan.rows.gaps[column] if a.right in plan.pin]
+    return [*found, *zip(pins, pins, strict=True), (0.0, 0.0)]
 
 
 def _seat(channel: Channel) -> None:

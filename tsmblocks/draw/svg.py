@@ -88,8 +88,7 @@ def _outline(box: Box, accent: bool) -> list[str]:
     if box.shape in ("round", "terminal"):
         x, y = box.x + box.width / 2, box.y + box.height / 2
         return [f'<circle cx="{_n(x)}" cy="{_n(y)}" r="{_n(box.width / 2)}" {pen}/>']
-    rim = box.width / 2 if box.shape == "tall" else 2
-    found = [_rect(box.x, box.y, box.width, box.height, f'rx="{_n(rim)}" {pen}')]
+    found = [_rect(box.x, box.y, box.width, box.height, f'rx="{_n(box.rim)}" {pen}')]
     if box.shape == "double":
         inner = f'rx="1" fill="none" stroke="{ink}" stroke-width="1"'
         width, height = box.width - 2 * FRAME, box.height - 2 * FRAME

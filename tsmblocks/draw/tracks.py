@@ -5,6 +5,7 @@ It knows heights of pins only.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import attrs
@@ -38,14 +39,14 @@ class Trunk:
         return self.low == self.high
 
 
-def arrange(trunks: list[Trunk]) -> list[Trunk]:
+def arrange(trunks: list[Trunk], taken: Iterable[float] = ()) -> list[Trunk]:
     """The trunks with their tracks, counted from the left; some may have been split in two.
 
     Where one signal comes in from the left at the height at which another leaves to the right, the
     first must turn off before the other begins. If that is asked both ways round, one of them is
-    led over a free height in between.
+    led over a free height in between, not one of those ``taken`` by wires that pass.
     """
-    levels = {y for t in trunks for y in t.left + t.right}
+    levels = {*taken, *(y for t in trunks for y in t.left + t.right)}
     trunks = _unlocked([t for t in trunks if not t.straight], levels)
     order = _sorted(trunks)
     for k, trunk in enumerate(order):
