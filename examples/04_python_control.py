@@ -48,8 +48,10 @@ for k, hertz in enumerate(f):
     print(f"{hertz:8.1f}", *(f"{gain[k]:6.3f} {phase[k]:6.1f}" for gain, phase in columns))
 
 if len(sys.argv) > 1:
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
     figure = found.plot()
     for panel, line in zip(figure.axes, columns[0], strict=False):
         panel.plot(f, line, "k--", lw=1)
     figure.axes[0].set_title("x_out over x_ref; dashed: python-control, without backlash", loc="left", fontsize=11)
-    figure.savefig(Path(sys.argv[1]) / "bode.png")
+    figure.savefig(folder / "bode.png")

@@ -148,6 +148,8 @@ for words, (friction, known) in CASES.items():
     print(f"{words:22} {one:7.3f} {two:7.3f}   {work:7.3f} {heat:7.3f} {gained:7.3f} {work - heat - gained:8.0e}")
 
 if len(sys.argv) > 1:
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 6.0), layout="constrained")
@@ -158,4 +160,4 @@ if len(sys.argv) > 1:
         panel.set_ylabel(f"error of joint {k} [deg]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
     panels[1].set_xlabel("t [s]")
-    figure.savefig(Path(sys.argv[1]) / "two_link_arm.png")
+    figure.savefig(folder / "two_link_arm.png")

@@ -32,6 +32,8 @@ for k, kp in enumerate(gains):
     print(f"{kp:4.1f} {known[k]:17.2f} {error[k].min():10.2f} {worst[k]:12.2f} {voltage[k].max():8.1f}{mark}")
 
 if len(sys.argv) > 1:
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
@@ -41,4 +43,4 @@ if len(sys.argv) > 1:
     panel.plot(gains, worst, "k", lw=3, alpha=0.3, label="worst")
     panel.set(xlabel="pid.kp", ylabel="peak-to-peak error [deg]")
     panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    figure.savefig(Path(sys.argv[1]) / "design_study.png")
+    figure.savefig(folder / "design_study.png")

@@ -77,6 +77,8 @@ The symmetric one has gamma = -2.272; with the sign as printed: {as_printed:.1f}
 Table 1 names no unit of its errors: with these numbers it cannot be rad^2.""")
 
 if len(sys.argv) > 1:
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
     from matplotlib.figure import Figure
 
     from tsmblocks.plots import plot_loop
@@ -88,4 +90,4 @@ if len(sys.argv) > 1:
         left.set_title(f"{signal}, generalized model", loc="left", fontsize=11)
         for model in MODELS:
             plot_loop(*loops[model, signal], right, unit="deg", label=model)
-    figure.savefig(Path(sys.argv[1]) / "figs_3_5_6.png")
+    figure.savefig(folder / "figs_3_5_6.png")

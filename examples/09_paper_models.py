@@ -45,4 +45,6 @@ serves on the other signals. The paper's error on the sine would be {error:.1f} 
 were it in rad^2; its unit is not said.""")
 
 if len(sys.argv) > 1:
-    after.plot().savefig(Path(sys.argv[1]) / "figs_10_11_12.png")
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    after.plot().savefig(folder / "figs_10_11_12.png")

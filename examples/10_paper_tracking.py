@@ -48,6 +48,8 @@ for figure, (size, tones, *paper) in SIGNALS.items():
         print(f"  {name:32} {said:>6} {error:6.1f}  {because}")
 
     if len(sys.argv) > 1:
+        folder = Path(sys.argv[1])
+        folder.mkdir(parents=True, exist_ok=True)
         from matplotlib.figure import Figure
 
         from tsmblocks.plots import plot_loop, plot_tracking
@@ -60,7 +62,7 @@ for figure, (size, tones, *paper) in SIGNALS.items():
         for name, run in {"without": plain, "feedforward": forward}.items():
             plot_loop(run["x_ref"][20001:], run["x_out"][20001:], d, label=name, names=("x_ref", "x_out"))
         sheet.suptitle(f"{figure}: without compensation, and with feedforward")
-        sheet.savefig(Path(sys.argv[1]) / f"{figure.lower().replace(' ', '_')}.png")
+        sheet.savefig(folder / f"{figure.lower().replace(' ', '_')}.png")
 
 print("""
 Eq (14) takes the observer's state for the sheath's. Around a reversal the motor

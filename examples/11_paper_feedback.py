@@ -28,6 +28,8 @@ for name, said, error, because in zip(runs, paper, ours, why, strict=True):
 print(f"{'removed by the PID':34} {100 * (1 - 5.8 / 8.0):4.0f} % {100 * (1 - ours[1] / ours[0]):4.0f} %")
 
 if len(sys.argv) > 1:
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
     from matplotlib.figure import Figure
 
     from tsmblocks.plots import plot_loop, plot_tracking
@@ -39,4 +41,4 @@ if len(sys.argv) > 1:
     for name, run in shown.items():
         plot_loop(run["x_ref"][10001:], run["x_out"][10001:], loop, label=name, names=("x_ref", "x_out"))
     plot_tracking(shown, right.subplots(2, 1, sharex=True), after=10.0)
-    sheet.savefig(Path(sys.argv[1]) / "fig_17.png")
+    sheet.savefig(folder / "fig_17.png")

@@ -43,15 +43,34 @@ def caught(diagram, name):
     return diagram.insert("inflow", Sum(signs="++"), before="lower_flow.plus", wires=[f"{name}.spilt -> inflow.plus2"])
 
 
-null = {"rim": float("inf")}
+null = {"rim": float("inf")}  # with this nothing runs over
 upper = Effect(
-    "overflow", "vessel", "an overflow of the upper tank", "pump -> upper_flow.plus", Overflow(), null,
-    ("rim", "caught"), shared_rims, reads="upper", adds=caught, variant="upper", excites="high levels",
-)  # fmt: skip
+    name="overflow",
+    variant="upper",
+    family="vessel",
+    words="an overflow of the upper tank",
+    place="pump -> upper_flow.plus",  # one wire of this diagram
+    block=Overflow(),
+    null=null,
+    free=("rim", "caught"),
+    trials=shared_rims,
+    reads="upper",
+    adds=caught,
+    excites="high levels",
+)
 lower = Effect(
-    "overflow", "vessel", "an overflow of the lower tank", "upper_outlet -> lower_flow.plus", Overflow(), null,
-    ("rim",), rims, reads="lower", variant="lower", excites="high levels",
-)  # fmt: skip
+    name="overflow",
+    variant="lower",
+    family="vessel",
+    words="an overflow of the lower tank",
+    place="upper_outlet -> lower_flow.plus",
+    block=Overflow(),
+    null=null,
+    free=("rim",),
+    trials=rims,
+    reads="lower",
+    excites="high levels",
+)
 tanks = tsm.load(Path(__file__).with_suffix(".toml"))
 held = {"hold": "zero", "step": 0.5}
 with registered(upper, lower):

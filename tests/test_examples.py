@@ -126,8 +126,9 @@ def run_example(name, capsys, monkeypatch, *arguments):
 def test_example(path, capsys, monkeypatch, request, tmp_path):
     if path.stem in MEASURED:
         request.getfixturevalue("measured")
-    said = printed(path, capsys, monkeypatch, *([str(tmp_path)] if path.stem in FIGURES else []))
-    assert sorted(p.name for p in tmp_path.iterdir()) == FIGURES.get(path.stem, [])
+    folder = tmp_path / "made by the example"
+    said = printed(path, capsys, monkeypatch, *([str(folder)] if path.stem in FIGURES else []))
+    assert sorted(p.name for p in folder.glob("*")) == FIGURES.get(path.stem, [])
     found = [float(x) for x in re.findall(r"(?<![\w.])\d+\.\d+", said)]
     assert found == pytest.approx(ANSWERS[path.stem], abs=0.06)
 

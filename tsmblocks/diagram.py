@@ -74,6 +74,11 @@ class Diagram:
     ``Inlet`` with a unit; ``outputs`` maps names to signals (``"tsm.y"``); ``values`` holds numbers
     used more than once, to which a block's parameter refers as ``"$theta"``.
 
+    What these mean is found once, an end being (block, port): ``links`` from end to end, ``inlets`` the
+    ends that each input drives, ``shown`` the end that each output shows, ``port_units`` the unit of each
+    end where one is known, ``interface`` which inputs and outputs share a unit. ``where`` is the file and
+    line in which the diagram was made, for messages.
+
     Raises DiagramError with all faults at once. Equal diagrams compare equal whatever the order of
     their wires.
     """

@@ -23,7 +23,11 @@ _PENDING = ca.SX.sym("pending")
 
 
 class Evaluator:
-    """Expressions of all signals, either between samples (``held``) or at a sample instant."""
+    """Expressions of all signals, either between samples (``held``) or at a sample instant.
+
+    ``value`` holds what has been formed. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and their slopes,
+    ``q`` of what is kept of delayed signals, ``hit`` whether each rate group acts; ``owner`` says whose a symbol is.
+    """
 
     def __init__(self, flat: Flat, *, held: bool, share: Evaluator | None = None) -> None:
         self.flat, self.held = flat, held
@@ -158,7 +162,10 @@ class Evaluator:
         return ()
 
     def _evaluate(self, path: str, kind: str) -> None:
-        """Form every output (or rate) of a block whose inputs are all there."""
+        """Form every output (or rate) of a block whose inputs are all there.
+
+        The equation gives all of them at once; an input still missing is a stand-in, and what reads it is left out.
+        """
         flat, block, shape = self.flat, self.flat.twins[path], self.flat.structures[path]
         ready, values = set(), []
         for name in block.read_names:

@@ -17,11 +17,23 @@ from tsmblocks.structure import Structure, structure_of
 
 Key = tuple[str, str]
 Node = tuple[str, ...]
-"""``("y", block, port)`` an output, ``("u", name)`` an input of the diagram."""
+"""``("y", block, port)`` an output, ``("u", name)`` an input of the diagram.
+
+On the way to them, until wires are followed: ``("in", block, name)`` and ``("out", block, name)``, the edges of a
+diagram inside. Formed later, by ``evaluate``: ``("dx", block, state)`` the rate of a state, ``("rate", *node)`` the
+time derivative of a signal, ``("past", block, name)`` a signal as it was.
+"""
 
 
 class Flat:
-    """One level of blocks with symbols. Built once by ``flatten`` and only read afterwards."""
+    """One level of blocks with symbols. Built once by ``flatten`` and only read afterwards.
+
+    A block's path is its name with the names of the diagrams around it. ``driver`` says what drives each input port,
+    ``shown`` what each output of the diagram shows. ``x`` are the continuous states, ``d`` memory and held outputs,
+    ``p`` the symbols of parameters; ``group`` gives a sampled block's place in ``periods`` [s]. For each value of the
+    past that is read there is one element of ``past_keys`` (block, port), ``pasts`` (its declaration), ``past_source``
+    (the signal), ``delays`` [s] and ``first_past`` (its value before the start).
+    """
 
     def __init__(self, diagram: Diagram) -> None:
         self.diagram = diagram

@@ -25,7 +25,8 @@ _HERE = str(Path(__file__).parent)
 class Structure:
     """Dependencies of one block: which inputs each output and each rate reads, at the same instant.
 
-    ``moving`` are the outputs that change between steps though their inputs do not.
+    Of its states, ``continuous`` ones have a rate, ``memory`` ones only an update, ``resets`` both. ``moving`` are
+    the outputs that change between steps though their inputs do not.
     """
 
     outputs: dict[str, frozenset[str]]

@@ -46,7 +46,7 @@ STYLE = (
     ".tsmblocks svg.chart text.strong{font-weight:600}"
     ".tsmblocks path.grid{stroke:var(--rule);stroke-width:.6;fill:none}"
     ".tsmblocks .line{fill:none;stroke-width:1.3;stroke-linejoin:round}"
-    ".tsmblocks .line.measured{stroke:var(--measured);stroke-width:2.6}"
+    ".tsmblocks .line.measured{stroke:var(--measured);stroke-width:3.6}"
     ".tsmblocks .line.floor{stroke:var(--floor);stroke-width:1.6;stroke-dasharray:5 3}"
     ".tsmblocks .fill.before{fill:var(--before)}.tsmblocks .fill.after{fill:var(--after)}"
     ".tsmblocks .fill.between{fill:var(--between)}.tsmblocks .bar{fill:var(--c0)}.tsmblocks .band{fill:#2b7fc433}"

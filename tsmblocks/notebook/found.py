@@ -26,7 +26,8 @@ def diagnosis_card(found: Diagnosis) -> str:
     colours = key([("--before", "before"), *([("--after", "with all that was named")] if effects else []),
                    ("hollow", "hollow: fitted to these data too")])  # fmt: skip
     stopped = "" if found.status == "done" else f"; {STATUS.get(found.status, found.status)}"
-    about = f"{len(found.experiments)} experiments: {few(found.experiments)}{stopped}"
+    count = len(found.experiments)
+    about = f"{count} experiment{'s' if count > 1 else ''}: {few(found.experiments)}{stopped}"
     return card(f"Diagnosis: {found.diagram or 'diagram'}", about, *boxes, named, colours,
                 f'<div class="charts">{"".join(gaps)}</div>',
                 listed(["diagnosis.save(folder) writes the whole report."]))  # fmt: skip
