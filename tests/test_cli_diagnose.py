@@ -206,7 +206,9 @@ def test_only_what_is_free_is_fitted(run, tmp_path):
         ((*BASE[:4], "--noise-floor", "0"), "--noise-floor: '0' is not more than 0, and finite."),
         ((*BASE[:4], "--noise-floor", "1e999"), "--noise-floor: '1e999' is not more than 0, and finite."),
         ((*BASE, "--seed", "-1"), "argument --seed: '-1' is not a whole number of at least 0. 'tsmblocks diagnose --help' shows what it takes."),
-        ((*BASE, "--out", "full.csv"), "'full.csv' is a file; --out takes a folder."),
+        ((*BASE, "--out", "full.csv"), "--out: 'full.csv' is a file; name a folder for diagnosis.json, augmented.toml and report.html."),
+        ((*BASE, "--out", "found.html"), "--out: 'found.html' is the name of a file; name a folder for diagnosis.json, "
+         "augmented.toml and report.html, such as 'found'."),
         ((*BASE, "--plot", "found.gif"), "'found.gif' must end in .png, .svg or .pdf."),
         ((*BASE, "--outputs", "x_uot"), "diagram 'Tendon sheath: a gain and an offset' has no output 'x_uot'. Did you mean 'x_out'?"),
         ((*BASE, "--rows", "1:81"), "a diagnosis takes at least 200 samples of all experiments together, and there are 160: with fewer, no effect can be told from chance."),

@@ -1,11 +1,15 @@
 """What a record does with its signals: parts, grids, filters, derivatives, units; each against a reference."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, freqz, sosfiltfilt
 
+import tsmblocks as tsm
 from tsmblocks.data import Record
 from tsmblocks.data.filters import choose_cutoff, low_pass
 from tsmblocks.data.grid import better_interpolation
@@ -377,3 +381,31 @@ def test_joined_turns_are_the_angle_again(start, speed, turn):
     angle = turn * (start + 0.4 * np.sin(speed * T / 100) + 0.01 * T)
     off = record(T, x=np.mod(angle, turn)).unwrapped("x", turn=turn)["x"] - angle
     np.testing.assert_allclose(off, np.round(off[0] / turn) * turn, atol=1e-6 * turn)
+
+
+# ---- out of the program and back
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_a_recording_that_is_saved_is_read_again(ending, tmp_path):
+    one = record(T, {"x": "deg"}, x=SLOW, y=2 * SLOW)
+    path = one.save(tmp_path / f"run.{ending}")
+    again = tsm.read(path)
+    assert (again.names, again.notes, dict(again.units)) == (("x", "y"), (), {"x": "deg"})
+    for name in one:
+        np.testing.assert_array_equal(again[name], one[name])
+    np.testing.assert_array_equal(again.t, one.t)
+
+
+def test_a_recording_is_not_saved_as_anything_else(tmp_path):
+    assert refusal(lambda: record(T, x=SLOW).save(tmp_path / "run.txt")).endswith(
+        "run.txt' ends in '.txt'; results are written to .csv, .npz or .mat."
+    )
+
+
+def test_recordings_and_what_holds_them_are_pickled_and_copied():
+    one = record(T, {"x": "deg"}, x=SLOW)
+    for again in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one)):
+        assert (again.name, again.notes, dict(again.units)) == (one.name, one.notes, dict(one.units))
+        np.testing.assert_array_equal(again["x"], one["x"])
+        assert not again["x"].flags.writeable

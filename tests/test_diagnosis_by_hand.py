@@ -10,15 +10,18 @@ STEP, FINE = 0.01, 20
 T = np.arange(0.0, 16.0, STEP)
 
 
-def spinning(volts, level, slope=25.0, damping=2.0):
+def volts(t):
+    return 3.0 * np.sin(1.3 * t) + 2.0 * np.sin(3.7 * t + 1.0)
+
+
+def spinning(level, slope=25.0, damping=2.0):
     """Speed [rad/s] of a drive that sticks below ``level`` and slides against it: one Euler step after another."""
-    w, made = 0.0, []
-    for u in volts:
+    w, h, made = 0.0, STEP / FINE, []
+    for k in range(len(T) * FINE):
         made.append(w)
-        for _ in range(FINE):
-            free = w + STEP / FINE * (slope * u - damping * w)
-            w = np.sign(free) * max(abs(free) - STEP / FINE * level, 0.0)
-    return np.array(made)
+        free = w + h * (slope * volts(k * h) - damping * w)
+        w = np.sign(free) * max(abs(free) - h * level, 0.0)
+    return np.array(made[::FINE])
 
 
 def drive(unit):
@@ -32,9 +35,8 @@ def drive(unit):
 
 
 def recording():
-    volts = 3.0 * np.sin(1.3 * T) + 2.0 * np.sin(3.7 * T + 1.0)
     noise = 0.1 * np.random.default_rng(3).standard_normal(len(T))
-    return tsm.Record("run", T, {"u": volts, "w": spinning(volts, 30.0) + noise}, {"u": "V", "w": "rad/s"})
+    return tsm.Record("run", T, {"u": volts(T), "w": spinning(30.0) + noise}, {"u": "V", "w": "rad/s"})
 
 
 FREE = ["push.gain", "viscous.coefficient"]

@@ -137,6 +137,16 @@ def test_responses_sensitivities_and_frequency_responses_name_their_coordinates(
     assert answer.to_pandas().index.names == ["amplitude", "frequency"]
 
 
+def test_a_difference_is_a_frame_of_what_drove_it_and_what_is_left(fit):
+    (one,) = fit.differences
+    made = one.to_pandas()
+    assert made.index.name == "t"
+    np.testing.assert_array_equal(made["residual"], made["measured"] - made["simulated"])
+    assert list(made.columns) == [*one.inputs, "measured", "simulated", "residual"]
+    assert made.attrs["units"] == {"t": "s", **{k: u for k, (_, u) in one.inputs.items()},
+                                   **dict.fromkeys(("measured", "simulated", "residual"), one.unit)}  # fmt: skip
+
+
 def test_a_fit_is_a_frame_of_numbers_with_intervals(fit):
     frame = fit.to_pandas()
     assert list(frame.index) == list(fit.names)

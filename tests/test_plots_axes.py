@@ -36,7 +36,8 @@ def calls():
     tuned = tsm.tune(LOOP, {"theta": (4.0, 5.0)}, "rms(x_ref - x_out)", subject_to=["rms(u) <= 9"], stop=0.5, starts=1)
     one = fit.differences.items[0]
     return {
-        "plot_run": ((run,), 1), "plot_tracking": (({"a": run},), 2), "plot_loop": ((x, y), 1),
+        "plot_run": ((run,), 1), "plot_record": ((run.record(),), 1),
+        "plot_tracking": (({"a": run},), 2), "plot_loop": ((x, y), 1),
         "plot_fit": ((fit,), 4), "plot_history": ((one,), 1), "plot_residual": ((one,), 1),
         "plot_fitted_loop": ((one,), 1), "plot_autocorrelation": ((one,), 1), "plot_comparison": ((comparison,), 3),
         "plot_each": (({"bend": comparison},), 1), "plot_diagnosis": ((found,), 4), "plot_gap": ((found,), 1),
@@ -71,10 +72,11 @@ def test_every_figure_makes_one_of_its_own(name, calls):
     words, count = calls[name]
     made = DRAWN[name](*words)
     assert pyplot.get_fignums() == [made.number]
-    assert len([panel for panel in made.axes if panel.get_label() != "<colorbar>"]) >= count - (name == "plot_run")
+    assert len([panel for panel in made.axes if panel.get_label() != "<colorbar>"]) >= count - (
+        name in ("plot_run", "plot_record")
+    )
     with pytest.raises(tsm.TsmError, match=r"ax must be \d+ axes here, got 7"):
-        DRAWN[name](*words, ax=pyplot.figure().subplots(7, 1)) if name != "plot_run" else plots.plot_loop(
-            [0.0], [0.0], ax=pyplot.figure().subplots(7, 1))  # fmt: skip
+        DRAWN[name](*words, ax=pyplot.figure().subplots(7, 1))
     pyplot.close("all")
 
 

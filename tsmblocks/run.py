@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,8 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.errors import DataError, RunError, in_words, near
+from tsmblocks.data.writing import written
+from tsmblocks.errors import RunError, in_words, near
 from tsmblocks.frames import dataset, frame
 from tsmblocks.tables import few
 from tsmblocks.units import heading
@@ -119,46 +120,10 @@ class Run:
         In .mat a dot becomes an underscore. Raises DataError for another ending, and for two signals
         that would take one name there.
         """
-        path, chosen = Path(path), _listed(names) or list(self.aliases) or self.keys()
-        kinds: dict[str, Callable[[str], str]] = {".csv": self.heading, ".npz": str, ".mat": _variable}
-        kind = path.suffix.lower()
-        if kind not in kinds:
-            raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
-        columns = {"t [s]" if kind == ".csv" else "t": self.t}
-        for name in chosen:
-            title = kinds[kind](name)
-            if name == "t" or title in columns or (kind != ".csv" and title in _TAKEN):
-                raise DataError(
-                    f"signal '{name}' cannot be written to '{path.name}': the name '{title}' is taken there. "
-                    "Give the output another name, or leave it out with names=[...]."
-                )
-            columns[title] = self[name]
-        if kind == ".csv":
-            with path.open("w", encoding="utf-8", newline="\n") as text:
-                np.savetxt(text, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
-                           comments="", fmt="%.17g")  # fmt: skip
-            return path
-        with path.open("wb") as file:  # a path would be given another ending where this one is in capitals
-            if kind == ".npz":
-                units = np.array([f"{n}={self.unit(n)}" for n in chosen])
-                np.savez_compressed(file, **columns, units=units)  # type: ignore[arg-type]
-            else:
-                from scipy.io import savemat
-
-                savemat(file, columns)
-        return path
-
-
-_TAKEN = ("t", "units", "file", "allow_pickle")
-"""Names that NumPy's archives, or this package in them, use for something else."""
+        chosen = _listed(names) or list(self.aliases) or self.keys()
+        return written(path, self.t, {n: self[n] for n in chosen}, {n: self.unit(n) for n in chosen})
 
 
 def _listed(names: Sequence[str] | None) -> list[str]:
     """Names asked for, of which one alone need not be a list."""
     return [names] if isinstance(names, str) else list(names or ())
-
-
-def _variable(name: str) -> str:
-    """A MATLAB variable for a signal: no dots, and a letter in front."""
-    plain = name.replace(".", "_")
-    return plain if plain[0].isalpha() else f"x{plain}"

@@ -46,10 +46,29 @@ def no_recording_to_fit():
 
 @mistake(
     DataError,
-    "'experiment 2' must be a recording (tsm.read), a file or a pandas frame, got an array of shape (201, 2).",
+    "'experiment 2' must be a recording (tsm.read), a file or a pandas frame, got an array of shape (201, 2). "
+    "Of arrays tsm.Record(name, t, signals, units) makes one.",
 )
 def a_bare_array_as_a_recording():
     fit([rig(), np.zeros((201, 2))])
+
+
+@mistake(
+    DataError,
+    "'rig.json' ends in '.json'; a fitted diagram is written to .toml. Its numbers with their intervals are to_dict() "
+    "and to_pandas().",
+)
+def a_fit_saved_as_what_it_is_not():
+    fit().save("rig.json")
+
+
+@mistake(
+    DataError,
+    "read takes the path of a file, got an array of shape (201,). Of a frame tsm.from_pandas makes a recording, of "
+    "arrays tsm.Record(name, t, signals, units).",
+)
+def an_array_to_be_read():
+    tsm.read(T)
 
 
 @mistake(DataError, "two experiments are named 'rig#2'; give a mapping with names of their own.")

@@ -104,9 +104,13 @@ def _folder(text: str | None) -> Path | None:
     """The folder to write into, made before the long work and not after it."""
     if text is None:
         return None
-    folder = Path(text)
-    if folder.exists() and not folder.is_dir():
-        raise common.UsageError(f"'{text}' is a file; --out takes a folder.")
+    from tsmblocks.errors import TsmError
+    from tsmblocks.report import folder_for
+
+    try:
+        folder = folder_for(text)
+    except TsmError as error:
+        raise common.UsageError(f"--out: {error}") from None
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,9 @@ def read(
     gaps in time all the same; both are refused otherwise. What was repaired stands in the record's ``notes``.
     Raises DataError, with row and column, for what cannot be repaired.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise DataError(f"read takes the path of a file, got {in_words(path)}. Of a frame tsm.from_pandas makes a "
+                        "recording, of arrays tsm.Record(name, t, signals, units).")  # fmt: skip
     path = Path(path)
     columns = columns.split(",") if isinstance(columns, str) else columns
     if path.is_dir():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -100,6 +101,24 @@ class Record:
         signals = {name: (("t",), values, self.unit(name)) for name, values in self.signals.items()}
         facts = {"name": self.name, "origin": self.origin, "notes": "\n".join(self.notes)}
         return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
+
+    def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
+        """Signals over time (all unless named), angles in degrees; ``"x_in - x_out"`` is one too. Needs matplotlib."""
+        from tsmblocks.plots import plot_record
+
+        return plot_record(self, names, ax, after=after)
+
+    def save(self, path: str | Path) -> Path:
+        """Write all signals to .csv, .npz or .mat, which ``tsm.read`` takes again; returns the path.
+
+        MAT files keep no units. Raises DataError for another ending, and for two signals of one name there.
+        """
+        from tsmblocks.data.writing import written
+
+        return written(path, self.t, self.signals, self.units)
+
+    def __reduce__(self) -> Any:  # mapping proxies do not pickle
+        return Record, (self.name, self.t, dict(self.signals), dict(self.units), self.origin, self.notes)
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self) else ""

@@ -109,6 +109,12 @@ def _bristles(scales: Scales) -> Trials:
 
 def _all(motion: Motion) -> tuple[Effect, ...]:
     """Every friction, for one kind of motion."""
+    coulomb, asymmetric, drag = _sliding(motion)
+    return (coulomb, asymmetric, *_sticking(motion), drag)
+
+
+def _sliding(motion: Motion) -> tuple[Effect, ...]:
+    """Friction of what slides."""
     place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
     return (
         Effect(
@@ -129,6 +135,21 @@ def _all(motion: Motion) -> tuple[Effect, ...]:
             separates="two speeds in each direction: an offset does not grow with the speed", variant=variant,
         ),
         Effect(
+            "quadratic_drag", "friction", "drag that grows with the square of the speed", place,
+            along("quadratic drag", QuadraticDrag(coefficient=0.0)),
+            {"friction.coefficient": 0.0}, ("friction.coefficient",), begins(_drag),
+            excites="slow and fast motion",
+            confused=("coulomb_friction", "odd_nonlinearity"),
+            separates="constant speeds at three levels or more", variant=variant,
+        ),
+    )  # fmt: skip
+
+
+def _sticking(motion: Motion) -> tuple[Effect, ...]:
+    """Friction at low speed, and before anything slides."""
+    place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
+    return (
+        Effect(
             "stribeck_friction", "friction", "Stribeck friction (more friction at low speed)", place,
             along("Stribeck friction", StribeckFriction(coulomb=0.0, static=0.0, viscous=0.0)),
             {"friction.static": 0.0}, ("friction.static", "friction.stribeck"), begins(_falling),
@@ -145,14 +166,6 @@ def _all(motion: Motion) -> tuple[Effect, ...]:
             excites="reversals with small motion between them",
             confused=("coulomb_friction", "nonlocal_memory", "backlash"),
             separates="tiny amplitudes, below five times the presliding distance", variant=variant,
-        ),
-        Effect(
-            "quadratic_drag", "friction", "drag that grows with the square of the speed", place,
-            along("quadratic drag", QuadraticDrag(coefficient=0.0)),
-            {"friction.coefficient": 0.0}, ("friction.coefficient",), begins(_drag),
-            excites="slow and fast motion",
-            confused=("coulomb_friction", "odd_nonlinearity"),
-            separates="constant speeds at three levels or more", variant=variant,
         ),
     )  # fmt: skip
 

@@ -81,6 +81,16 @@ class Difference:
         angle = bool(self.unit) and units.parse(self.unit).dimension == units.parse("rad").dimension
         return self.to("deg") if angle else self
 
+    def to_pandas(self) -> Any:
+        """A frame indexed by time [s]: the inputs, ``measured``, ``simulated`` and ``residual``. Needs pandas.
+
+        ``attrs["units"]`` has their units.
+        """
+        driving = {name: values for name, (values, _) in self.inputs.items()}
+        own = {"measured": self.measured, "simulated": self.simulated, "residual": self.residual}
+        labels = {"t": "s", **{name: unit for name, (_, unit) in self.inputs.items()}, **dict.fromkeys(own, self.unit)}
+        return frame({**driving, **own}, self.t, "t", labels)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as plain values."""
         return {"experiment": self.experiment, "output": self.output, "unit": self.unit, "samples": len(self.t),

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import ParameterError, near
+from tsmblocks.errors import DataError, ParameterError, near
 from tsmblocks.fitting.differences import Differences
 from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.search import Found
@@ -137,9 +137,12 @@ class Fit:
         return iter(self.estimates)
 
     def save(self, path: str | Path) -> Path:
-        """Write the fitted diagram as TOML; the path written."""
+        """Write the fitted diagram as TOML; the path written. Raises DataError for another ending."""
         from tsmblocks.files import save
 
+        if (ending := Path(path).suffix).lower() != ".toml":
+            raise DataError(f"'{path}' ends in '{ending}'; a fitted diagram is written to .toml. Its numbers with "
+                            "their intervals are to_dict() and to_pandas().")  # fmt: skip
         save(self.diagram, path)
         return Path(path)
 

@@ -86,7 +86,8 @@ def _record(one: Any, name: str) -> Record:
         from tsmblocks.data import from_pandas
 
         return _checked(from_pandas(one, name=name))
-    raise DataError(f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}.")
+    raise DataError(f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}. "
+                    "Of arrays tsm.Record(name, t, signals, units) makes one.")  # fmt: skip
 
 
 def _checked(record: Record) -> Record:

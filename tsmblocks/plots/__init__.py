@@ -15,7 +15,7 @@ from tsmblocks.plots.fits import (
     plot_history,
     plot_residual,
 )
-from tsmblocks.plots.runs import plot_loop, plot_run, plot_tracking
+from tsmblocks.plots.runs import plot_loop, plot_record, plot_run, plot_tracking
 from tsmblocks.plots.studies import (
     plot_distribution,
     plot_envelope,
@@ -45,6 +45,7 @@ __all__ = [
     "plot_loop",
     "plot_pareto",
     "plot_residual",
+    "plot_record",
     "plot_run",
     "plot_scatter",
     "plot_study",

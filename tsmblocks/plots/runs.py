@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.arguments import number
-from tsmblocks.data import heading
+from tsmblocks.data import Record, heading
 from tsmblocks.errors import TsmError
 from tsmblocks.measures import tracking_error
 from tsmblocks.metrics import formed
@@ -23,18 +23,28 @@ from tsmblocks.run import Run
 def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:
     """Signals of a run over time in s, the diagram's outputs unless named; ``"x_ref - x_out"`` is a signal too.
 
-    Signals of one unit share a panel; with ``ax``, all are drawn on that one. With ``after`` [s], what comes before is
-    left out. Returns the figure. Raises RunError for an unknown name, ParameterError for a faulty expression.
+    Signals of one unit share a panel; all are drawn on ``ax`` where that is one, else it holds one for each unit. With
+    ``after`` [s], what comes before is left out. Returns the figure. Raises RunError for an unknown name,
+    ParameterError for a faulty expression.
     """
+    return _over_time(run, run.title, "run", list(names) or list(run.aliases) or run.keys(), ax, after)
+
+
+def plot_record(record: Record, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:
+    """Signals of a recording over time in s, all unless named, as plot_run draws them. Returns the figure."""
+    return _over_time(record, record.name, "recording", list(names) or list(record), ax, after)
+
+
+def _over_time(run: Run | Record, title: str, what: str, chosen: list[str], ax: Any, after: float | None) -> Any:
     kept = run.t >= (run.t[0] if after is None else number("after", after))
     if kept.sum() < 2:
-        raise TsmError(f"after={after:g} s leaves nothing of the run, which ends at {run.t[-1]:g} s.")
-    chosen = list(names) or list(run.aliases) or run.keys()
+        raise TsmError(f"after={after:g} s leaves nothing of the {what}, which ends at {run.t[-1]:g} s.")
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name in chosen:
         values, unit = shown(*formed(run, name))
         groups.setdefault(unit, []).append((name, values))
-    panels = axes(None, len(groups), height=2.4) if ax is None else [ax] * len(groups)
+    one = hasattr(ax, "plot")
+    panels = [ax] * len(groups) if one else axes(ax, len(groups), height=2.4)
     count = 0
     for panel, (unit, lines) in zip(panels, groups.items(), strict=True):
         for name, values in lines:
@@ -43,10 +53,10 @@ def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: floa
         alone = lines[0][0] if len(lines) == 1 else ""
         panel.set_ylabel(heading(alone or QUANTITY.get(unit, ""), unit).strip())
         dress(panel, legend=len(lines) > 1)
-    if ax is not None and len(groups) > 1:
+    if one and len(groups) > 1:
         panels[0].set_ylabel(", ".join(heading(QUANTITY.get(u, ""), u).strip() for u in groups if u))
         dress(panels[0], legend=True)
-    timed(panels, run.title if ax is None else "")
+    timed(panels, title if ax is None else "")
     return panels[0].figure
 
 

@@ -12,16 +12,16 @@ from tsmblocks.tables import listed
 
 NAMES = ("diagnosis.json", "augmented.toml", "report.html")
 """The files that are written, in this order."""
+FILES = (".html", ".htm", ".json", ".toml", ".pdf", ".txt", ".md", ".csv")
+"""Endings of what is no folder."""
 
 
 def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
     """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder, which is made; the folder.
 
-    Raises TsmError where the folder is a file.
+    Raises TsmError where the folder is a file, or has the name of one.
     """
-    place = Path(folder)
-    if place.exists() and not place.is_dir():
-        raise TsmError(f"'{place}' is a file; name a folder for {listed(NAMES)}.")
+    place = folder_for(folder)
     place.mkdir(parents=True, exist_ok=True)
     (place / NAMES[0]).write_text(diagnosis.to_json(), encoding="utf-8", newline="\n")
     save(diagnosis.augmented, place / NAMES[1])
@@ -29,4 +29,17 @@ def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
     return place
 
 
-__all__ = ["page", "written"]
+def folder_for(named: str | Path) -> Path:
+    """The folder that a diagnosis is written into. Raises TsmError where it is a file, or has the name of one."""
+    place = Path(named)
+    if place.is_dir():
+        return place
+    if place.exists():
+        raise TsmError(f"'{place}' is a file; name a folder for {listed(NAMES)}.")
+    if place.suffix.lower() in FILES:
+        raise TsmError(f"'{place}' is the name of a file; name a folder for {listed(NAMES)}, such as "
+                       f"'{place.with_suffix('')}'.")  # fmt: skip
+    return place
+
+
+__all__ = ["NAMES", "folder_for", "page", "written"]
