@@ -174,6 +174,11 @@ def test_wires_of_a_motor_whose_speed_is_measured():
 def test_what_is_no_speed_has_no_wire_for_friction():
     level = Diagram(blocks={"tank": Integrator()}, inputs={"flow": "tank"}, outputs={"y": "tank"})
     assert [place for place, *_ in where(level, ["y"])] == ["output", "input"]
+    told = {
+        unit: [site.place for site in sites(level, ["y"], measured={"y": unit})] for unit in ("rpm", "m/s", "m", "x")
+    }
+    assert told["rpm"] == told["m/s"] == ["output", "drive", "brake", "input"]
+    assert told["m"] == told["x"] == ["output", "input"]
 
 
 def test_wires_of_a_closed_loop():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import attrs
 
@@ -13,7 +13,7 @@ from tsmblocks.effects import Effect
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import TsmError
 from tsmblocks.simulate import equations
-from tsmblocks.units import parse
+from tsmblocks.units import UnitError, parse
 from tsmblocks.wires import Fault, resolve
 
 PROBE = "probe_of_the_wire"
@@ -84,9 +84,12 @@ def _several(block: Block | Diagram) -> bool:
 
 
 def sites(
-    diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = (), named: Collection[str] = ()
+    diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = (), named: Collection[str] = (),
+    measured: Mapping[str, str] | None = None,
 ) -> list[Site]:  # fmt: skip
     """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
+
+    ``measured`` are the units of the recordings, for outputs of which the diagram tells none.
 
     In front of the blocks that were ``named`` before, effects of an output are looked for as well: which stands first
     makes a difference where both remember. What was named in front of the model comes before all others: what they
@@ -107,7 +110,7 @@ def sites(
         if port:
             found.append(Site("output", name, signal, before=port))
             found += [Site("across", name, signal, other=k, before=port) for k in reading]
-        speed = is_speed(diagram.unit(name))
+        speed = is_speed(diagram.unit(name) or (measured or {}).get(name, ""))
         drive = driven(diagram, name, MOTION - speed)
         signal = _source(diagram, drive) if drive else source
         if signal != source:  # an output that drives is set in motion by nothing but itself
@@ -166,8 +169,11 @@ def _source(diagram: Diagram, port: str) -> str:
 
 
 def is_speed(unit: str) -> bool:
-    """Whether a unit is that of a speed, of turning or straight on."""
-    return parse(unit).dimension in SPEEDS
+    """Whether a unit is that of a speed, of turning or straight on; one that is not known is none."""
+    try:
+        return parse(unit).dimension in SPEEDS
+    except UnitError:
+        return False
 
 
 def driven(diagram: Diagram, output: str, least: int = MOTION) -> str:

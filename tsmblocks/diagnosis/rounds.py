@@ -86,7 +86,8 @@ def look(model: Model, known: Sizes, search: Search) -> Round:
 
     ``known`` are the effects in the model already.
     """
-    places = sites(model.fitted, search.asked.outputs, search.effects, {key.partition(".")[0] for key in known})
+    named, measured = {key.partition(".")[0] for key in known}, next(iter(search.records.values())).units
+    places = sites(model.fitted, search.asked.outputs, search.effects, named, measured)
     around = surroundings(model, places)
     base, made = absorbing(model), candidates(model, search.effects, around, places)
     promises, shows = [], MATERIAL * search.floor * model.problem.samples

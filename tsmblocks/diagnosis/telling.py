@@ -378,7 +378,7 @@ def percent(share: float) -> str:
     """
     if not np.isfinite(share) or share > SENSELESS:
         return ""
-    return "< 0 %" if share < -0.005 else f"{100 * min(max(share, 0.0), 1.0):.0f} %"
+    return "< 0 %" if share < -0.005 else f"{100 * min(max(share, 0.0), 1.0):z.0f} %"
 
 
 def _cut(text: str, most: int = LONG) -> str:
