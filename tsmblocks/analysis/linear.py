@@ -11,7 +11,9 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.analysis.point import Point, Still, called, point_of, still
+from tsmblocks.analysis.sampled import model
 from tsmblocks.arguments import number, prepared, whole
+from tsmblocks.blocks import Encoder, Gain, Quantiser
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import RunError, in_words, near
@@ -36,16 +38,22 @@ def linearize(
 
     in deviations from the point ``at`` (of ``trim``); without one, from the start values with inputs at zero, at time
     ``t`` [s]. ``inputs`` are inputs of the diagram (all of them), ``outputs`` any of its signals (all its outputs).
-    Exact derivatives; at a kink (friction, hysteresis, a limit reached) the mean of both sides. Dead times become
-    Padé approximations of order ``pade``. Raises RunError for blocks that act at instants of their own, for dead times
-    without ``pade``, and for outputs that follow the slope of an input at once.
+    Exact derivatives; at a kink (friction, hysteresis, a limit reached) the mean of both sides. An Encoder and a
+    Quantiser, whose slope is 0 between their jumps, count as a gain of 1. Dead times become
+    Padé approximations of order ``pade``.
+
+    With sampled blocks it is a model in discrete time, exact from one instant at which all of them act to the next,
+    ``dt`` being the time between; inputs are held over it, and ``states`` are those before the samples act.
+
+    Raises RunError for blocks that remember from step to step (a backlash), for dead times without ``pade`` or beside
+    samples, and for outputs that follow the slope of an input at once.
     """
     import control
 
-    diagram = prepared(diagram)
+    diagram = _unrounded(prepared(diagram))
     if at is not None and not isinstance(at, Point):
         raise RunError(f"at is a point that trim has found, got {in_words(at)}.")
-    here = still(diagram, at.inputs if at is not None else {}, at.t if at is not None else number("t", t))
+    here = still(diagram, at.inputs if at is not None else {}, at.t if at is not None else number("t", t), sampled=True)
     if not here.inputs:
         raise RunError(f"diagram '{here.eq.title}' has no input for a linear model to begin at: give it one, or open "
                        "a loop (analysis.opened, analysis.loop_gain).")  # fmt: skip
@@ -57,6 +65,10 @@ def linearize(
         if missing:
             raise RunError(f"the point is one of '{at.title}': it has no '{missing[0]}', as '{here.eq.title}' has.")
         x = np.array([at.states[k] for k in here.eq.x])
+    if here.eq.periods:
+        made = model(here, x, names, shown).without_idle()
+        return control.ss(made.A, made.B, made.C, made.D, made.dt, states=_labels(made.states), inputs=_labels(names),
+                          outputs=_labels(shown))  # fmt: skip
     J = _jacobians(here, x, shown)
     system = _proper(here, J, names)
     if here.eq.q:
@@ -72,18 +84,43 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: in
     ``cut`` is what goes over the wire, its output ``back`` what comes back, the sign turned; states that are not on
     that way are left out. ``point`` is one of the closed loop (by default its start values); at a kink there (friction
     at rest, an edge of a limit) the mean of both sides is taken: set to zero what the margins are not to hold for.
+    A loop with sampled blocks is opened where it enters or leaves the slowest one, and has a gain in discrete time.
     Raises RunError where no loop goes that way; other arguments and errors as for ``linearize``.
     """
-    cut = opened(diagram, at)
+    diagram = prepared(diagram)
+    cut = _unrounded(opened(diagram, at))
     if not _comes_back(diagram, at):
         raise RunError(f"at='{at}': nothing that goes this way comes back, so there is no loop to open.")
-    closed = diagram.rewire(outputs={**diagram.outputs, BACK: _source(diagram, at)})
-    there = still(closed, point.inputs if point is not None else {}, point.t if point is not None else 0.0)
+    closed = _unrounded(diagram).rewire(outputs={**diagram.outputs, BACK: _source(diagram, at)})
+    there = still(
+        closed, point.inputs if point is not None else {}, point.t if point is not None else 0.0, sampled=True
+    )
     x = np.array([point.states[k] for k in there.eq.x]) if point is not None else there.x
     whole_point = point_of(there, x, np.array([there.u[k] for k in there.places]))
     inputs = {**whole_point.inputs, CUT: whole_point.signals[BACK]}
     point = attrs.evolve(whole_point, inputs=inputs)
+    if there.eq.periods:
+        _must_close(still(cut, inputs, point.t, sampled=True), there, x, at)
     return _around(linearize(cut, inputs=[CUT], outputs=[BACK], at=point, pade=pade))
+
+
+def _must_close(cut: Still, closed: Still, x: np.ndarray, at: str) -> None:
+    """Raise RunError where samples make more of a loop than its cut, held from instant to instant, tells."""
+    made = model(cut, x, [CUT], [BACK])
+    if not made.closes_to(model(closed, x, [], [])):
+        raise RunError(f"at='{at}': what goes over this wire counts, and changes, between the instants at which all "
+                       f"samples of '{closed.eq.title}' fall together ({made.dt:g} s apart). Open the loop where it "
+                       "enters or leaves the slowest sampled block.")  # fmt: skip
+
+
+def _unrounded(diagram: Diagram) -> Diagram:
+    """The diagram with a gain of 1, what rounding does in the mean, in the place of encoders and quantisers."""
+    for name, block in diagram.blocks.items():
+        if isinstance(block, (Encoder, Quantiser)):
+            diagram = diagram.replace(name, Gain(unit=block.outports["y"].unit.removeprefix("?u")))
+        elif isinstance(block, Diagram) and (inner := _unrounded(block)) is not block:
+            diagram = diagram.replace(name, inner)
+    return diagram
 
 
 def _around(system: Any) -> Any:
@@ -97,7 +134,7 @@ def _around(system: Any) -> Any:
     kept = np.flatnonzero(reached & seen)
     labels = [system.state_labels[k] for k in kept]
     turned = (0.0 - np.asarray(part) for part in (system.C[:, kept], system.D))  # no -0.0, which would be printed
-    return control.ss(system.A[np.ix_(kept, kept)], system.B[kept], *turned, states=labels or None,
+    return control.ss(system.A[np.ix_(kept, kept)], system.B[kept], *turned, system.dt, states=labels or None,
                       inputs=system.input_labels, outputs=system.output_labels)  # fmt: skip
 
 

@@ -72,6 +72,8 @@ class Still:
     u: np.ndarray
     x: np.ndarray
     inputs: tuple[str, ...]
+    d: np.ndarray
+    """Memory and held outputs as the first samples leave them; empty in continuous time."""
 
     @property
     def places(self) -> list[int]:
@@ -88,10 +90,11 @@ class Still:
 
     def called(self, x: Any, u: Any, late: Any = None) -> list[Any]:
         """``(dx, y, s)`` of the equations. ``late`` are the delayed signals' values, zero unless given."""
-        return called(self.eq, x, u, ca.SX.zeros(len(self.eq.q)) if late is None else late, self.t, self.p)
+        late = ca.SX.zeros(len(self.eq.q)) if late is None else late
+        return called(self.eq, x, u, late, self.t, self.p, d=ca.SX(ca.DM(self.d)))
 
 
-def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any = None) -> list[Any]:
+def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any = None, d: Any = None) -> list[Any]:
     """``(dx, y, s)`` of equations in continuous time, whose delayed signals were ``late`` and have moved by ``slopes``.
 
     What is kept of a delayed signal are values at four instants around the one that is read.
@@ -102,7 +105,9 @@ def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any
         away = [float(i) - 0.5 * (KEPT - 1) for i in range(KEPT)]
         values = [late[k] + (slopes[k] * a if slopes is not None else 0.0) for a in away]
         held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, LONG))
-    found: list[Any] = eq.rhs.call([t, x, ca.SX(0, 1), u, ca.vertcat(*held) if held else ca.SX(0, 1), p])
+    found: list[Any] = eq.rhs.call(
+        [t, x, ca.SX(0, 1) if d is None else d, u, ca.vertcat(*held) if held else ca.SX(0, 1), p]
+    )
     return found
 
 
@@ -111,11 +116,24 @@ def _without(name: str) -> str:
     return f"diagram.remove('{name}')" if not outer else f"diagram.replace('{outer}', …) by one without '{inner}'"
 
 
-def still(diagram: Diagram, inputs: Mapping[str, float], t: float) -> Still:
-    """The equations at an instant. Raises RunError for blocks that act at instants of their own."""
+def settled(eq: Equations, t: float, x: np.ndarray, d: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Memory ``d`` with the outputs that sampled blocks hold after a sample."""
+    if not eq.periods or eq.q:
+        return d
+    fresh = np.asarray(eq.update(t, x, d, u, ca.DM(0, 1), p, np.ones(len(eq.periods)))[0], dtype=float).ravel()
+    return np.where([name.endswith(" (held)") for name in eq.d], fresh, d)
+
+
+def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: bool = False) -> Still:
+    """The equations at an instant. Raises RunError for blocks that act at instants of their own.
+
+    With ``sampled`` those may be sampled blocks, but none that remember from step to step.
+    """
     eq = equations(diagram)
-    if eq.periods or eq.d:
-        names = list(eq.sampled) or list(dict.fromkeys(name.rpartition(".")[0] for name in eq.d))
+    if (eq.periods or eq.d) and not (sampled and eq.periods and not eq.every_step):
+        owners = list(dict.fromkeys(name.rpartition(".")[0] for name in eq.d))
+        names = [name for name in owners if not sampled or name not in eq.sampled]
+        names = (list(eq.sampled) if not sampled else []) or names
         one = len(names) == 1
         raise RunError(f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
                        f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
@@ -128,8 +146,8 @@ def still(diagram: Diagram, inputs: Mapping[str, float], t: float) -> Still:
                              np.array([t, t + MOMENT]), "zero")  # fmt: skip
     u = np.array([0.0 if not feed.block and feed.order else signal.at(np.array([t]), order, "right", 0.0)[0]
                   for feed, (signal, order) in zip(eq.u, signals, strict=True)])  # fmt: skip
-    x = np.asarray(eq.start(p)[0], dtype=float).ravel()
-    return Still(eq, t, p, u, x, wanted)
+    x, d = (np.asarray(part, dtype=float).ravel() for part in eq.start(p)[:2])
+    return Still(eq, t, p, u, x, wanted, settled(eq, t, x, d, u, p))
 
 
 def point_of(here: Still, x: np.ndarray, u: np.ndarray) -> Point:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -67,30 +67,36 @@ class Limit:
         except TsmError:
             return math.nan
         matrices = tuple((part.shape, part.tobytes()) for part in (system.A, system.B, system.C, system.D))
-        return min(_margins(matrices)[MARGINS[self.margin][0]], ENOUGH[self.margin])
+        return min(_margins(matrices, float(system.dt or 0.0))[MARGINS[self.margin][0]], ENOUGH[self.margin])
 
 
 @lru_cache(maxsize=4096)
-def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...]) -> tuple[float, float]:
-    """Gain and phase margin of a state space: kept, since cases that differ in their signals share their loop."""
+def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...], dt: float) -> tuple[float, float]:
+    """Gain and phase margin of a state space, of samples where ``dt`` is not 0.
+
+    They are kept, since cases that differ in their signals share their loop.
+    """
     import control
 
     parts = [np.frombuffer(data).reshape(shape) for shape, data in matrices]
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # of a loop that never crosses
-        gains, phases, *_ = control.stability_margins(control.ss(*parts), returnall=True)
+        gains, phases, *_ = control.stability_margins(control.ss(*parts, dt), returnall=True)
         factors = np.maximum(gains, 1.0 / gains)
     phase = min(map(float, phases), key=abs, default=math.inf)
-    if _stable(*parts):
+    if _stable(parts, dt):
         return float(factors.min(initial=math.inf)), phase
     return float((1.0 / factors).max(initial=0.0)), phase
 
 
-def _stable(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> bool:
+def _stable(parts: Sequence[np.ndarray], dt: float) -> bool:
     """Whether the loop is stable when it is closed."""
+    A, B, C, D = parts
     if not A.size or 1.0 + D.item() == 0.0:
         return 1.0 + D.item() > 0.0
     found = np.linalg.eigvals(A - B @ C / (1.0 + D.item()))
+    if dt:
+        return bool(np.all(np.abs(found) <= 1.0 + STILL))
     return bool(np.all(found.real <= STILL * np.abs(found).max()))
 
 
