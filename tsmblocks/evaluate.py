@@ -373,10 +373,9 @@ def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -
     d1, d2 = y3 - y2, y3 - 2 * y2 + y1
     d3 = there(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
     value = y3 + since * (there(2, d1) + (since + 1) / 2 * (there(3, d2) + (since + 2) * d3))
-    early = ca.fmax(count - 1, 0.0) + since < -_rounding(t, per_second)
-    before = y3 if first is None else first
+    passed, before = ca.fmax(count - 1, 0.0) + since + _rounding(t, per_second), y3 if first is None else first
     if now is None:
-        return ca.if_else(early, before, value)
+        return ca.if_else(ca.floor(passed) < 0, before, value)
     back, away = -delay * per_second, ca.if_else(count >= 1, (t - newest) * per_second, 1.0)
     e1 = there(1, (now - y3) / away)
     e2 = there(2, (e1 - d1) / (away + 1))
@@ -384,7 +383,7 @@ def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -
     recent = now + back * (e1 + (back + away) * (e2 + (back + away + 1) * e3))
     value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
     before = ca.if_else(count < 1, now, y3) if first is None else first
-    return ca.if_else(early, before, value)
+    return ca.if_else(passed < 0, before, value)
 
 
 def recalled_steps(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:

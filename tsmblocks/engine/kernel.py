@@ -38,12 +38,15 @@ def grades_of(program: Program) -> list[int]:
 
 
 def time_jumps(program: Program) -> bool:
-    """Whether time alone decides a comparison: of a signal (a step, a staircase), or of where its past is read."""
+    """Whether time alone decides a comparison (a step, a staircase), or rounds where a past is read (a delay)."""
     deciding = {"LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL"}
     read = [args for name, args in program.nodes if name == "INPUT" and program.inputs[args[0]] == "q"]
     past = [MOVING if k % PER_DELAY < KEPT else TIME for k in range(max((k for _, k in read), default=0) + 1)]
-    grades = program.grade({k: past if name == "q" else SLOTS[name] for k, name in enumerate(program.inputs)})
-    return any(g == TIME and name in deciding for g, (name, _) in zip(grades, program.nodes, strict=True))
+    late = program.grade({k: past if name == "q" else SLOTS[name] for k, name in enumerate(program.inputs)})
+    return any(
+        (name in deciding and own == TIME) or (name == "FLOOR" and of_past == TIME)
+        for (name, _), own, of_past in zip(program.nodes, grades_of(program), late, strict=True)
+    )
 
 
 class Frame:
