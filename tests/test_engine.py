@@ -993,6 +993,9 @@ def test_a_state_is_gone_on_from_with_the_steppers_own_numbers():
     for _ in range(100):
         found = stepper.step({"u": 1.0})["y"]
     assert found == pytest.approx(3.0 + (warm["y"][-1] - 3.0) * np.exp(-1.0), abs=1e-9)
+    other = tsm.Stepper(d, step=0.01, parameters={"g.gain": 3.0}, initial=warm.state)
+    assert [other.step({"u": 1.0})["y"] for _ in range(100)][-1] == found
+    assert other.t == stepper.t == pytest.approx(2.0)
     assert warm.parameters["g.gain"] == 1.0
 
 

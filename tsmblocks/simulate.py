@@ -232,7 +232,8 @@ class Stepper:
     """A diagram run sample by sample, for loops that live outside: hardware, games, other simulators.
 
     ``stepper.step({"u": 1.0})`` applies inputs for one step (held constant) and returns the outputs at
-    its end; ``save()`` and ``restore(saved)`` go back and forth in time. A copy goes on by itself.
+    its end; ``save()`` and ``restore(saved)`` go back and forth in time, and ``initial=run.state`` begins where a run
+    ended. A copy goes on by itself.
     """
 
     def __init__(
@@ -242,7 +243,7 @@ class Stepper:
         step: float = 1e-3,
         method: str = "rk4",
         parameters: Mapping[str, Any] | None = None,
-        initial: Mapping[str, float] | None = None,
+        initial: Mapping[str, float] | Saved | None = None,
         backend: str = "",
     ) -> None:
         diagram = self.diagram = prepared(diagram, parameters)
@@ -256,8 +257,11 @@ class Stepper:
         rule, p = method_named(method), parameter_vector(eq, diagram)
         self.kernel = single_kernel(eq, rule, shown, backend)
         self.hits = steps_per_period(eq, self.h)
-        self.memory = start_memory(eq, self.kernel, p, self.h, initial)
+        saved = initial if isinstance(initial, Saved) else None
+        self.memory = start_memory(eq, self.kernel, p, self.h, None if saved else initial)  # type: ignore[arg-type]
         self.k = 0
+        if saved is not None:
+            self.restore(saved)
         warn_of_fast_poles([Beginning(eq, p, memory=self.memory)], rule, self.h)
 
     def __repr__(self) -> str:
