@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.analysis import linearize, loop_gain
+from tsmblocks.analysis import frequency_response, linearize, loop_gain
 from tsmblocks.blocks import (
     Constant,
     Delay,
@@ -113,6 +113,19 @@ def test_rounding_counts_as_a_gain_of_one(rounding):
         assert control.margin(loop_gain(d, "s -> e.minus")) == pytest.approx(wanted, rel=1e-6, nan_ok=True)
         assert np.sort_complex(linearize(d).poles()) == pytest.approx([-5 - 5j, -5 + 5j])
         assert linearize(d).C[0].tolist() == linearize(d).C[1].tolist()
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-4])
+def test_the_frequency_response_of_a_sampled_block_is_that_of_what_it_holds(step):
+    """Half a step is not lost: z/(z - 0.9) under a hold, and its first image as a harmonic of 1/(T f) - 1."""
+    d = tsm.Diagram(title="held", blocks={"f": DiscreteTransferFunction(period=0.01, num=(0.1, 0.0)), "g": Gain(gain=-2.0)},
+                    wires=["f -> g"], inputs={"u": "f"}, outputs={"y": "g"})  # fmt: skip
+    f = np.array([1.0, 5.0, 20.0])
+    s, z = 2j * np.pi * f, np.exp(2j * np.pi * f * 0.01)
+    wanted = -2.0 * 0.1 * z / (z - 0.9) * (1.0 - 1.0 / z) / (0.01 * s)
+    found = frequency_response(d, f, step=step, settle=100)
+    assert found.response[0] == pytest.approx(wanted, rel=1e-9)
+    assert found.harmonics[0, 2, 2] == pytest.approx(1 / 4, rel=1e-9)  # at 80 Hz
 
 
 def test_margins_of_sampled_loops_limit_a_search():

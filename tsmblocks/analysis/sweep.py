@@ -8,14 +8,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import attrs
+import casadi as ca
 import numpy as np
 
+from tsmblocks.analysis.sampled import HELD
 from tsmblocks.arguments import number, positive, prepared, whole
 from tsmblocks.batch import batch_of
 from tsmblocks.blocks import Sine
 from tsmblocks.diagram import Diagram
+from tsmblocks.equation_set import Equations
 from tsmblocks.errors import RunError, in_words, near
 from tsmblocks.frames import dataset, frame, need
+from tsmblocks.simulate import equations
 from tsmblocks.tables import few, listed
 from tsmblocks.units import for_people
 
@@ -125,6 +129,7 @@ def frequency_response(
     diagram = prepared(diagram)
     tuned, source = _driven(diagram, driven, None if bias is None else number("bias", bias))
     shown = _output(tuned, output)
+    held = _is_held(equations(tuned), shown)
     f, a = _positive("frequencies", frequencies), _positive("amplitudes", amplitudes)
     count, rest, most = whole("periods", periods, 1), whole("settle", settle, 0), whole("harmonics", harmonics, 1)
     longest, least = positive("step", step), whole("samples", samples, 4 * most)
@@ -141,7 +146,7 @@ def frequency_response(
         while len(waiting):
             sets = {f"{source}.amplitude": a[waiting], f"{source}.frequency": np.full(len(waiting), one)}
             batch = batch_of(tuned, sets, step=1.0 / (one * n), stop=(left_out + count) / one, **how)  # type: ignore[arg-type]
-            found = batch.results(0, batch.count, _Harmonics(f"{source}.y", shown, n, count, most), threads)
+            found = batch.results(0, batch.count, _Harmonics(f"{source}.y", shown, n, count, most, held), threads)
             settled = ~(found["change"] > SETTLED)
             done = waiting[settled]
             response[done, k] = found["response"][settled]
@@ -178,6 +183,8 @@ class _Harmonics:
     n: int
     count: int
     most: int
+    held: bool = False
+    """Whether the output is that of samples: it stands still over a step, and is taken apart as such."""
 
     def __call__(self, t: np.ndarray, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         x, y = (signals[name][-self.n * self.count - 1 : -1] for name in (self.driven, self.shown))
@@ -185,6 +192,9 @@ class _Harmonics:
         turns = np.exp(-2j * np.pi * np.outer(np.arange(1, self.most + 1), np.arange(len(x))) / self.n)
         with np.errstate(all="ignore"):
             into, out = turns[:1] @ x, turns @ y
+            if self.held:
+                angles = 2j * np.pi * np.arange(1, self.most + 1) / self.n
+                out = out * ((1.0 - np.exp(-angles)) / angles)[:, None]  # the integral over a step, not its begin
             size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), STILL * np.abs(x).max(axis=0))
             change = np.abs(last - before).max(axis=0) / size if len(before) == len(last) else np.inf * size
             reach = np.maximum(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
@@ -213,6 +223,18 @@ def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Dia
     if name not in tones:
         raise RunError(f"'{diagram.title}' has no input and no Sine block '{name}'.{near(name, known)}")
     return diagram if bias is None else diagram.with_parameters({f"{name}.offset": bias}), name
+
+
+def _is_held(eq: Equations, name: str) -> bool:
+    """Whether a signal is made of held outputs of sampled blocks alone."""
+    signal = eq.aliases.get(name, name)
+    if signal not in eq.y:
+        return False
+    given = dict(zip(("t", "x", "d", "u", "q", "p"), eq.rhs.sx_in(), strict=True))
+    made = eq.rhs.call(list(given.values()))[1][eq.y.index(signal)]
+    others = [given["d"][k] for k, name in enumerate(eq.d) if not name.endswith(HELD)]
+    moving = ca.vertcat(*(given[k] for k in ("t", "x", "u", "q")), *others)
+    return bool(ca.depends_on(made, given["d"]) and not ca.depends_on(made, moving))
 
 
 def _output(diagram: Diagram, name: str | None) -> str:
