@@ -26,6 +26,7 @@ from tsmblocks.reference import blocks, examples, python, uses
 from tsmblocks.reference import trace as tracing
 from tsmblocks.reference.cards import words
 from tsmblocks.reference.mathml import mathml
+from tsmblocks.reference.plain import LETTERS, plain
 from tsmblocks.reference.trace import ATOM, COMPARE, LOOSE, PLUS, POWER, TIMES, Tongue, listing
 from tsmblocks.shelf import names
 
@@ -114,6 +115,30 @@ def test_choices_within_choices_are_one_and_what_is_used_twice_has_a_letter():
               r"\end{cases}"),
         (r"\text{last}^{+}", "y"),
     )  # fmt: skip
+
+
+FUNCTIONS = {"frac", "tfrac", "hat", "dot", "ddot", "max", "min", "tanh", "sin", "cos", "ln", "begin", "end"}
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_formulas_of_blocks_can_be_read_on_a_terminal(name):
+    sentence, equation, remarks = words(BLOCKS[name])
+    formulas = [equation, *re.findall(r":math:`(.+?)`", f"{sentence} {remarks}")]
+    assert set(re.findall(r"\\([A-Za-z]+)", " ".join(formulas))) <= FUNCTIONS | set(LETTERS)
+    for made in map(plain, formulas):
+        assert not re.search(r"[\\&\0]", made)
+        assert made.count("(") == made.count(")")
+
+
+@pytest.mark.parametrize(("latex", "text"), [
+    (r"\dot\zeta &= A v - \vartheta |v| \zeta \\ y &= \alpha_x(v)\, x, \qquad v = \dot x_r",
+     "ζ' = A v - ϑ |v| ζ\ny = α_x(v) x,   v = x_r'"),
+    (r"\alpha_1 e^{2v} + \frac{1 + s}{2} u_{k-1} - \tfrac12 \omega^2", "α₁ e^(2v) + (1 + s)/2 u_(k-1) - 1/2 ω²"),
+    (r"\tanh\frac{t - t_0}{w} + \left[\frac{a}{g(v)}\right]^{n}", "tanh((t - t₀)/w) + [a/g(v)]^n"),
+    (r"y = \begin{cases} a & u > 0 \\ 0 & \text{otherwise} \end{cases}", "y = {a if u > 0; 0 otherwise}"),
+])  # fmt: skip
+def test_formulas_as_text(latex, text):
+    assert plain(latex) == text
 
 
 def test_rows_and_columns_of_formulas_are_found_outside_of_environments_only():

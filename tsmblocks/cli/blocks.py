@@ -9,6 +9,7 @@ from typing import Any
 
 from tsmblocks.cli import common, console
 from tsmblocks.reference.cards import by_family, card, words
+from tsmblocks.reference.plain import plain
 from tsmblocks.tables import columns
 
 HELP = "list the blocks, or show one block's card"
@@ -49,7 +50,7 @@ def card_in_words(made: dict[str, Any]) -> str:
     wide = console.width()
     lines = [f"{made['name']} ({made['family']})", console.wrapped(_unmarked(made["words"]), wide), ""]
     if made["equation"]:
-        lines += [textwrap.indent(console.wrapped(made["equation"], wide - 4, "  "), "    "), ""]
+        lines += [textwrap.indent(console.wrapped(plain(made["equation"]), wide - 4, "  "), "    "), ""]
     if made["remarks"]:
         lines += [console.wrapped(_unmarked(made["remarks"]), wide), ""]
     lines.append(console.wrapped(f"Source: {made['source']}", wide, "  "))
@@ -68,8 +69,9 @@ _LEFT = frozenset(range(4))
 
 
 def _unmarked(text: str) -> str:
-    """Words of a docstring without the marks around code and formulas."""
-    return re.sub(r"(?::math:)?(`+)(.+?)\1", r"\2", text)
+    """Words of a docstring without the marks around code, formulas as text."""
+    told = re.sub(r":math:`(.+?)`", lambda found: plain(found[1]), text)
+    return re.sub(r"(`+)(.+?)\1", r"\2", told)
 
 
 def _rate(port: dict[str, Any]) -> str:

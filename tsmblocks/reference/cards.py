@@ -45,7 +45,7 @@ def words(cls: type) -> tuple[str, str, str]:
             in_math = False
             text = " ".join(part.split())
             sentence, remarks = (sentence, [*remarks, text]) if sentence else (text, remarks)
-    return sentence, "\n".join(equations), "\n".join(remarks)
+    return sentence, " \\\\\n".join(equations), "\n".join(remarks)
 
 
 def card(cls: Any) -> dict[str, Any]:
