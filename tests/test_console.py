@@ -266,7 +266,7 @@ def test_json_is_json_in_every_encoding(encoding, here):
 
 def test_letters_are_told_by_likeness():
     letters = {"→": "->", "θ": "theta", "Ω": "Omega", "é": "e", "½": "1/2", "漢": "?", "µ": "u", "²": "^2",
-               "\udcff": "?"}  # fmt: skip
+               "⁴": "^4", "₂": "2", "∫": "int", "⌋": ")", "\udcff": "?"}  # fmt: skip
     assert {one: console.plain_letter(one) for one in letters} == letters
 
 

@@ -23,7 +23,7 @@ HAIR = 1e-18
 class Lag(Block):
     r"""A first-order lag of any time constant, zero included, that is stable at any step.
 
-    .. math:: T \dot y = u - y
+    .. math:: T \dot y &= u - y
 
     Coded as its solution, with the input along the parabola through its values now, at the start of the
     step and a step earlier. With s the time since the start of the step, and of the step before it the

@@ -28,7 +28,8 @@ LEGIBLE = "tsmblocks.legible"
 PLAIN = {
     "−": "-", "–": "-", "→": "->", "⇒": "=>", "±": "+/-", "…": "...", "·": "*", "×": "x", "°": "deg", "ß": "ss",
     "’": "'", "‘": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "∞": "inf", "√": "sqrt",
-    "µ": "u", "²": "^2", "³": "^3", "⁄": "/",
+    "µ": "u", "⁄": "/", "∫": "int", "⌊": "floor(", "⌋": ")", "↑": "up", "↓": "down",
+    "\N{COMBINING CIRCUMFLEX ACCENT}": "_hat",
 }  # fmt: skip
 """What stands for letters that an encoding has not; of others the nearest plain letter, or the name of a Greek one."""
 
@@ -51,8 +52,9 @@ def plain_letter(letter: str) -> str:
     if script == "GREEK":
         name = rest.rpartition("LETTER ")[2].partition(" ")[0]
         return name.capitalize() if letter.isupper() else name.lower()
+    power = "^" if unicodedata.decomposition(letter).startswith("<super>") else ""
     parts = (PLAIN.get(part, part) for part in unicodedata.normalize("NFKD", letter))
-    return "".join(parts).encode("ascii", "ignore").decode() or "?"
+    return power + "".join(parts).encode("ascii", "ignore").decode() or "?"
 
 
 codecs.register_error(LEGIBLE, _legible)
