@@ -18,7 +18,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.block import leaves
-from tsmblocks.blocks import DeadTime, Delay, Gain
+from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Sine
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.compile import compile_diagram
@@ -297,6 +297,11 @@ def test_what_pages_say_of_feedthrough_is_what_closes_an_algebraic_loop():
             assert there or outlet in text or "breaks algebraic loops" in text, name
             tried += 1
     assert tried > 80
+
+
+@pytest.mark.parametrize(("cls", "charts"), [(Play, 2), (LeadLag, 1), (Resonance, 1), (Sine, 1)])
+def test_what_answers_a_step_is_not_drawn_over_the_step(cls, charts):
+    assert blocks._charts(cls).count("<svg") == charts
 
 
 def test_blocks_that_read_the_past_are_not_said_to_be_of_one_instant():

@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from tsmblocks.block import Block, State, leaves
 from tsmblocks.reference import examples, figures, rst, uses
 from tsmblocks.reference.cards import by_family
@@ -16,7 +18,9 @@ from tsmblocks.units import heading
 
 LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
 ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "lateness", "arithmetic", "sensors")
-"""Families whose answer is drawn over the input too."""
+"""Families whose answer is drawn over the input too, unless that only jumps."""
+LEVELS = 8
+"""Values up to which a signal is taken to jump between them."""
 FAMILY_WORDS = {
     "sources": "Signals that are made, or were recorded.",
     "arithmetic": "What is done to signals at one instant.",
@@ -265,7 +269,8 @@ def _charts(cls: type[Block]) -> str:
     drawn = [figures.over_time(run.t, signals, labels)]
     driven = [k for k in cls().inports if k in names]
     first = next(iter(cls().outports), "")
-    if len(driven) == 1 and first and _family(cls) in ACROSS:
+    moves = len(driven) == 1 and len(np.unique(run[driven[0]])) > LEVELS
+    if moves and first and _family(cls) in ACROSS:
         drawn.append(figures.over_another(run[driven[0]], run[first], (labels[driven[0]], labels[first])))
     return figures.side_by_side(drawn, names)
 
