@@ -275,6 +275,29 @@ def test_every_picture_keeps_the_laws(diagram):
     assert_lawful(diagram)
 
 
+@st.composite
+def loops_beside_each_other(draw):
+    """Two to four loops, some with a sensor in them, each fed by the reference or by a loop above it."""
+    blocks, wires, ends, outputs = {"ref": Source()}, [], ["ref"], {}
+    for k in range(draw(st.integers(2, 4))):
+        chain = [f"plant{k}_{j}" for j in range(draw(st.integers(1, 4)))]
+        signs = "+-" + draw(st.sampled_from(["", "+", "-"]))
+        sensor = [f"sensor{k}"] * draw(st.booleans())
+        blocks |= {f"error{k}": Add(signs=signs), **{name: Plant() for name in chain + sensor}}
+        wires += [f"{draw(st.sampled_from(ends))} -> error{k}.u0", " -> ".join([f"error{k}", *chain]),
+                  " -> ".join([chain[-1], *sensor, f"error{k}.u1"])]  # fmt: skip
+        wires += [f"{draw(st.sampled_from(ends + chain))} -> error{k}.u2"] * (len(signs) > 2)
+        ends += chain
+        outputs[f"y{k}"] = draw(st.sampled_from(chain))
+    return Diagram(blocks=blocks, wires=wires, outputs=outputs)
+
+
+@settings(deadline=None, max_examples=100)
+@given(loops_beside_each_other())
+def test_feedback_between_rows_keeps_the_laws(diagram):
+    assert_lawful(diagram)
+
+
 @settings(deadline=None, max_examples=40)
 @given(diagrams(most=8), st.data())
 def test_values_on_wires_keep_the_laws(diagram, data):
