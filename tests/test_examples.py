@@ -48,7 +48,7 @@ ANSWERS = {
     "11_paper_feedback": [8.0, 13.6, 5.8, 8.0, 8.1, 11.8, 9.8],
     "12_why_not_zero": [13.0, 0.8],
     "13_observer_on_the_motor": [13.7, 2.7, 6.5, 0.5],
-    "03_sampled_controller": [1.02, 1.03, 1.05, 1.09],
+    "03_sampled_controller": [1.02, 1.02, 1.03, 1.02, 1.05, 1.05, 1.09, 1.28],
     "02_a_block_of_your_own": [1.5],
     "16_identify_the_paper": [
         1.82, 1.78, 1.60, 1.25, 1.53, 1.28, 0.24, 0.25, 0.25,  # without offset: the order of the paper's Table 1
