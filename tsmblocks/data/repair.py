@@ -11,7 +11,7 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from tsmblocks.data import repair_time
+from tsmblocks.data import dropouts, repair_time
 from tsmblocks.data.signals import first_wrap
 from tsmblocks.data.table import Table, noted, plural
 from tsmblocks.errors import DataError
@@ -100,6 +100,8 @@ REPAIRS: tuple[Callable[[Table], Table], ...] = (
     repair_time.jitter_is_measured,
     wraps_are_named,
     constants_are_named,
+    dropouts.spikes_are_named,
+    dropouts.dropouts_are_named,
 )
 
 
