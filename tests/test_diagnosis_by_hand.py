@@ -77,3 +77,17 @@ def test_a_gain_that_drifts_is_one_effect_and_not_several_changes():
     assert (only.name, only.words) == ("parameter_change", "a gain that drifts")
     rate = only.parameters["rate"]
     assert rate.low < -0.008 / 0.92 < rate.high
+
+
+def test_a_memory_that_the_search_threw_beyond_its_reach_is_brought_back():
+    """As where degrees are declared radians, and the output is fifty times as large as the model begins with."""
+    x, y = 0.8 * np.sin(1.1 * T) + 0.4 * np.sin(2.6 * T), np.zeros(len(T))
+    for k in range(1, len(T)):
+        y[k] = min(max(y[k - 1], x[k] - 0.05), x[k] + 0.05)
+    noise = 0.003 * np.random.default_rng(0).standard_normal(len(T))
+    signals = {"x_in": x, "x_out": np.degrees(0.92 * y + 0.01 + noise)}
+    record = tsm.Record("run", T, signals, {"x_in": "rad", "x_out": "rad"})
+    found = tsm.diagnose(tsm.load("tendon_sheath_play"), record, effects=["asymmetric_hysteresis"])
+    (gap,) = found.worst.gaps
+    assert found.verdict == "none"
+    assert gap.held_out[0] == pytest.approx(np.degrees(0.003), rel=0.04)

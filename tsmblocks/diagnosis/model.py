@@ -112,18 +112,26 @@ class Model:
 def calibrated(diagram: Diagram, records: Mapping[str, Record], asked: Asked, tell: Any = None) -> Model:
     """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises.
 
-    Start values of memories count once more from where they began, with all other numbers found: a search that threw
-    one beyond its reach, where it changes nothing, does not find back.
+    A start value that the search threw beyond its reach, where it changes nothing, does not find back; so it is put
+    where it began, and the search goes on from there.
     """
     problem, setup = posed(diagram, records, asked, asked.free)
     begin = feasible_start(problem, problem.unknowns.start)
     ends = [gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
             for one in begins(problem, setup, begin, asked.starts, asked.seed)]  # fmt: skip
     best = min(ends, key=lambda found: found.cost)
-    local = np.array([bool(item.experiment) for item in problem.unknowns.items], dtype=bool)
-    anew = [held(problem, np.where(local, begin, best.theta))] if local.any() else []
-    finals = [gauss_newton(problem, one, iterations=STEPS, enough=FINE, tell=tell) for one in (*anew, best.theta)]
-    return at(problem, setup, min(finals, key=lambda found: found.cost * (1 + SAME * (found is finals[-1]))))
+    model = at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
+    idle = _idle(model, begin)
+    if not idle.any():
+        return model
+    anew = searched(problem, setup, np.where(idle, begin, model.theta), FINE)
+    return anew if anew.mean_square <= (1 + SAME) * model.mean_square else model
+
+
+def _idle(model: Model, begin: np.ndarray) -> np.ndarray:
+    """Which start values of memories, shape (n,), change next to nothing where the search left them."""
+    felt = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(begin))
+    return model.local & (model.theta != begin) & (felt <= np.sqrt(SAME) * np.linalg.norm(model.r))
 
 
 def posed(
