@@ -12,7 +12,7 @@ import pytest
 import tsmblocks as tsm
 from tests.test_fit_methods import LAG, LINEAR, METHODS, REGRESSORS, noisy, sheath
 from tests.test_fit_problem import STEP, TWO, T, U, record, servo
-from tsmblocks.blocks import Gain, Integrator, Sum
+from tsmblocks.blocks import FirstOrderLag, Gain, Integrator, Step, Sum
 from tsmblocks.cli import console
 from tsmblocks.errors import NotFinite
 from tsmblocks.fitting.problem import Problem
@@ -441,6 +441,17 @@ def test_a_parameter_that_nothing_excites_is_named():
     assert found["bias"].low < 0.2 < found["bias"].high
     assert "a: the input x_in never changes, so it excites nothing." in found.notes
     assert "gain.gain has no influence on the outputs in these experiments." in str(found)
+
+
+def test_sources_that_run_by_the_clock_of_a_recording_are_told_of_one_that_does_not_begin_at_zero():
+    lag = tsm.Diagram(blocks={"push": Step(time=0.0), "lag": FirstOrderLag()}, wires=["push -> lag"],
+                      outputs={"y": "lag"})  # fmt: skip
+    y = 1 - np.exp(-2 * T)
+    at_zero, later = (tsm.Record("a", T + begin, {"y": y}, {"y": ""}) for begin in (0.0, 3.7))
+    words = ("a: nothing that was measured drives the diagram. Its sources run by the clock of the recording, and it "
+             "is at rest until that begins, at 3.7 s.")  # fmt: skip
+    assert words in tsm.fit(lag, later, free=["lag.time_constant"]).notes
+    assert not any("clock" in text for text in tsm.fit(lag, at_zero, free=["lag.time_constant"]).notes)
 
 
 def test_a_constant_input_leaves_gain_and_offset_together():

@@ -160,12 +160,16 @@ def _cautions(record: Record, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _remarks(setup: Setup, differences: Differences) -> list[str]:
-    """Inputs that never move or whose rate is mostly noise, and models that say less than a constant would."""
+    """Inputs that never move or are mostly noise, clocks that may differ, models that say less than a constant."""
     said = []
     for trial in setup.trials:
         still = [k for k in setup.diagram.inports if np.ptp(trial.record[k]) == 0]
         said += [f"{trial.name}: the input {k} never changes, so it excites nothing." for k in still]
         said += [f"{trial.name}: {text}" for text in rough_inputs(trial.record, trial.eq)]
+        begins = trial.record.t[0]
+        if not setup.diagram.inports and begins != 0:
+            said.append(f"{trial.name}: nothing that was measured drives the diagram. Its sources run by the clock "
+                        f"of the recording, and it is at rest until that begins, at {begins:g} s.")  # fmt: skip
     said += [f"{d.experiment}: the diagram explains {d.output} {'no' if d.fit_percent <= 0 else 'hardly'} better than "
              "its mean does." for d in differences if d.fit_percent <= NEXT_TO_NOTHING]  # fmt: skip
     for d in differences:
