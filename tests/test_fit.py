@@ -12,7 +12,7 @@ import pytest
 import tsmblocks as tsm
 from tests.test_fit_methods import LAG, LINEAR, METHODS, REGRESSORS, noisy, sheath
 from tests.test_fit_problem import STEP, TWO, T, U, record, servo
-from tsmblocks.blocks import FirstOrderLag, Gain, Integrator, Step, Sum
+from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Step, Sum, ZeroOrderHold
 from tsmblocks.cli import console
 from tsmblocks.errors import NotFinite
 from tsmblocks.fitting.problem import Problem
@@ -427,6 +427,34 @@ def test_places_that_run_away_are_stepped_back_from(method):
     found = tsm.fit(feedback(), loop_data(), free=["k.gain"], start={"k.gain": 0.1}, bounds={"k.gain": (-1e4, 1e4)},
                     method=method, starts=1)  # fmt: skip
     assert found.values["k.gain"] == pytest.approx(2.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_instant_of_a_step_is_found_though_the_outputs_have_no_slope_by_it(method):
+    lag = tsm.Diagram(blocks={"push": Step(time=1.0), "lag": FirstOrderLag()}, wires=["push -> lag"],
+                      outputs={"y": "lag"})  # fmt: skip
+    t = np.arange(0.0, 10.0, 0.01)
+    y = np.where(t > 2.345, 1 - np.exp(-np.maximum(t - 2.345, 0.0) / 0.7), 0.0)
+    y += 0.01 * np.random.default_rng(0).standard_normal(len(t))
+    found = tsm.fit(
+        lag, tsm.Record("a", t, {"y": y}, {"y": ""}), free=["lag.time_constant", "push.time"], method=method
+    )
+    assert found["push.time"].value == pytest.approx(2.345, abs=0.005)  # half a step: stages see no less
+    assert found["push.time"].error < 0.005
+    assert found["lag.time_constant"].value == pytest.approx(0.7, abs=2 * found["lag.time_constant"].error)
+
+
+def test_a_delay_behind_samples_is_found_to_the_step():
+    wired = tsm.Diagram(blocks={"hold": ZeroOrderHold(period=0.1), "late": Delay(time=0.02), "lag": FirstOrderLag()},
+                        wires=["hold -> late -> lag"], inputs={"u": "hold"}, outputs={"y": "lag"})  # fmt: skip
+    truth = wired.with_parameters({"late.time": 0.054})
+    y = tsm.simulate(truth, inputs={"u": (T, np.sin(3 * T))}, stop=T[-1], step=1e-3)["y"][
+        :: round((T[1] - T[0]) / 1e-3)
+    ]
+    given = tsm.Record("a", T, {"u": np.sin(3 * T), "y": y}, {"u": "", "y": ""})
+    found = tsm.fit(wired, given, free=["late.time"], bounds={"late.time": (0.002, 0.2)}, step=1e-3)
+    assert found["late.time"].value == pytest.approx(0.054, abs=1.1e-3)
+    assert not found.undetermined
 
 
 # ---- what data cannot tell

@@ -128,6 +128,8 @@ Search = Callable[[Problem, Sequence[np.ndarray]], list[Found]]
 
 def _searcher(method: str, seed: int, segments: int, iterations: int | None, tell: Tell) -> Search:
     """The method as a function from starts to ends, best first."""
+    from tsmblocks.fitting.gauss_newton import over_jumps
+
     one = _method(method, seed, segments)
     most: dict[str, Any] = {"tell": tell} if iterations is None else {"tell": tell, "iterations": iterations}
 
@@ -135,7 +137,7 @@ def _searcher(method: str, seed: int, segments: int, iterations: int | None, tel
         ends: list[Found] = []
         for begin in begins[:1] if method == "ga" else begins:
             try:
-                ends.append(one(problem, begin, **most))
+                ends.append(over_jumps(problem, one(problem, begin, **most), begin, **most))
             except KeyboardInterrupt:  # before the search had anything of its own
                 ends.append(Found(begin, problem.cost(begin), "interrupted", 0, 1))
             if ends[-1].status == "interrupted":
