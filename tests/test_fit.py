@@ -14,7 +14,7 @@ from tests.test_fit_methods import LAG, LINEAR, METHODS, REGRESSORS, noisy, shea
 from tests.test_fit_problem import STEP, TWO, T, U, record, servo
 from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Step, Sum, ZeroOrderHold
 from tsmblocks.cli import console
-from tsmblocks.errors import NotFinite
+from tsmblocks.errors import NotFinite, RunError
 from tsmblocks.fitting.problem import Problem
 
 RAD = {"x_in": "rad", "x_out": "rad"}
@@ -455,6 +455,42 @@ def test_a_delay_behind_samples_is_found_to_the_step():
     found = tsm.fit(wired, given, free=["late.time"], bounds={"late.time": (0.002, 0.2)}, step=1e-3)
     assert found["late.time"].value == pytest.approx(0.054, abs=1.1e-3)
     assert not found.undetermined
+
+
+LATE = tsm.Diagram(blocks={"late": Delay(time=0.1), "lag": FirstOrderLag()}, wires=["late -> lag"],
+                   inputs={"u": "late"}, outputs={"y": "lag"})  # fmt: skip
+
+
+def late_by(time, step=1e-3):
+    """What ``LATE`` with a delay of ``time`` gives for a sine, sampled as ``T``."""
+    every = round((T[1] - T[0]) / step)
+    truth = LATE.with_parameters({"late.time": time})
+    y = tsm.simulate(truth, inputs={"u": (T, np.sin(3 * T))}, stop=T[-1], step=step)["y"][::every]
+    return tsm.Record("a", T[: len(y)], {"u": np.sin(3 * T[: len(y)]), "y": y}, {"u": "", "y": ""})
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_delay_is_found_without_bounds(method):
+    """Starts are spread over places that are shorter than a step, too; those cannot be run."""
+    found = tsm.fit(LATE, late_by(0.054), free=["late.time"], method=method)
+    assert found["late.time"].value == pytest.approx(0.054, rel=1e-3)
+
+
+def test_a_delay_shorter_than_the_step_ends_at_the_step():
+    found = tsm.fit(LATE, late_by(0.004), free=["late.time"], step=0.01)
+    assert found["late.time"].value == pytest.approx(0.01)
+    assert found["late.time"].verdict == "at its lower bound"
+
+
+def test_a_delay_that_follows_another_number_is_found():
+    found = tsm.fit(LATE, late_by(0.025), free=["lag.time_constant"], start={"lag.time_constant": 0.3}, step=0.01,
+                    ties={"late.time": "lag.time_constant / 2"})  # fmt: skip
+    assert found["lag.time_constant"].value == pytest.approx(0.05, rel=1e-3)
+
+
+def test_a_delay_that_starts_shorter_than_the_step_is_refused():
+    with pytest.raises(RunError, match=r"delay of late\.past is 0\.005 s, shorter than the step of 0\.01 s"):
+        tsm.fit(LATE, late_by(0.054), free=["late.time"], start={"late.time": 0.005}, step=0.01)
 
 
 # ---- what data cannot tell

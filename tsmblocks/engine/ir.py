@@ -346,7 +346,7 @@ def _tanh_body(m: _Maths, x: str) -> str:
 
 
 def _sincos(m: _Maths, x: str, cosine: bool) -> str:
-    """Fine to |x| of some 1e9: three-part reduction by pi/2, then the usual two polynomials."""
+    """Fine to |x| of some 1e9: reduction in two parts by pi/2, then the usual two polynomials."""
     n = m.round(m.mul(x, m.c(2 / math.pi)))
     minus = m.op(f"fneg {m.t} {n}")
     r = m.fma(minus, m.c(1.5707963267948966), x)

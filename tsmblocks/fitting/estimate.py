@@ -44,8 +44,8 @@ def fit(
     square of the differences (paper, Eq (10)).
 
     What may change: ``free`` names parameters, patterns allowed (``"tsm.*"``; by default all but start
-    values). ``bounds`` maps names or patterns to ``(low, high)``, within what the blocks declare;
-    ``start`` gives other numbers to start from. Parameters in ``local`` (start values of states, say)
+    values). ``bounds`` maps names or patterns to ``(low, high)``, within what the blocks declare (and no
+    delay shorter than a step); ``start`` gives other numbers to start from. Parameters in ``local`` (start values of states, say)
     have a value of their own in each experiment; ``start_states`` does that with the start value of every
     state. ``ties`` lets parameters follow others
     (``{"tsm.alpha2": "tsm.alpha1"}``). ``constraints`` are texts such as ``"alpha2 + A - abs(delta) > 0"``,

@@ -69,7 +69,7 @@ def gauss_newton(
     try:
         status = _search(problem, state, history, iterations, tell)
         for share in COARSE if status == "stalled" else ():
-            reach = share * np.maximum(np.abs(state.theta), np.abs(start))
+            reach = share * _scale(problem, state.theta, start)
             rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
             rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
             ended = _search(problem, rough, history, iterations, tell)
@@ -96,7 +96,7 @@ def over_jumps(
     history, status, reach = list(found.history), found.status, None
     try:
         for share in (WIDE, *COARSE):
-            reach = share * np.maximum(np.abs(state.theta), np.abs(start))
+            reach = share * _scale(problem, state.theta, start)
             rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
             rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
             if not (np.diag(rough.matrix)[flat] > 0).any():
@@ -110,6 +110,12 @@ def over_jumps(
         pass
     runs = found.evaluations + state.evaluations
     return Found(state.theta, state.cost, status, len(history) - 1, runs, tuple(history), state.reach)
+
+
+def _scale(problem: Problem, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """The size of each unknown, shape (unknowns,); 1, or the width of its bounds, for one that is still zero."""
+    size = np.maximum(np.abs(theta), np.abs(start))
+    return np.where(size > 0, size, np.minimum(1.0, problem.unknowns.high - problem.unknowns.low))
 
 
 def _search(problem: Problem, state: _State, history: list[float], iterations: int, tell: Tell | None) -> str:

@@ -231,6 +231,7 @@ def pose(
                    backend=backend)  # fmt: skip
     items = _items(diagram, names, own, bounds, tuple(records))
     unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
+    unknowns = _delays_of_a_step(unknowns, setup)
     checked = read_constraints([] if constraints is None else constraints, list(setup.eq.p))
     weights = _weights(setup, sigma)
     _in_range(setup, weights)
@@ -258,6 +259,29 @@ def _items(
         one = unknown(name, diagram, known[name], asked.get(name))
         made += [attrs.evolve(one, experiment=e) for e in experiments] if name in own else [one]
     return tuple(made)
+
+
+def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:
+    """Bounds that keep delays from being shorter than a step where they may not be: such places cannot be run.
+
+    A start that is too short stays as it is, so that the run says what is wrong with it.
+    """
+    items, begin, eq = list(unknowns.items), unknowns.start, setup.eq
+    for e, trial in enumerate(setup.trials if eq.q else ()):
+
+        def lags(theta: np.ndarray, e: int = e) -> np.ndarray:
+            return np.asarray(eq.lag(unknowns.parameters(theta, e))).ravel()
+
+        for k in unknowns.columns(e):
+            longer = begin.copy()
+            longer[k] = 2 * begin[k]
+            now, then = lags(begin), lags(longer)
+            shortest = np.array(eq.least) * trial.times.h
+            follows = (now > 0) & (shortest > 0) & (np.abs(then - 2 * now) <= 1e-12 * np.abs(now))
+            low = float(np.max(shortest[follows] * begin[k] / now[follows], initial=-math.inf))
+            if items[k].low < low <= min(begin[k], items[k].high):
+                items[k] = attrs.evolve(items[k], low=low)
+    return attrs.evolve(unknowns, items=tuple(items))
 
 
 def _weights(setup: Setup, sigma: Any) -> np.ndarray:
