@@ -12,7 +12,17 @@ import pytest
 import tsmblocks as tsm
 from tests.test_fit_methods import LAG, LINEAR, METHODS, REGRESSORS, noisy, sheath
 from tests.test_fit_problem import STEP, TWO, T, U, record, servo
-from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Step, Sum, ZeroOrderHold
+from tsmblocks.blocks import (
+    Delay,
+    FirstOrderLag,
+    Gain,
+    Integrator,
+    Quantiser,
+    Saturation,
+    Step,
+    Sum,
+    ZeroOrderHold,
+)  # fmt: skip
 from tsmblocks.cli import console
 from tsmblocks.errors import NotFinite, RunError
 from tsmblocks.fitting.problem import Problem
@@ -429,19 +439,57 @@ def test_places_that_run_away_are_stepped_back_from(method):
     assert found.values["k.gain"] == pytest.approx(2.0, rel=1e-2)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_instant_of_a_step_is_found_though_the_outputs_have_no_slope_by_it(method):
-    lag = tsm.Diagram(blocks={"push": Step(time=1.0), "lag": FirstOrderLag()}, wires=["push -> lag"],
+def pushed(time=1.0):
+    """A lag behind a step, and what it gives for a step at 2.345 s with noise of 0.01, each 0.01 s."""
+    lag = tsm.Diagram(blocks={"push": Step(time=time), "lag": FirstOrderLag()}, wires=["push -> lag"],
                       outputs={"y": "lag"})  # fmt: skip
     t = np.arange(0.0, 10.0, 0.01)
     y = np.where(t > 2.345, 1 - np.exp(-np.maximum(t - 2.345, 0.0) / 0.7), 0.0)
-    y += 0.01 * np.random.default_rng(0).standard_normal(len(t))
-    found = tsm.fit(
-        lag, tsm.Record("a", t, {"y": y}, {"y": ""}), free=["lag.time_constant", "push.time"], method=method
-    )
-    assert found["push.time"].value == pytest.approx(2.345, abs=0.005)  # half a step: stages see no less
-    assert found["push.time"].error < 0.005
-    assert found["lag.time_constant"].value == pytest.approx(0.7, abs=2 * found["lag.time_constant"].error)
+    return lag, record(t=t, units={"y": ""}, y=y + 0.01 * np.random.default_rng(0).standard_normal(len(t)))
+
+
+@pytest.mark.parametrize("time", [0.0, 1.0, 8.0])
+@pytest.mark.parametrize("method", METHODS)
+def test_the_instant_of_a_step_is_found_though_the_outputs_have_no_slope_by_it(method, time):
+    found = tsm.fit(*pushed(time), free=["lag.time_constant", "push.time"], method=method)
+    assert found["push.time"].low < 2.345 < found["push.time"].high
+    assert 0.0014 < found["push.time"].error < 0.004  # half a step of 0.01 s is not seen at all, by RK4
+    assert found["lag.time_constant"].low < 0.7 < found["lag.time_constant"].high
+    assert found.agreeing == len(found.searches)
+
+
+def test_values_between_two_jumps_are_as_good_as_each_other():
+    """The instant of a step without noise: the interval covers the stages of a step between which it may lie."""
+    lag, _ = pushed()
+    truth = tsm.simulate(lag, stop=10.0, step=0.01)
+    found = tsm.fit(lag, record(t=truth.t, units={"y": ""}, y=truth["y"]), free=["push.time"], start={"push.time": 3.0})
+    assert found["push.time"].low < 1.0 < found["push.time"].high < 1.01
+
+
+@pytest.mark.parametrize("begin", [0.0105, 0.0125, 0.02])
+def test_the_interval_of_a_quantiser_is_found(begin):
+    rough = tsm.Diagram(blocks={"q": Quantiser()}, inputs={"u": "q"}, outputs={"y": "q"})
+    y = np.round(U / 0.01) * 0.01 + 2e-4 * np.random.default_rng(1).standard_normal(len(T))
+    found = tsm.fit(rough, record(u=U, y=y, units={"u": "", "y": ""}), start={"q.interval": begin})
+    assert found["q.interval"].value == pytest.approx(0.01, rel=1e-4)
+
+
+def test_a_limit_is_found_that_begins_where_nothing_reaches_it():
+    limited = tsm.Diagram(blocks={"clip": Saturation(low=-9.0, high=9.0)}, inputs={"u": "clip"}, outputs={"y": "clip"})
+    y = np.clip(U, -0.5, 9.0) + 1e-3 * np.random.default_rng(1).standard_normal(len(T))
+    found = tsm.fit(limited, record(u=U, y=y, units={"u": "", "y": ""}))
+    assert found["clip.low"].low < -0.5 < found["clip.low"].high < -0.499
+    assert found["clip.high"].verdict == "no influence"
+    assert found["clip.high"].value == 9.0
+
+
+def test_ctrl_c_while_values_are_tried_keeps_what_was_found():
+    def stop(stage, *_):
+        if stage == "jumps":
+            raise KeyboardInterrupt
+
+    found = tsm.fit(*pushed(), free=["lag.time_constant", "push.time"], progress=stop, starts=1)
+    assert found.status == "interrupted"
 
 
 def test_a_delay_behind_samples_is_found_to_the_step():

@@ -45,9 +45,9 @@ def fit(
 
     What may change: ``free`` names parameters, patterns allowed (``"tsm.*"``; by default all but start
     values). ``bounds`` maps names or patterns to ``(low, high)``, within what the blocks declare (and no
-    delay shorter than a step); ``start`` gives other numbers to start from. Parameters in ``local`` (start values of states, say)
-    have a value of their own in each experiment; ``start_states`` does that with the start value of every
-    state. ``ties`` lets parameters follow others
+    delay shorter than a step); ``start`` gives other numbers to start from. Parameters in ``local`` (start
+    values of states, say) have a value of their own in each experiment; ``start_states`` does that with the
+    start value of every state. ``ties`` lets parameters follow others
     (``{"tsm.alpha2": "tsm.alpha1"}``). ``constraints`` are texts such as ``"alpha2 + A - abs(delta) > 0"``,
     a list or a mapping by name. ``priors`` maps names to ``(mean, standard deviation)``; they are weighed against
     ``sigma``, or else against what a first fit leaves that hardly heeds them.
@@ -128,7 +128,7 @@ Search = Callable[[Problem, Sequence[np.ndarray]], list[Found]]
 
 def _searcher(method: str, seed: int, segments: int, iterations: int | None, tell: Tell) -> Search:
     """The method as a function from starts to ends, best first."""
-    from tsmblocks.fitting.gauss_newton import over_jumps
+    from tsmblocks.fitting.jumps import over_jumps
 
     one = _method(method, seed, segments)
     most: dict[str, Any] = {"tell": tell} if iterations is None else {"tell": tell, "iterations": iterations}
@@ -137,14 +137,19 @@ def _searcher(method: str, seed: int, segments: int, iterations: int | None, tel
         ends: list[Found] = []
         for begin in begins[:1] if method == "ga" else begins:
             try:
-                ends.append(over_jumps(problem, one(problem, begin, **most), begin, **most))
+                ends.append(one(problem, begin, **most))
             except KeyboardInterrupt:  # before the search had anything of its own
                 ends.append(Found(begin, problem.cost(begin), "interrupted", 0, 1))
             if ends[-1].status == "interrupted":
-                break
-        return sorted(ends, key=lambda f: (problem.violation(f.theta) > 10 * MISSED, f.cost))
+                return _ranked(problem, ends)
+        return _ranked(problem, over_jumps(problem, _ranked(problem, ends), **most))
 
     return search
+
+
+def _ranked(problem: Problem, ends: list[Found]) -> list[Found]:
+    """Best first; what misses a constraint last."""
+    return sorted(ends, key=lambda f: (problem.violation(f.theta) > 10 * MISSED, f.cost))
 
 
 def _method(method: str, seed: int, segments: int) -> Callable[..., Found]:

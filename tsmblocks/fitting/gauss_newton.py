@@ -6,10 +6,11 @@ constraints are part of the step and not a penalty beside it.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import attrs
 import numpy as np
 
-from tsmblocks.errors import RunError
 from tsmblocks.fitting.problem import Problem
 from tsmblocks.fitting.quadratic import Infeasible, quadratic_step
 from tsmblocks.fitting.search import MISSED, Found, Tell, held, rows_of
@@ -24,8 +25,6 @@ COARSE = (1e-1, 1e-2)
 """Shares of each unknown over which differences are taken where derivatives at a point lead nowhere."""
 FAR = 1e3
 """A sensible change of an unknown is at most so many times its size."""
-WIDE = 0.5
-"""The same where an unknown has no slope at all, to begin with."""
 GAIN = 1e-6
 """Share of the cost that such differences must gain to be gone on with."""
 TRIES = 16
@@ -69,7 +68,7 @@ def gauss_newton(
     try:
         status = _search(problem, state, history, iterations, tell)
         for share in COARSE if status == "stalled" else ():
-            reach = share * _scale(problem, state.theta, start)
+            reach = share * np.maximum(np.abs(state.theta), np.abs(start))
             rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
             rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
             ended = _search(problem, rough, history, iterations, tell)
@@ -81,41 +80,15 @@ def gauss_newton(
     return Found(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.reach)
 
 
-def over_jumps(
-    problem: Problem, found: Found, start: np.ndarray, *, iterations: int = 100, tell: Tell | None = None
+def by_differences(
+    problem: Problem, start: np.ndarray, reach: np.ndarray, *, iterations: int = 100, tell: Tell | None = None
 ) -> Found:  # fmt: skip
-    """Go on from where a search ended, by differences, where the outputs follow an unknown in jumps alone.
-
-    The time of a delay behind samples, or of a step, has no slope anywhere: a search downhill leaves it where it began,
-    and would take it for one without influence. What has none by differences either is left as it is.
-    """
-    state = _State(found.theta, *problem.normal(found.theta), enough=ENOUGH)
-    flat = np.diag(state.matrix) == 0
-    if found.reach is not None or found.status == "interrupted" or not flat.any():
-        return found
-    history, status, reach = list(found.history), found.status, None
-    try:
-        for share in (WIDE, *COARSE):
-            reach = share * _scale(problem, state.theta, start)
-            rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
-            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
-            if not (np.diag(rough.matrix)[flat] > 0).any():
-                break
-            ended = _search(problem, rough, history, iterations, tell)
-            if rough.cost <= state.cost * (1 + GAIN):
-                state, status = rough, ended
-    except KeyboardInterrupt:
-        status = "interrupted"
-    except RunError:  # so far off it cannot be run: as far as it went counts
-        pass
-    runs = found.evaluations + state.evaluations
-    return Found(state.theta, state.cost, status, len(history) - 1, runs, tuple(history), state.reach)
-
-
-def _scale(problem: Problem, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """The size of each unknown, shape (unknowns,); 1, or the width of its bounds, for one that is still zero."""
-    size = np.maximum(np.abs(theta), np.abs(start))
-    return np.where(size > 0, size, np.minimum(1.0, problem.unknowns.high - problem.unknowns.low))
+    """As ``gauss_newton``, with differences over ``reach`` (unknowns,) to each side in place of derivatives."""
+    state = _State(start, *problem.normal(start, reach), reach=reach)
+    history, status = [state.cost], "interrupted"
+    with suppress(KeyboardInterrupt):
+        status = _search(problem, state, history, iterations, tell)
+    return Found(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), reach)
 
 
 def _search(problem: Problem, state: _State, history: list[float], iterations: int, tell: Tell | None) -> str:

@@ -25,7 +25,8 @@ class Found:
     ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no direction led down, though the
     slope is not zero: a kink, or rounding) or ``interrupted`` (by Ctrl-C). ``history`` holds the cost after
     each iteration, ``evaluations`` how many simulations of all experiments were asked for. ``reach`` is how far
-    derivatives had to be taken over, where the outputs jump or bend and those at a point led nowhere.
+    derivatives had to be taken over, where the outputs jump or bend and those at a point led nowhere; ``blur``
+    how far each unknown may go to either side without any change of the outputs.
     """
 
     theta: np.ndarray
@@ -35,6 +36,7 @@ class Found:
     evaluations: int
     history: tuple[float, ...] = attrs.field(default=(), repr=False)
     reach: np.ndarray | None = attrs.field(default=None, repr=False)
+    blur: np.ndarray | None = attrs.field(default=None, repr=False)
 
 
 def rows_of(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

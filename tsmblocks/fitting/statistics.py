@@ -177,9 +177,11 @@ def _spread(
             v += np.diag(part)
             slope += more
         known = max(noises.samples[mine[0]] * (1 - share) - 2 * colour.order, 1.0)
-        doubt += 2 * v**2 / known + np.sum(slope * (noises.uncertain[mine[0]] @ slope), axis=0)
-    v = np.diag(total)
-    return total, np.where(doubt > 0, np.maximum(2 * v**2 / np.where(doubt > 0, doubt, 1.0), LEAST_FREEDOM), math.inf)
+        with np.errstate(over="ignore"):  # of a parameter that is next to open
+            doubt += 2 * v**2 / known + np.sum(slope * (noises.uncertain[mine[0]] @ slope), axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        freedom = 2 * np.diag(total) ** 2 / np.where(doubt > 0, doubt, 1.0)
+    return total, np.where(doubt > 0, np.fmax(freedom, LEAST_FREEDOM), math.inf)
 
 
 def _quadratic(rows: np.ndarray, colour: Colour) -> tuple[np.ndarray, np.ndarray]:

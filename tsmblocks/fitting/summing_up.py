@@ -48,6 +48,8 @@ def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found]) -
     fixed = rows if len(rows) else None
     known = uncertainty(jacobian, r, problem.segments, prior=prior, noise=None if prior is None else problem.noise,
                         held=fixed)  # fmt: skip
+    if best.blur is not None:  # anything between two jumps is as good
+        known = attrs.evolve(known, covariance=known.covariance + np.diag(best.blur**2 / 3))
     scales = _sizes(problem, theta, jacobian)
     open_ = undetermined(jacobian, r, unknowns.names, theta, known, scales=scales, prior=prior, held=fixed,
                          low=unknowns.low, high=unknowns.high)  # fmt: skip
