@@ -63,7 +63,8 @@ def fit(
     begins from the diagram's numbers and from the best of ``SCREENED`` random sets too; ``seed`` makes
     that repeatable; ``iterations`` limits each search (with ``"ga"`` each of its two stages), which then ends with
     ``status`` ``"limit"``. ``step`` [s] is that of the simulation, chosen to resolve the diagram by default;
-    where the intervals do not cover the error of the step, ``notes`` say so.
+    where the intervals do not cover the error of the step, ``notes`` say so. Numbers by which the outputs only
+    jump (the instant of a step, the interval of a quantiser) have no slope: many values of them are tried.
     ``progress(stage, evaluations, rms)`` is called now and then. Ctrl-C ends the search; the best so far
     is returned with ``status`` ``"interrupted"``.
 
