@@ -541,6 +541,18 @@ def test_a_delay_that_starts_shorter_than_the_step_is_refused():
         tsm.fit(LATE, late_by(0.054), free=["late.time"], start={"late.time": 0.005}, step=0.01)
 
 
+def test_a_controller_sampled_ten_times_between_two_samples_is_fitted():
+    """The step is a tenth of what lies between samples, which halving never reaches."""
+    loop = tsm.load("sampled_position_loop")
+    run = tsm.simulate(loop, stop=4.0, step=1e-3)
+    noise = np.random.default_rng(0).normal(0.0, 1e-4, len(run.t[::10]))
+    y = run["x_out"][::10] + noise
+    found = tsm.fit(loop, record(t=run.t[::10], units={"x_out": "rad"}, x_out=y), free=["controller.kp"],
+                    start={"controller.kp": 40.0}, starts=1)  # fmt: skip
+    assert found.step in (0.001, 0.0005, 0.00025)
+    assert found["controller.kp"].value == pytest.approx(loop.parameters["controller.kp"], rel=1e-2)
+
+
 # ---- what data cannot tell
 
 

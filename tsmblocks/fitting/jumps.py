@@ -1,4 +1,4 @@
-"""Numbers by which the outputs only jump, such as the instant of a step or the counts of an encoder.
+"""Numbers by which the outputs only jump, such as the instant of a step or the interval of a quantiser.
 
 No slope leads to them, so many values are tried side by side along each, by turns with a search of all other
 numbers; and how sure they are is read off how far each can go before the differences grow.
@@ -120,9 +120,7 @@ def _walked(walk: _Walk, which: Sequence[int], iterations: int) -> None:
 
 
 def _jumping(problem: Problem, found: Found) -> list[int]:
-    """Unknowns that the outputs have no slope by; all of them where a search could not go by slopes."""
-    if found.reach is not None:
-        return list(range(len(found.theta)))
+    """Unknowns that the outputs have no slope by."""
     slopes = np.diag(problem.normal(found.theta)[2]) - problem.prior_slopes(found.theta)[1]
     return [int(k) for k in np.flatnonzero(slopes <= 0)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +147,10 @@ def set_up(
             return prepare(name, record, diagram, eq, outputs=names, rule=rule, step=h, hold=hold,
                            window=parts[name], backend=backend)  # fmt: skip
 
-        trial, half = (made(positive("step", step)), None) if step is not None else _resolved(made, record, p, notes)
+        if step is None:
+            trial, half = _resolved(made, record, eq.periods, p, notes)
+        else:
+            trial, half = made(positive("step", step)), None
         trials.append(trial)
         finer.append(half)
         if trials[-1].share is not None:
@@ -168,12 +172,26 @@ def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iter
     return [f"{name}: {text}" for name, record in records.items() for text in untold(record, wanted)]
 
 
-def _resolved(made: Any, record: Record, p: np.ndarray, notes: list[str]) -> tuple[Trial, Trial | None]:
+def _parts(own: float, periods: Sequence[float]) -> int:
+    """Into how many steps to cut the ``own`` s between samples at least, so that sample periods are whole steps.
+
+    1 where nothing up to ``FINEST`` does it.
+    """
+    shares = [Fraction(period / own).limit_denominator(FINEST) for period in periods]
+    whole = all(math.isclose(share * own, period, rel_tol=1e-9) for share, period in zip(shares, periods, strict=True))
+    parts = math.lcm(*(share.denominator for share in shares))
+    return parts if whole and parts <= FINEST else 1
+
+
+def _resolved(
+    made: Any, record: Record, periods: Sequence[float], p: np.ndarray, notes: list[str]
+) -> tuple[Trial, Trial | None]:  # fmt: skip
     """A trial whose step is the sampling step, or that divided until dividing it further changes nothing.
 
     With it, the trial at half that step, where there is one.
     """
-    own, divide, best = median_step(record.t), 1, None
+    own, best = median_step(record.t), None
+    divide = _parts(own, periods)
     fault: RunError | None = None
     while divide <= FINEST:
         try:
