@@ -32,6 +32,8 @@ SMOOTH = 1e-2
 """Share of a number over which differences are taken where the outputs follow it smoothly."""
 GAIN = 1e-6
 """Share of the cost that counts as better."""
+ASTRAY, FEW = 0.5, 3
+"""Share of a slope by which the difference over a reach is another one; so many such unknowns are looked at."""
 EQUAL = 1e-12
 """Share of the cost that rounding may make."""
 CLOSE = 1e-10
@@ -120,9 +122,16 @@ def _walked(walk: _Walk, which: Sequence[int], iterations: int) -> None:
 
 
 def _jumping(problem: Problem, found: Found) -> list[int]:
-    """Unknowns that the outputs have no slope by."""
-    slopes = np.diag(problem.normal(found.theta)[2]) - problem.prior_slopes(found.theta)[1]
-    return [int(k) for k in np.flatnonzero(slopes <= 0)]
+    """Unknowns that the outputs have no slope by, and a few by which slopes at a point say nothing of what is near."""
+    matrix = problem.normal(found.theta)[2]
+    flat = np.diag(matrix) - problem.prior_slopes(found.theta)[1] <= 0
+    astray = np.zeros(len(flat), dtype=bool)
+    if found.reach is not None:  # the search could not go by slopes
+        slopes, rises = problem.jacobian(found.theta)[1], problem.secants(found.theta, found.reach)[1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            astray = ~(np.linalg.norm(slopes - rises, axis=0) <= ASTRAY * np.linalg.norm(slopes, axis=0)) & ~flat
+    few = astray.sum() <= FEW
+    return [int(k) for k in np.flatnonzero(flat | astray if few else flat)]
 
 
 def _range(problem: Problem, k: int) -> Box:
