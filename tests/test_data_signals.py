@@ -397,10 +397,64 @@ def test_a_recording_that_is_saved_is_read_again(ending, tmp_path):
     np.testing.assert_array_equal(again.t, one.t)
 
 
+NAMES = ("a,b", "a=b", '"q"', 'a"b,c', "f(x)", "x [deg]", "a;b", "#c", "θ", "()", "=", "T", "1")
+
+
+@pytest.mark.parametrize("unit", ["", "deg", "kg*m/s^2"])
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_signals_of_any_name_are_read_again_as_they_were(ending, unit, tmp_path):
+    one = record(T, dict.fromkeys(NAMES, unit) if unit else {}, **{name: k + SLOW for k, name in enumerate(NAMES)})
+    again = tsm.read(one.save(tmp_path / f"run.{ending}"))
+    assert (again.names, dict(again.units)) == (NAMES, dict(one.units))
+    for name in NAMES:
+        np.testing.assert_array_equal(again[name], one[name])
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\rb", "a\0b", " a", "a ", "", "a\tb", "\ud800"])
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_signals_that_would_not_be_read_again_are_not_saved(ending, name, tmp_path):
+    assert refusal(lambda: record(T, **{name: SLOW}).save(tmp_path / f"run.{ending}")) == (
+        f"signal {name!r} cannot be written to 'run.{ending}': it would not be read from there as it is. "
+        "Give it another name with renamed({…})."
+    )
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_units_that_would_not_be_read_again_are_not_saved(ending, tmp_path):
+    unit = {"csv": "a]", "npz": "a=b"}[ending]
+    assert refusal(lambda: record(T, {"x": unit}, x=SLOW).save(tmp_path / f"run.{ending}")).startswith(
+        f"signal 'x' cannot be written to 'run.{ending}': it would not be read from there as it is, in '{unit}'."
+    )
+
+
+@pytest.mark.parametrize("name", ["a b", "θ", "a,b", "", "x" * 64])
+def test_matlab_takes_only_names_of_its_own(name, tmp_path):
+    assert refusal(lambda: record(T, **{name: SLOW}).save(tmp_path / "run.mat")).endswith(
+        "cannot be written to 'run.mat': MATLAB has no variables of such names. Give it another name with renamed({…})."
+    )
+    kept = tsm.read(record(T, **{"arm.x": SLOW, "x" * 62: SLOW}).save(tmp_path / "run.mat"))
+    assert kept.names == ("arm_x", "x" * 62)
+
+
+def test_names_with_lines_and_brackets_are_read_from_arrays_and_frames(tmp_path):
+    np.savez(tmp_path / "run.npz", **{"t": T, "motor\nangle [deg]": SLOW})
+    assert dict(tsm.read(tmp_path / "run.npz").units) == {"motor\nangle": "deg"}
+    frame = record(T, {"f(x)": "rad"}, **{"f(x)": SLOW}).to_pandas()
+    assert dict(tsm.from_pandas(frame).units) == {"f(x)": "rad"}
+
+
 def test_a_recording_is_not_saved_as_anything_else(tmp_path):
     assert refusal(lambda: record(T, x=SLOW).save(tmp_path / "run.txt")).endswith(
         "run.txt' ends in '.txt'; results are written to .csv, .npz or .mat."
     )
+
+
+def test_a_recording_without_a_file_is_called_by_its_name():
+    one = Record("bench", T, {"x": SLOW}, {"x": "rad"})
+    for call in (lambda: one["y"], lambda: one.filtered("y"), lambda: one.periods("y"), lambda: one.renamed({"y": "z"}),
+                 lambda: one.values("x", "V"), lambda: one.part(50.0), lambda: one.resampled(-1.0)):  # fmt: skip
+        assert refusal(call).startswith("bench: ")
 
 
 def test_recordings_and_what_holds_them_are_pickled_and_copied():

@@ -117,11 +117,12 @@ class Run:
     def save(self, path: str | Path, names: Sequence[str] | None = None) -> Path:
         """Write signals (the diagram's outputs unless named) to .csv, .npz or .mat; returns the path.
 
-        In .mat a dot becomes an underscore. Raises DataError for another ending, and for two signals
-        that would take one name there.
+        In .mat a dot becomes an underscore. Raises DataError for another ending, for two signals that would take one
+        name there, and for names that cannot be written.
         """
         chosen = _listed(names) or list(self.aliases) or self.keys()
-        return written(path, self.t, {n: self[n] for n in chosen}, {n: self.unit(n) for n in chosen})
+        return written(path, self.t, {n: self[n] for n in chosen}, {n: self.unit(n) for n in chosen},
+                       "Give the output another name, or leave it out with names=[...].")  # fmt: skip
 
 
 def _listed(names: Sequence[str] | None) -> list[str]:

@@ -155,7 +155,7 @@ def _rate(label: str, power_of: str) -> str:
     return f"{label}/{power_of}"
 
 
-_HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
+_HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)
 
 
 def split_heading(text: str) -> tuple[str, str]:
@@ -168,3 +168,9 @@ def split_heading(text: str) -> tuple[str, str]:
 def heading(name: str, unit: str) -> str:
     """``name [unit]``, or the name alone when no unit is known."""
     return f"{name} [{unit}]" if unit else name
+
+
+def unmistakable(name: str, unit: str) -> str:
+    """The heading with empty brackets where a name alone would be split: ``f(x) []``, which is not ``f`` in ``x``."""
+    plain = heading(name, unit)
+    return plain if split_heading(plain) == (name, unit) else f"{name} [{unit}]"

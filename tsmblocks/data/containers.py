@@ -12,7 +12,7 @@ import numpy as np
 from tsmblocks.data import structures
 from tsmblocks.data.table import Rows, within
 from tsmblocks.errors import DataError, near
-from tsmblocks.units import heading, split_heading
+from tsmblocks.units import split_heading, unmistakable
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 CLOCKS = ("t", "time", "tout")
@@ -47,7 +47,10 @@ def _plain(value: Any) -> np.ndarray | None:
 
 
 def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None, units: Mapping[str, str]) -> Arrays:
-    """Columns out of whatever arrays a file holds. Raises DataError when there are none of one length."""
+    """Columns out of whatever arrays a file holds. Raises DataError when there are none of one length.
+
+    An array that is not in ``units`` may have its unit in its name.
+    """
     known = {name: array for name, value in found.items() if (array := _plain(value)) is not None}
     series = {name: array for name, array in known.items() if array.ndim == 1 and len(array) > 1}
     if columns or not series:
@@ -60,7 +63,8 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     of = clock or next(iter(kept))
     other = ", ".join(f"{k} ({len(series[k])})" for k in left)
     notes = (f"Left out, being of another length than {of} ({length}): {other}.",) if left else ()
-    return Arrays(origin, [heading(k, units.get(k, "")) for k in kept], list(kept.values()), notes)
+    headings = [unmistakable(k, units[k]) if k in units else k for k in kept]
+    return Arrays(origin, headings, list(kept.values()), notes)
 
 
 def _of_length(known: Mapping[str, np.ndarray], length: int) -> dict[str, np.ndarray]:
@@ -127,7 +131,7 @@ def open_npz(path: Path, columns: Sequence[str] | None, group: str | None = None
             found = {k: held[k] for k in held.files}
     except (ValueError, OSError, EOFError) as error:
         raise DataError(f"{path}: this is not a NPZ file of plain numbers ({error}).") from None
-    labels = [str(text).partition("=") for text in np.ravel(found.pop("units", []))]
+    labels = [str(text).rpartition("=") for text in np.ravel(found.pop("units", []))]
     return arrays(str(path), _inside(str(path), found, group), columns, {name: unit for name, _, unit in labels})
 
 
@@ -155,7 +159,7 @@ def _of_tree(path: Path, tree: Mapping[str, Any], columns: Sequence[str] | None,
     found = structures.signals_of(inner)
     if not found.arrays:
         structures.refuse_objects(path, found.objects)
-    made = arrays(str(path), found.arrays, columns, found.units)
+    made = arrays(str(path), found.arrays, columns, {k: u for k, u in found.units.items() if u})
     folders = {split_heading(text)[0].rpartition("/")[0] for text in made.headings}
     folder = folders.pop() if len(folders) == 1 and not columns else ""
     short = [text.removeprefix(f"{folder}/") if folder else text for text in made.headings]
@@ -202,5 +206,5 @@ def frame_arrays(name: str, frame: Any) -> Arrays:
     units = {
         str(k): str(u) for k, u in dict(getattr(frame, "attrs", {}).get("units", {})).items()
     }  # as to_pandas has it
-    headings = [k if split_heading(k)[1] else heading(k, units.get(k, "")) for k in given]
+    headings = [k if units.get(k, "") in ("", split_heading(k)[1]) else unmistakable(k, units[k]) for k in given]
     return Arrays(name, headings, [np.asarray(v, dtype=float) for v in given.values()])

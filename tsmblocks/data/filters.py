@@ -106,11 +106,11 @@ def differentiated(
     from scipy.interpolate import make_interp_spline
 
     if order not in (1, 2):
-        raise DataError(f"{record.origin}: a signal is differentiated once or twice (order = 1 or 2), got {order!r}.")
+        raise DataError(f"{record.called}: a signal is differentiated once or twice (order = 1 or 2), got {order!r}.")
     _check(record, cutoff, 4, "differentiating")
     new = new or f"{name}_{'d' * order}ot"
     if new in record:
-        raise DataError(f"{record.origin}: there is already a signal '{new}'; give the derivative another name.")
+        raise DataError(f"{record.called}: there is already a signal '{new}'; give the derivative another name.")
     x, own = record[name], record.unit(name)
     chosen = cutoff or choose_cutoff(x, record.step, 4, order)
     smooth = x if chosen is None else low_pass(x, record.step, chosen)
@@ -126,11 +126,11 @@ def differentiated(
 
 def _check(record: Record, cutoff: float | None, order: int, what: str) -> None:
     if len(record) < FEWEST:
-        raise DataError(f"{record.origin}: {what} needs at least {FEWEST} samples, there are {len(record)}.")
+        raise DataError(f"{record.called}: {what} needs at least {FEWEST} samples, there are {len(record)}.")
     refuse_uneven(record, what)
     top = 0.5 / record.step
     if cutoff is not None and not 0 < cutoff < top:
-        raise DataError(f"{record.origin}: the cut-off must lie between 0 Hz and {top:g} Hz (half the sampling "
+        raise DataError(f"{record.called}: the cut-off must lie between 0 Hz and {top:g} Hz (half the sampling "
                         f"frequency), got {cutoff:g} Hz.")  # fmt: skip
     if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= 12:
-        raise DataError(f"{record.origin}: the order of a filter is a whole number from 1 to 12, got {order!r}.")
+        raise DataError(f"{record.called}: the order of a filter is a whole number from 1 to 12, got {order!r}.")

@@ -41,7 +41,7 @@ def usual_step(t: np.ndarray) -> float:
 def refuse_uneven(record: Record, what: str) -> None:
     """Raise DataError unless the samples are evenly spaced; ``what`` (filtering) needs it."""
     if not record.uniform:
-        raise DataError(f"{record.origin}: {what} needs evenly spaced samples, but steps are up to "
+        raise DataError(f"{record.called}: {what} needs evenly spaced samples, but steps are up to "
                         f"{100 * record.jitter:.0f} % off {record.step:.4g} s. Call resampled() first.")  # fmt: skip
 
 
@@ -51,11 +51,11 @@ def resampled(record: Record, step: float | None = None) -> Record:
     step = own if step is None else float(step)
     t = record.t
     if not 0 < step <= (t[-1] - t[0]) / 3:
-        raise DataError(f"{record.origin}: the new step must be above 0 s and at most a third of the record "
+        raise DataError(f"{record.called}: the new step must be above 0 s and at most a third of the record "
                         f"({t[-1] - t[0]:g} s), got {step:g} s.")  # fmt: skip
     count = int((t[-1] - t[0]) / step * (1 + 1e-12) + 1e-6) + 1
     if count > MOST_SAMPLES:
-        raise DataError(f"{record.origin}: a step of {step:g} s makes {count} samples; is it in seconds?")
+        raise DataError(f"{record.called}: a step of {step:g} s makes {count} samples; is it in seconds?")
     grid = t[0] + step * np.arange(count)
     grid[-1] = min(grid[-1], t[-1])
     if step > 1.05 * own:

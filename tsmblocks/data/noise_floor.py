@@ -101,7 +101,7 @@ def fast_noise(record: Record, name: str) -> float:
 
 def _samples(record: Record, name: str) -> np.ndarray:
     if len(record) < SHORTEST:
-        raise DataError(f"{record.origin}: noise needs at least {SHORTEST} samples, there are {len(record)}.")
+        raise DataError(f"{record.called}: noise needs at least {SHORTEST} samples, there are {len(record)}.")
     return record[name]
 
 

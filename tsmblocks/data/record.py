@@ -51,6 +51,11 @@ class Record:
     notes: tuple[str, ...] = ()
 
     @property
+    def called(self) -> str:
+        """What messages call it: where it comes from, or its name where that is not known."""
+        return self.origin or self.name
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the signals, in the order of the file; the time is not among them."""
         return tuple(self.signals)
@@ -58,7 +63,7 @@ class Record:
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a signal by name, in its own unit. Raises DataError with the near miss."""
         if name not in self.signals:
-            raise DataError(f"{self.origin}: there is no signal '{name}'.{near(name, self.signals)}")
+            raise DataError(f"{self.called}: there is no signal '{name}'.{near(name, self.signals)}")
         return self.signals[name]
 
     def __contains__(self, name: object) -> bool:
@@ -86,7 +91,7 @@ class Record:
         try:
             return array * units.factor(own, unit)
         except units.UnitError as error:
-            raise DataError(f"{self.origin}: signal '{heading(name, own)}' is wanted in {unit}. {error}") from None
+            raise DataError(f"{self.called}: signal '{heading(name, own)}' is wanted in {unit}. {error}") from None
 
     def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
         """Return a signal, converted to ``unit``, as an input of a run."""
@@ -111,11 +116,12 @@ class Record:
     def save(self, path: str | Path) -> Path:
         """Write all signals to .csv, .npz or .mat, which ``tsm.read`` takes again; returns the path.
 
-        MAT files keep no units. Raises DataError for another ending, and for two signals of one name there.
+        In .mat a dot becomes an underscore, and units are lost. Raises DataError for another ending, and for names that
+        would not be read again as they are.
         """
         from tsmblocks.data.writing import written
 
-        return written(path, self.t, self.signals, self.units)
+        return written(path, self.t, self.signals, self.units, "Give it another name with renamed({…}).")
 
     def __reduce__(self) -> Any:  # mapping proxies do not pickle
         return Record, (self.name, self.t, dict(self.signals), dict(self.units), self.origin, self.notes)

@@ -50,9 +50,9 @@ def unwrapped(record: Record, name: str, turn: float | None = None) -> Record:
     turn = turn if turn is not None else turn_in(unit)
     if turn is None:
         why = f"'{unit}' is no unit of angle" if unit else "it has no unit"
-        raise DataError(f"{record.origin}: one turn of '{name}' is not known, because {why}. Give it: turn = 360.")
+        raise DataError(f"{record.called}: one turn of '{name}' is not known, because {why}. Give it: turn = 360.")
     if not 0 < turn < np.inf:
-        raise DataError(f"{record.origin}: a turn must be a positive number, got {turn:g}.")
+        raise DataError(f"{record.called}: a turn must be a positive number, got {turn:g}.")
     joined = np.unwrap(x, period=turn)
     count = int(np.count_nonzero(np.diff(np.round((joined - x) / turn))))
     many = "1 jump of a turn was" if count == 1 else f"{count} jumps of a turn were"
@@ -64,11 +64,11 @@ def with_signal(record: Record, name: str, values: Any, unit: str = "") -> Recor
     """Return the record with one signal more; see Record.with_signal."""
     array = np.asarray(values, dtype=float)
     if array.shape != record.t.shape:
-        raise DataError(f"{record.origin}: signal '{name}' must have one number for each of the {len(record)} samples, "
+        raise DataError(f"{record.called}: signal '{name}' must have one number for each of the {len(record)} samples, "
                         f"got {in_words(array) if array.ndim > 1 else f'{array.size}'}.")  # fmt: skip
     bad = np.flatnonzero(~np.isfinite(array))
     if len(bad):
-        raise DataError(f"{record.origin}: signal '{name}' holds {array[bad[0]]} in sample {bad[0]}.")
+        raise DataError(f"{record.called}: signal '{name}' holds {array[bad[0]]} in sample {bad[0]}.")
     note = f"{name} was {'replaced' if name in record else 'added'}."
     told = {**{k: u for k, u in record.units.items() if k != name}, **({name: unit} if unit else {})}
     return attrs.evolve(record, signals={**record.signals, name: array}, units=told, notes=(*record.notes, note))
@@ -80,7 +80,7 @@ def renamed(record: Record, names: Mapping[str, str]) -> Record:
     new = [names.get(k, k) for k in record]
     twice = next((k for k in new if new.count(k) > 1), None)
     if twice is not None:
-        raise DataError(f"{record.origin}: two signals would both be named '{twice}'.")
+        raise DataError(f"{record.called}: two signals would both be named '{twice}'.")
     said = ", ".join(f"{a} is now {b}" for a, b in names.items())
     signals = dict(zip(new, record.signals.values(), strict=True))
     told = {names.get(k, k): u for k, u in record.units.items()}
@@ -94,7 +94,7 @@ def converted(record: Record, wanted: Mapping[str, str]) -> Record:
         try:
             units.parse(unit)
         except units.UnitError as error:
-            raise DataError(f"{record.origin}: {error}") from None
+            raise DataError(f"{record.called}: {error}") from None
     signals = {**record.signals, **{k: record.values(k, unit) for k, unit in wanted.items()}}
     said = ", ".join(f"{k} from {record.unit(k)} to {u}" if record.unit(k) else f"{k}, which had no unit, taken as {u}"
                      for k, u in wanted.items())  # fmt: skip
@@ -105,4 +105,4 @@ def converted(record: Record, wanted: Mapping[str, str]) -> Record:
 def _known(record: Record, names: Mapping[str, str]) -> None:
     for name in names:
         if name not in record:
-            raise DataError(f"{record.origin}: there is no signal '{name}'.{near(name, record.names)}")
+            raise DataError(f"{record.called}: there is no signal '{name}'.{near(name, record.names)}")

@@ -2,48 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import csv
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from tsmblocks.errors import DataError
-from tsmblocks.units import heading
+from tsmblocks.errors import DataError, in_words
+from tsmblocks.units import split_heading, unmistakable
 
+ENDINGS = (".csv", ".npz", ".mat")
 TAKEN = ("t", "units", "file", "allow_pickle")
 """Names that NumPy's archives, or this package in them, use for something else."""
+_MATLAB = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
+_CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
+"""Letters that end a line, or a name in an archive, or are none."""
 
 
-def written(path: str | Path, t: np.ndarray, signals: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Path:
+def written(
+    path: str | Path, t: np.ndarray, signals: Mapping[str, np.ndarray], units: Mapping[str, str], advice: str
+) -> Path:
     """Write signals over the times ``t`` [s] to .csv, .npz or .mat; returns the path.
 
-    Raises DataError for another ending, and for two signals that would take one name there.
+    ``advice`` is what to do about a name that cannot be written. Raises DataError for another ending, for two signals
+    that would take one name there, and for names that would not be read again as they are.
     """
     path = Path(path)
-    kinds: dict[str, Callable[[str], str]] = {
-        ".csv": lambda name: heading(name, units.get(name, "")), ".npz": str, ".mat": _variable
-    }  # fmt: skip
     kind = path.suffix.lower()
-    if kind not in kinds:
+    if kind not in ENDINGS:
         raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
     columns = {"t [s]" if kind == ".csv" else "t": t}
     for name, values in signals.items():
-        title = kinds[kind](name)
-        if name == "t" or title in columns or (kind != ".csv" and title in TAKEN):
-            raise DataError(
-                f"signal '{name}' cannot be written to '{path.name}': the name '{title}' is taken there. "
-                "Give the output another name, or leave it out with names=[...]."
-            )
+        title, why = _title(name, units.get(name, ""), kind)
+        if not why and (name == "t" or title in columns or (kind != ".csv" and title in TAKEN)):
+            why = f"the name '{title}' is taken there"
+        if why:
+            raise DataError(f"signal {in_words(name)} cannot be written to '{path.name}': {why}. {advice}")
         columns[title] = values
     _put(path, kind, columns, [f"{name}={units.get(name, '')}" for name in signals])
     return path
 
 
+def _title(name: str, unit: str, kind: str) -> tuple[str, str]:
+    """What a signal is called in a file, and why it cannot be written there as it is, or ``""``."""
+    if kind == ".mat":
+        title = _variable(name)
+        return title, "" if _MATLAB.fullmatch(title) else "MATLAB has no variables of such names"
+    title = unmistakable(name, unit)
+    kept = name and split_heading(title) == (name, unit) and not _CONTROL.search(title)
+    if kept and (kind == ".csv" or "=" not in unit):
+        return title if kind == ".csv" else name, ""
+    return title, f"it would not be read from there as it is{f', in {in_words(unit)}' if unit else ''}"
+
+
 def _put(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list[str]) -> None:
     if kind == ".csv":
         with path.open("w", encoding="utf-8", newline="\n") as text:
-            np.savetxt(text, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
-                       comments="", fmt="%.17g")  # fmt: skip
+            csv.writer(text, lineterminator="\n").writerow(columns)  # names with commas and quotes in quotes
+            np.savetxt(text, np.column_stack(list(columns.values())), delimiter=",", fmt="%.17g")
         return
     with path.open("wb") as file:  # a path would be given another ending where this one is in capitals
         if kind == ".npz":
@@ -57,4 +74,4 @@ def _put(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list[s
 def _variable(name: str) -> str:
     """A MATLAB variable for a signal: no dots, and a letter in front."""
     plain = name.replace(".", "_")
-    return plain if plain[0].isalpha() else f"x{plain}"
+    return plain if not plain or plain[0].isalpha() else f"x{plain}"

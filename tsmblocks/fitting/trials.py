@@ -184,7 +184,7 @@ def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf
     missing = [k for k in wanted if k not in record]
     if missing:
         raise DataError(
-            f"{record.origin or record.name}: '{diagram.title}' needs its input '{missing[0]}', and the "
+            f"{record.called}: '{diagram.title}' needs its input '{missing[0]}', and the "
             f"recording has no such signal.{near(missing[0], record.names)} "
             f"If it has another name there, map it when reading: {how_to_map(missing[0], bare=not record.units)}."
         )
@@ -220,7 +220,7 @@ def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[st
     for record in records.values():
         gone = [k for k in asked or () if k not in record]
         if gone:
-            raise DataError(f"{record.origin or record.name}: there is no signal '{gone[0]}' to compare with."
+            raise DataError(f"{record.called}: there is no signal '{gone[0]}' to compare with."
                             f"{near(gone[0], record.names)}")  # fmt: skip
     found = tuple(asked or (k for k in diagram.outputs if all(k in r for r in records.values())))
     if not found:
@@ -233,7 +233,7 @@ def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[st
                             "those together that have an output in common.")  # fmt: skip
         some = next(iter(bare or records.values()))
         known, way = ", ".join(some.names), how_to_map("x_out", bare=not some.units)
-        raise DataError(f"{some.origin or some.name}: none of the outputs of '{diagram.title}' "
+        raise DataError(f"{some.called}: none of the outputs of '{diagram.title}' "
                         f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {known}. "
                         f"Map one when reading: {way}; or give the diagram an output of that name.")  # fmt: skip
     return found
