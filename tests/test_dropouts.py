@@ -29,8 +29,8 @@ def test_spikes_are_told_with_their_rows():
     (words,) = notes(with_values(NOISY, k700=9999.0, k1500=-9999.0))
     assert words == (
         "x has 2 spikes (row 702: 9999, row 1502: -9999) far off all other samples, which are between "
-        f"{NOISY.min():g} and {NOISY.max():g}. Left as it is, a spike weighs on all that is found: empty its cell, and "
-        "it is interpolated."
+        f"{NOISY.min():g} and {NOISY.max():g}. A true pulse may be that short. A false one weighs on all that is found: "
+        "empty its cell, and it is interpolated."
     )
 
 
@@ -38,8 +38,8 @@ def test_spikes_are_told_with_their_rows():
 def test_a_sensor_that_drops_out_is_told(value):
     (words,) = notes(with_values(NOISY, k1000_1300=value))
     assert words == (
-        f"x is {value:g} all the time from 10 s to 12.99 s (rows 1002 to 1301), and noisy before and after: a sensor "
-        "that dropped out, it seems. Leave this time out: part, or --rows and --window."
+        f"x is {value:g} all the time from 10 s to 12.99 s (rows 1002 to 1301), and noisy elsewhere. Either it stood "
+        "still, or its sensor dropped out; then leave this time out: part, or --rows and --window."
     )
 
 

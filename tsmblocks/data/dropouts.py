@@ -1,4 +1,4 @@
-"""Samples that no motion makes: spikes far off all others, and a noisy sensor that repeats one number."""
+"""Samples that motions seldom make: spikes far off all others, and a noisy sensor that repeats one number."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def spikes_are_named(table: Table) -> Table:
         rest = np.delete(values, at)
         table = noted(table, table.values, table.rows, (
             f"{table.names[k]} has {plural(len(at), 'spike')} ({shown}) far off all other samples, which are between "
-            f"{rest.min():g} and {rest.max():g}. Left as it is, a spike weighs on all that is found: empty its cell, "
-            "and it is interpolated."))  # fmt: skip
+            f"{rest.min():g} and {rest.max():g}. A true pulse may be that short. A false one weighs on all that is "
+            "found: empty its cell, and it is interpolated."))  # fmt: skip
     return table
 
 
 def dropouts_are_named(table: Table) -> Table:
-    """A run of equal numbers in a signal that is noisy everywhere else is told: its sensor did not measure then."""
+    """A run of equal numbers in a signal that is noisy everywhere else is told: its sensor may not have measured."""
     for k in range(1, len(table.names)):
         values = table.values[:, k]
         first, last = _longest_rest(values)
@@ -53,8 +53,8 @@ def dropouts_are_named(table: Table) -> Table:
         t = table.values[:, 0]
         table = noted(table, table.values, table.rows, (
             f"{table.names[k]} is {values[first]:g} all the time from {t[first]:g} s to {t[last]:g} s (rows "
-            f"{table.rows[first]} to {table.rows[last]}), and noisy before and after: a sensor that dropped out, it "
-            "seems. Leave this time out: part, or --rows and --window."))  # fmt: skip
+            f"{table.rows[first]} to {table.rows[last]}), and noisy elsewhere. Either it stood still, or its sensor "
+            "dropped out; then leave this time out: part, or --rows and --window."))  # fmt: skip
     return table
 
 
