@@ -1,5 +1,6 @@
 """Blocks and effects of one's own on the command line: --with FILE."""
 
+import json
 import re
 import subprocess
 import sys
@@ -141,6 +142,7 @@ WRONG = {
     "deep_own.py": ("import json\ndef f():\n    return json.loads('{')\nf()\n",
                     "deep_own.py:3: JSONDecodeError: Expecting property name enclosed in double quotes: line 1 column "
                     "2 (char 1)."),
+    "helped_own.py": ("import helper_own\n", "helped_own.py:1: SyntaxError: invalid syntax (helper_own.py, line 2)."),
     "leaves_own.py": ("raise SystemExit\n", "leaves_own.py:1: SystemExit."),
     "twice_own.py": ("import tsmblocks as tsm\n@tsm.block\nclass Gain(tsm.Block):\n    pass\n",
                      "twice_own.py:2: A block named Gain exists already, in tsmblocks.blocks.arithmetic. Choose "
@@ -155,6 +157,7 @@ def test_a_file_that_cannot_be_run_is_refused(name, tmp_path, monkeypatch, capsy
     monkeypatch.setattr(sys, "path", [*sys.path])
     if text is not None:
         (tmp_path / name).write_text(text, encoding="utf-8", newline="\n")
+    (tmp_path / "helper_own.py").write_text("x = 1\ndef f(:\n", encoding="utf-8", newline="\n")
     assert main(["check", "motor_linear", "--with", name]) == 2
     assert " ".join(capsys.readouterr().err.split()) == f"tsmblocks: {said}"
 
@@ -167,3 +170,18 @@ def test_a_file_that_defines_nothing_is_told(tmp_path, monkeypatch, capsys):
     assert said.startswith("note: ")
     assert said.endswith("nothing_own.py defines no block that files may name, and registers no effect. ")
     sys.modules.pop("nothing_own")
+
+
+def test_what_a_file_prints_is_not_among_the_answers(folder):
+    (folder / "loud_own.py").write_text("print('hello')\nimport tested_spring\n", encoding="utf-8", newline="\n")
+    done = subprocess.run([sys.executable, "-m", "tsmblocks", "run", "loop.toml", "--stop", "0.1", "--json", "--with",
+                           "loud_own.py"], capture_output=True, text=True, timeout=120, check=True)  # fmt: skip
+    assert json.loads(done.stdout)["title"] == "spring"
+    assert done.stderr == "hello\n"
+
+
+def test_a_file_may_lie_in_a_folder_of_its_name(folder):
+    (folder / "springs").mkdir()
+    (folder / "tested_spring.py").rename(folder / "springs" / "springs.py")
+    status, said = typed("check", "loop.toml", "--with", "springs/springs.py")
+    assert (status, said[:14]) == (0, "loop.toml: ok;")

@@ -29,8 +29,8 @@ def test_spikes_are_told_with_their_rows():
     (words,) = notes(with_values(NOISY, k700=9999.0, k1500=-9999.0))
     assert words == (
         "x has 2 spikes (row 702: 9999, row 1502: -9999) far off all other samples, which are between "
-        f"{NOISY.min():g} and {NOISY.max():g}. A true pulse may be that short. A false one weighs on all that is found: "
-        "empty its cell, and it is interpolated."
+        f"{NOISY.min():g} and {NOISY.max():g}. A true pulse may be that short. A false one weighs on all that is "
+        "found: empty its cell, and it is interpolated."
     )
 
 

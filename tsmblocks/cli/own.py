@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import importlib.util
 import sys
@@ -25,6 +26,7 @@ def own_argument(parser: argparse.ArgumentParser) -> None:
 def bring(paths: Iterable[str]) -> None:
     """Import each file under its name, as ``import`` would, so that worker processes find it too.
 
+    What they print goes beside the answers of the command, which another program may read.
     Raises UsageError for what is no Python file, has a name that is taken, or ends with an error.
     """
     for path in map(Path, paths):
@@ -47,7 +49,8 @@ def _look_at(path: Path) -> None:
     except ValueError:  # what is run itself, __main__, has none
         other = None
     place = other and other.origin
-    if other and not (place and Path(place).resolve() == path.resolve()):
+    folder = other and not place and other.submodule_search_locations is not None and path.stem not in sys.modules
+    if other and not folder and not (place and Path(place).resolve() == path.resolve()):
         raise UsageError(f"--with {path}: there is a module named '{path.stem}' already. Rename the file.")
 
 
@@ -59,9 +62,10 @@ def _bring(path: Path, shown: str) -> None:
     before = (len(REGISTRY), len(catalogue()))
     sys.path.insert(0, str(path.parent))
     try:
-        importlib.import_module(path.stem)
+        with contextlib.redirect_stdout(sys.stderr):
+            importlib.import_module(path.stem)
     except (Exception, SystemExit) as error:
-        raise UsageError(f"{_place(error, path, shown)}: {_said(error)}") from None
+        raise UsageError(f"{_place(error, path, shown)}: {_said(error, path)}") from None
     if before == (len(REGISTRY), len(catalogue())):
         note(f"{shown} defines no block that files may name, and registers no effect.")
 
@@ -74,8 +78,9 @@ def _place(error: BaseException, path: Path, shown: str) -> str:
     return f"{shown}:{lines[-1]}" if lines else shown
 
 
-def _said(error: BaseException) -> str:
+def _said(error: BaseException, path: Path) -> str:
     """An error of such a file as one sentence; those of the package need no name."""
-    text = error.msg if isinstance(error, SyntaxError) else str(error)
+    own = isinstance(error, SyntaxError) and error.filename == str(path)  # else its text has the file and the line
+    text = error.msg if isinstance(error, SyntaxError) and own else str(error)
     said = text if isinstance(error, TsmError) else f"{type(error).__name__}: {text}".rstrip(": ")
     return said if said.endswith((".", "?", "!")) else f"{said}."
