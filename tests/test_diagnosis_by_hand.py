@@ -79,6 +79,29 @@ def test_a_gain_that_drifts_is_one_effect_and_not_several_changes():
     assert rate.low < -0.008 / 0.92 < rate.high
 
 
+@pytest.mark.parametrize(
+    ("made", "name", "number", "value"),
+    [
+        (lambda y: y * (0.92 - 0.008 * T), "parameter_change", "rate", -0.008 / 0.92),
+        (lambda y: 0.92 * y + 0.004 * T, "drift", "rate", 0.004),
+        (lambda y: 0.92 * y + 0.02 * np.cos(2 * np.pi * 1.73 * T), "periodic_disturbance", "frequency", 1.73),
+    ],
+    ids=["gain", "offset", "disturbance"],
+)
+def test_a_clock_that_began_long_before_hides_nothing(made, name, number, value):
+    x = 0.8 * np.sin(1.1 * T) + 0.4 * np.sin(2.6 * T)
+    y = made(x) + 0.003 * np.random.default_rng(5).standard_normal(len(T))
+    effects = ["parameter_change", "drift", "periodic_disturbance"]
+    found = []
+    for start in (0.0, 1e4):
+        late = tsm.Record("run", T + start, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+        found.append(tsm.diagnose(tsm.load("tendon_sheath_play"), late, noise_floor="0.003 rad", effects=effects))
+    (only,) = found[1].effects
+    assert only.name == name
+    assert only.parameters[number].value == pytest.approx(value, rel=0.05)
+    assert found[1].consequence.augmented == pytest.approx(found[0].consequence.augmented, rel=0.01)
+
+
 def test_a_memory_that_the_search_threw_beyond_its_reach_is_brought_back():
     """As where degrees are declared radians, and the output is fifty times as large as the model begins with."""
     x, y = 0.8 * np.sin(1.1 * T) + 0.4 * np.sin(2.6 * T), np.zeros(len(T))

@@ -2,13 +2,14 @@
 
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tsmblocks.blocks import DeadTime, Gain, Lag, Sine
+from tsmblocks.blocks import DeadTime, Drift, Gain, GainDrift, Lag, Sine
 from tsmblocks.diagnosis.model import Asked, calibrated, posed_as, searched
 from tsmblocks.diagnosis.separating import SAMPLES, information, motions, proposed, separation, separations
 from tsmblocks.diagnosis.showing import digits
@@ -106,6 +107,19 @@ def test_of_several_the_hardest_to_tell_counts(models):
     said = proposed(one, [other, same], records, ASKED)
     assert said.startswith(effect("dead_time").separates)
     assert said.endswith("; within the sizes and speeds recorded no motion would")
+
+
+def test_a_clock_that_began_long_before_changes_no_foretold_experiment():
+    """An offset that drifts and a gain that does: what tells them apart is not how long the clock had run."""
+    told = []
+    for start in (0.0, 1e4):
+        x, noise = 1.0 + 0.1 * np.sin(2 * np.pi * SLOW * T), SIGMA * np.random.default_rng(3).standard_normal(len(T))
+        records = {"a": tsm.Record("a", T + start, {"x": x, "y": x + 0.01 * T + noise}, {})}
+        models = [calibrated(behind(block), records, attrs.evolve(ASKED, free=["gain.gain", "late.rate"]))
+                  for block in (Drift(since=start), GainDrift(since=start))]  # fmt: skip
+        one, other = (standing_for(m, effect(n)) for m, n in zip(models, ("drift", "parameter_change"), strict=True))
+        told.append({s.words: s.size for s in separations(one, [other], records, ASKED)})
+    assert told[1] == pytest.approx(told[0], rel=1e-3)
 
 
 def test_what_stands_alone_needs_no_experiment(models):

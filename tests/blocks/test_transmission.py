@@ -270,13 +270,17 @@ def test_ripple():
     ("block", "expected"),
     [
         (Drift(rate=0.3), lambda t, u: u + 0.3 * t),
+        (Drift(rate=0.3, curve=0.2, since=-1.5), lambda t, u: u + 0.3 * (t + 1.5) + 0.2 * (t + 1.5) ** 2),
         (Jump(size=0.3, time=1.0, width=0.1), lambda t, u: u + 0.3 / (1 + np.exp(-2 * (t - 1) / 0.1))),
         (GainChange(change=0.3, time=1.0, width=0.1), lambda t, u: u * (1 + 0.3 / (1 + np.exp(-2 * (t - 1) / 0.1)))),
         (GainDrift(rate=-0.07), lambda t, u: u - 0.07 * t * u),
+        (GainDrift(rate=-0.07, since=0.5), lambda t, u: u - 0.07 * (t - 0.5) * u),
+        (Disturbance(cosine=0.3, frequency=2.0, since=0.3), lambda t, u: u + 0.3 * np.cos(4 * np.pi * (t - 0.3))),
         (Disturbance(cosine=0.3, sine=0.4, frequency=2.0),
          lambda t, u: u + 0.5 * np.sin(4 * np.pi * t + np.arctan2(0.3, 0.4))),
     ],
-    ids=["Drift", "Jump", "GainChange", "GainDrift", "Disturbance"],
+    ids=["Drift", "Drift since", "Jump", "GainChange", "GainDrift", "GainDrift since", "Disturbance since",
+         "Disturbance"],
 )  # fmt: skip
 def test_what_comes_with_time(block, expected):
     run = simulate(block, {"u": SOURCE["u"]}, stop=2.0, step=0.01)

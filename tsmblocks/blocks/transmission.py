@@ -130,7 +130,7 @@ class Ripple(Block):
 class Drift(Block):
     r"""An error that grows with time, faster or slower as it goes on: a sensor that warms up.
 
-    .. math:: y = u + r t + c t^2
+    .. math:: y = u + r (t - t_0) + c (t - t_0)^2
     """
 
     source = "definition"
@@ -138,12 +138,14 @@ class Drift(Block):
 
     rate: float = parameter(default=0.0, about="what is added in each second", unit="?u/s")
     curve: float = parameter(default=0.0, about="what is added in each second squared", unit="?u/s^2")
+    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s")
 
     u = Input("any signal", unit="?u")
     y = Output("the signal that drifts away", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=u.u + self.rate * t + self.curve * (t * t))
+        passed = t - self.since
+        return dict(y=u.u + self.rate * passed + self.curve * (passed * passed))
 
 
 @block
@@ -192,26 +194,27 @@ class GainChange(Block):
 class GainDrift(Block):
     r"""A gain that changes steadily: a tendon that stretches, a sensor that warms up.
 
-    .. math:: y = u (1 + r t)
+    .. math:: y = u \left[1 + r (t - t_0)\right]
     """
 
     source = "definition"
     symbol = "(1 + rt)"
 
     rate: float = parameter(default=0.0, about="change of the gain in each second, as a share of it", unit="1/s")
+    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s")
 
     u = Input("any signal", unit="?u")
     y = Output("the signal, times the gain of the time", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=u.u + self.rate * t * u.u)
+        return dict(y=u.u + self.rate * (t - self.since) * u.u)
 
 
 @block
 class Disturbance(Block):
     r"""An oscillation from outside that does not follow the signal: breathing, mains, a fan.
 
-    .. math:: y = u + a \cos 2 \pi f t + b \sin 2 \pi f t
+    .. math:: y = u + a \cos 2 \pi f (t - t_0) + b \sin 2 \pi f (t - t_0)
     """
 
     source = "definition"
@@ -220,12 +223,13 @@ class Disturbance(Block):
     cosine: float = parameter(default=0.0, about="amplitude a of the cosine", unit="?u")
     sine: float = parameter(default=0.0, about="amplitude b of the sine", unit="?u")
     frequency: float = parameter(default=1.0, about="frequency f", unit="Hz", above=0.0)
+    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s")
 
     u = Input("any signal", unit="?u")
     y = Output("the signal with the oscillation on it", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        phase = 2 * math.pi * self.frequency * t
+        phase = 2 * math.pi * self.frequency * (t - self.since)
         return dict(y=u.u + self.cosine * ca.cos(phase) + self.sine * ca.sin(phase))
 
 

@@ -49,10 +49,11 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     record = trial.record
     wanted, plant = record.values(inputs[0], unit), _own(augmented)
     models = [None, _own(base), plant]
+    step = float(record.t[-1] - record.t[0]) / (len(record) - 1)  # one step alone is rounded, by a late clock too much
     for substeps in SUBSTEPS:
         if len(record) * substeps * FINER > MOST_STEPS:
             continue
-        loop = record.step / substeps
+        loop = step / substeps
         try:
             errors = [_errors(model, plant, inputs[0], outputs[0], record.t, wanted, loop) for model in models]
         except TsmError:

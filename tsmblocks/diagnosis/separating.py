@@ -141,7 +141,8 @@ def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Rec
         signals[name] = np.full(SAMPLES, float(np.median(rest)))
     signals |= {name: np.zeros(SAMPLES) for name in outputs}
     units = {name: model.diagram.unit(name) for name in signals}
-    return Record("proposed", np.arange(SAMPLES) * step, signals, units)
+    start = min(float(r.t[0]) for r in records.values())  # what goes by the clock does so as in the recordings
+    return Record("proposed", start + np.arange(SAMPLES) * step, signals, units)
 
 
 # ---- motions --------------------------------------------------------------------------------------

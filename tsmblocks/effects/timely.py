@@ -22,9 +22,14 @@ INSTANTS = 48
 """Instants at which a sudden change is looked for, at first."""
 
 
+def _since(scales: Scales) -> dict[str, float]:
+    """Time counted from the first sample: by a clock that began long before, a rate would be an offset as well."""
+    return {"since": scales.start}
+
+
 def _drift(scales: Scales) -> Trials:
     length, size = max(scales.stop - scales.start, scales.step), 0.02 * scales.wire.reach
-    return Trials({"rate": size / length, "curve": size / length**2})
+    return Trials({"rate": size / length, "curve": size / length**2}, fixed=_since(scales))
 
 
 def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
@@ -44,7 +49,7 @@ def _gain(scales: Scales) -> Trials:
 
 
 def _steadily(scales: Scales) -> Trials:
-    return Trials({"rate": 0.05 / max(scales.stop - scales.start, scales.step)})
+    return Trials({"rate": 0.05 / max(scales.stop - scales.start, scales.step)}, fixed=_since(scales))
 
 
 def _loop(scales: Scales) -> Trials:
@@ -67,7 +72,7 @@ def _clock(scales: Scales) -> Trials | None:
         return None
     reach = 1 / (scales.stop - scales.start)
     size = 0.01 * (scales.wire.reach or 1.0)
-    return Trials({"cosine": size, "sine": size}, tuple({"frequency": f} for f in scales.lines),
+    return Trials({"cosine": size, "sine": size}, tuple({"frequency": f} for f in scales.lines), _since(scales),
                   bounds={"frequency": (reach, 0.5 / scales.step)})  # fmt: skip
 
 
