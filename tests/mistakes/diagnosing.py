@@ -19,7 +19,7 @@ from tsmblocks.blocks import (
 )
 from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, Trials, catalogue, register
-from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.errors import DataError, ParameterError, RunError
 
 
 def effect(**changes):
@@ -234,3 +234,12 @@ def an_effect_is_registered_that_is_there():
 )
 def an_effect_of_a_name_that_is_taken():
     register(effect(name="drift"))
+
+
+@mistake(DataError, "bench: signal 'x_out [mm]' is wanted in rad. 'mm' does not convert to 'rad'.")
+def a_recording_that_measures_another_thing():
+    t = np.arange(0.0, 4.0, 0.01)
+    noise = 0.1 * np.random.default_rng(0).standard_normal(len(t))
+    signals = {"x_in": np.sin(3 * t), "x_out": np.sin(3 * t) + noise}
+    record = tsm.Record("bench", t, signals, {"x_in": "rad", "x_out": "mm"})
+    tsm.diagnose(tsm.load("tendon_sheath_play"), record)

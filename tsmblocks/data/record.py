@@ -85,11 +85,14 @@ class Record:
 
         Raises DataError when the units measure different things.
         """
-        own, array = self.unit(name), self[name]
-        if not unit or not own:
-            return array
+        array = self[name]
+        return array * self.factor(name, unit) if unit and self.unit(name) else array
+
+    def factor(self, name: str, unit: str | None) -> float:
+        """The number by which a signal is multiplied to be in ``unit``; see values."""
+        own = self.unit(name)
         try:
-            return array * units.factor(own, unit)
+            return units.factor(own, unit) if own and unit else 1.0
         except units.UnitError as error:
             raise DataError(f"{self.called}: signal '{heading(name, own)}' is wanted in {unit}. {error}") from None
 

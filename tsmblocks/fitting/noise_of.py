@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tsmblocks import units
 from tsmblocks.data import Record, fast_noise, noise
 from tsmblocks.diagram import Diagram
 
@@ -22,15 +21,12 @@ def noise_of(records: Mapping[str, Record], diagram: Diagram, name: str) -> tupl
     inputs = [k for k in diagram.inports if all(k in r for r in records.values())]
     found = [(noise(r, name, inputs=inputs or None), r) for r in records.values()]
     sound = [one for one in found if one[0].method != WEAK] or found
-    values = [n.floor * _factor(r.unit(name), diagram.unit(name)) for n, r in sound]
+    values = [n.floor * r.factor(name, diagram.unit(name)) for n, r in sound]
     methods = [n.method for n, _ in sound]
     return float(np.median(values)), max(sorted(set(methods)), key=methods.count)
 
 
 def fast_noise_of(records: Mapping[str, Record], diagram: Diagram, name: str) -> float:
     """What changes from sample to sample in an output [unit of the diagram]: the middle of what the experiments say."""
-    return float(np.median([fast_noise(r, name) * _factor(r.unit(name), diagram.unit(name)) for r in records.values()]))
+    return float(np.median([fast_noise(r, name) * r.factor(name, diagram.unit(name)) for r in records.values()]))
 
-
-def _factor(own: str, wanted: str) -> float:
-    return units.factor(own, wanted) if own and wanted else 1.0
