@@ -450,6 +450,21 @@ def test_a_recording_is_not_saved_as_anything_else(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("t", "signals", "units", "said"),
+    [
+        (T, {"x": SLOW[:9]}, {}, "signal 'x' must have one number for each of the 2000 samples, got 9."),
+        (T, {"x": np.zeros((2000, 2))}, {}, "signal 'x' must have one number for each of the 2000 samples, got an "
+         "array of shape (2000, 2)."),
+        (np.zeros((2000, 2)), {}, {}, "the times must be one row of numbers, got an array of shape (2000, 2)."),
+        (T, {"x_in": SLOW}, {"x_inn": "deg"}, "a unit is given for 'x_inn', which is no signal. Did you mean 'x_in'?"),
+    ],
+    ids=["length", "matrix", "times", "unit"],
+)  # fmt: skip
+def test_arrays_that_make_no_recording(t, signals, units, said):
+    assert refusal(lambda: Record("bench", t, signals, units)) == f"bench: {said}"
+
+
 def test_a_recording_without_a_file_is_called_by_its_name():
     one = Record("bench", T, {"x": SLOW}, {"x": "rad"})
     for call in (lambda: one["y"], lambda: one.filtered("y"), lambda: one.periods("y"), lambda: one.renamed({"y": "z"}),

@@ -40,7 +40,8 @@ class Record:
 
     ``signals`` holds them by name in the units of ``units`` (``""`` where the file says none),
     ``origin`` says where they come from, and ``notes`` what was repaired or changed, one sentence each.
-    Every method gives a new record and leaves this one as it is.
+    Every method gives a new record and leaves this one as it is. Raises DataError for signals of another length than
+    the time, and for units of signals that are not there.
     """
 
     name: str
@@ -49,6 +50,9 @@ class Record:
     units: Mapping[str, str] = attrs.field(converter=_fixed)
     origin: str = ""
     notes: tuple[str, ...] = ()
+
+    def __attrs_post_init__(self) -> None:
+        one_by_one.checked(self)
 
     @property
     def called(self) -> str:

@@ -63,15 +63,30 @@ def unwrapped(record: Record, name: str, turn: float | None = None) -> Record:
 def with_signal(record: Record, name: str, values: Any, unit: str = "") -> Record:
     """Return the record with one signal more; see Record.with_signal."""
     array = np.asarray(values, dtype=float)
-    if array.shape != record.t.shape:
-        raise DataError(f"{record.called}: signal '{name}' must have one number for each of the {len(record)} samples, "
-                        f"got {in_words(array) if array.ndim > 1 else f'{array.size}'}.")  # fmt: skip
+    _fits(record, name, array)
     bad = np.flatnonzero(~np.isfinite(array))
     if len(bad):
         raise DataError(f"{record.called}: signal '{name}' holds {array[bad[0]]} in sample {bad[0]}.")
     note = f"{name} was {'replaced' if name in record else 'added'}."
     told = {**{k: u for k, u in record.units.items() if k != name}, **({name: unit} if unit else {})}
     return attrs.evolve(record, signals={**record.signals, name: array}, units=told, notes=(*record.notes, note))
+
+
+def checked(record: Record) -> None:
+    """Raise DataError for signals of another length than the time, and for units of signals that are not there."""
+    if record.t.ndim != 1:
+        raise DataError(f"{record.called}: the times must be one row of numbers, got {in_words(record.t)}.")
+    for name, array in record.signals.items():
+        _fits(record, name, array)
+    lost = next((k for k in record.units if k not in record.signals and k != "t"), None)
+    if lost is not None:
+        raise DataError(f"{record.called}: a unit is given for '{lost}', which is no signal.{near(lost, record.names)}")
+
+
+def _fits(record: Record, name: str, array: np.ndarray) -> None:
+    if array.shape != record.t.shape:
+        raise DataError(f"{record.called}: signal '{name}' must have one number for each of the {len(record)} samples, "
+                        f"got {in_words(array) if array.ndim > 1 else f'{array.size}'}.")  # fmt: skip
 
 
 def renamed(record: Record, names: Mapping[str, str]) -> Record:

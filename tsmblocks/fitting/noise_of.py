@@ -29,4 +29,3 @@ def noise_of(records: Mapping[str, Record], diagram: Diagram, name: str) -> tupl
 def fast_noise_of(records: Mapping[str, Record], diagram: Diagram, name: str) -> float:
     """What changes from sample to sample in an output [unit of the diagram]: the middle of what the experiments say."""
     return float(np.median([fast_noise(r, name) * r.factor(name, diagram.unit(name)) for r in records.values()]))
-
