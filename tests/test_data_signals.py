@@ -465,6 +465,10 @@ def test_arrays_that_make_no_recording(t, signals, units, said):
     assert refusal(lambda: Record("bench", t, signals, units)) == f"bench: {said}"
 
 
+def test_one_table_of_units_serves_many_recordings():
+    assert Record("bench", T, {"x": SLOW}, {"x": "rad", "force": "N", "t": "s"}).unit("x") == "rad"
+
+
 def test_a_recording_without_a_file_is_called_by_its_name():
     one = Record("bench", T, {"x": SLOW}, {"x": "rad"})
     for call in (lambda: one["y"], lambda: one.filtered("y"), lambda: one.periods("y"), lambda: one.renamed({"y": "z"}),

@@ -16,7 +16,8 @@ SHEATH = tsm.load("tendon_sheath_linear")
 
 
 def rig(name="rig", t=T, **signals):
-    return tsm.Record(name, t, signals or {"x_in": U, "x_out": 0.8 * U}, {"x_in": "rad", "x_out": "rad"})
+    signals = signals or {"x_in": U, "x_out": 0.8 * U}
+    return tsm.Record(name, t, signals, {k: "rad" for k in ("x_in", "x_out") if k in signals})
 
 
 def fit(data=None, diagram=SHEATH, **given):

@@ -41,7 +41,7 @@ class Record:
     ``signals`` holds them by name in the units of ``units`` (``""`` where the file says none),
     ``origin`` says where they come from, and ``notes`` what was repaired or changed, one sentence each.
     Every method gives a new record and leaves this one as it is. Raises DataError for signals of another length than
-    the time, and for units of signals that are not there.
+    the time, and for a unit of a misspelt signal.
     """
 
     name: str

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 TURNS = (2 * np.pi, 360.0)
 """A turn in rad and in deg, for angles whose unit nobody wrote down."""
+ALIKE = 0.85
+"""Likeness of two names from which one is the other misspelt."""
 
 
 def turn_in(unit: str) -> float | None:
@@ -73,14 +76,20 @@ def with_signal(record: Record, name: str, values: Any, unit: str = "") -> Recor
 
 
 def checked(record: Record) -> None:
-    """Raise DataError for signals of another length than the time, and for units of signals that are not there."""
+    """Raise DataError for signals of another length than the time, and for a unit of a misspelt signal.
+
+    Units of signals that are not there are no mistake: one table of units serves many recordings.
+    """
     if record.t.ndim != 1:
         raise DataError(f"{record.called}: the times must be one row of numbers, got {in_words(record.t)}.")
     for name, array in record.signals.items():
         _fits(record, name, array)
-    lost = next((k for k in record.units if k not in record.signals and k != "t"), None)
-    if lost is not None:
-        raise DataError(f"{record.called}: a unit is given for '{lost}', which is no signal.{near(lost, record.names)}")
+    bare = [k for k in record.signals if k not in record.units]
+    for lost in (k for k in record.units if k not in record.signals):
+        meant = get_close_matches(lost, bare, 1, ALIKE)
+        if meant:
+            raise DataError(f"{record.called}: a unit is given for '{lost}', which is no signal. Did you mean "
+                            f"'{meant[0]}'?")  # fmt: skip
 
 
 def _fits(record: Record, name: str, array: np.ndarray) -> None:
