@@ -973,6 +973,43 @@ def test_a_run_goes_on_from_another(every, locate):
     assert twice["y"] == pytest.approx(whole["y"][-len(twice.t) :], abs=1e-9)
 
 
+@pytest.mark.parametrize("typed", [0.1 - 0.2 / 3, 0.1 * (1 / 3) * (1 + 1e-12)])
+def test_steps_and_starts_that_differ_by_rounding_are_the_same_where_a_run_is_gone_on_with(typed):
+    """Time is counted in steps of the first run, so that all that comes is the same to the bit."""
+    d = tsm.Diagram(title="lag", blocks={"g": FirstOrderLag(), "s": Sine(), "z": ZeroOrderHold(period=0.1)},
+                    wires=["s -> z -> g"], outputs={"y": "g"})  # fmt: skip
+    step = 0.03333333333333333
+    first = tsm.simulate(d, stop=3.0, step=step)
+    plain = tsm.simulate(d, stop=6.0, step=step, initial=first.state)
+    second = tsm.simulate(d, start=0.3 * 10, stop=6.0, step=typed, initial=first.state)
+    np.testing.assert_array_equal(second["y"], plain["y"])
+    np.testing.assert_array_equal(second.t, plain.t)
+    steppers = [tsm.Stepper(d, step=one, initial=first.state) for one in (step, typed)]
+    for _ in range(20):
+        one, other = (stepper.step()["y"] for stepper in steppers)
+        assert one == other
+    assert steppers[0].t == steppers[1].t
+
+
+@pytest.mark.parametrize("at_fault", ["a state", "an output"])
+def test_no_run_goes_on_from_one_that_stopped_being_finite(at_fault):
+    away = tsm.Diagram(title="away", blocks={"i": TransferFunction(num=[1.0], den=[1.0, -900.0])},
+                       inputs={"u": "i"}, outputs={"y": "i"})  # fmt: skip
+    pole = tsm.Diagram(title="pole", blocks={"q": Divide(), "i": Integrator(), "one": Constant(value=1.0)},
+                       wires=["one -> q.num, i"], inputs={"u": "q.den"}, outputs={"y": "q"})  # fmt: skip
+    d, u = (away, np.ones) if at_fault == "a state" else (pole, lambda n: np.arange(n) - n // 2)
+    with pytest.raises(NotFinite) as caught:
+        tsm.simulate(d, stop=2.0, inputs={"u": u(2001)})
+    state = pickle.loads(pickle.dumps(caught.value.run.state))
+    for going_on in (
+        lambda: tsm.simulate(d, stop=3.0, inputs={"u": 1.0}, initial=state),
+        lambda: tsm.Stepper(d, initial=state),
+        lambda: tsm.Stepper(d).restore(state),
+    ):
+        with pytest.raises(RunError, match=r"stopped being finite at t = .* s, so there is no state to go on from"):
+            going_on()
+
+
 def test_a_run_goes_on_with_other_numbers_and_tells_how_far_it_is():
     d = tsm.Diagram(title="lag", blocks={"g": FirstOrderLag(time_constant=1.0)}, inputs={"u": "g"}, outputs={"y": "g"})
     warm = tsm.simulate(d, inputs={"u": 1.0}, stop=10.0)

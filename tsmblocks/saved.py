@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import attrs
 
+from tsmblocks.arguments import number, positive
 from tsmblocks.engine.kernels import Memory
 from tsmblocks.equation_set import Equations
 from tsmblocks.errors import RunError
+
+SAME = 1e-9
+"""Difference of two steps, as a share of them, that is rounding; of two times, as a share of a step."""
 
 
 @attrs.frozen(eq=False)
@@ -21,6 +26,8 @@ class Saved:
     step: float
     names: tuple[str, ...] = attrs.field(repr=False, default=())
     """Of states, memory and delays: what tells one diagram's memory from another's."""
+    lost: float | None = None
+    """When the run stopped being finite, in s, if it did: no run goes on from such a state."""
 
     @property
     def t(self) -> float:
@@ -35,7 +42,10 @@ def remembered(eq: Equations) -> tuple[str, ...]:
 
 def taken_up(saved: Saved, eq: Equations, own: Memory, h: float) -> Memory:
     """The memory of a saved state, with the numbers of ``own``. Raises RunError where it does not belong here."""
-    if saved.step != h:
+    if saved.lost is not None:
+        raise RunError(f"the run of '{eq.title}' stopped being finite at t = {saved.lost:g} s, so there is no state to "
+                       "go on from. Take one from a run that ended before.")  # fmt: skip
+    if not _same(saved.step, h):
         raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {h:g} s.")
     if saved.names != remembered(eq):
         raise RunError(f"the saved state belongs to a diagram other than '{eq.title}'.")
@@ -47,11 +57,16 @@ def taken_up(saved: Saved, eq: Equations, own: Memory, h: float) -> Memory:
     return made
 
 
-def begins(start: Any, initial: Any) -> Any:
-    """When a run starts: where it goes on from a saved state, then. Raises RunError for another time."""
+def begins(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
+    """When a run starts and its step: those of a saved state that it goes on from. Raises RunError for another time."""
     if not isinstance(initial, Saved):
-        return start
-    if start not in (0.0, initial.t):
+        return start, step
+    if start != 0.0 and not math.isclose(number("start", start), initial.t, rel_tol=1e-12, abs_tol=SAME * initial.step):
         raise RunError(f"a run that goes on from a saved state starts when that ended, at {initial.t:g} s. Leave out "
                        "start.")  # fmt: skip
-    return initial.t
+    return initial.t, initial.step if _same(initial.step, positive("step", step)) else step
+
+
+def _same(step: float, other: float) -> bool:
+    """Whether two steps [s] differ by rounding at most."""
+    return math.isclose(step, other, rel_tol=SAME)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
 
+import attrs
 import numpy as np
 
 from tsmblocks.arguments import Times, given_inputs, number, positive, prepared, run_times
@@ -126,7 +127,8 @@ def simulate(
     what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
     """
     diagram, given = prepared(diagram, parameters), given_inputs(inputs)
-    times = run_times(given, begins(start, initial), stop, step, every)
+    start, step = begins(start, step, initial)
+    times = run_times(given, start, stop, step, every)
     if progress is not None and not callable(progress):
         raise RunError(f"progress must be a function of the fraction done, got {in_words(progress)}.")
     eq = equations(diagram)
@@ -194,7 +196,7 @@ def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, ru
     )
     text, block, time = explain(eq, again, stopped.steps)
     error = NotFinite(text)
-    error.run, error.block, error.time = run, block, time
+    error.run, error.block, error.time = attrs.evolve(run, state=attrs.evolve(run.state, lost=time)), block, time
     return error
 
 
@@ -342,7 +344,8 @@ class Stepper:
         """Go on from a saved state of the same diagram and step, or from ``run.state``. Raises RunError otherwise."""
         if not isinstance(saved, Saved):
             raise RunError(f"restore takes what save gave, or the state of a run, got {in_words(saved)}.")
-        self.memory, self.k, self.start = taken_up(saved, self.eq, self.memory, self.h), saved.k, saved.start
+        self.memory = taken_up(saved, self.eq, self.memory, self.h)
+        self.k, self.start, self.h = saved.k, saved.start, saved.step  # the step to the last digit, as time is counted
 
 
 def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: Saved) -> Stepper:

@@ -18,6 +18,7 @@ from tsmblocks.blocks import (
     MotorTransferFunction,
     Recorded,
     Sine,
+    Step,
     Sum,
     UnitDelay,
     ZeroOrderHold,
@@ -573,6 +574,21 @@ def a_state_with_too_short_a_past():
     late = Diagram(title="late", blocks=dict(b=Delay(time=0.01)), inputs={"u": "b"}, outputs={"y": "b"})
     saved = simulate(late, inputs={"u": 1.0}, stop=0.5).state
     simulate(late, inputs={"u": 1.0}, stop=2.0, initial=saved, parameters={"b.time": 1.0})
+
+
+@mistake(
+    RunError,
+    "the run of 'quotient' stopped being finite at t = 0.5 s, so there is no state to go on from. Take one from a run that ended before.",
+)
+def a_state_of_a_run_that_stopped_being_finite():
+    """The states are finite here: it is an output that was not, for an instant."""
+    blocks = dict(one=Constant(value=1.0), back=Step(time=0.5, before=1.0, after=0.0), q=Divide(), i=Integrator())
+    d = Diagram(title="quotient", blocks=blocks, wires=["one -> q.num", "back -> q.den", "one -> i"])
+    try:
+        state = simulate(d, stop=1.0, step=0.1).state
+    except NotFinite as error:
+        state = error.run.state
+    simulate(d, stop=2.0, step=0.1, initial=state)
 
 
 @mistake(RunError, "the saved state belongs to a step of 0.001 s, and this one is 0.0001 s.")
