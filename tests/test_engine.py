@@ -991,6 +991,33 @@ def test_steps_and_starts_that_differ_by_rounding_are_the_same_where_a_run_is_go
     assert steppers[0].t == steppers[1].t
 
 
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+def test_delays_keep_their_length_where_time_is_counted_from_1970(backend):
+    """A time there is known to 2e-7 s, not to a step: a recording with such a clock is not shifted against its model."""
+    h, n = 1e-3, 60
+    d = tsm.Diagram(title="late", blocks={"z": ZeroOrderHold(period=5 * h), "held": Delay(time=7 * h, initial=-1.0),
+                    "smooth": Delay(time=7 * h, initial=-1.0), "i": Integrator()}, inputs={"u": ["z", "smooth"]},
+                    wires=["z -> held -> i"], outputs={"held": "held", "smooth": "smooth", "i": "i"})  # fmt: skip
+    how = dict(inputs={"u": np.sin(0.1 * np.arange(n + 1))}, step=h, backend=backend)
+    near = tsm.simulate(d, stop=n * h, **how)
+    far = tsm.simulate(d, start=1.7e9, stop=1.7e9 + (n + 0.4) * h, **how)
+    for name, tolerance in (("held", 1e-15), ("smooth", 1e-4), ("i", 1e-15)):
+        np.testing.assert_allclose(far[name], near[name], rtol=0, atol=tolerance)
+
+
+def test_the_instants_that_are_kept_are_those_of_one_run_also_in_parts_shorter_than_what_is_left_out():
+    d = tsm.Diagram(title="lag", blocks={"g": FirstOrderLag()}, inputs={"u": "g"}, outputs={"y": "g"})
+    how = dict(step=0.01, inputs={"u": 1.0}, every=50)
+    whole = tsm.simulate(d, stop=1.2, **how)
+    parts = [tsm.simulate(d, stop=0.1, **how)]
+    for stop in 0.1 * np.arange(2, 13):
+        parts.append(tsm.simulate(d, stop=stop, initial=parts[-1].state, **how))
+    times, k = np.unique(np.round(np.concatenate([part.t for part in parts]), 9), return_index=True)
+    assert times.tolist() == whole.t.tolist() == [0.0, 0.5, 1.0]
+    assert np.concatenate([part["y"] for part in parts])[k] == pytest.approx(whole["y"], abs=1e-12)
+    assert tsm.simulate(d, stop=1.2, step=0.01, inputs={"u": 1.0}, every=10**30).t.tolist() == [0.0]
+
+
 @pytest.mark.parametrize("at_fault", ["a state", "an output"])
 def test_no_run_goes_on_from_one_that_stopped_being_finite(at_fault):
     away = tsm.Diagram(title="away", blocks={"i": TransferFunction(num=[1.0], den=[1.0, -900.0])},

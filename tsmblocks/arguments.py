@@ -130,4 +130,4 @@ def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every
     begin, h, spacing = number("start", start), positive("step", step), whole("every", every, 1)
     end = resolve_stop(inputs, begin, h) if stop is None else number("stop", stop)
     steps = whole_steps(begin, end, h)
-    return Times(begin, h, steps, min(spacing, steps + 1))
+    return Times(begin, h, steps, min(spacing, int(MOST_STEPS) + 1))

@@ -396,4 +396,4 @@ def recalled_steps(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
 
 def _rounding(t: Any, per_second: Any) -> Any:
     """By how many steps an instant may fall short of one on the grid by rounding."""
-    return 1e-10 + 1e-12 * ca.fabs(t) * per_second
+    return 1e-10 + 4e-15 * ca.fabs(t) * per_second

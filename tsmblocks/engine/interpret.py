@@ -219,7 +219,8 @@ def _one_step(plan: Plan, jumps: bool) -> Any:
 def _at(t: Any, h: Any, offset: float, jumps: bool) -> Any:
     """The time of a stage; the end of a step stands a hair before it where signals jump with time."""
     time = t + offset * h
-    return time - (HAIR[0] * h + HAIR[1] * ca.fabs(time)) if jumps and offset == 1 else time
+    hair = ca.fmin(HAIR[0] * h + HAIR[1] * ca.fabs(time), HAIR[2] * h)
+    return time - hair if jumps and offset == 1 else time
 
 
 def _open(flat: np.ndarray, layout: Layout) -> np.ndarray:

@@ -24,8 +24,8 @@ from tsmblocks.equation_set import KEPT, PER_DELAY
 
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
 CONSTANT, TIME, HELD, MOVING = range(4)
-HAIR = (1e-9, 8e-12)
-"""How far the end of a step stands before a jump that falls on it: of the step, and of the time itself."""
+HAIR = (1e-9, 8e-12, 1 / 64)
+"""How far the end of a step stands before a jump that falls on it: of the step, of the time itself, of it at most."""
 
 
 SLOTS = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
@@ -163,7 +163,9 @@ class Frame:
         w = self.w
         of_step = w.emit(f"fmul double %h, {number(HAIR[0])}")
         of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {number(HAIR[1])}")
-        return w.emit(f"fsub double {t}, {w.emit(f'fadd double {of_step}, {of_time}')}")
+        most = w.emit(f"fmul double %h, {number(HAIR[2])}")
+        hair = w.operation("FMIN", [w.emit(f"fadd double {of_step}, {of_time}"), most], False)
+        return w.emit(f"fsub double {t}, {hair}")
 
     def hits(self) -> list[str]:
         """1 or 0 for each rate group at this instant; branches over the update section when idle."""

@@ -339,7 +339,8 @@ class _Text:
             return "t"
         if offset == 1:
             end = f"(double)(c->k + 1) * {number(self.h)}"
-            return f"{end} - ({number(HAIR[0] * self.h)} + {number(HAIR[1])} * fabs({end}))" if self.jumps else end
+            hair = f"{number(HAIR[0] * self.h)} + {number(HAIR[1])} * fabs({end})"
+            return f"{end} - fmin({hair}, {number(HAIR[2] * self.h)})" if self.jumps else end
         return f"t + {number(offset)} * {number(self.h)}"
 
 
