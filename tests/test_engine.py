@@ -993,7 +993,7 @@ def test_steps_and_starts_that_differ_by_rounding_are_the_same_where_a_run_is_go
 
 @pytest.mark.parametrize("backend", ["llvm", "casadi"])
 def test_delays_keep_their_length_where_time_is_counted_from_1970(backend):
-    """A time there is known to 2e-7 s, not to a step: a recording with such a clock is not shifted against its model."""
+    """A time there is known to 2e-7 s, not to a step; recordings with such clocks are not shifted."""
     h, n = 1e-3, 60
     d = tsm.Diagram(title="late", blocks={"z": ZeroOrderHold(period=5 * h), "held": Delay(time=7 * h, initial=-1.0),
                     "smooth": Delay(time=7 * h, initial=-1.0), "i": Integrator()}, inputs={"u": ["z", "smooth"]},
