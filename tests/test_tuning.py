@@ -7,7 +7,19 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tsmblocks.blocks import PID, Constant, FirstOrderLag, Gain, MultiSine, Sine, Step, Sum, TransferFunction
+from tsmblocks.blocks import (
+    PID,
+    Constant,
+    DiscretePID,
+    FirstOrderLag,
+    Gain,
+    MultiSine,
+    Sine,
+    Step,
+    Sum,
+    TransferFunction,
+    UnitDelay,
+)
 from tsmblocks.errors import RunError
 from tsmblocks.metrics import metric
 from tsmblocks.studies import table
@@ -160,6 +172,29 @@ def test_a_gain_margin_is_the_smallest_factor_up_or_down_that_makes_the_loop_uns
     diagram = tsm.Diagram(title="loop", blocks=blocks, wires=["r -> e.plus", "e -> k -> g -> e.minus"],
                           outputs={"y": "g"})  # fmt: skip
     assert limit("gain_margin('k -> g') >= 2", {}, diagram).margin_of(diagram) == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize(("period", "kp", "ki", "kd", "late"), [
+    (0.1, 1.0, 1.0, 0.3, 1), (0.02, 0.5, 0.2, 0.05, 2), (0.001, 5.0, 2.0, 1.0, 3), (0.5, 0.3, 0.3, 0.0, 0),
+])  # fmt: skip
+def test_margins_of_sampled_loops_bring_a_pole_onto_the_unit_circle(period, kp, ki, kd, late):
+    """The first of these has a phase margin of 17 deg, which polynomials of python-control 0.10 do not see."""
+    delays = {f"d{k}": UnitDelay(period=period) for k in range(late)}
+    blocks = {"e": Sum(signs="+-"), "c": DiscretePID(period=period, kp=kp, ki=ki, kd=kd), **delays,
+              "g": TransferFunction(num=[9.0], den=[1.0, 1.2, 9.0])}  # fmt: skip
+    d = tsm.Diagram(title="loop", blocks=blocks, inputs={"r": "e.plus"}, outputs={"y": "g"},
+                    wires=[" -> ".join(["e", "c", *delays, "g", "e.minus"])])  # fmt: skip
+    gain, phase = (limit(f"{kind}('c') >= 2", {}, d).margin_of(d) for kind in ("gain_margin", "phase_margin"))
+    L = tsm.analysis.loop_gain(d, "c")
+
+    def fastest(factor):
+        return np.abs(np.linalg.eigvals(L.A - factor * L.B @ L.C / (1.0 + factor * L.D.item()))).max()
+
+    assert fastest(1.0) < 1.0
+    assert fastest(gain) == pytest.approx(1.0, abs=1e-8)
+    assert fastest(0.999 * gain) < 1.0
+    assert fastest(np.exp(-1j * np.deg2rad(phase))) == pytest.approx(1.0, abs=1e-8)
+    assert fastest(np.exp(-0.999j * np.deg2rad(phase))) < 1.0
 
 
 def test_a_gain_margin_of_reduction_is_met():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -27,6 +27,10 @@ INSIDE = 1e-3
 """Share of a limit by which a search aims to stay within it, so that what it ends at is not just beyond."""
 STILL = 1e-6
 """Share of the fastest pole by which one may be to the right of the axis through rounding only."""
+ALONG = np.pi * np.concatenate([np.geomspace(1e-7, 0.01, 400), np.linspace(0.01, 1 - 1e-9, 1000)[1:]])
+"""Angles of the unit circle at which the loop of samples is looked at."""
+SPREAD = np.geomspace(0.1, 30.0, 12)
+"""More of them: how far to each side of a pole, in its distances from the circle."""
 ENOUGH = {"gain_margin": 1e3, "phase_margin": 180.0}
 """Margins of a loop that never crosses, in their unit; a larger one counts as this."""
 
@@ -76,17 +80,50 @@ def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...], dt: float) -> 
 
     They are kept, since cases that differ in their signals share their loop.
     """
-    import control
-
     parts = [np.frombuffer(data).reshape(shape) for shape, data in matrices]
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # of a loop that never crosses
-        gains, phases, *_ = control.stability_margins(control.ss(*parts, dt), returnall=True)
+    with np.errstate(all="ignore"):
+        gains, phases = _sampled_crossings(*parts) if dt else _crossings(parts)
         factors = np.maximum(gains, 1.0 / gains)
     phase = min(map(float, phases), key=abs, default=math.inf)
     if _stable(parts, dt):
         return float(factors.min(initial=math.inf)), phase
     return float((1.0 / factors).max(initial=0.0)), phase
+
+
+def _crossings(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Factors that bring a loop to the edge of stability, and its phases [deg] where its gain is 1."""
+    import control
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a loop that never crosses
+        gains, phases, *_ = control.stability_margins(control.ss(*parts), returnall=True)
+    return np.asarray(gains), np.asarray(phases)
+
+
+def _sampled_crossings(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As ``_crossings``, of samples: looked for along the unit circle, closer together where poles are near to it.
+
+    python-control, which solves for the roots of polynomials, loses some where poles lie close together.
+    """
+    from scipy.optimize import brentq
+
+    def loop(angles: Any) -> np.ndarray:
+        z = np.exp(1j * np.atleast_1d(angles))[:, None, None]
+        return np.asarray(C @ np.linalg.solve(z * np.eye(len(A)) - A, B[None].astype(complex)) + D)[:, 0, 0]
+
+    def roots(of: Callable[[np.ndarray], np.ndarray]) -> list[float]:
+        values = of(along)
+        places = np.flatnonzero(values[:-1] * values[1:] < 0)
+        return [brentq(lambda a: float(of(loop(a))[0]), angles[k], angles[k + 1], xtol=1e-15) for k in places]
+
+    poles = np.linalg.eigvals(A)
+    near = (np.abs(1 - np.abs(poles)) + 1e-9)[:, None] * np.concatenate([-SPREAD, SPREAD])
+    angles = np.concatenate([ALONG, (np.abs(np.angle(poles))[:, None] + near).ravel()])
+    angles = np.unique(np.clip(angles, ALONG[0], ALONG[-1]))
+    along = loop(angles)
+    turned = np.concatenate([loop(roots(np.imag)), along[[0, -1]]])
+    turned = turned[(turned.real < 0) & (np.abs(turned.imag) <= 1e-6 * np.abs(turned.real))]
+    return -1.0 / turned.real, np.degrees(np.angle(-loop(roots(lambda values: np.abs(values) - 1.0))))
 
 
 def _stable(parts: Sequence[np.ndarray], dt: float) -> bool:
