@@ -123,8 +123,9 @@ def frequency_response(
     ``inputs`` are constant. Of each run the first ``settle`` periods are left out, and the next ``periods`` taken apart
     into harmonics; where the answer still changes from period to period, more are left out, up to ``LONGEST``, and it
     is NaN where it changes even then, with a SettlingWarning. A period has ``samples`` steps at least, and no step is
-    longer than ``step`` [s]. Raises RunError for what is no input or output, and where sampled blocks do not fit into
-    the period.
+    longer than ``step`` [s]. Outputs of sampled blocks are taken as they are held; where such jumps are delayed or
+    added to what moves, the phase is known to half a step. Raises RunError for what is no input or output, and where
+    sampled blocks do not fit into the period.
     """
     diagram = prepared(diagram)
     tuned, source = _driven(diagram, driven, None if bias is None else number("bias", bias))
