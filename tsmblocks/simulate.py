@@ -127,8 +127,8 @@ def simulate(
     what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
     """
     diagram, given = prepared(diagram, parameters), given_inputs(inputs)
-    start, step = begins(start, step, initial)
-    times = run_times(given, start, stop, step, every)
+    begin, h = begins(start, step, initial)
+    times = run_times(given, begin, stop, h, every)
     if progress is not None and not callable(progress):
         raise RunError(f"progress must be a function of the fraction done, got {in_words(progress)}.")
     eq = equations(diagram)
@@ -137,9 +137,8 @@ def simulate(
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
     saved = initial if isinstance(initial, Saved) else None
     memory = start_memory(eq, kernel, p, h, None if saved else initial)  # type: ignore[arg-type]
-    origin, k = times.start, 0
-    if saved is not None:
-        memory, origin, k = taken_up(saved, eq, memory, h), saved.start, saved.k
+    origin, k = (times.start, 0) if saved is None else (saved.start, saved.k)
+    memory = memory if saved is None else taken_up(saved, eq, memory, h)
     signals, hits = gather_signals(eq, given, times.grid, hold), steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
     warn_of_fast_poles([Beginning(eq, p, times.start, signals, memory)], rule, h)
