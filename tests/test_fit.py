@@ -553,6 +553,34 @@ def test_a_controller_sampled_ten_times_between_two_samples_is_fitted():
     assert found["controller.kp"].value == pytest.approx(loop.parameters["controller.kp"], rel=1e-2)
 
 
+def test_what_has_a_slope_is_found_by_it_beside_a_delay_behind_samples():
+    """Differences lead to the delay; they must not leave the time constant where they saw no more."""
+    wired = tsm.Diagram(blocks={"hold": ZeroOrderHold(period=0.1), "late": Delay(time=0.02), "lag": FirstOrderLag()},
+                        wires=["hold -> late -> lag"], inputs={"u": "hold"}, outputs={"y": "lag"})  # fmt: skip
+    t = 0.01 * np.arange(1001)
+    true = {"late.time": 0.31, "lag.time_constant": 0.3}
+    y = tsm.simulate(wired, parameters=true, inputs={"u": (t, np.sin(3 * t))}, step=0.01, stop=10.0)["y"]
+    y += 0.002 * np.random.default_rng(0).standard_normal(len(t))
+    given = tsm.Record("a", t, {"u": np.sin(3 * t), "y": y}, {"u": "", "y": ""})
+    both = tsm.fit(wired, given, free=list(true), bounds={"late.time": (0.01, 0.6)}, step=0.01)
+    there = wired.with_parameters({"late.time": both.values["late.time"]})
+    alone, found = tsm.fit(there, given, free=["lag.time_constant"], step=0.01), both["lag.time_constant"]
+    assert found.value == pytest.approx(alone.values["lag.time_constant"], abs=0.1 * found.error)
+
+
+@pytest.mark.parametrize("free", [["a.time"], ["a.time", "b.time"]])
+def test_an_instant_is_found_from_zero_too(free):
+    """There differences over a share of the number itself would be over nothing."""
+    steps = tsm.Diagram(blocks={"a": Step(time=0.0), "b": Step(time=4.0), "d": Sum(), "lag": FirstOrderLag()},
+                        wires=["a -> d.plus", "b -> d.minus", "d -> lag"], outputs={"y": "lag"},
+                        ).with_parameters({"lag.time_constant": 0.7})  # fmt: skip
+    run = tsm.simulate(steps, parameters={"a.time": 1.0}, stop=10.0, step=0.01)
+    y = run["y"] + 0.01 * np.random.default_rng(0).standard_normal(len(run.t))
+    found = tsm.fit(steps, tsm.Record("a", run.t, {"y": y}, {"y": ""}), free=free, starts=1)
+    assert found.values["a.time"] == pytest.approx(1.0, abs=0.01)
+    assert not found.undetermined
+
+
 # ---- what data cannot tell
 
 

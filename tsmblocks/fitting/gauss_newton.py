@@ -68,7 +68,7 @@ def gauss_newton(
     try:
         status = _search(problem, state, history, iterations, tell)
         for share in COARSE if status == "stalled" else ():
-            reach = share * np.maximum(np.abs(state.theta), np.abs(start))
+            reach = share * _sizes(problem, state, start)
             rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
             rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
             ended = _search(problem, rough, history, iterations, tell)
@@ -78,6 +78,13 @@ def gauss_newton(
     except KeyboardInterrupt:
         status = "interrupted"
     return Found(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.reach)
+
+
+def _sizes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
+    """How large each unknown is; of one that is and was zero, what moves the outputs as far as they go, if that is."""
+    feel, whole = np.sqrt(np.diag(state.matrix)), problem.size * np.sqrt(problem.samples) or 1.0
+    size = np.maximum(np.abs(state.theta), np.abs(start))
+    return np.where(size > 0, size, np.where(feel > 1e-150, whole / np.maximum(feel, 1e-150), 1.0))
 
 
 def by_differences(

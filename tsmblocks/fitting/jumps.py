@@ -96,6 +96,7 @@ def over_jumps(
         _told_apart(walk, which, best)
         if walk.reach is not None:
             walk.follow(by_differences(problem, walk.theta, walk.reach, iterations=iterations, tell=tell))
+            walk.follow(gauss_newton(problem, walk.theta, iterations=iterations, tell=tell))  # what has a slope, by it
             _told_apart(walk, which, best)
         if walk.cost < best.cost * (1 - GAIN):
             others = [_again(walk, f, which, iterations) for f in others]
