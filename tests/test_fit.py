@@ -13,15 +13,7 @@ import tsmblocks as tsm
 from tests.test_fit_methods import LAG, LINEAR, METHODS, REGRESSORS, noisy, sheath
 from tests.test_fit_problem import STEP, TWO, T, U, record, servo
 from tsmblocks.blocks import (
-    Delay,
-    FirstOrderLag,
-    Gain,
-    Integrator,
-    Quantiser,
-    Saturation,
-    Step,
-    Sum,
-    ZeroOrderHold,
+    Delay, Drift, Encoder, FirstOrderLag, Gain, Integrator, Quantiser, Saturation, Step, Sum, ZeroOrderHold,
 )  # fmt: skip
 from tsmblocks.cli import console
 from tsmblocks.errors import NotFinite, RunError
@@ -579,6 +571,15 @@ def test_an_instant_is_found_from_zero_too(free):
     found = tsm.fit(steps, tsm.Record("a", run.t, {"y": y}, {"y": ""}), free=free, starts=1)
     assert found.values["a.time"] == pytest.approx(1.0, abs=0.01)
     assert not found.undetermined
+
+
+def test_what_is_known_is_free_where_it_is_named_only():
+    read = tsm.Diagram(blocks={"gain": Gain(), "encoder": Encoder(), "drift": Drift()},
+                       wires=["gain -> encoder -> drift"], inputs={"u": "gain"}, outputs={"y": "drift"})  # fmt: skip
+    data = record(u=U, y=1.2 * U + 0.01 * T, units={"u": "rad", "y": "rad"})
+    assert tsm.fit(read, data).names == ("gain.gain", "drift.rate", "drift.curve")
+    assert tsm.fit(read, data, free=["*"]).names == ("gain.gain", "drift.rate", "drift.curve")
+    assert "encoder.counts" in tsm.fit(read, data, free=["gain.*", "encoder.counts"], starts=1).names
 
 
 # ---- what data cannot tell

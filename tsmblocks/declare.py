@@ -102,6 +102,7 @@ class Field:
     finite: bool = True
     choices: tuple[Any, ...] = ()
     default: Any = None
+    known: bool = False
 
     @property
     def low(self) -> float:
@@ -141,14 +142,17 @@ def parameter(
     at_least: float = -math.inf,
     at_most: float = math.inf,
     finite: bool = True,
+    known: bool = False,
 ) -> Any:
     """A number (or a tuple of numbers, or of rows) that stays a symbol until the run.
 
     It can therefore be swept, fitted and differentiated. ``above``/``below`` exclude the bound
     itself, ``at_least``/``at_most`` include it; they apply to each element of a tuple.
     ``finite=False`` admits an infinity where no bound stands in its way (a limit that never acts).
+    ``known`` is for what is read off a data sheet, or is a matter of choice: a fit leaves it as it is unless it is
+    named.
     """
-    return _field(default, Field("parameter", about, unit, above, below, at_least, at_most, finite))
+    return _field(default, Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known))
 
 
 def option(

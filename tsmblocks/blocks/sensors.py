@@ -24,7 +24,7 @@ class Encoder(Block):
     source = "Paper, section 2: encoders of 3600 pulses per revolution"
     symbol = "encoder"
 
-    counts: float = parameter(default=3600.0, about="counts per revolution", unit="1/rev", above=0.0)
+    counts: float = parameter(default=3600.0, about="counts per revolution", unit="1/rev", above=0.0, known=True)
     rounding: str = option(default="nearest", about="which count is given", choices=("nearest", "down"))
 
     u = Input("true angle", unit="rad")

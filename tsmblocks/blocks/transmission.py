@@ -138,7 +138,7 @@ class Drift(Block):
 
     rate: float = parameter(default=0.0, about="what is added in each second", unit="?u/s")
     curve: float = parameter(default=0.0, about="what is added in each second squared", unit="?u/s^2")
-    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s")
+    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
 
     u = Input("any signal", unit="?u")
     y = Output("the signal that drifts away", unit="?u")
@@ -201,7 +201,7 @@ class GainDrift(Block):
     symbol = "(1 + rt)"
 
     rate: float = parameter(default=0.0, about="change of the gain in each second, as a share of it", unit="1/s")
-    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s")
+    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
 
     u = Input("any signal", unit="?u")
     y = Output("the signal, times the gain of the time", unit="?u")
@@ -223,7 +223,7 @@ class Disturbance(Block):
     cosine: float = parameter(default=0.0, about="amplitude a of the cosine", unit="?u")
     sine: float = parameter(default=0.0, about="amplitude b of the sine", unit="?u")
     frequency: float = parameter(default=1.0, about="frequency f", unit="Hz", above=0.0)
-    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s")
+    since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
 
     u = Input("any signal", unit="?u")
     y = Output("the signal with the oscillation on it", unit="?u")

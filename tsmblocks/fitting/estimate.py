@@ -43,14 +43,15 @@ def fit(
     its signals are matched by name to the diagram's inputs and outputs. What is minimised is the mean
     square of the differences (paper, Eq (10)).
 
-    What may change: ``free`` names parameters, patterns allowed (``"tsm.*"``; by default all but start
-    values). ``bounds`` maps names or patterns to ``(low, high)``, within what the blocks declare (and no
-    delay shorter than a step); ``start`` gives other numbers to start from. Parameters in ``local`` (start
-    values of states, say) have a value of their own in each experiment; ``start_states`` does that with the
-    start value of every state. ``ties`` lets parameters follow others
-    (``{"tsm.alpha2": "tsm.alpha1"}``). ``constraints`` are texts such as ``"alpha2 + A - abs(delta) > 0"``,
-    a list or a mapping by name. ``priors`` maps names to ``(mean, standard deviation)``; they are weighed against
-    ``sigma``, or else against what a first fit leaves that hardly heeds them.
+    What may change: ``free`` names parameters, patterns allowed (``"tsm.*"``; by default all but start values
+    and what is read off a data sheet, such as the counts of an encoder). ``bounds`` maps names or patterns to
+    ``(low, high)``, within what the blocks declare (and no delay shorter than a step); ``start`` gives other
+    numbers to start from. Parameters in ``local`` (start values of states, say) have a value of their own in
+    each experiment; ``start_states`` does that with the start value of every state. ``ties`` lets parameters
+    follow others (``{"tsm.alpha2": "tsm.alpha1"}``). ``constraints`` are texts such as
+    ``"alpha2 + A - abs(delta) > 0"``, a list or a mapping by name. ``priors`` maps names to ``(mean, standard
+    deviation)``; they are weighed against ``sigma``, or else against what a first fit leaves that hardly heeds
+    them.
 
     What is compared: ``outputs`` (by default all that were measured) in ``window`` (start, stop) [s], which
     may differ by experiment; the simulation runs from the start of the recording all the same.

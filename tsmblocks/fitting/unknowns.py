@@ -253,18 +253,19 @@ def numbers(diagram: Diagram) -> dict[str, list[Field]]:
 def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free") -> list[str]:
     """Parameters named by patterns (``tsm.*``, ``offset.bias``), in the diagram's order.
 
-    Without patterns: all but start values. Raises ParameterError for a pattern that matches nothing.
+    Without patterns: all but start values, and what is ``known`` by its declaration. Raises ParameterError for a
+    pattern that matches nothing.
     """
     known = numbers(diagram)
     endless = {name for name, value in diagram.parameters.items() if not math.isfinite(value)}  # limits that never act
     if patterns is None:
-        return [name for name in diagram.parameters if name not in endless and not is_start(known[name])]
+        return [name for name in diagram.parameters if name not in endless and not _is_set(known[name])]
     found: set[str] = set()
     for pattern in asking.names(what, patterns, "tsm.*"):
         hits = [k for k in known if k == pattern]
         if hits and pattern in endless:
             raise ParameterError(f"{what} '{pattern}': it is infinite, so there is no number to find; set it first.")
-        hits = hits or [k for k in known if fnmatchcase(k, pattern) and not is_start(known[k]) and k not in endless]
+        hits = hits or [k for k in known if fnmatchcase(k, pattern) and not _is_set(known[k]) and k not in endless]
         if not hits:
             hint = near_path(pattern, known)
             raise ParameterError(f"{what} '{pattern}' names no parameter of '{diagram.title}'.{hint}")
@@ -275,6 +276,11 @@ def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free")
 def is_start(fields: list[Field]) -> bool:
     """Whether a number is the start value of a state: patterns leave those out, names do not."""
     return bool(fields) and all(f.kind == "state" for f in fields)
+
+
+def _is_set(fields: list[Field]) -> bool:
+    """Whether a number is free only where it is named: a start value, or one that is known."""
+    return bool(fields) and all(f.kind == "state" or f.known for f in fields)
 
 
 def bounds_of(fields: list[Field], value: float) -> tuple[float, float]:
