@@ -13,7 +13,17 @@ import tsmblocks as tsm
 from tests.test_fit_methods import LAG, LINEAR, METHODS, REGRESSORS, noisy, sheath
 from tests.test_fit_problem import STEP, TWO, T, U, record, servo
 from tsmblocks.blocks import (
-    Delay, Drift, Encoder, FirstOrderLag, Gain, Integrator, Quantiser, Saturation, Step, Sum, ZeroOrderHold,
+    Delay,
+    Drift,
+    Encoder,
+    FirstOrderLag,
+    Gain,
+    Integrator,
+    Quantiser,
+    Saturation,
+    Step,
+    Sum,
+    ZeroOrderHold,
 )  # fmt: skip
 from tsmblocks.cli import console
 from tsmblocks.errors import NotFinite, RunError
