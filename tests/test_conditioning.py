@@ -187,6 +187,31 @@ def test_uneven_samples_are_put_on_an_even_grid_first():
     assert rms(made["x_in"] - 0.8 * np.sin(2 * np.pi * 0.2 * made.t)) < 0.7 * NOISE
 
 
+@pytest.mark.parametrize("gap", [np.nan, np.inf])
+@pytest.mark.parametrize("which", ["x_in", "x_out"])
+def test_a_diagnosis_says_where_a_sample_is_missing(which, gap):
+    """Before anything is filtered, after which every sample would be missing."""
+    signals = {"x_in": SINE, "x_out": noisy(SINE)}
+    signals[which] = np.where(np.arange(len(T)) == 7, gap, signals[which])
+    with pytest.raises(DataError) as caught:
+        tsm.diagnose(tsm.load("tendon_sheath_linear"), record(signals["x_in"], x_out=signals["x_out"]))
+    assert str(caught.value) == f"experiment 'rig': sample 7 of {which} is not finite (t = 0.07 s, value = {gap})."
+
+
+@pytest.mark.parametrize(("what", "call"), [
+    ("filtering", lambda r: r.filtered(["x_in"])),
+    ("differentiating", lambda r: r.differentiated("x_in")),
+    ("resampling", lambda r: r.resampled(0.02)),
+])  # fmt: skip
+def test_what_would_spread_a_missing_sample_says_where_it_is(what, call):
+    gap = record(np.where(np.arange(len(T)) == 7, np.nan, SINE), x_out=SINE)
+    with pytest.raises(DataError) as caught:
+        call(gap)
+    assert str(caught.value) == (
+        f"rig: sample 7 of x_in is not finite (t = 0.07 s, value = nan), and {what} needs every sample."
+    )
+
+
 def test_a_gap_of_nan_is_refused_by_who_reads():
     with pytest.raises(DataError) as caught:
         tsm.fit(tsm.load("tendon_sheath_linear"), record(np.where(np.arange(len(T)) == 7, np.nan, SINE), x_out=SINE))

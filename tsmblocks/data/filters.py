@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks import units
-from tsmblocks.data.grid import refuse_uneven
+from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
 from tsmblocks.errors import DataError
 from tsmblocks.units import heading
 
@@ -84,6 +84,7 @@ def filtered(
     """Return the record with signals filtered; see Record.filtered."""
     _check(record, cutoff, order, "filtering")
     wanted = list(record) if names is None else [names] if isinstance(names, str) else list(names)
+    refuse_not_finite(record, wanted, "filtering")
     signals, notes = dict(record.signals), []
     for name in wanted:
         chosen = cutoff or choose_cutoff(record[name], record.step, order)
@@ -111,6 +112,7 @@ def differentiated(
     new = new or f"{name}_{'d' * order}ot"
     if new in record:
         raise DataError(f"{record.called}: there is already a signal '{new}'; give the derivative another name.")
+    refuse_not_finite(record, [name], "differentiating")
     x, own = record[name], record.unit(name)
     chosen = cutoff or choose_cutoff(x, record.step, 4, order)
     smooth = x if chosen is None else low_pass(x, record.step, chosen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import attrs
@@ -45,6 +45,16 @@ def refuse_uneven(record: Record, what: str) -> None:
                         f"{100 * record.jitter:.0f} % off {record.step:.4g} s. Call resampled() first.")  # fmt: skip
 
 
+def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
+    """Raise DataError for a sample of these signals that is no finite number; ``what`` (filtering) would spread it."""
+    for name in names:
+        bad = np.flatnonzero(~np.isfinite(record[name]))
+        if len(bad):
+            k = int(bad[0])
+            raise DataError(f"{record.called}: sample {k} of {name} is not finite (t = {record.t[k]:g} s, value = "
+                            f"{record[name][k]:g}), and {what} needs every sample.")  # fmt: skip
+
+
 def resampled(record: Record, step: float | None = None) -> Record:
     """Return the record on an even grid; see Record.resampled."""
     own = record.step
@@ -53,6 +63,7 @@ def resampled(record: Record, step: float | None = None) -> Record:
     if not 0 < step <= (t[-1] - t[0]) / 3:
         raise DataError(f"{record.called}: the new step must be above 0 s and at most a third of the record "
                         f"({t[-1] - t[0]:g} s), got {step:g} s.")  # fmt: skip
+    refuse_not_finite(record, record, "resampling")
     count = int((t[-1] - t[0]) / step * (1 + 1e-12) + 1e-6) + 1
     if count > MOST_SAMPLES:
         raise DataError(f"{record.called}: a step of {step:g} s makes {count} samples; is it in seconds?")

@@ -37,7 +37,7 @@ from tsmblocks.fitting.given import asked_floors
 from tsmblocks.fitting.interrupt import Asked as Stop
 from tsmblocks.fitting.interrupt import kept
 from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
-from tsmblocks.fitting.trials import Window, compared, span
+from tsmblocks.fitting.trials import Window, compared, signal_of, span
 from tsmblocks.fitting.unknowns import chosen
 from tsmblocks.tables import listed
 
@@ -185,6 +185,9 @@ def _measured(
     if not found:
         raise DataError(f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
                         "itself: there is nothing in between to diagnose.")  # fmt: skip
+    for name, record in records.items():  # before anything is filtered, which would spread it
+        for k in (*(k for k in diagram.inports if k in record), *found):
+            signal_of(name, record, k, diagram.unit(k))
     return found
 
 
