@@ -482,3 +482,15 @@ def test_recordings_and_what_holds_them_are_pickled_and_copied():
         assert (again.name, again.notes, dict(again.units)) == (one.name, one.notes, dict(one.units))
         np.testing.assert_array_equal(again["x"], one["x"])
         assert not again["x"].flags.writeable
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".mat"])
+def test_a_folder_that_is_not_there_is_named(tmp_path, ending):
+    gone = tmp_path / "results"
+    record = Record("rig", 0.1 * np.arange(5), {"x": np.arange(5.0)}, {"x": "rad"})
+    with pytest.raises(DataError) as caught:
+        record.save(gone / f"x{ending}")
+    assert str(caught.value) == f"there is no folder '{gone}' to write x{ending} into."
+    with pytest.raises(DataError) as caught:
+        tsm.read(gone / f"x{ending}")
+    assert str(caught.value) == f"there is no file {gone / f'x{ending}'}: there is no folder '{gone}'."

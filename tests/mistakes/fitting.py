@@ -491,8 +491,8 @@ class Root(Block):
     RunError,
     "the search ended where the slope of the outputs along root.k is no number, as that of a square root at zero. Start elsewhere, or bound it away.",
 )
-def a_start_at_an_infinite_slope():
-    fit(uy(), of(root=Root()), starts=1)
+def an_end_at_an_infinite_slope():
+    fit(uy(y=0 * U), of(root=Root()), starts=1)
 
 
 @block(register=False)

@@ -92,8 +92,9 @@ def read(
     if path.is_dir():
         raise DataError(f"{path} is a folder; give one file.")
     if not path.exists():
-        beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise DataError(f"there is no file {path}.{near(path.name, beside)}")
+        if not path.parent.is_dir():
+            raise DataError(f"there is no file {path}: there is no folder '{path.parent}'.")
+        raise DataError(f"there is no file {path}.{near(path.name, [p.name for p in path.parent.iterdir()])}")
     named, told = _told(str(path), map or {}, units or {})
     wish = Wish(named, told, only, also, rows, step, tail, gaps)
     reader = _READERS.get(path.suffix.lower())

@@ -25,13 +25,15 @@ def written(
 ) -> Path:
     """Write signals over the times ``t`` [s] to .csv, .npz or .mat; returns the path.
 
-    ``advice`` is what to do about a name that cannot be written. Raises DataError for another ending, for two signals
-    that would take one name there, and for names that would not be read again as they are.
+    ``advice`` is what to do about a name that cannot be written. Raises DataError for another ending, a folder that is
+    not there, two signals that would take one name there, and names that would not be read again as they are.
     """
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in ENDINGS:
         raise DataError(f"'{path}' ends in '{path.suffix}'; results are written to .csv, .npz or .mat.")
+    if not path.parent.is_dir():
+        raise DataError(f"there is no folder '{path.parent}' to write {path.name} into.")
     columns = {"t [s]" if kind == ".csv" else "t": t}
     for name, values in signals.items():
         title, why = _title(name, units.get(name, ""), kind)

@@ -84,7 +84,8 @@ def _sizes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
     """How large each unknown is; of one that is and was zero, what moves the outputs as far as they go, if that is."""
     feel, whole = np.sqrt(np.diag(state.matrix)), problem.size * np.sqrt(problem.samples) or 1.0
     size = np.maximum(np.abs(state.theta), np.abs(start))
-    return np.where(size > 0, size, np.where(feel > 1e-150, whole / np.maximum(feel, 1e-150), 1.0))
+    sensible = np.isfinite(feel) & (feel > 1e-150)
+    return np.where(size > 0, size, np.where(sensible, whole / np.where(sensible, feel, 1.0), 1.0))
 
 
 def by_differences(
