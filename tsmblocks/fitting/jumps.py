@@ -90,7 +90,7 @@ def over_jumps(
     which = _jumping(problem, best)
     if best.status in ("interrupted", "limit") or not which:
         return list(ends)
-    walk = _Walk(problem, best.theta, best.cost, best.evaluations, tell, best.status)
+    walk = _Walk(problem, best.theta, best.cost, best.evaluations, tell, best.status, best.reach)
     try:
         _walked(walk, which, iterations)
         _told_apart(walk, which, best)
