@@ -21,6 +21,7 @@ from tsmblocks.blocks import (
     FirstOrderLag,
     Gain,
     Integrator,
+    Overflow,
     Quantiser,
     Saturation,
     Sign,
@@ -210,6 +211,18 @@ def test_a_limiter_in_the_plant_is_passed_over():
     found = tsm.optimal_control(plant, {"u": (-5.0, 5.0)}, "r - y", smallest="rms", step=0.05,
                                 references={"r": (t, 0.5 * (1 - np.exp(-t / 0.2)))}, guess={"u": np.full(41, 1.5)})  # fmt: skip
     assert found.rms < 0.03
+
+
+def test_a_rim_that_is_never_reached_leaves_nothing_to_round_off():
+    """A difference from infinity bends nowhere; rounded off, it would be no number."""
+    t = np.linspace(0.0, 1.0, 51)
+    vessel = tsm.Diagram(title="vessel", blocks={"rim": Overflow(), "level": FirstOrderLag(time_constant=0.2)},
+                         wires=["rim.y -> level", "level -> rim.x"], inputs={"u": "rim.u"}, outputs={"y": "level"})  # fmt: skip
+    wanted = 0.5 * (1 - np.exp(-t / 0.2))  # the answer of the lag to a step of 0.5
+    found = tsm.optimal_control(vessel, {"u": (-5.0, 5.0)}, "r - y", smallest="rms", step=0.02,
+                                references={"r": (t, wanted)}, guess={"u": np.full(51, 0.5)})  # fmt: skip
+    assert found.rms < 1e-4
+    assert np.abs(found.commands["u"][:40] - 0.5).max() < 0.01
 
 
 # ---- sample by sample

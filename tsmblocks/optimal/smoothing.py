@@ -31,7 +31,8 @@ def smooth(function: ca.Function) -> Smooth:
     """Round off absolute values, signs, limits and comparisons of a CasADi function of scalar operations."""
     given = [ca.SX.sym(function.name_in(k), *function.size_in(k)) for k in range(function.n_in())]
     program, kinks = Program(function), list[Any]()
-    bent = {k for k, (name, args) in enumerate(program.nodes) if name in _ROUNDED and not _endless(program, args)}
+    endless = _endless(program)
+    bent = {k for k, (name, args) in enumerate(program.nodes) if name in _ROUNDED and endless.isdisjoint(args)}
     size = ca.SX.sym("size", len(bent))
     plain, rounded = list[Any](), list[Any]()
     for k, (name, args) in enumerate(program.nodes):
@@ -62,9 +63,13 @@ def smooth(function: ca.Function) -> Smooth:
     )
 
 
-def _endless(program: Program, args: tuple[int, ...]) -> bool:
-    """Whether one side of a limit or comparison is infinite, so that nothing ever bends."""
-    return any(name == "CONST" and math.isinf(value[0]) for name, value in (program.nodes[k] for k in args))
+def _endless(program: Program) -> set[int]:
+    """Values that are infinite whatever the signals are; a limit or comparison with one never bends."""
+    found = set[int]()
+    for k, (name, args) in enumerate(program.nodes):
+        known = math.isinf(args[0]) if name == "CONST" else name in _ENDLESS and len(found.intersection(args)) == 1
+        found |= {k} if known else set()
+    return found
 
 
 def _operation(name: str, args: list[Any]) -> Any:
@@ -97,6 +102,9 @@ _ROUNDED: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
     "LE": (lambda a, b: a - b, lambda a, b, size: _from(b - a, size)),
 }
 """Operations with a kink or a jump: in whose zero it lies, and the rounded form."""
+
+_ENDLESS = ("ADD", "SUB", "NEG")
+"""Operations of which one infinite value makes another: a level over a rim that is never reached."""
 
 _WEIGHED: dict[str, Callable[..., Any]] = {
     "IF_ELSE_ZERO": lambda share, value: share * value,
