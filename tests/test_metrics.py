@@ -197,8 +197,14 @@ def test_what_is_no_list_of_metrics():
         with pytest.raises(ParameterError) as found:
             metrics(given_, UNITS)
         assert str(found.value) == said
-    with pytest.raises(ParameterError, match="say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'"):
-        metrics(None, {"y": ""})
+
+
+def test_where_no_metric_is_usual_the_example_can_be_typed():
+    with pytest.raises(ParameterError) as found:
+        metrics(None, {"turn": "rad", "gain.y": "rad"})
+    said = "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for example 'rms(turn)'."
+    assert str(found.value) == said
+    assert metrics("rms(turn)", {"turn": "rad"})
 
 
 def test_a_unit_that_does_not_fit():

@@ -135,7 +135,8 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
     if given is None:
         given = {name: text for name, text in USUAL.items() if _reads(text, signals)}
         if not given:
-            raise ParameterError(f"say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. {EXAMPLE}")
+            raise ParameterError("say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
+                                 f"example 'rms({next(iter(signals), 'y')})'.")  # fmt: skip
     if isinstance(given, str):
         given = [given]
     if isinstance(given, Mapping) and given:
