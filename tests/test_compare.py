@@ -9,7 +9,7 @@ import tsmblocks as tsm
 from tests.test_fit_methods import LINEAR, noisy, own_play
 from tests.test_fit_problem import record
 from tsmblocks.block import Block, Input, Output, block, parameter
-from tsmblocks.blocks import Gain
+from tsmblocks.blocks import Gain, Integrator, Square
 from tsmblocks.cli import console
 from tsmblocks.fitting.compare import ready_made
 from tsmblocks.fitting.telling import ranking_rows
@@ -135,6 +135,29 @@ def test_a_model_that_cannot_be_fitted_comes_last_with_its_reason():
         "it has another name there, map it when reading: map={'angle': 'COLUMN'}, or --map 'angle=COLUMN'."
     )
     assert "needs its input 'angle'" in " ".join(str(found).split())
+
+
+def test_a_model_that_escapes_where_it_is_held_out_was_fitted_and_comes_last():
+    """1 / (4 - t) fits the first half without fault, and ends at 4 s."""
+    blocks = dict(square=Square(), grows=Integrator(integral=0.25))
+    escapes = tsm.Diagram(title="escapes", blocks=blocks, wires=["grows -> square -> grows"],
+                          outputs={"x_out": "grows"})  # fmt: skip
+    y = np.where(T < 3.0, 1 / (4.0 - np.minimum(T, 3.0)), np.cos(T - 3.0))
+    data = record("rig", T, RAD, x_in=T, x_out=noisy(y, 0.003, 0))
+    found = tsm.compare({"escapes": escapes, "line": LINEAR}, data, **QUICK)
+    assert [row.name for row in found] == ["line", "escapes"]
+    row = found["escapes"]
+    assert (row.held_out, row.figure) == (None, np.inf)
+    assert row.train.rms == row.fit.differences.rms == pytest.approx(0.003, rel=0.2)
+    said = "with the numbers that were fitted, experiment 'rig' cannot be simulated: "
+    assert row.fault.startswith(said)
+    assert "left the finite numbers" in row.fault
+    told = " ".join(str(found).split())
+    assert "could not be fitted" not in told
+    assert "could not be fitted" not in found._repr_html_()
+    assert f"- escapes: {said}" in told
+    assert ranking_rows(found)[2][:4] == ("escapes", "1", "-", f"{row.train.rms:.4g}")
+    assert found.to_dict()["models"][1]["train"]["rms"] == row.train.rms
 
 
 def test_without_models_those_for_tendon_sheaths_are_compared():

@@ -12,7 +12,7 @@ import numpy as np
 from tsmblocks import units
 from tsmblocks.data import Record
 from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DataError, RunError, TsmError, in_words, near
+from tsmblocks.errors import DataError, NotFinite, RunError, TsmError, in_words, near
 from tsmblocks.fitting import asking
 from tsmblocks.fitting.differences import Differences, score
 from tsmblocks.fitting.estimate import fit
@@ -35,7 +35,8 @@ Models = Mapping[str, Any] | Iterable[Any] | None
 class Row:
     """One model: its fit, what it leaves of the parts it was fitted to, and of those held out.
 
-    ``fault`` says why a model could not be fitted; the rest is then empty.
+    ``fault`` says why a model could not be fitted, and the rest is then empty; or, where there is a ``fit``, why it
+    could not be judged by the parts held out.
     """
 
     name: str
@@ -53,7 +54,7 @@ class Row:
     def figure(self) -> float:
         """What models are ranked by: the rms held out, or that of the fit where nothing was; infinite on a fault."""
         best = self.held_out or self.train
-        return np.inf if best is None else best.rms
+        return np.inf if best is None or self.fault else best.rms
 
     def __repr__(self) -> str:
         if self.train is None:
@@ -176,8 +177,7 @@ def compare(
             found = fit(diagram, {k: records[k] for k in fitted}, window=fitted, free=given.get(name),
                         start_states=start_states, method=method, starts=starts, seed=seed, progress=tell,
                         **common)  # type: ignore[arg-type]  # fmt: skip
-            left = _held_out(found, records, tested, common) if tested else None
-            rows.append(Row(name, found, found.differences, left))
+            rows.append(_judged(name, found, records, tested, common))
             notes += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
             interrupted = found.status == "interrupted"
         except TsmError as error:
@@ -186,7 +186,7 @@ def compare(
             rows.append(Row(name, None, None, None, str(error)))
         if interrupted:
             break
-    if all(row.fault for row in rows):
+    if all(row.fit is None for row in rows):
         reasons = {row.fault: row.name for row in rows}
         said = [fault if len(reasons) == 1 else f"{name}: {fault}" for fault, name in reasons.items()]
         raise RunError(f"none of the models could be fitted. {' '.join(said)}")
@@ -214,6 +214,17 @@ def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[
         return noise_of(records, diagram, names.pop())
     except DataError:  # too few samples to tell
         return float("nan"), ""
+
+
+def _judged(
+    name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any
+) -> Row:  # fmt: skip
+    """A model that was fitted, with what it leaves of the parts it was not fitted to, or why that is not known."""
+    try:
+        left = _held_out(found, records, parts, common) if parts else None
+    except NotFinite as error:
+        return Row(name, found, found.differences, None, f"with the numbers that were fitted, {error}")
+    return Row(name, found, found.differences, left)
 
 
 def _held_out(found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Differences:

@@ -14,7 +14,7 @@ from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.tables import WIDTH, columns, in_parts, listed
 
 if TYPE_CHECKING:
-    from tsmblocks.fitting.compare import Comparison
+    from tsmblocks.fitting.compare import Comparison, Row
     from tsmblocks.fitting.result import Estimate, Fit
 
 CLOSE = 0.95
@@ -139,7 +139,7 @@ def ranking(comparison: Comparison) -> str:
     """The table of models from best to worst, what could not be fitted, and what to beware of."""
     rows = ranking_rows(comparison)
     faults = [_bullet(f"{row.name}: {row.fault}") for row in comparison if row.fit is None]
-    warnings = [_bullet(f"{row.name}: {text}") for row in comparison if row.fit is not None for text in doubts(row.fit)]
+    warnings = [_bullet(f"{row.name}: {text}") for row in comparison for text in row_doubts(row)]
     flush = (0, len(rows[0]) - 1) if rows[0][-1] == "" else (0,)
     parts = ["\n".join(map(_bullet, comparison.notes))] if comparison.notes else []
     parts += [columns(rows, left=flush)] if len(rows) > 1 else []
@@ -159,7 +159,8 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     rows[0] += ("",) * vague
     for row in comparison:
         if row.train is not None and row.fit is not None:
-            held, fitted = [] if whole else [f"{k * row.figure:.4g}"], f"{k * row.train.rms:.4g}"
+            figure = f"{k * row.figure:.4g}" if np.isfinite(row.figure) else "-"
+            held, fitted = [] if whole else [figure], f"{k * row.train.rms:.4g}"
             said = ("not determined" if open_numbers(row.fit) else "",) * vague
             rows.append((row.name, str(row.parameters), *held, fitted, *said))
     return rows
@@ -205,8 +206,13 @@ def by_file(found: Mapping[str, Comparison]) -> str:
     parts = [f"{what} [{unit}], every file fitted by itself; * is the best", text]
     best = ranked[0][0]
     said = [_bullet(f"{best}, {name}: {words}") for name, one in found.items() for row in one if row.name == best
-            for words in ([row.fault] if row.fit is None else doubts(row.fit))]  # fmt: skip
+            for words in ([row.fault] if row.fit is None else row_doubts(row))]  # fmt: skip
     return "\n\n".join([*parts, *(["\n".join(["beware:", *said])] if said else [])])
+
+
+def row_doubts(row: Row) -> list[str]:
+    """What to know of a model of a comparison that was fitted, briefly; nothing of one that was not."""
+    return [] if row.fit is None else [*([row.fault] if row.fault else []), *doubts(row.fit)]
 
 
 def doubts(fit: Fit) -> list[str]:

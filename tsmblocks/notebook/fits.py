@@ -9,7 +9,7 @@ from tsmblocks.data import heading
 from tsmblocks.fitting.compare import Comparison
 from tsmblocks.fitting.differences import Difference, Differences
 from tsmblocks.fitting.result import STATUS, Fit
-from tsmblocks.fitting.telling import cautions, doubts, estimate_rows, left_rows, ranking_rows
+from tsmblocks.fitting.telling import cautions, estimate_rows, left_rows, ranking_rows, row_doubts
 from tsmblocks.notebook.card import LEFT, POINTS, RIGHT, card, ends, listed, table_of
 from tsmblocks.report import charts
 from tsmblocks.report.charts import Frame
@@ -35,8 +35,8 @@ def differences_card(differences: Differences) -> str:
 
 def comparison_card(found: Comparison) -> str:
     """Models from best to worst, what could not be fitted, and what the best one leaves."""
-    faults = [f"{row.name}: {row.fault}" for row in found if row.fault]
-    warnings = [f"{row.name}: {text}" for row in found if row.fit is not None for text in doubts(row.fit)]
+    faults = [f"{row.name}: {row.fault}" for row in found if row.fit is None]
+    warnings = [f"{row.name}: {text}" for row in found for text in row_doubts(row)]
     best = found.best.held_out or found.best.train
     shown = _chart(_worst(best), f"{found.best.name}: ") if best is not None and len(best) else ""
     about = "interrupted; these are the models that were reached" if found.interrupted else ""
