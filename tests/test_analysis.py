@@ -354,7 +354,7 @@ REFUSED = {
     "no signal": (lambda: linearize(pi_loop(), outputs="g.z"), "diagram 'pi' has no signal 'g.z'. Did you mean 'g.y'?"),
     "no point": (lambda: linearize(pi_loop(), at={"r": 1}), "at is a point that trim has found, got {'r': 1}."),
     "samples": (lambda: trim(line(UnitDelay(period=0.1))), "b of 'line' acts at instants of its own (samples, or "
-                "memory from step to step, as a backlash has it), so there is no linear model in continuous time. Replace or "
+                "memory from step to step, as a backlash has it), so rates do not tell where it stands still. Replace or "
                 "remove it first: diagram.remove('b')."),
     "memory": (lambda: trim(line(RateLimit())), "b of 'line' acts at instants of its own"),
     "dead time": (lambda: linearize(line(DeadTime(time=0.2))), "'line' has dead times (0.2 s), which no state space "

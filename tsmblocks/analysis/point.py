@@ -135,9 +135,10 @@ def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: b
         names = [name for name in owners if not sampled or name not in eq.sampled]
         names = (list(eq.sampled) if not sampled else []) or names
         one = len(names) == 1
+        lack = "there is no linear model in continuous time" if sampled else "rates do not tell where it stands still"
         raise RunError(f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
                        f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
-                       "so there is no linear model in continuous time. Replace or remove "
+                       f"so {lack}. Replace or remove "
                        f"{'it' if one else 'them'} first: {_without(names[0])}.")  # fmt: skip
     p = parameter_vector(eq, diagram)
     wanted = tuple(feed.name for feed in eq.u if not feed.block and not feed.order)
