@@ -466,6 +466,7 @@ def test_values_between_two_jumps_are_as_good_as_each_other():
     truth = tsm.simulate(lag, stop=10.0, step=0.01)
     found = tsm.fit(lag, record(t=truth.t, units={"y": ""}, y=truth["y"]), free=["push.time"], start={"push.time": 3.0})
     assert found["push.time"].low < 1.0 < found["push.time"].high < 1.01
+    assert not found.undetermined
 
 
 @pytest.mark.parametrize("begin", [0.0105, 0.0125, 0.02])

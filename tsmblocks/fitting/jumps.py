@@ -203,7 +203,7 @@ def _edges(walk: _Walk, k: int) -> tuple[float, float, float]:
     for side, bound in ((-1, item.low), (1, item.high)):
         values = at + side * np.append(steps[steps < abs(bound - at)], min(abs(bound - at), 2 * steps[-1]))
         rise = walk.costs(k, values) - walk.cost
-        grown = np.flatnonzero(~(rise < 0.5 * variance))
+        grown = np.flatnonzero(rise > 0.5 * variance)
         if not len(grown) and math.isinf(bound):
             return at, math.inf, math.inf
         last = grown[0] if len(grown) else len(values) - 1
