@@ -668,3 +668,13 @@ def test_a_residual_that_is_all_but_periodic_leaves_an_interval():
     fit = tsm.fit(tsm.load("tendon_sheath_linear"), record, free=["offset.bias"], starts=1)
     assert fit["offset.bias"].verdict == ""
     assert fit["offset.bias"].low < fit["offset.bias"].value < fit["offset.bias"].high
+
+
+def test_very_many_combinations_are_told_without_trying_all_ways_to_write_them():
+    """Of 60 numbers 20 combinations matter: there are 4e15 ways to leave 19 of the numbers out."""
+    rng = np.random.default_rng(0)
+    J = rng.standard_normal((400, 20)) @ rng.standard_normal((20, 60))
+    r = rng.standard_normal(400)
+    known = uncertainty(J, r)
+    found = undetermined(J, r, [f"k{i}" for i in range(60)], np.ones(60), known)
+    assert len(found) == 40

@@ -143,8 +143,8 @@ def _sparse(basis: np.ndarray) -> list[np.ndarray]:
     if q == 0:
         return []
     basis = np.linalg.qr(basis)[0]
-    choices = list(combinations(range(p), q - 1))
-    found = [_leaving(basis, list(out)) for out in choices[:MOST_TRIED]] if len(choices) <= MOST_TRIED else []
+    few = math.comb(p, q - 1) <= MOST_TRIED
+    found = [_leaving(basis, list(out)) for out in combinations(range(p), q - 1)] if few else []
     found += [basis[:, k] for k in range(q)]
     found = [v / v[np.argmax(np.abs(v) * (1 - 1e-9 * np.arange(p)))] for v in found]
     found.sort(key=lambda v: (int((np.abs(v) >= SMALL).sum()), float(np.abs(v).sum())))
