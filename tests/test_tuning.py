@@ -10,17 +10,20 @@ import tsmblocks as tsm
 from tsmblocks.blocks import (
     PID,
     Constant,
+    DeadTime,
     DiscretePID,
     FirstOrderLag,
     Gain,
+    Integrator,
     MultiSine,
+    Play,
     Sine,
     Step,
     Sum,
     TransferFunction,
     UnitDelay,
 )
-from tsmblocks.errors import RunError
+from tsmblocks.errors import ParameterError, RunError
 from tsmblocks.metrics import metric
 from tsmblocks.studies import table
 from tsmblocks.tuning import tune
@@ -158,6 +161,32 @@ def test_margins_are_kept():
     assert found.after["loop"]["phase_margin('pid -> g')"] == pytest.approx(margin[1])
     assert found.after["loop"]["gain_margin('pid')"] == 1000.0  # a second-order plant with PI never crosses -180 deg
     assert free_of_it.worst[1] < found.worst[1] < found.worst[0]
+
+
+def late_loop(block):
+    """An integrator of gain 5 behind ``block``, with feedback."""
+    return tsm.Diagram(title="late", blocks={"ref": Step(), "e": Sum(signs="+-"), "k": Gain(gain=5.0), "b": block,
+                                             "x": Integrator()},
+                       wires=["ref -> e.plus", "e -> k -> b -> x -> e.minus"],
+                       outputs={"y": "x", "e": "e"})  # fmt: skip
+
+
+def test_margins_of_loops_with_dead_times_are_kept():
+    """The phase of k exp(-Ts)/s at its crossover k is -90 deg - k T."""
+    found = tune(late_loop(DeadTime(time=0.1)), {"k.gain": (1.0, 20.0)}, "rms(e)",
+                 subject_to="phase_margin('k -> b') >= 45", stop=5.0, step=5e-3)  # fmt: skip
+    assert found.met
+    gain = found.diagram.parameters["k.gain"]
+    assert next(iter(found.after.values()))["phase_margin('k -> b')"] == pytest.approx(
+        90 - np.rad2deg(gain * 0.1), abs=1e-2
+    )
+
+
+def test_a_margin_that_no_gains_can_have_is_refused_with_its_reason():
+    with pytest.raises(ParameterError) as caught:
+        tune(late_loop(Play(half_width=0.1)), {"k.gain": (1.0, 20.0)}, "rms(e)",
+             subject_to="phase_margin('k -> b') >= 45", stop=5.0, step=5e-3)  # fmt: skip
+    assert str(caught.value).startswith("phase_margin: b of 'late' acts at instants of its own")
 
 
 @pytest.mark.parametrize(("num", "den", "gain", "wanted"), [
