@@ -427,3 +427,21 @@ def test_messages_are_folded_on_a_terminal_only(capsys, monkeypatch):
     assert max(map(len, lines)) <= 60
     assert " ".join(line.strip() for line in lines) == f"note: {text}".strip()
     assert all(line.startswith("  ") for line in lines[1:])
+
+
+def test_an_input_that_was_held_between_samples_is_held(tmp_path, capsys):
+    """A delay is half a sample longer where the input is taken to run straight from one sample to the next."""
+    t = 0.02 * np.arange(400)
+    late = tsm.Diagram(blocks={"late": tsm.blocks.Delay(time=0.05), "lag": tsm.blocks.FirstOrderLag()},
+                       wires=["late -> lag"], inputs={"u": "late"}, outputs={"y": "lag"})  # fmt: skip
+    y = tsm.simulate(late, inputs={"u": (t, np.sin(3 * t))}, hold="zero", stop=t[-1], step=1e-3)["y"][::20]
+    tsm.Record("a", t, {"u": np.sin(3 * t), "y": y}, {"u": "", "y": ""}).save(tmp_path / "a.csv")
+    tsm.save(late.with_parameters({"late.time": 0.08}), tmp_path / "late.toml")
+    found = {}
+    for hold in ("zero", "linear"):
+        assert main(["fit", str(tmp_path / "late.toml"), "--data", str(tmp_path / "a.csv"), "--free", "late.time",
+                     "--step", "0.001", "--hold", hold, "--json"]) == 0  # fmt: skip
+        (one,) = json.loads(capsys.readouterr().out)["estimates"]
+        found[hold] = one["value"]
+    assert found["zero"] == pytest.approx(0.05, rel=1e-3)
+    assert found["linear"] == pytest.approx(0.06, abs=1.5e-3)

@@ -203,6 +203,14 @@ def suggest(action: argparse.Action, what: str | Sequence[str]) -> None:
     vars(action)["suggests"] = what if isinstance(what, str) else tuple(what)
 
 
+def hold_argument(options: argparse._ActionsContainer) -> None:
+    """Declare --hold."""
+    hold = options.add_argument(
+        "--hold", default="linear", metavar="HOLD", help="data between samples: zero, linear (default) or cubic"
+    )
+    suggest(hold, HOLDS)
+
+
 def json_argument(options: argparse._ActionsContainer) -> None:
     """Declare --json, which every command has that prints results."""
     options.add_argument("--json", action="store_true",

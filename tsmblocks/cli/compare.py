@@ -39,7 +39,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     measured = parser.add_argument_group("measured data")
     recordings.data_arguments(measured, several=True)
     recordings.condition_argument(measured)
-    add = parser.add_argument_group("what is fitted").add_argument
+    fitted = parser.add_argument_group("what is fitted")
+    add = fitted.add_argument
     add("--train", metavar="PART", type=common.part, default=0.5,
         help="share of each recording that is fitted, from its start (default 0.5; 1 holds nothing out), or its "
         "times START:STOP in s")  # fmt: skip
@@ -49,6 +50,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--starts", metavar="N", type=common.whole, default=8, help="starts of each fit (default 8)")
     add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
     add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    common.hold_argument(fitted)
     common.result_arguments(parser.add_argument_group("results"), "the best model, fitted (with --each one per file),")
 
 
@@ -95,7 +97,7 @@ def _compared(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) 
     with console.progress(console.searched("fitting"), quiet=args.json) as tell:
         for name, records in groups.items():
             made = compare(models, records, train=args.train, held_out=args.held_out, starts=args.starts,
-                           seed=args.seed, step=args.step, progress=tell)  # fmt: skip
+                           seed=args.seed, step=args.step, hold=args.hold, progress=tell)  # fmt: skip
             found[name] = attrs.evolve(made, notes=tuple(recordings.in_options(text, args) for text in made.notes))
             if found[name].interrupted:
                 break

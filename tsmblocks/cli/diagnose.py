@@ -52,7 +52,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
     parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
-    add = parser.add_argument_group("search").add_argument
+    search = parser.add_argument_group("search")
+    add = search.add_argument
     add("--noise-floor", metavar="VALUE", type=floor, nargs="+", action="extend", default=[],
         help="rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
         "recordings and of the diagram, and refused where they differ; default: looked for in the data)")  # fmt: skip
@@ -67,6 +68,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)")  # fmt: skip
     add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
     add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    common.hold_argument(search)
     group = parser.add_argument_group("results")
     results = group.add_argument
     results("--out", metavar="DIR", help="write report.html, diagnosis.json and augmented.toml into a folder")
@@ -88,7 +90,8 @@ def execute(args: argparse.Namespace) -> int:
             found = diagnose(
                 diagram, records, free=args.free, noise_floor=args.noise_floor,
                 effects=args.effects, outputs=args.outputs, window=args.window, condition=args.condition,
-                seed=args.seed, step=args.step, progress=tell,
+                seed=args.seed, step=args.step, hold=args.hold,
+                progress=tell,
             )  # fmt: skip
     except TsmError as error:
         for record in () if args.json else records.values():

@@ -80,6 +80,7 @@ def _search(options: argparse._ActionsContainer) -> None:
     add("--starts", metavar="N", type=common.whole, default=4, help="starts, random ones after the first (default 4)")
     add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
     add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    common.hold_argument(options)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -96,7 +97,8 @@ def execute(args: argparse.Namespace) -> int:
                 diagram, records, free=args.free, local=args.local, start_states=args.start_states,
                 bounds=dict(args.bounds), constraints=args.constraint, ties=dict(args.tie), priors=dict(args.prior),
                 outputs=args.outputs, window=args.window, method=args.method, segments=args.segments,
-                starts=args.starts, seed=args.seed, step=args.step, progress=tell,
+                starts=args.starts, seed=args.seed, step=args.step, hold=args.hold,
+                progress=tell,
             )  # fmt: skip
     except TsmError as error:
         raise common.as_typed(error, TYPED) from None
