@@ -12,6 +12,7 @@ from tsmblocks.diagnosis.result import Consequence
 from tsmblocks.diagnosis.showing import in_people_units
 from tsmblocks.diagram import Diagram, Inlet
 from tsmblocks.errors import TsmError
+from tsmblocks.fitting.trials import median_step
 from tsmblocks.measures import peak_to_peak, rms
 from tsmblocks.simulate import simulate
 
@@ -49,7 +50,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     record = trial.record
     wanted, plant = record.values(inputs[0], unit), _own(augmented)
     models = [None, _own(base), plant]
-    step = float(record.t[-1] - record.t[0]) / (len(record) - 1)  # one step alone is rounded, by a late clock too much
+    step = median_step(record.t)  # a single step is rounded, by a late clock too much
     for substeps in SUBSTEPS:
         if len(record) * substeps * FINER > MOST_STEPS:
             continue

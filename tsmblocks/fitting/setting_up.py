@@ -290,11 +290,11 @@ def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:
         def lags(theta: np.ndarray, e: int = e) -> np.ndarray:
             return np.asarray(eq.lag(unknowns.parameters(theta, e))).ravel()
 
+        now, shortest = lags(begin), np.array(eq.least) * trial.times.h
         for k in unknowns.columns(e):
             longer = begin.copy()
             longer[k] = 2 * begin[k]
-            now, then = lags(begin), lags(longer)
-            shortest = np.array(eq.least) * trial.times.h
+            then = lags(longer)
             follows = (now > 0) & (shortest > 0) & (np.abs(then - 2 * now) <= 1e-12 * np.abs(now))
             low = float(np.max(shortest[follows] * begin[k] / now[follows], initial=-math.inf))
             if items[k].low < low <= min(begin[k], items[k].high):

@@ -12,7 +12,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.analysis import loop_gain, opened
+from tsmblocks.analysis import loop_gain
 from tsmblocks.diagram import Diagram
 from tsmblocks.errors import ParameterError, TsmError, clip
 from tsmblocks.metrics import Metric, metric
@@ -175,7 +175,6 @@ def _wire(call: ast.Call, kind: str, diagram: Diagram) -> str:
     if not isinstance(where, str) or call.keywords:
         raise ParameterError(f"{kind} takes the wire at which the loop is opened: {kind}('controller -> drive').")
     try:
-        opened(diagram, where)
         loop_gain(diagram, where, pade=PADE)  # what no gains can mend is said before any search
     except TsmError as error:
         raise ParameterError(f"{kind}: {error}") from None
