@@ -18,8 +18,9 @@ from tsmblocks.diagnosis.exchanging import exchanged
 from tsmblocks.diagnosis.finishing import finished
 from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import parts
-from tsmblocks.diagnosis.model import Asked, Model, calibrated
-from tsmblocks.diagnosis.restarts import pieces, remembers
+from tsmblocks.diagnosis.memories import brought_back, settled_memories, within_reach
+from tsmblocks.diagnosis.model import FINE, Asked, Model, calibrated
+from tsmblocks.diagnosis.restarts import delays, pieces, remembers
 from tsmblocks.diagnosis.restarts import whole as whole_name
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
@@ -138,7 +139,7 @@ def _options(
 
 def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
     """How the last models were simulated, with the start values that were found."""
-    starts, steps, cut = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float]]()
+    starts, steps, cut = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float, float]]()
     for work in done:
         last = work.final
         for trial in last.setup.trials:
@@ -147,7 +148,7 @@ def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
             starts.setdefault(trial.name, {}).update(own)
             steps[trial.name] = trial.times.h
             if whole_name(trial.name) != trial.name:
-                cut[trial.name] = float(trial.record.t[0]), float(trial.record.t[-1])
+                cut[trial.name] = float(trial.record.t[0]), float(trial.t[0]), float(trial.record.t[-1])
     how = done[0].search.asked
     inputs = tuple(dict.fromkeys(k for work in done for k in work.part.diagram.inputs)) if condition else ()
     outputs = tuple(k for work in done for k in work.part.outputs)
@@ -229,8 +230,9 @@ def _work(
     search: Search | None = None
     try:
         if remembers(part.diagram, records, own):
-            records, raw = pieces(_cut(records, asked.window)), pieces(counts)
-            own = attrs.evolve(own, window=None)
+            late = delays(part.diagram)
+            records, windows = pieces(_cut(records, asked.window), late)
+            raw, own = pieces(counts, late)[0], attrs.evolve(own, window=windows)
             notes.append(f"{part.name}: the plant never forgets where it began, so it is started anew every second.")
         base = _calibrated(part, records, own, tell)
         found, words = lowered(found, base.left, counts, part.diagram)
@@ -248,14 +250,15 @@ def _work(
         count = counted(rounds, search)
         raise _Stopped(Work(part, search, found, rounds, count, rounds[count].base)) from None
     count = counted(rounds, search)
-    final, words = finished(rounds[count].base, asked.step is not None)
+    final, words = finished(within_reach(rounds[count].base), asked.step is not None)
     notes += [f"{part.name}: {text}" for text in words]
     return Work(part, search, found, rounds, count, final)
 
 
 def _calibrated(part: Part, records: Mapping[str, Record], asked: Asked, tell: Tell) -> Model:
     tell("calibrated", 0, 1)
-    return calibrated(part.diagram, records, asked, lambda *_: tell("calibrated", 0, 1))
+    found = calibrated(part.diagram, records, asked, lambda *_: tell("calibrated", 0, 1))
+    return brought_back(settled_memories(found, FINE))
 
 
 def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:

@@ -110,28 +110,13 @@ class Model:
 
 
 def calibrated(diagram: Diagram, records: Mapping[str, Record], asked: Asked, tell: Any = None) -> Model:
-    """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises.
-
-    A start value that the search threw beyond its reach, where it changes nothing, does not find back; so it is put
-    where it began, and the search goes on from there.
-    """
+    """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises."""
     problem, setup = posed(diagram, records, asked, asked.free)
     begin = feasible_start(problem, problem.unknowns.start)
     ends = [gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
             for one in begins(problem, setup, begin, asked.starts, asked.seed)]  # fmt: skip
     best = min(ends, key=lambda found: found.cost)
-    model = at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
-    idle = _idle(model, begin)
-    if not idle.any():
-        return model
-    anew = searched(problem, setup, np.where(idle, begin, model.theta), FINE)
-    return anew if anew.mean_square <= (1 + SAME) * model.mean_square else model
-
-
-def _idle(model: Model, begin: np.ndarray) -> np.ndarray:
-    """Which start values of memories, shape (n,), change next to nothing where the search left them."""
-    felt = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(begin))
-    return model.local & (model.theta != begin) & (felt <= np.sqrt(SAME) * np.linalg.norm(model.r))
+    return at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
 
 
 def posed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,9 +10,15 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import Asked, posed
 from tsmblocks.diagram import Diagram
+from tsmblocks.fitting.trials import Window
+from tsmblocks.simulate import equations, parameter_vector
 
 PIECE = 1.0
 """Length of a piece [s]: over longer ones the errors of an integrating plant grow and hide what they come from."""
+LEAD = 0.1
+"""Share of a piece that runs ahead of what is compared: what delays hold when it begins is not known, and has to go."""
+SURE = 2.0
+"""How many times the delays of the diagram a piece runs ahead at least: those of a fit may be found longer."""
 FEWEST = 100
 """Samples of a piece at least."""
 KEPT = 0.3
@@ -42,17 +49,31 @@ def remembers(diagram: Diagram, records: Mapping[str, Record], asked: Asked) -> 
     return min(kept) > KEPT
 
 
-def pieces(records: Mapping[str, Record]) -> dict[str, Record]:
-    """Every experiment in pieces of about ``PIECE`` seconds, named ``experiment#1`` and so on."""
+def delays(diagram: Diagram) -> float:
+    """All delays of a diagram together [s]: no signal is longer on its way."""
+    eq = equations(diagram)
+    return float(np.sum(np.asarray(eq.lag(parameter_vector(eq, diagram))))) if eq.q else 0.0
+
+
+def pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
+    """Every experiment in pieces named ``experiment#1`` and so on, and the window of each that is compared.
+
+    About ``PIECE`` seconds of each are compared. It begins ahead of them, where the piece before it is still compared,
+    by a share of its length or longer than signals are on their way (``late`` [s]), whichever is more.
+    """
     made: dict[str, Record] = {}
+    windows: dict[str, Window] = {}
     for name, record in records.items():
+        begin, end = float(record.t[0]), float(record.t[-1])
         length = max(PIECE, FEWEST * record.step)
-        count = max(1, round((record.t[-1] - record.t[0]) / length))
-        edges = np.linspace(record.t[0], record.t[-1], count + 1)
-        for k in range(count):
-            stop = edges[k + 1] - (record.step / 2 if k + 1 < count else 0.0)
-            made[f"{name}{SIGN}{k + 1}"] = record.part(float(edges[k]), float(stop))
-    return made
+        lead = min(max(LEAD * min(length, end - begin), SURE * late), (end - begin) / 2)
+        count = max(1, round((end - begin - lead) / length))
+        edges = np.linspace(begin + lead, end, count + 1).tolist()
+        for k, (first, last) in enumerate(itertools.pairwise(edges)):
+            stop = last - (record.step / 2 if k + 1 < count else 0.0)
+            one = f"{name}{SIGN}{k + 1}"
+            made[one], windows[one] = record.part(first - lead, stop), (first, None)
+    return made, windows
 
 
 def whole(name: str) -> str:

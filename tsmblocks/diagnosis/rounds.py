@@ -11,6 +11,7 @@ from tsmblocks.data import Record
 from tsmblocks.diagnosis.candidates import candidates, surroundings
 from tsmblocks.diagnosis.deciding import MATERIAL, Sizes, Tried, Verdict, decide, losses_of, mean, sizes_of, tried
 from tsmblocks.diagnosis.folds import Parts
+from tsmblocks.diagnosis.memories import settled_memories
 from tsmblocks.diagnosis.model import Asked, Model, polished, searched
 from tsmblocks.diagnosis.places import sites
 from tsmblocks.diagnosis.screening import Promise, absorbing, promise
@@ -110,7 +111,7 @@ def look(model: Model, known: Sizes, search: Search) -> Round:
 def fitted(one: Promise, part: Parts, known: Sizes) -> Tried:
     """The best end of searches from the starts of a promise."""
     ends = [searched(one.problem, one.setup, start) for start in one.starts]
-    return tried(one.candidate, min(ends, key=lambda m: m.mean_square), part, known)
+    return tried(one.candidate, settled_memories(min(ends, key=lambda m: m.mean_square)), part, known)
 
 
 def forward(model: Model, known: Sizes, search: Search, rounds: list[Round]) -> None:

@@ -128,7 +128,7 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     yield from _starts(how)
     if how.pieces:
         yield f"pieces = {literal(dict(how.pieces))}"
-        yield "for name, (begin, end) in pieces.items():"
+        yield "for name, (begin, first, end) in pieces.items():"
         ready, cut = "recordings[name.rpartition('#')[0]]", ".part(begin, end)"
     else:
         yield "for name, record in recordings.items():"
@@ -150,7 +150,9 @@ def _starts(how: Simulated) -> Iterator[str]:
 def _arguments(diagnosis: Diagnosis, how: Simulated) -> Iterator[str]:
     yield "parameters=start_states[name]"
     yield f"outputs={list(how.outputs)!r}"
-    if diagnosis.windows and not how.pieces:
+    if how.pieces:
+        yield "window=(first, None)"
+    elif diagnosis.windows:
         yield f"window={literal(dict(diagnosis.windows))}.get(name)"
     one = set(how.steps.values())
     yield f"step={one.pop()!r}" if len(one) == 1 else f"step={literal(dict(how.steps))}[name]"

@@ -81,7 +81,7 @@ def separations(
     rivals = [(one.model, information(one.model)) for one in others]
     for motion in motions(span, step, unit):
         record = _record(motion, step, named.model, records)
-        blank = pieces({"proposed": record}) if cut else {"proposed": record}
+        blank = pieces({"proposed": record})[0] if cut else {"proposed": record}
         told = _foretold(named.model, blank, asked)
         if told is not None:
             yield Separation(motion.words, min(separation(*one, told, asked) for one in rivals))

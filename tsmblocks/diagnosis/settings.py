@@ -16,7 +16,8 @@ class Simulated:
 
     ``start_states`` holds by experiment the start values found, in the diagram's units; ``steps`` [s] the steps.
     ``conditioned`` are the inputs whose noise was taken out (``Record.conditioned``), ``outputs`` what was compared.
-    ``pieces`` are first and last instant [s] of the pieces (``experiment#1``) that begin anew; empty where none do.
+    ``pieces`` are, of the pieces (``experiment#1``) that begin anew, the first instant [s], the first that is compared
+    and the last; empty where none do.
     """
 
     start_states: Mapping[str, Mapping[str, float]]
@@ -25,14 +26,14 @@ class Simulated:
     conditioned: tuple[str, ...] = ()
     integrator: str = "rk4"
     hold: str = "cubic"
-    pieces: Mapping[str, tuple[float, float]] = attrs.field(factory=dict)
+    pieces: Mapping[str, tuple[float, float, float]] = attrs.field(factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as plain values, numbers with all their digits."""
         return {
             "steps": dict(self.steps), "integrator": self.integrator, "hold": self.hold,
             "conditioned": list(self.conditioned), "outputs": list(self.outputs),
-            "pieces": {name: list(pair) for name, pair in self.pieces.items()},
+            "pieces": {name: list(one) for name, one in self.pieces.items()},
         }  # fmt: skip
 
 

@@ -94,9 +94,8 @@ def _doubt(segment: Segment) -> str:
 
 def _ahead(segment: Segment) -> str:
     """A word about an output that runs ahead of the input, in the first experiment where it does."""
-    said = (
-        runs_ahead((t.drive_name, t.output), t.t, t.drive, t.measured, t.before) for t in segment.traces if t.drive_name
-    )
+    traces = (trace for output in segment.outputs for trace in histories(segment, output))
+    said = (runs_ahead((t.drive_name, t.output), t.t, t.drive, t.measured, t.before) for t in traces if t.drive_name)
     words = next(filter(None, said), "")
     return f" But {words}" if words else ""
 

@@ -8,6 +8,10 @@ PLAIN = 0.25
 """Share of what a signal in proportion to the input leaves, from which its rate explains it plainly."""
 MOSTLY = 0.5
 """Share of an output that has to be in proportion to the input, and of the lead that a model has to show."""
+PARTS = 4
+"""Parts of a recording that have to show the same lead."""
+SAME = 2.0
+"""Ratio of two leads up to which they are the same."""
 
 
 def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarray, simulated: np.ndarray) -> str:
@@ -18,10 +22,17 @@ def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarr
     if len(t) < 4 or not np.ptp(x) > 0:
         return ""
     lead = _lead(t, x, y)
-    if lead <= 0 or _lead(t, x, simulated) > MOSTLY * lead:
+    if lead <= 0 or _lead(t, x, simulated) > MOSTLY * lead or not _throughout(lead, t, x, y):
         return ""
     return (f"{names[1]} runs {lead:.2g} s ahead of {names[0]}, which the model does not: were the two exchanged, or "
             "was one recorded late?")  # fmt: skip
+
+
+def _throughout(lead: float, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether every part in which the input moves shows the same lead: where it integrates, each has its own."""
+    cuts = np.array_split(np.arange(len(t)), PARTS)
+    shown = [_lead(t[k], x[k], y[k]) for k in cuts if len(k) >= 4 and np.std(x[k]) >= MOSTLY * np.std(x)]
+    return all(lead / SAME <= one <= SAME * lead for one in shown)
 
 
 def _lead(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:

@@ -1,0 +1,72 @@
+"""A ball-screw axis made by a plain loop: it integrates, its play is larger than what it misses, its sensor is late."""
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Play
+
+STEP, FINE, NOISE = 0.005, 10, 0.02
+SLOPE, LAG, PITCH, GAP, LATE = 18.15, 0.146, 0.8, 1.0, 0.012
+
+
+def measured(seed, late=LATE):
+    """Volts and position [mm]: Euler steps of ``STEP / FINE``, from which on the sensor sends what it saw."""
+    draw = np.random.default_rng(seed)
+    t, h = STEP * np.arange(2400), STEP / FINE
+    tones = zip((3.0, 2.0, 1.5), (0.21, 0.63, 1.4), draw.uniform(0, 6, 3), strict=True)
+    u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
+    speed = angle = nut = 0.0
+    seen = [0.0] * round(late / h)
+    for volts in np.repeat(u, FINE):
+        seen.append(nut)
+        speed, angle = speed + h * (SLOPE * volts - speed) / LAG, angle + h * speed
+        nut = min(max(nut, PITCH * angle - GAP), PITCH * angle + GAP)
+    x = np.array(seen[: len(u) * FINE : FINE]) + NOISE * draw.standard_normal(len(u))
+    return tsm.Record(f"run_{seed}", t, {"u": u, "x": x}, {"u": "V", "x": "mm"})
+
+
+RUNS = [measured(1), measured(2)]
+
+
+def diagnosed(more, free, runs=None, **how):
+    blocks = dict(motor=FirstOrderLag(gain=18.0, time_constant=0.15), turn=Integrator(), screw=Gain(gain=PITCH), **more)
+    axis = tsm.Diagram(title="axis", blocks=blocks, wires=[" -> ".join(blocks)],
+                       inputs={"u": tsm.Inlet("motor.u", unit="V")}, outputs={"x": list(blocks)[-1]})  # fmt: skip
+    return tsm.diagnose(axis, runs or RUNS, free=["motor.*", *free], noise_floor=NOISE, hold="zero", condition=False,
+                        **how)  # fmt: skip
+
+
+@pytest.mark.parametrize("late", [LATE, 0.3])
+def test_nothing_is_missing_in_the_true_model(late):
+    """What is on its way in the delay when a piece begins is no error, however long it is."""
+    found = diagnosed(dict(gear=Play(half_width=1.0), late=Delay(time=late)), ["gear.half_width", "late.time"],
+                      [measured(1, late), measured(2, late)],
+                      effects=["resonance", "coulomb_friction", "dead_time"])  # fmt: skip
+    assert (found.verdict, found.effects) == ("none", ())
+    assert found.segments[0].gaps[0].held_out[-1] == pytest.approx(NOISE, rel=0.02)
+    values = found.base.parameters
+    assert values["gear.half_width"] == pytest.approx(GAP, rel=0.003)
+    assert values["late.time"] == pytest.approx(late, abs=0.0007)
+
+
+def test_the_delay_that_is_missing_is_named():
+    found = diagnosed(dict(gear=Play(half_width=1.0)), ["gear.half_width"], RUNS[:1],
+                      effects=["dead_time", "resonance", "first_order_lag", "coulomb_friction"])  # fmt: skip
+    (effect,) = found.effects
+    assert effect.name == "dead_time"
+    assert effect.parameters["time"].value == pytest.approx(LATE, abs=0.0007)
+    assert "ahead of" not in found.sentence
+
+
+def test_play_and_delay_that_are_missing_are_named_with_their_sizes():
+    """Each piece begins on one side of the play or the other, which no step downhill changes."""
+    found = diagnosed({}, [], RUNS[1:], effects=["backlash", "dead_time", "resonance", "first_order_lag"])
+    first, second = found.effects
+    assert (first.name, second.name) == ("backlash", "dead_time")
+    assert first.parameters["half_width"].value == pytest.approx(GAP, rel=0.003)
+    assert second.parameters["time"].value == pytest.approx(LATE, abs=0.0007)
+    assert found.segments[0].gaps[0].held_out[-1] < 1.02 * NOISE
+    assert "ahead of" not in found.sentence
+    starts = [v for own in found.start_states.values() for k, v in own.items() if k == "backlash.m"]
+    assert np.max(np.abs(starts)) < 100  # mm: on the way that the screw went, not thrown anywhere
