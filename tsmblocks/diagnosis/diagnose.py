@@ -19,7 +19,7 @@ from tsmblocks.diagnosis.finishing import finished
 from tsmblocks.diagnosis.floor import carried
 from tsmblocks.diagnosis.folds import parts
 from tsmblocks.diagnosis.memories import brought_back, settled_memories, within_reach
-from tsmblocks.diagnosis.model import FINE, Asked, Model, calibrated
+from tsmblocks.diagnosis.model import Asked, Model, calibrated
 from tsmblocks.diagnosis.restarts import delays, pieces, remembers
 from tsmblocks.diagnosis.restarts import whole as whole_name
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
@@ -258,7 +258,7 @@ def _work(
 def _calibrated(part: Part, records: Mapping[str, Record], asked: Asked, tell: Tell) -> Model:
     tell("calibrated", 0, 1)
     found = calibrated(part.diagram, records, asked, lambda *_: tell("calibrated", 0, 1))
-    return brought_back(settled_memories(found, FINE))
+    return brought_back(settled_memories(found))
 
 
 def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:

@@ -20,14 +20,14 @@ ROUNDS = 3
 """How often all of it is done at most, as long as it leaves less."""
 
 
-def settled_memories(model: Model, enough: float = ROUGH) -> Model:
+def settled_memories(model: Model, rounds: int = ROUNDS) -> Model:
     """The model with such memories where they leave least, for each experiment by itself.
 
     A play may be engaged on either side when an experiment begins, or on its way from one to the other. Where the
     other states of the start make up for the wrong one, no step downhill leads across; so all of them are tried.
     """
-    for _ in range(ROUNDS):
-        better = _turned(model, enough)
+    for _ in range(rounds):
+        better = _turned(model)
         if better is None:
             break
         model = better
@@ -53,11 +53,11 @@ def within_reach(model: Model) -> Model:
     return attrs.evolve(model, theta=theta) if np.allclose(model.problem.residuals(theta), model.r, 0, SAME) else model
 
 
-def _turned(model: Model, enough: float) -> Model | None:
+def _turned(model: Model) -> Model | None:
     """The model after one round; None where that leaves no less."""
-    ends = [model]
+    ends, enough = [model], ROUGH * max(model.mean_square, 1.0)  # while much is left, much is near enough
     runs = (start for start in _starts(model) if np.isfinite(model.problem.cost(start)))
-    ends += [searched(model.problem, model.setup, start, enough) for start in runs]
+    ends += [searched(model.problem, model.setup, start, enough, coarse=False) for start in runs]
     if len(ends) > 1:
         costs = np.array([_by_experiment(end, end.r) for end in ends])
         mixed, unknowns = min(ends, key=lambda end: end.mean_square).theta.copy(), model.problem.unknowns
@@ -65,7 +65,7 @@ def _turned(model: Model, enough: float) -> Model | None:
             own = [k for k in unknowns.columns(e) if unknowns.items[k].experiment]
             mixed[own] = ends[best].theta[own]
         if np.isfinite(model.problem.cost(mixed)):
-            ends.append(searched(model.problem, model.setup, mixed, enough))
+            ends.append(searched(model.problem, model.setup, mixed, enough, coarse=False))
     found = min(ends, key=lambda end: end.mean_square)
     return found if found.mean_square < (1 - SAME) * model.mean_square else None
 

@@ -153,9 +153,12 @@ def posed_as(
     return posed(diagram, records, asked, [*free, *more], {**kept, **(bounds or {})}, local)
 
 
-def searched(problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH) -> Model:
-    """The model at the end of a search downhill from ``start``."""
-    return at(problem, setup, gauss_newton(problem, held(problem, start), iterations=STEPS, enough=enough))
+def searched(
+    problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH, coarse: bool = True
+) -> Model:  # fmt: skip
+    """The model at the end of a search downhill from ``start``, where nothing else is left by coarse differences."""
+    begin = held(problem, start)
+    return at(problem, setup, gauss_newton(problem, begin, iterations=STEPS, enough=enough, coarse=coarse))
 
 
 def polished(model: Model) -> Model:

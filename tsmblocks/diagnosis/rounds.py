@@ -31,6 +31,8 @@ SLIGHT = 0.15
 """Share of all that was removed below which an effect after the first is taken for a fault of the first one's form."""
 FURTHER = 0.2
 """Share of what is left that a further effect has to remove, where it removes more than the noise itself."""
+CLOSE = 2.0
+"""How many times the least that a candidate leaves another one may leave whose memories are looked at once more."""
 MOSTLY = 0.8
 """Share of the excess that several have to remove, none of which removes half by itself."""
 NEAR = 0.15
@@ -99,19 +101,22 @@ def look(model: Model, known: Sizes, search: Search) -> Round:
     best = promises[0].gain if promises else 0.0
     worth = max(WORTH * search.floor * model.problem.samples, NEAR * best)
     chosen = [p for k, p in enumerate(promises[:MORE]) if k < FITTED or p.gain > worth]
-    found = []
+    models = []
     for k, one in enumerate(chosen):
         search.tell("fitted", k, len(chosen))
-        found.append(fitted(one, search.parts, known))
+        models.append(fitted(one))
+    least = min((one.mean_square for one in models), default=0.0)
+    models = [settled_memories(one, 1) if one.mean_square <= CLOSE * least else one for one in models]
+    found = [tried(p.candidate, one, search.parts, known) for p, one in zip(chosen, models, strict=True)]
     losses, across = losses_of(model, search.parts, known)
     verdict = decide(losses, found, search.parts, search.floor, search.asked.seed)
     return Round(model, losses, across, tuple(promises), verdict)
 
 
-def fitted(one: Promise, part: Parts, known: Sizes) -> Tried:
+def fitted(one: Promise) -> Model:
     """The best end of searches from the starts of a promise."""
     ends = [searched(one.problem, one.setup, start) for start in one.starts]
-    return tried(one.candidate, settled_memories(min(ends, key=lambda m: m.mean_square)), part, known)
+    return min(ends, key=lambda m: m.mean_square)
 
 
 def forward(model: Model, known: Sizes, search: Search, rounds: list[Round]) -> None:
@@ -134,7 +139,7 @@ def forward(model: Model, known: Sizes, search: Search, rounds: list[Round]) -> 
 
 def onward(named: Tried, known: Sizes) -> tuple[Model, Sizes]:
     """The model that the next look begins with, and the effects in it."""
-    return polished(named.model), {**known, **sizes_of(named.candidate)}
+    return settled_memories(polished(named.model)), {**known, **sizes_of(named.candidate)}
 
 
 def _unlooked(model: Model, known: Sizes, search: Search) -> Round:

@@ -55,19 +55,21 @@ class _Step:
 
 
 def gauss_newton(
-    problem: Problem, start: np.ndarray, *, iterations: int = 100, tell: Tell | None = None, enough: float = ENOUGH
+    problem: Problem, start: np.ndarray, *, iterations: int = 100, tell: Tell | None = None, enough: float = ENOUGH,
+    coarse: bool = True,
 ) -> Found:  # fmt: skip
     """Search downhill from ``start``, which must be in the bounds and simulate to finite numbers.
 
     Ends when a step promises less than ``enough`` of one sample's variance, by default far below any
-    standard error. After Ctrl-C the best so far is returned. Source: Nocedal and Wright, Numerical
-    Optimization (2006), 10.3 and 18; damping as Nielsen, IMM-REP-1999-05.
+    standard error. Where derivatives lead nowhere, ``coarse`` goes on with differences. After Ctrl-C the
+    best so far is returned. Source: Nocedal and Wright, Numerical Optimization (2006), 10.3 and 18; damping
+    as Nielsen, IMM-REP-1999-05.
     """
     state = _State(start, *problem.normal(start), enough=enough)
     history, status = [state.cost], "limit"
     try:
         status = _search(problem, state, history, iterations, tell)
-        for share in COARSE if status == "stalled" else ():
+        for share in COARSE if coarse and status == "stalled" else ():
             reach = share * _sizes(problem, state, start)
             rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
             rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
