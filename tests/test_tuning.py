@@ -17,6 +17,7 @@ from tsmblocks.blocks import (
     Integrator,
     MultiSine,
     Play,
+    Saturation,
     Sine,
     Step,
     Sum,
@@ -463,3 +464,26 @@ def test_what_cannot_be_tuned(name):
     with pytest.raises(tsm.TsmError) as found:
         tune(**{**usual, **asked})
     assert str(found.value).startswith(said), str(found.value)
+
+
+def position(kp, ki, kd):
+    """A motor behind a limit that the derivative drives it into: the largest volts then change no more."""
+    blocks = dict(e=Sum(signs="+-"), pid=PID(kp=kp, ki=ki, kd=kd), limit=Saturation(low=-10.0, high=10.0),
+                  motor=FirstOrderLag(gain=18.15, time_constant=0.146), x=Integrator(gain=0.8))  # fmt: skip
+    return tsm.Diagram(title="position", blocks=blocks, wires=["e -> pid -> limit -> motor -> x -> e.minus"],
+                       inputs={"r": "e.plus"}, outputs={"x": "x", "u": "limit", "e": "e"})  # fmt: skip
+
+
+@pytest.mark.parametrize("kp", [0.5, 2.0])
+def test_limits_that_hold_only_where_gains_are_next_to_off_are_met(kp):
+    free = {"pid.kp": (0.01, 5.0), "pid.ki": (0.0, 5.0), "pid.kd": (0.0, 0.5)}
+    how = dict(inputs={"r": 20.0}, stop=3.0, step=2e-3)
+    goal, limits = "rms(e, after=0.1)", {"over": "overshoot(x, 20)", "volts": "largest(abs(u))"}
+    found = tune(position(kp, 0.1, 0.02), free, goal, subject_to=[f"{limits['over']} <= 0.02", f"{limits['volts']} <= 9.9"],
+                 **how)  # fmt: skip
+    assert found.met
+    by = {"pid.kp": np.linspace(0.1, 0.5, 21), "pid.ki": [0.0, 0.01], "pid.kd": [0.0, 0.001, 0.002, 0.003, 0.004]}
+    by_hand = tsm.study(position(kp, 0.1, 0.02), tsm.studies.grid(by), {"goal": goal, **limits}, **how)
+    meets = (by_hand["over"] <= 0.02) & (by_hand["volts"] <= 9.9)
+    assert 0 < meets.sum() < len(meets)
+    assert found.worst[1] < 1.001 * by_hand["goal"][meets].min()

@@ -18,7 +18,7 @@ from tsmblocks.metrics import Metric
 from tsmblocks.poles import LOOKED_AT, Beginning, no_more_of_steps
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
 from tsmblocks.studies.running import beginnings, checked, grouped
-from tsmblocks.tuning.limits import MET, Limit
+from tsmblocks.tuning.limits import INSIDE, MET, Limit
 from tsmblocks.tuning.slopes import Sloped, sloped
 
 SHARP = (0.05, 0.01, 0.002)
@@ -110,11 +110,19 @@ class Search:
     def promising(self, own: Mapping[str, float], count: int, seed: int) -> list[dict[str, float]]:
         """The best of some random sets, those that meet the limits first.
 
-        Raises what measuring the diagrams' ``own`` numbers raises, for no random set too.
+        Where none does, more are looked at that have some of the numbers at their lower bounds, such as gains that are
+        off: hardly any random set is near there. Raises what measuring the diagrams' ``own`` numbers raises, for no
+        random set too.
         """
         plan = latin_hypercube(self.bounds, max(TRIED, 4 * count), seed=seed)
         sets = [plan.row(k) for k in range(len(plan) if count else 0)]
         goal, over = (side[1:] for side in self._scores(self.measured([own, *sets])))
+        if sets and not np.any(over <= MET):
+            low = np.random.default_rng(seed).random((len(sets), len(self.bounds))) < 1 / 2
+            more = [{name: self.bounds[name].low if off else row[name] for name, off in zip(row, mask, strict=True)}
+                    for row, mask in zip(sets, low, strict=True)]  # fmt: skip
+            found = self._scores(self.measured(more))
+            sets, goal, over = [*sets, *more], np.append(goal, found[0]), np.append(over, found[1])
         order = np.lexsort((goal, np.maximum(over, MET)))
         return [sets[k] for k in order[:count] if np.isfinite(goal[k])]
 
@@ -158,13 +166,13 @@ class Search:
             options={"maxiter": LAST_STEPS, "ftol": 1e-8}, constraints=[{"type": "ineq", "fun": room, "jac": slope}],
         ).x[:-1]  # fmt: skip
         end = np.clip(found, 0.0, 1.0) if np.isfinite(found).all() else z
-        return min((z, end), key=lambda one: self._merit(*at(one)[:2]))
+        return end if self._leads_on(at(z), at(end)) else z
 
     def _stepped(self, z: np.ndarray, at: Callable[[np.ndarray], Rows]) -> np.ndarray:
         """Steps, each to where the linear model of everything is least within a region, as wide as it proves right."""
         from scipy.optimize import linprog
 
-        width, best = FIRST, self._merit(*at(z)[:2])
+        width = FIRST
         for _ in range(STEPS):
             goal, over, by, beyond = at(z)
             size, count = max(float(np.abs(goal).max()), 1e-9), len(z)
@@ -177,15 +185,21 @@ class Search:
             if found.x is None:
                 break
             ahead = np.clip(z + found.x[:count], 0.0, 1.0)
-            merit = self._merit(*at(ahead)[:2])
-            if merit < best - 1e-9 * abs(best):
+            if self._leads_on(at(z), at(ahead)):
                 width = min(2.0 * width, 0.5)
-                z, best = ahead, merit
+                z = ahead
             else:
                 width *= 0.3
             if width < NARROWEST:
                 break
         return z
+
+    def _leads_on(self, now: Rows, ahead: Rows) -> bool:
+        """Whether a point is better, and no further beyond the limits: a limit may be flat there, as where something
+        saturates, and then no price leads back.
+        """
+        best, over = self._merit(*now[:2]), [max(float(one[1].max(initial=0.0)), INSIDE) for one in (now, ahead)]
+        return self._merit(*ahead[:2]) < best - 1e-9 * abs(best) and over[1] <= over[0]
 
     def _merit(self, goal: np.ndarray, over: np.ndarray) -> float:
         """The worst case, and what limits are exceeded at a price; infinite where something is no number."""
