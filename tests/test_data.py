@@ -389,8 +389,43 @@ def test_dates_and_times_become_seconds(file):
     ):
         with pytest.raises(DataError, match=re.escape(said)):
             read(file(f"t,x\n2026-03-01T10:00:00,0\n2026-03-01T10:00:00.5,0\n{row}\n2026-03-01T10:00:09,0\n"))
-    with pytest.raises(DataError, match="time jumps back at row 4"):  # a time of day knows no midnight
-        read(file("t,x\n23:59:58,0\n23:59:59,0\n00:00:00,0\n00:00:01,0\n"))
+    with pytest.raises(DataError, match="time jumps back at row 4"):  # no night is that short
+        read(file("t,x\n20:59:58,0\n20:59:59,0\n00:00:00,0\n00:00:01,0\n"))
+
+
+def test_times_of_day_go_on_over_midnight(file):
+    rows = ["23:59:59,98", "23:59:59,99", "00:00:00,00", "", "00:00:00,02", "00:00:00,03"]
+    record = read(file("t;x\n" + "".join(f"{clock};{k}\n" for k, clock in enumerate(rows) if clock)))
+    assert record.t == pytest.approx([0.0, 0.01, 0.02, 0.04, 0.05], abs=1e-9)
+
+
+def test_dates_with_points_and_a_column_of_any_name(file):
+    rows = "".join(f"22.11.2026 14:03:0{k // 2},{5 * (k % 2)}00;{k},5;\n" for k in range(6))
+    record = read(file("Zeit;Weg [mm];Bemerkung\n" + rows))
+    assert record.t == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
+    assert (record.names, record["Weg"][-1]) == (("Weg",), 5.5)
+    assert record.notes == (
+        "Decimal commas were read as points.", "Zeit was read as seconds since 2026-11-22 14:03:00.",
+        "Column 3 (Bemerkung) holds no number and was left out.",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("cell", "said"), [
+    ("11/22/2026 02:03:07", "holds '11/22/2026 02:03:07', which is not a number (and 4 more such cells). Dates and "
+     "times are read as 2026-11-22 14:03:07.5, 22.11.2026 14:03:07.5 or 14:03:07.5."),
+    ("noon", "holds 'noon', which is not a number (and 4 more such cells). To leave that column out, name the "
+     "others: only=['t', 'x']."),
+])  # fmt: skip
+def test_text_in_a_column_is_told_with_what_would_be_read(file, cell, said):
+    with pytest.raises(DataError, match=re.escape(said)):
+        read(file("t,x,when\n" + "".join(f"{k},1,{cell}\n" for k in range(5))))
+
+
+def test_a_unit_that_is_not_the_files_is_taken_with_a_note(file):
+    text = file("t,Weg [mm],Winkel [°]\n" + "".join(f"{k},{k},{k}\n" for k in range(5)))
+    record = read(text, map={"x [cm]": "Weg", "phi [deg]": "Winkel"})
+    assert (record.unit("x"), record.unit("phi")) == ("cm", "deg")
+    assert record.notes == ("x was read in cm, as asked; the file says mm.",)
 
 
 def test_rows_that_are_not_there_are_told(file):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +78,9 @@ def read(
     leaves the rest unread, faults included; those in ``also`` are kept where they are there. ``rows`` keeps the
     rows from the first to the last given, both counted from 1 as an editor does (None: from the start, to the
     end). ``step`` is the time in s from row to row, for files without a time column. ``group`` is the
-    structure or group of a MAT, HDF5 or NPZ file to read. Dates and times in a text file (ISO 8601, or times of day)
-    become seconds from the first on.
+    structure or group of a MAT, HDF5 or NPZ file to read. Dates and times in a text file (ISO 8601, ``22.11.2026
+    14:03:07``, or times of day, which may pass midnight) become seconds from the first on. A column without
+    unit and without any number is left out where none asked for it.
 
     ``tail="drop"`` leaves out what comes after a jump of the time backwards, ``gaps="keep"`` reads a file with long
     gaps in time all the same; both are refused otherwise. What was repaired stands in the record's ``notes``.
@@ -141,7 +143,7 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
     _check(origin, wish)
     split = [split_heading(text) for text in source.headings]
     found = _named(origin, split, wish.renamed, getattr(source, "folder", ""))
-    time = None if wish.step is not None else _time(origin, found)
+    time = None if wish.step is not None else _time(origin, found, getattr(source, "clocks", ()))
     bare = any(not unit and name.lower() not in TIMES for name, unit in split)
     found = _selected(origin, found, wish, time, bare, source.notes)
     labels = _labels(origin, found, split, wish.units)
@@ -160,11 +162,27 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
         values[:, 0] *= _time_factor(origin, labels[time])
         places = tuple(found[k] + 1 for k in order)
         table = Table(origin, tuple(order), tuple(labels[k] for k in order), values, at, places)
-    table = repaired(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps))
+    table = repaired(_filled(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps), wish))
     signals = {k: table.values[:, i] for i, k in enumerate(table.names) if i}
     told = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
-    notes = (*source.notes, *_twice(found, split), *_of_the_clock(source, wish, table))
-    return Record(name, table.values[:, 0], signals, told, origin, (*notes, *table.notes))
+    named = (*_twice(found, split), *_overruled(found, split, labels))
+    notes = (*source.notes, *named, *_of_the_clock(source, wish, table), *table.notes)
+    return Record(name, table.values[:, 0], signals, told, origin, notes)
+
+
+def _filled(table: Table, wish: Wish) -> Table:
+    """The table without columns of no unit that are empty throughout, none of which was asked for: no sensor's."""
+    named = {*wish.renamed, *([wish.only] if isinstance(wish.only, str) else wish.only or ()), *wish.units}
+    empty = [bool(k and not table.units[k] and name not in named and np.isnan(table.values[:, k]).all())
+             for k, name in enumerate(table.names)]  # fmt: skip
+    kept = np.flatnonzero(~np.array(empty))
+    if not any(empty) or len(kept) < 2:
+        return table
+    gone = [table.column(k) for k, one in enumerate(empty) if one]
+    note = f"{listed(gone)} {'hold no number and were' if len(gone) > 1 else 'holds no number and was'} left out."
+    return attrs.evolve(table, names=tuple(table.names[k] for k in kept), units=tuple(table.units[k] for k in kept),
+                        places=tuple(table.places[k] for k in kept), values=table.values[:, kept],
+                        notes=(*table.notes, f"{note[0].upper()}{note[1:]}"))  # fmt: skip
 
 
 def _twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterator[str]:
@@ -173,6 +191,17 @@ def _twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterat
         names = [name for name, own in found.items() if own == place]
         if len(names) > 1:
             yield f"{listed(names)} are the same column, '{split[place][0]}'."
+
+
+def _overruled(
+    found: Mapping[str, int], split: Sequence[tuple[str, str]], labels: Mapping[str, str]
+) -> Iterator[str]:  # fmt: skip
+    """Columns read in another unit than the file says, a sentence for each."""
+    for name, place in found.items():
+        own, told = split[place][1], labels[name]
+        with suppress(unit_labels.UnitError):  # one that is not known is told by what needs it
+            if own and told and not unit_labels.same(own, told):
+                yield f"{name} was read in {told}, as asked; the file says {own}."
 
 
 def _of_the_clock(source: Source, wish: Wish, table: Table) -> Iterator[str]:
@@ -255,13 +284,14 @@ def _column(origin: str, name: str, column: str, split: list[tuple[str, str]], f
     raise DataError(f"{origin}: '{name}' is mapped to column '{column}', which is not there.{hint}")
 
 
-def _time(origin: str, found: Mapping[str, int]) -> str:
-    """Return the name of the time column. Raises DataError when none is named like one."""
+def _time(origin: str, found: Mapping[str, int], clocks: Iterable[int]) -> str:
+    """Return the name of the time column; one of dates and times may have any. Raises DataError when there is none."""
     for wanted in TIMES:
         for name in found:
             if name.lower() == wanted:
                 return name
     ends = [name for name in found if name.rpartition("/")[2].lower() in TIMES]
+    ends = ends or [name for name, place in found.items() if place in clocks]
     if len(ends) == 1:
         return ends[0]
     known = ", ".join(found)

@@ -19,6 +19,11 @@ from tsmblocks.units import heading, split_heading
 COMMENTS = ("#", "%", "//")
 BLANK = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "+inf", "-inf"})
 """What stands in a cell that holds no number. An infinity is none either."""
+CLOCKS = "Dates and times are read as 2026-11-22 14:03:07.5, 22.11.2026 14:03:07.5 or 14:03:07.5."
+"""What is said beside a cell that may have been meant as a time."""
+DAY, NIGHT = 86400.0, 3600.0
+"""Length of a day [s], and the longest gap [s] in which midnight may have passed."""
+_DOTTED = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})[ T]+(?=\d)")
 _WORD = re.compile(r"\"[^\"]*\"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
 
 
@@ -71,8 +76,8 @@ def _number(cell: str) -> float | None:
 
 
 def _instant(cell: str) -> datetime | None:
-    """The date and time, or the time of day, in a cell as ISO 8601 writes them."""
-    text = cell.strip().strip('"').strip()
+    """The date and time, or the time of day, in a cell: as ISO 8601 writes them, or the day first, with points."""
+    text = _DOTTED.sub(lambda m: f"{m[3]}-{m[2]:>02}-{m[1]:>02} ", cell.strip().strip('"').strip())
     if ":" not in text:
         return None
     try:
@@ -93,6 +98,16 @@ def _seconds(cell: str, first: datetime) -> float | None:
     if (instant.tzinfo is None) != (first.tzinfo is None):
         return None
     return (instant - first).total_seconds()
+
+
+def _over_midnight(seconds: np.ndarray) -> np.ndarray:
+    """Times of day [s] that go on after midnight, which comes no more than ``NIGHT`` after the last one."""
+    known = np.flatnonzero(np.isfinite(seconds))
+    steps = np.diff(seconds[known])
+    passed = (steps < 0) & (steps + DAY <= NIGHT)
+    made = seconds.copy()
+    made[known[1:]] += DAY * np.cumsum(passed)
+    return made
 
 
 def _is_numeric(cells: Sequence[str]) -> bool:
@@ -156,7 +171,14 @@ class Text:
             spot = f"row {at[row]}, column {place + 1} ({self.headings[place]})"
             many = _more(len(wrong), "cell")
             what = "a number" if place not in self.clocks else "a date and time as in the first row"
-            raise DataError(f"{self.origin}: {spot} holds {in_words(cell)}, which is not {what}{many}.")
+            hint = f" {CLOCKS}" if ":" in cell and place not in self.clocks else ""
+            if len(chosen) > 1 and sum(place == other for _, other, _ in wrong) == len(lines):
+                others = [split_heading(text)[0] for k, text in enumerate(self.headings) if k in chosen and k != place]
+                hint = hint or f" To leave that column out, name the others: only={others}."
+            raise DataError(f"{self.origin}: {spot} holds {in_words(cell)}, which is not {what}{many}.{hint}")
+        for k, place in enumerate(chosen):
+            if place in self.clocks and self.clocks[place].date() == date.min:
+                values[:, k] = _over_midnight(values[:, k])
         return values
 
 
