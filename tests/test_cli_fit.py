@@ -373,6 +373,24 @@ def test_pairs_that_move_together_are_told_unless_a_combination_says_it():
         )
 
 
+def test_start_values_of_many_experiments_are_told_as_one():
+    """A play that a motion across it sets soon, whatever it began with."""
+    t = np.arange(0.0, 6.0, 0.02)
+    x, y, at = 0.8 * np.sin(1.3 * t), np.empty(300), -0.05
+    for k, u in enumerate(x):
+        y[k] = at = min(max(at, u - 0.05), u + 0.05)
+    draw = np.random.default_rng(1)
+    records = [tsm.Record(name, t, {"x_in": x, "x_out": 0.9 * y + 0.002 * draw.standard_normal(len(t))},
+                          {"x_in": "rad", "x_out": "rad"}) for name in "abcd"]  # fmt: skip
+    fit = tsm.fit(tsm.load("tendon_sheath_play"), records, start_states=True)
+    silent = [e.name for e in fit.estimates if e.name.startswith("play.m@") and "no influence" in e.verdict]
+    assert len(silent) > 2
+    told = [text for text in telling.cautions(fit) if "no influence" in text]
+    assert len(told) == 1
+    assert told[0].startswith(f"play.m in {len(silent)} experiments (")
+    assert told[0].endswith(") has no influence on the outputs there.")
+
+
 @pytest.mark.parametrize("backend", ["llvm", "casadi"])
 def test_a_random_set_that_runs_away_does_not_take_the_others_with_it(backend):
     record = tsm.Record("r", T, {"x_in": np.radians(X), "x_out": np.radians(sheath())}, {"x_in": "rad", "x_out": "rad"})

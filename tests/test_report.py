@@ -220,6 +220,10 @@ def test_notes_of_several_experiments_are_gathered():
         "all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen from its spectrum)."
     )
     same = ["a: kept 3 of 5.", "b: kept 3 of 5.", "other: kept 3 of 5."]
+    days = [f"{name}: Zeit was read as seconds since 2026-11-{day} 14:03:07." for name, day in (("a", 22), ("b", 23))]
+    assert telling.gathered(days, ("a", "b")) == [
+        "all experiments: Zeit was read as seconds since 2026-11-22 14:03:07 to 2026-11-23 14:03:07."
+    ]
     assert telling.gathered(same, ("a", "b", "c")) == ["a and b: kept 3 of 5.", "other: kept 3 of 5."]
 
 

@@ -39,7 +39,7 @@ FEW = 3
 SENSELESS = 10.0
 """Share of the excess above which there was no excess to speak of, so that the share says nothing."""
 HOLE = "\0"
-_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
+_NUMBER = re.compile(r"(?:\d{4}-\d\d-\d\d )?\d\d:\d\d:\d\d(?:\.\d+)?|(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
 STATUS = {"done": "done", "interrupted": "interrupted; this is what was found until then"}
 
 
@@ -363,8 +363,9 @@ def _of(names: Sequence[str], experiments: Sequence[str]) -> str:
 
 
 def _range(texts: Sequence[str]) -> str:
-    low, high = min(texts, key=float), max(texts, key=float)
-    return low if low == high else f"{low}–{high}"
+    clock = any(":" in text for text in texts)
+    low, high = (end(texts) if clock else end(texts, key=float) for end in (min, max))
+    return low if low == high else f"{low} to {high}" if clock else f"{low}–{high}"
 
 
 # ---- small things --------------------------------------------------------------------------------

@@ -93,16 +93,33 @@ def cautions(fit: Fit) -> list[str]:
         said.append(f"Only one of {len(fit.searches)} starts ended at this optimum: more starts may find a better one.")
     silent = [name for u in fit.undetermined if u.kind == NO_INFLUENCE for name in u.names]
     if silent:
-        said.append(f"{listed(silent, len(silent))} {'has' if len(silent) == 1 else 'have'} no influence on the "
-                    "outputs in these experiments.")  # fmt: skip
+        told = [*dict.fromkeys(_gathered([(name,) for name in silent]))]
+        where = "there" if all(name not in silent for name in told) else "in these experiments"
+        said.append(f"{listed(told, len(told))} {'has' if len(told) == 1 else 'have'} no influence on the outputs "
+                    f"{where}.")  # fmt: skip
     said += [u.words for u in fit.undetermined if u.kind != NO_INFLUENCE]
     said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
     together = [set(u.names) for u in fit.undetermined]
     pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= names for names in together)]
-    said += [f"{a} and {b} are hard to tell apart (correlation {c:+.3f})." for a, b, c in pairs[:MOST]]
-    if len(pairs) > MOST:
-        said.append(f"So are {len(pairs) - MOST} more pairs, above a correlation of {CLOSE:g}.")
+    strongest: dict[str, float] = {}
+    for words, (*_, c) in zip(_gathered([(a, b) for a, b, _ in pairs]), pairs, strict=True):
+        strongest.setdefault(words, c)
+    said += [f"{words} are hard to tell apart (correlation {c:+.3f})." for words, c in [*strongest.items()][:MOST]]
+    if len(strongest) > MOST:
+        said.append(f"So are {len(strongest) - MOST} more pairs, above a correlation of {CLOSE:g}.")
     return [*said, *fit.notes]
+
+
+def _gathered(groups: Sequence[tuple[str, ...]]) -> list[str]:
+    """Each group of names in words: start values of many experiments as one, which several groups then share."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    split = [[name.partition("@") for name in group] for group in groups]
+    own = [tuple(sorted(p for p, *_ in parts)) if len({e for *_, e in parts}) == 1 else () for parts in split]
+    for key, parts in zip(own, split, strict=True):
+        found.setdefault(key, []).append(parts[0][2])
+    return [f"{listed(key)} in {len(found[key])} experiments ({listed(found[key], 2)})"
+            if key and all(found[key]) and len(found[key]) > 2 else listed(group)
+            for key, group in zip(own, groups, strict=True)]  # fmt: skip
 
 
 def tangled(fit: Fit) -> list[tuple[str, str, float]]:
