@@ -11,6 +11,7 @@ import tsmblocks as tsm
 from tests.diagnoses import NAMED, NONE
 from tests.diagnoses import diagnosis as made_up
 from tsmblocks.blocks import Bias, Gain
+from tsmblocks.diagnosis import script
 from tsmblocks.diagnosis.difference import in_code
 from tsmblocks.diagnosis.places import Site, sites
 from tsmblocks.diagnosis.script import MOST, code, literal, source
@@ -115,7 +116,7 @@ def test_start_states_of_many_experiments_are_read_from_the_file(found, tmp_path
     assert scored == {"e3": pytest.approx(told(found)["full"], rel=1e-9)}
 
 
-def test_pieces_that_begin_anew_are_cut_by_the_lines():
+def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
     motor = tsm.load("motor_linear")
     (drive,), (angle,) = motor.inputs, motor.outputs
     t = np.arange(0.0, 4.0, 0.01)
@@ -130,6 +131,11 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines():
     assert names["diagram"] == found.augmented
     pieces = {trace.experiment: fitted_rms(trace)[1] for trace in found.segments[0].traces}
     assert scored == pytest.approx(pieces, rel=1e-9)
+    found.save(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(script, "MOST", 3)
+    assert "pieces = told['simulated']['pieces']" in code(found)
+    assert run(code(found), {"run": one})[1] == pytest.approx(pieces, rel=1e-9)
 
 
 def test_of_a_chain_only_the_diagram_is_made():

@@ -33,8 +33,8 @@ def code(diagnosis: Diagnosis) -> list[str]:
 
 
 def _imports(diagnosis: Diagnosis) -> Iterator[str]:
-    few = diagnosis.simulated is None or len(diagnosis.simulated.start_states) <= MOST
-    yield from [] if few else ["import json", "from pathlib import Path", ""]
+    many = diagnosis.simulated is not None and _many(diagnosis.simulated)
+    yield from [] if not many else ["import json", "from pathlib import Path", ""]
     yield "import tsmblocks as tsm"
     used = [diagnosis.augmented.blocks[e.block] for e in diagnosis.effects]
     kinds = {kind for one in used for kind in _kinds(one)}
@@ -127,7 +127,7 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     yield "# recordings: the records that were diagnosed, by experiment, as tsm.read gives them"
     yield from _starts(how)
     if how.pieces:
-        yield f"pieces = {literal(dict(how.pieces))}"
+        yield from ["pieces = told['simulated']['pieces']"] if _many(how) else ["pieces = {", *_items(how.pieces), "}"]
         yield "for name, (begin, first, end) in pieces.items():"
         ready, cut = "recordings[name.rpartition('#')[0]]", ".part(begin, end)"
     else:
@@ -139,12 +139,18 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _starts(how: Simulated) -> Iterator[str]:
-    if len(how.start_states) > MOST:
-        yield "start_states = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))['start_states']"
+    if _many(how):
+        yield "told = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))"
+        yield "start_states = told['start_states']"
         return
     yield "start_states = {"
     yield from _items(how.start_states)
     yield "}"
+
+
+def _many(how: Simulated) -> bool:
+    """Whether start states and pieces are too many to write out."""
+    return len(how.start_states) > MOST
 
 
 def _arguments(diagnosis: Diagnosis, how: Simulated) -> Iterator[str]:
