@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tsmblocks.block import REGISTRY, Block, plain, validate
 from tsmblocks.diagram import DEEPEST, Diagram
+from tsmblocks.elsewhere import called
 from tsmblocks.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
 from tsmblocks.file_reader import KEYS, REFUSED, SURPRISES, KeyPath, Page, Part, meant, spoken
 from tsmblocks.file_text import read, tables
@@ -58,7 +59,7 @@ def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
         return None
     cls = REGISTRY.get(kind)
     if cls is None:
-        hint = near(kind, REGISTRY, otherwise=OWN)
+        hint = called(kind, REGISTRY, OWN)
         page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}")
         return None
     values = {k: v for k, v in spec.items() if k != "type"}

@@ -205,6 +205,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    from tsmblocks.errors import near
+    from tsmblocks.elsewhere import called
 
-    raise AttributeError(f"tsmblocks.blocks has no '{name}'.{near(name, __all__)}")
+    raise AttributeError(f"tsmblocks.blocks has no '{name}'.{called(name, __all__)}")
