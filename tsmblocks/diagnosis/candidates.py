@@ -17,6 +17,8 @@ from tsmblocks.simulate import equations
 
 LINES = 6
 """Frequencies handed to effects that have one of their own."""
+ORDERS = {"zero": 0, "linear": 1}
+"""Highest derivative of an input by how it goes between samples; of a cubic, any that a block takes."""
 
 
 STILL = 1e-12
@@ -146,10 +148,10 @@ def candidates(
 ) -> list[Candidate]:
     """Every effect on every wire where it can stand and show.
 
-    An edit that makes no diagram (a loop without a delay) is none.
+    An edit that makes no diagram (a loop without a delay) is none, nor one that takes rates of inputs that are held.
     """
     found: list[Candidate] = []
-    base = model.fitted
+    base, orders = model.fitted, ORDERS.get(model.setup.trials[0].hold, math.inf)
     for effect in effects:
         for site in places:
             if (site.place, site.adds) != (effect.place, effect.adds):
@@ -159,7 +161,7 @@ def candidates(
                 continue
             effect.accepts(trials)
             made = _edited(base, effect, site, trials)
-            if made is not None:
+            if made is not None and all(f.order <= orders for f in equations(made).u if not f.block):
                 found.append(Candidate(effect, site, _name(base, effect.name), made, trials))
     return found
 

@@ -38,6 +38,7 @@ from tsmblocks.fitting.given import asked_floors
 from tsmblocks.fitting.interrupt import Asked as Stop
 from tsmblocks.fitting.interrupt import kept
 from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
+from tsmblocks.fitting.standing import standing
 from tsmblocks.fitting.trials import Window, compared, signal_of, span
 from tsmblocks.fitting.unknowns import chosen
 from tsmblocks.tables import listed
@@ -223,6 +224,7 @@ def _work(
     tell("conditioned", 0, 1)
     records = all_conditioned(raw, names) if condition else dict(raw)
     notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
+    notes += [f"{name}: {text}" for name, r in raw.items() for text in standing(r, names, asked.hold)]
     counts = _cut(raw, asked.window)
     found = _floors(counts, part, given)
     own = attrs.evolve(asked, sigma=found.sigma, outputs=part.outputs, free=_free(asked, part.diagram))

@@ -18,6 +18,7 @@ from tsmblocks.fitting.problem import Problem
 from tsmblocks.fitting.result import Estimate, Fit
 from tsmblocks.fitting.search import Found
 from tsmblocks.fitting.setting_up import Setup
+from tsmblocks.fitting.standing import standing
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
 from tsmblocks.fitting.stepping import halved, shift_note, shifts
 from tsmblocks.fitting.unknowns import is_start, numbers
@@ -168,6 +169,7 @@ def _remarks(setup: Setup, differences: Differences) -> list[str]:
         still = [k for k in setup.diagram.inports if np.ptp(trial.record[k]) == 0]
         said += [f"{trial.name}: the input {k} never changes, so it excites nothing." for k in still]
         said += [f"{trial.name}: {text}" for text in rough_inputs(trial.record, trial.eq)]
+        said += [f"{trial.name}: {text}" for text in standing(trial.record, setup.diagram.inports, trial.hold)]
         begins = trial.record.t[0]
         if not setup.diagram.inports and begins != 0:
             said.append(f"{trial.name}: nothing that was measured drives the diagram. Its sources run by the clock "
