@@ -404,3 +404,11 @@ def test_friction_at_rest_has_a_slope():
     """Dry friction smoothed over a speed is a damper at rest."""
     made = linearize(line(CoulombFriction(level=0.3, smoothing=0.02)))
     assert made.D[0, 0] == pytest.approx(0.3 / 0.02)
+
+
+def test_a_point_is_shown_with_units():
+    said = str(trim(tsm.load("motor_linear"))).splitlines()
+    assert said[1:] == [
+        "state        value  unit", "motor.angle      0  rad", "motor.speed      0  rad/s", "input",
+        "u                0  V",
+    ]  # fmt: skip

@@ -28,7 +28,7 @@ MOMENT = 1e-3
 
 @attrs.frozen(eq=False)
 class Point:
-    """A diagram at one instant: states, inputs and signals by name; ``rates`` are those of the states.
+    """A diagram at one instant: states, inputs and signals by name, with ``units``; ``rates`` are those of the states.
 
     ``states`` starts a run there: ``simulate(diagram, initial=point.states)``.
     """
@@ -39,6 +39,7 @@ class Point:
     inputs: Mapping[str, float]
     signals: Mapping[str, float] = attrs.field(repr=False)
     rates: Mapping[str, float] = attrs.field(repr=False)
+    units: Mapping[str, str] = attrs.field(factory=dict, repr=False)
 
     def __getitem__(self, name: str) -> float:
         """A state, input or signal by name. Raises RunError with the near miss."""
@@ -53,9 +54,11 @@ class Point:
     def __str__(self) -> str:
         from tsmblocks.tables import columns
 
-        rows = [("state", "value"), *((k, f"{v:.6g}") for k, v in self.states.items()), ("input", ""),
-                *((k, f"{v:.6g}") for k, v in self.inputs.items())]  # fmt: skip
-        return f"{self.title} at t = {self.t:g} s\n{columns(rows)}"
+        def told(side: Mapping[str, float]) -> list[tuple[str, str, str]]:
+            return [(k, f"{v:.6g}", self.units.get(k, "")) for k, v in side.items()]
+
+        rows = [("state", "value", "unit"), *told(self.states), ("input", "", ""), *told(self.inputs)]
+        return f"{self.title} at t = {self.t:g} s\n{columns(rows, left=(0, 2))}"
 
 
 @attrs.frozen(eq=False)
@@ -159,7 +162,7 @@ def point_of(here: Still, x: np.ndarray, u: np.ndarray) -> Point:
     signals |= {name: signals[signal] for name, signal in eq.aliases.items()}
     return Point(eq.title, here.t, dict(zip(eq.x, x.tolist(), strict=True)),
                  dict(zip(here.inputs, u.tolist(), strict=True)), signals,
-                 dict(zip(eq.x, dx.tolist(), strict=True)))  # fmt: skip
+                 dict(zip(eq.x, dx.tolist(), strict=True)), eq.units)  # fmt: skip
 
 
 def _delayed(here: Still, x: Any, u: Any) -> list[Any]:
