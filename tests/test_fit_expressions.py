@@ -171,6 +171,7 @@ def test_expressions_mean_what_python_means(text):
         ("(1)(A)", marked("there is no function." + FUNCTIONS, "(1)(A)", " ^")),
         ("sin(A, 2)", marked("sin takes one argument, got 2.", "sin(A, 2)", "^^^^^^^^^")),
         ("2 + min(A)", marked("min takes two arguments or more, got 1.", "2 + min(A)", "    ^^^^^^")),
+        ("A, B", marked("these are several. Give each as a text of its own.", "A, B", "^^^^")),
         ("max(*A)", marked("max takes plain arguments.", "max(*A)", "^^^^^^^")),
         ("exp(x=A)", marked("exp takes plain arguments.", "exp(x=A)", "^^^^^^^^")),
         ("x" * 100_000, f"'{'x' * 28}… has 100000 characters; {LONGEST} are the most."),
@@ -191,7 +192,7 @@ def test_what_is_no_expression(text, message):
 
 @pytest.mark.parametrize(
     "text",
-    ["[A]", "(A, B)", "{A}", "{A: B}", "lambda: A", "A if A else B", "f'{A}'", "A @ B", "A % 2", "A // 2", "A << 1",
+    ["[A]", "{A}", "{A: B}", "lambda: A", "A if A else B", "f'{A}'", "A @ B", "A % 2", "A // 2", "A << 1",
      "~A", "not A", "A[0:1]", "den[A]", "lag.den[-1]", "await A", "[A for A in B]", "1if A else 2"],
 )  # fmt: skip
 def test_python_beyond_arithmetic_is_refused(text):

@@ -188,6 +188,8 @@ class Reader:
             return [node.left, node.right]
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitXor):
             self.refuse("there is no operation '^'. Write ** for a power.", node)
+        if isinstance(node, ast.Tuple):
+            self.refuse("these are several. Give each as a text of its own.", node)
         if not isinstance(node, ast.Call):
             self.refuse(f"this is no arithmetic. Known here: numbers, + - * / **, {', '.join(FUNCTIONS)}, pi, and "
                         f"names of {self.kind}s.", node)  # fmt: skip
