@@ -590,7 +590,9 @@ def test_what_is_known_is_free_where_it_is_named_only():
     data = record(u=U, y=1.2 * U + 0.01 * T, units={"u": "rad", "y": "rad"})
     assert tsm.fit(read, data).names == ("gain.gain", "drift.rate", "drift.curve")
     assert tsm.fit(read, data, free=["*"]).names == ("gain.gain", "drift.rate", "drift.curve")
-    assert "encoder.counts" in tsm.fit(read, data, free=["gain.*", "encoder.counts"], starts=1).names
+    named = tsm.fit(read, data, free=["gain.*", "encoder.counts"], starts=1)
+    assert "encoder.counts" in named.names
+    assert [text.partition(".")[0] for text in named.notes if "as a rule known" in text] == ["encoder"]
 
 
 # ---- what data cannot tell

@@ -58,7 +58,8 @@ def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found]) -
     variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
     agreeing = sum(abs(f.cost - best.cost) <= SAME * variance for f in found)
     seen = _Seen(theta, r, jacobian, known, prior, fixed)
-    notes = [*setup.notes, *_of_the_step(problem, setup, seen), *_remarks(setup, differences)]
+    notes = [*setup.notes, *_of_the_step(problem, setup, seen), *_remarks(setup, differences),
+             *_of_what_is_known(setup, [item.parameter for item in unknowns.items])]  # fmt: skip
     return Fit(
         next(iter(diagrams.values())), diagrams, _estimates(problem, setup, theta, known, where, open_),
         differences, known.covariance, open_, tuple(where.values()),
@@ -160,6 +161,14 @@ def rough_inputs(record: Record, eq: Equations) -> tuple[str, ...]:
 def _cautions(record: Record, names: tuple[str, ...]) -> tuple[str, ...]:
     """What to mind of inputs (kept, since one recording is fitted many times)."""
     return cautions(record, names)
+
+
+def _of_what_is_known(setup: Setup, free: list[str]) -> list[str]:
+    """Numbers that were freed though data sheets say them: counts of an encoder have a valley for each of them."""
+    fields = numbers(setup.diagram)
+    return [f"{name} is as a rule known. A search finds such a number only from close by, and its interval is that of "
+            "where this one ended: compare what is left with what the number on the data sheet leaves."
+            for name in dict.fromkeys(free) if any(f.known for f in fields[name])]  # fmt: skip
 
 
 def _remarks(setup: Setup, differences: Differences) -> list[str]:
