@@ -52,7 +52,8 @@ def searching(monkeypatch):
         table = Table(left, contains or {}, beyond or {})
         for module in (ROUNDS, EXCHANGING):
             monkeypatch.setattr(module, "look", table.look)
-        monkeypatch.setattr(ROUNDS, "polished", lambda model: model)
+        for name in ("polished", "settled_memories"):
+            monkeypatch.setattr(ROUNDS, name, lambda model: model)
         monkeypatch.setattr(ROUNDS, "sizes_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
         whole = Search({}, None, table.effects, ONE, 1.0, lambda *_: None)
         greedy = []

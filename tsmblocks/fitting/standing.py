@@ -16,7 +16,7 @@ JUMP = 0.05
 
 def standing(record: Record, inputs: Iterable[str], hold: str) -> Iterator[str]:
     """What to mind of inputs that stand still and jump, unless they are taken as held from sample to sample."""
-    for name in inputs if hold != "zero" else ():
+    for name in (k for k in inputs if k in record and hold != "zero"):
         steps = np.abs(np.diff(record[name]))
         size = float(np.ptp(record[name]))
         if size > 0 and np.mean(steps == 0) >= STILL and steps.max() >= JUMP * size:
