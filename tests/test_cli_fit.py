@@ -1,6 +1,7 @@
 """The commands fit and compare as a user meets them: what is printed and written, refusals, Ctrl-C."""
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
+import inspect
 import json
 import math
 from contextlib import nullcontext
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 import tsmblocks as tsm
 from tsmblocks.cli import console, main
+from tsmblocks.cli.entry import parsers
 from tsmblocks.fitting import telling
 from tsmblocks.tables import listed
 
@@ -445,6 +447,14 @@ def test_messages_are_folded_on_a_terminal_only(capsys, monkeypatch):
     assert max(map(len, lines)) <= 60
     assert " ".join(line.strip() for line in lines) == f"note: {text}".strip()
     assert all(line.startswith("  ") for line in lines[1:])
+
+
+@pytest.mark.parametrize(("command", "function"), [
+    ("run", tsm.simulate), ("fit", tsm.fit), ("compare", tsm.compare), ("diagnose", tsm.diagnose),
+])  # fmt: skip
+def test_a_command_holds_inputs_as_its_function_does(command, function):
+    _, commands = parsers()
+    assert commands[command].get_default("hold") == inspect.signature(function).parameters["hold"].default
 
 
 def test_an_input_that_was_held_between_samples_is_held(tmp_path, capsys):

@@ -203,10 +203,11 @@ def suggest(action: argparse.Action, what: str | Sequence[str]) -> None:
     vars(action)["suggests"] = what if isinstance(what, str) else tuple(what)
 
 
-def hold_argument(options: argparse._ActionsContainer) -> None:
-    """Declare --hold."""
+def hold_argument(options: argparse._ActionsContainer, default: str = "linear") -> None:
+    """Declare --hold; ``default`` is that of the function behind the command."""
+    words = [f"{one} (default)" if one == default else one for one in HOLDS]
     hold = options.add_argument(
-        "--hold", default="linear", metavar="HOLD", help="data between samples: zero, linear (default) or cubic"
+        "--hold", default=default, metavar="HOLD", help=f"data between samples: {', '.join(words[:-1])} or {words[-1]}"
     )
     suggest(hold, HOLDS)
 

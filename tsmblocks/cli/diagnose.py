@@ -68,7 +68,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)")  # fmt: skip
     add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
     add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
-    common.hold_argument(search)
+    common.hold_argument(search, default="cubic")
     group = parser.add_argument_group("results")
     results = group.add_argument
     results("--out", metavar="DIR", help="write report.html, diagnosis.json and augmented.toml into a folder")
@@ -90,8 +90,7 @@ def execute(args: argparse.Namespace) -> int:
             found = diagnose(
                 diagram, records, free=args.free, noise_floor=args.noise_floor,
                 effects=args.effects, outputs=args.outputs, window=args.window, condition=args.condition,
-                seed=args.seed, step=args.step, hold=args.hold,
-                progress=tell,
+                seed=args.seed, step=args.step, hold=args.hold, progress=tell,
             )  # fmt: skip
     except TsmError as error:
         for record in () if args.json else records.values():

@@ -97,8 +97,7 @@ def execute(args: argparse.Namespace) -> int:
                 diagram, records, free=args.free, local=args.local, start_states=args.start_states,
                 bounds=dict(args.bounds), constraints=args.constraint, ties=dict(args.tie), priors=dict(args.prior),
                 outputs=args.outputs, window=args.window, method=args.method, segments=args.segments,
-                starts=args.starts, seed=args.seed, step=args.step, hold=args.hold,
-                progress=tell,
+                starts=args.starts, seed=args.seed, step=args.step, hold=args.hold, progress=tell,
             )  # fmt: skip
     except TsmError as error:
         raise common.as_typed(error, TYPED) from None
