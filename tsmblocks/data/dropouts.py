@@ -79,7 +79,7 @@ def _spikes(values: np.ndarray) -> np.ndarray:
 
 def _longest_rest(values: np.ndarray) -> tuple[int, int]:
     """First and last sample of the longest run of equal ones."""
-    starts = np.r_[0, np.flatnonzero(np.diff(values) != 0) + 1, len(values)]
+    starts = np.r_[0, np.flatnonzero(values[1:] != values[:-1]) + 1, len(values)]
     k = int(np.argmax(np.diff(starts)))
     return int(starts[k]), int(starts[k + 1]) - 1
 
