@@ -41,13 +41,18 @@ TAILS = ("refuse", "drop")
 GAPS = ("refuse", "keep")
 
 
+def _names(given: Iterable[str] | None) -> tuple[str, ...] | None:
+    """Names from one of them or several, which may be read only once."""
+    return (given,) if isinstance(given, str) else None if given is None else tuple(given)
+
+
 @attrs.frozen
 class Wish:
     """What a caller says about a file: names, units, parts, and what to do with its faults. See read."""
 
     renamed: Mapping[str, str]
     units: Mapping[str, str]
-    only: Iterable[str] | None
+    only: tuple[str, ...] | None = attrs.field(converter=_names)
     also: Iterable[str]
     rows: Rows
     step: float | None
@@ -162,27 +167,13 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
         values[:, 0] *= _time_factor(origin, labels[time])
         places = tuple(found[k] + 1 for k in order)
         table = Table(origin, tuple(order), tuple(labels[k] for k in order), values, at, places)
-    table = repaired(_filled(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps), wish))
+    asked = frozenset([*wish.renamed, *wish.units, *(wish.only or ())])
+    table = repaired(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps, asked=asked))
     signals = {k: table.values[:, i] for i, k in enumerate(table.names) if i}
     told = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
     named = (*_twice(found, split), *_overruled(found, split, labels))
     notes = (*source.notes, *named, *_of_the_clock(source, wish, table), *table.notes)
     return Record(name, table.values[:, 0], signals, told, origin, notes)
-
-
-def _filled(table: Table, wish: Wish) -> Table:
-    """The table without columns of no unit that are empty throughout, none of which was asked for: no sensor's."""
-    named = {*wish.renamed, *([wish.only] if isinstance(wish.only, str) else wish.only or ()), *wish.units}
-    empty = [bool(k and not table.units[k] and name not in named and np.isnan(table.values[:, k]).all())
-             for k, name in enumerate(table.names)]  # fmt: skip
-    kept = np.flatnonzero(~np.array(empty))
-    if not any(empty) or len(kept) < 2:
-        return table
-    gone = [table.column(k) for k, one in enumerate(empty) if one]
-    note = f"{listed(gone)} {'hold no number and were' if len(gone) > 1 else 'holds no number and was'} left out."
-    return attrs.evolve(table, names=tuple(table.names[k] for k in kept), units=tuple(table.units[k] for k in kept),
-                        places=tuple(table.places[k] for k in kept), values=table.values[:, kept],
-                        notes=(*table.notes, f"{note[0].upper()}{note[1:]}"))  # fmt: skip
 
 
 def _twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterator[str]:
@@ -306,7 +297,7 @@ def _selected(
     only = wish.only
     if only is None:
         return found
-    wanted = [only] if isinstance(only, str) else list(only)
+    wanted = [*only]
     wanted += [k for k in wish.also if k in found and k not in wanted]
     known = [k for k in found if k != time]
     for name in [k for k in wanted if k not in found]:

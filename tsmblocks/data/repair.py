@@ -15,6 +15,7 @@ from tsmblocks.data import dropouts, repair_time
 from tsmblocks.data.signals import first_wrap
 from tsmblocks.data.table import Table, noted, plural
 from tsmblocks.errors import DataError
+from tsmblocks.tables import listed
 
 LONGEST_GAP = 3
 """Missing samples in a row that are interpolated; more would be inventing data."""
@@ -27,6 +28,21 @@ def enough_samples(table: Table) -> Table:
     if len(table.values) < FEWEST:
         raise DataError(f"{table.origin}: only {plural(len(table.values), 'sample')} found; {FEWEST} are the least.")
     return table
+
+
+def empty_columns_are_left_out(table: Table) -> Table:
+    """Columns without unit and without any number are no sensor's: they go, where none asked for them and some stay."""
+    empty = np.isnan(table.values).all(axis=0) & [not unit for unit in table.units]
+    empty[0] = False
+    empty &= [name not in table.asked for name in table.names]
+    kept = np.flatnonzero(~empty)
+    if not empty.any() or len(kept) < 2:
+        return table
+    gone = [table.column(int(k)) for k in np.flatnonzero(empty)]
+    note = f"{listed(gone)} {'hold no number and were' if len(gone) > 1 else 'holds no number and was'} left out."
+    return attrs.evolve(table, names=tuple(table.names[k] for k in kept), units=tuple(table.units[k] for k in kept),
+                        places=tuple(table.places[k] for k in kept), values=table.values[:, kept],
+                        notes=(*table.notes, f"{note[0].upper()}{note[1:]}"))  # fmt: skip
 
 
 def gaps_are_filled(table: Table) -> Table:
@@ -88,6 +104,7 @@ def constants_are_named(table: Table) -> Table:
 
 
 REPAIRS: tuple[Callable[[Table], Table], ...] = (
+    empty_columns_are_left_out,
     repair_time.time_is_known,
     repair_time.time_moves,
     repair_time.backwards_is_turned,

@@ -20,7 +20,7 @@ class Table:
 
     ``rows`` holds the row number of each sample and ``places`` the column number of each column,
     both counted from 1 as an editor or a spreadsheet counts them. ``tail`` and ``gaps`` say what the
-    user wants done with them (see read).
+    user wants done with them (see read), ``asked`` which columns were named.
     """
 
     origin: str
@@ -32,6 +32,7 @@ class Table:
     notes: tuple[str, ...] = ()
     tail: str = "refuse"
     gaps: str = "refuse"
+    asked: frozenset[str] = frozenset()
 
     def column(self, k: int) -> str:
         """Return a column as a message names it."""

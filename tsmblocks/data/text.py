@@ -171,15 +171,20 @@ class Text:
             spot = f"row {at[row]}, column {place + 1} ({self.headings[place]})"
             many = _more(len(wrong), "cell")
             what = "a number" if place not in self.clocks else "a date and time as in the first row"
-            hint = f" {CLOCKS}" if ":" in cell and place not in self.clocks else ""
-            if len(chosen) > 1 and sum(place == other for _, other, _ in wrong) == len(lines):
-                others = [split_heading(text)[0] for k, text in enumerate(self.headings) if k in chosen and k != place]
-                hint = hint or f" To leave that column out, name the others: only={others}."
+            throughout = sum(place == other for _, other, _ in wrong) == len(lines)
+            hint = self._advice(place, cell, chosen if throughout else ())
             raise DataError(f"{self.origin}: {spot} holds {in_words(cell)}, which is not {what}{many}.{hint}")
         for k, place in enumerate(chosen):
             if place in self.clocks and self.clocks[place].date() == date.min:
                 values[:, k] = _over_midnight(values[:, k])
         return values
+
+    def _advice(self, place: int, cell: str, throughout: Sequence[int]) -> str:
+        """What may be meant by a cell of text, and how to read the other columns where ``place`` holds nothing else."""
+        if ":" in cell and place not in self.clocks:
+            return f" {CLOCKS}"
+        others = [split_heading(text)[0] for k, text in enumerate(self.headings) if k in throughout and k != place]
+        return f" To leave that column out, name the others: only={others}." if others else ""
 
 
 def _more(count: int, what: str) -> str:

@@ -12,13 +12,12 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.places import Site
 from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
+from tsmblocks.engine.feeds import ORDERS
 from tsmblocks.errors import AlgebraicLoop, DiagramError
 from tsmblocks.simulate import equations
 
 LINES = 6
 """Frequencies handed to effects that have one of their own."""
-ORDERS = {"zero": 0, "linear": 1}
-"""Highest derivative of an input by how it goes between samples; of a cubic, any that a block takes."""
 
 
 STILL = 1e-12
@@ -151,7 +150,7 @@ def candidates(
     An edit that makes no diagram (a loop without a delay) is none, nor one that takes rates of inputs that are held.
     """
     found: list[Candidate] = []
-    base, orders = model.fitted, ORDERS.get(model.setup.trials[0].hold, math.inf)
+    base, order = model.fitted, ORDERS.get(model.setup.trials[0].hold, math.inf)
     for effect in effects:
         for site in places:
             if (site.place, site.adds) != (effect.place, effect.adds):
@@ -160,8 +159,8 @@ def candidates(
             if trials is None:
                 continue
             effect.accepts(trials)
-            made = _edited(base, effect, site, trials)
-            if made is not None and all(f.order <= orders for f in equations(made).u if not f.block):
+            made = _edited(base, effect, site, trials, order)
+            if made is not None:
                 found.append(Candidate(effect, site, _name(base, effect.name), made, trials))
     return found
 
@@ -196,15 +195,17 @@ def _inside_bounds(made: Diagram, name: str, effect: Effect, trials: Trials) -> 
     return moved
 
 
-def _edited(base: Diagram, effect: Effect, site: Site, trials: Trials) -> Diagram | None:
+def _edited(base: Diagram, effect: Effect, site: Site, trials: Trials, order: float) -> Diagram | None:
+    """The base with an effect; None where it cannot stand, or takes derivatives of inputs above ``order``."""
     name = _name(base, effect.name)
     try:
         made = site.put(base, name, effect.block)
         numbers = {**trials.fixed, **trials.shapes[0]}  # where no strength is, shapes are no null; they can be freed
         made = made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
         made = made.with_parameters(_inside_bounds(made, name, effect, trials))
-        equations(made)
+        eq = equations(made)
     except (AlgebraicLoop, DiagramError):  # a wire on which this block cannot stand
         return None
     same = all(made.unit(k) == base.unit(k) for k in (*base.inputs, *base.outputs))
-    return made if same else None  # a block for angles is none for volts: recordings could not be read any more
+    had = all(feed.order <= order for feed in eq.u if not feed.block)
+    return made if same and had else None  # a block for angles is none for volts: recordings could not be read any more

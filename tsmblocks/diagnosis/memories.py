@@ -8,8 +8,10 @@ from collections.abc import Iterator
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.model import FINE, ROUGH, SAME, Model, searched
+from tsmblocks.diagnosis.model import FINE, ROUGH, Model, searched
 
+SAME = 1e-4
+"""Share of the sum of squares by which two ends are the same."""
 FAR = 10.0
 """How many times the largest of its start values is surely beyond the reach of a memory."""
 NEAR = 1e-18
@@ -100,8 +102,9 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
     sizes = [max(abs(value), abs(begin)) for item, value, begin
              in zip(unknowns.items, model.theta, unknowns.start, strict=True) if item.parameter == name]  # fmt: skip
     far = FAR * (max(sizes) or 1.0)
-    of = np.array([list(unknowns.experiments).index(item.experiment) if item.experiment else 0
-                   for item in unknowns.items])  # fmt: skip
+    of = np.zeros(len(own), dtype=int)  # the experiment that each belongs to
+    for e in range(len(model.problem.trials)):
+        of[unknowns.columns(e)] = e
 
     def values(way: np.ndarray) -> np.ndarray:
         return far * NEAR * np.sinh(way)

@@ -30,8 +30,6 @@ compared: a thousandth of what decides between candidates."""
 
 FINE = 1e-3
 """The same for models that further ones are built on, and that are shown."""
-SAME = 1e-4
-"""Share of the sum of squares by which two ends are the same."""
 
 
 @attrs.frozen

@@ -14,6 +14,8 @@ import numpy as np
 from tsmblocks.errors import DataError, in_words, near
 
 HOLDS = ("zero", "linear", "cubic")
+ORDERS = {"zero": 0, "linear": 1}
+"""Highest derivative of an input that a hold has; a cubic has any that a block takes."""
 SLACK = 1e-3
 """Share of a step by which a sample may be late and still counts from that step on: clocks are printed rounded."""
 
@@ -72,26 +74,26 @@ class Signal:
             return self._exact(t, order)
         if self.hold == "cubic":
             return np.asarray(self._spline()(np.clip(t, self.t[0], self.t[-1]), nu=order))
+        if order > ORDERS[self.hold]:
+            raise DataError(self._too_smooth(order))
         if self.hold == "zero":
-            if order:
-                raise DataError(
-                    f"input '{self.name}' is held constant between samples, but its derivative is needed. "
-                    "Give it hold='linear' or hold='cubic'."
-                )
             shifted = t + tiny if side == "right" else t - tiny
             return self.y[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(self.t) - 1)]
         if order == 0:
             return np.interp(t, self.t, self.y)
-        if order > 1:
-            raise DataError(
-                f"input '{self.name}' is linear between samples, but its derivative of order {order} is "
-                "needed. Give it hold='cubic'."
-            )
         if len(self.t) < 2:
             return np.zeros_like(t)
         shifted = t + tiny if side == "right" else t - tiny
         slopes = np.diff(self.y) / np.diff(self.t)
         return slopes[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(slopes) - 1)]
+
+    def _too_smooth(self, order: int) -> str:
+        """What is said where a derivative is needed that the hold does not have."""
+        if self.hold == "zero":
+            return (f"input '{self.name}' is held constant between samples, but its derivative is needed. "
+                    "Give it hold='linear' or hold='cubic'.")  # fmt: skip
+        return (f"input '{self.name}' is linear between samples, but its derivative of order {order} is needed. "
+                "Give it hold='cubic'.")  # fmt: skip
 
     def stands_on(self, start: float, step: float) -> bool:
         """Whether the samples are the values at the steps, linear in between; then nothing need be searched."""
