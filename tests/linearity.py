@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from tsmblocks.structure import call, symbolic
+from tsmblocks.compiler.dependencies import call, symbolic
 
 
 def is_linear(block):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from tsmblocks.block import is_reference, map_leaves
 from tsmblocks.blocks import (
     PID,
     Abs,
@@ -25,7 +24,8 @@ from tsmblocks.blocks import (
     UnitDelay,
     ZeroOrderHold,
 )
-from tsmblocks.diagram import Diagram
+from tsmblocks.model.block import is_reference, map_leaves
+from tsmblocks.model.diagram import Diagram
 
 SMALL = st.floats(-2.0, 2.0).map(lambda v: round(v, 3))
 POSITIVE = st.floats(0.05, 2.0).map(lambda v: round(v, 3))

@@ -30,7 +30,7 @@ from tsmblocks.blocks import (
     TransferFunction,
     UnitDelay,
 )
-from tsmblocks.errors import RunError
+from tsmblocks.common.errors import RunError
 
 W = np.logspace(-1, 2, 40)
 

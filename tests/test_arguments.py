@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsmblocks.arguments import Times, resolve_stop, run_times, whole_steps
-from tsmblocks.batch import sensitivities
-from tsmblocks.block import Samples
 from tsmblocks.blocks import FirstOrderLag, Gain, Sine, StateSpace
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
-from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import DataError
-from tsmblocks.simulate import simulate
+from tsmblocks.model.block import Samples
+from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.simulation.arguments import Times, resolve_stop, run_times, whole_steps
+from tsmblocks.simulation.batch import sensitivities
+from tsmblocks.simulation.simulate import simulate
 
 SINE = Diagram(blocks=dict(ref=Sine(), k=Gain()), wires=["ref -> k"], outputs={"y": "k"})
 

@@ -13,10 +13,10 @@ from tsmblocks.cli import main
 from tsmblocks.data import read
 from tsmblocks.draw.style import ACCENT
 from tsmblocks.files import load
-from tsmblocks.shelf import names
+from tsmblocks.files.shipped import names
 
 PAPER = importlib.import_module("tsmblocks.demo.paper")
-SIMULATE = importlib.import_module("tsmblocks.simulate")  # the package shows a function of that name
+SIMULATE = importlib.import_module("tsmblocks.simulation.simulate")  # the package shows a function of that name
 
 GROWS = """
 format = 1

@@ -9,7 +9,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.cli import console, main
-from tsmblocks.fitting.given import asked_floors
+from tsmblocks.fitting.noise import asked_floors
 
 T = np.arange(0.0, 6.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)

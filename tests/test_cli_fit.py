@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tsmblocks.cli import console, main
 from tsmblocks.cli.entry import parsers
-from tsmblocks.fitting import telling
-from tsmblocks.tables import listed
+from tsmblocks.common.tables import listed
+from tsmblocks.fitting import text as telling
 
 T = np.arange(0.0, 8.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 15 * np.sin(3.1 * T)

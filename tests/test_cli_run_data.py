@@ -7,7 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.cli import main
-from tsmblocks.errors import DataError
+from tsmblocks.common.errors import DataError
 
 PLAY = "tendon_sheath_play"
 T = np.arange(301) / 100

@@ -12,7 +12,7 @@ import pytest
 import tsmblocks
 from tsmblocks.cli import main
 from tsmblocks.cli.study import counted, in_time
-from tsmblocks.errors import FileError
+from tsmblocks.common.errors import FileError
 from tsmblocks.studies.files import load_study
 
 STUDY = """format = 1

@@ -8,11 +8,11 @@ import pytest
 import tsmblocks as tsm
 from tests.test_fit_methods import LINEAR, noisy, own_play
 from tests.test_fit_problem import record
-from tsmblocks.block import Block, Input, Output, block, parameter
 from tsmblocks.blocks import Gain, Integrator, Square
 from tsmblocks.cli import console
 from tsmblocks.fitting.compare import ready_made
-from tsmblocks.fitting.telling import ranking_rows
+from tsmblocks.fitting.text import ranking_rows
+from tsmblocks.model.block import Block, Input, Output, block, parameter
 
 T = 0.01 * np.arange(601)
 U = 0.6 * np.sin(2.1 * T) + 0.4 * np.sin(5.3 * T)

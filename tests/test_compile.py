@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import tsmblocks.blocks  # noqa: F401 - fills the registry
-from tsmblocks.block import REGISTRY, leaves, signals
 from tsmblocks.blocks import (
     Abs,
     Constant,
@@ -25,11 +24,12 @@ from tsmblocks.blocks import (
     UnitDelay,
     ZeroOrderHold,
 )
-from tsmblocks.compile import compile_diagram
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import AlgebraicLoop
-from tsmblocks.simulate import simulate
-from tsmblocks.structure import structure_of
+from tsmblocks.common.errors import AlgebraicLoop
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.compiler.dependencies import structure_of
+from tsmblocks.model.block import REGISTRY, leaves, signals
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import simulate
 
 OURS = {name: cls for name, cls in REGISTRY.items() if cls.__module__.startswith("tsmblocks.")}
 

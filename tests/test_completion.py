@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 import tsmblocks.blocks  # noqa: F401 - importing it registers every block
-from tsmblocks.block import REGISTRY
 from tsmblocks.cli import common, main
 from tsmblocks.cli.entry import COMMANDS, parsers
-from tsmblocks.engine.feeds import HOLDS
+from tsmblocks.engine.inputs import HOLDS
 from tsmblocks.engine.methods import METHODS
-from tsmblocks.fitting import estimate
-from tsmblocks.shelf import names
+from tsmblocks.files.shipped import names
+from tsmblocks.fitting import fit as estimate
+from tsmblocks.model.block import REGISTRY
 
 needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
 

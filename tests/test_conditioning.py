@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 
 import tsmblocks as tsm
 from tsmblocks.blocks import AsymmetricBoucWen, Play
-from tsmblocks.data.conditioning import conditioned
-from tsmblocks.data.rests import BLEND, TUBE, held_still, rests
-from tsmblocks.diagnosis.conditioning import all_conditioned
-from tsmblocks.errors import DataError
+from tsmblocks.common.errors import DataError
+from tsmblocks.data.conditioning import BLEND, TUBE, all_conditioned, conditioned, held_still, rests
 
 STEP, NOISE = 0.01, 1e-3
 T = np.arange(0.0, 20.0, STEP)

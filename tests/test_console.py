@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import tsmblocks.blocks
-from tsmblocks.block import REGISTRY
 from tsmblocks.cli import console, main
 from tsmblocks.cli.entry import COMMANDS
-from tsmblocks.shelf import names
-from tsmblocks.tables import columns, in_parts
+from tsmblocks.common.tables import columns, in_parts
+from tsmblocks.files.shipped import names
+from tsmblocks.model.block import REGISTRY
 
 STUDY = """
 format = 1

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain
+from tsmblocks.common.errors import DataError, RunError
 from tsmblocks.data import Record, from_pandas, read, split_heading
-from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import DataError, RunError
-from tsmblocks.simulate import simulate
+from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.simulation.simulate import simulate
 
 CALIB = ["t", "x_ref", "v_ref", "x_out", "tension1", "tension2", "current1", "current2"]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsmblocks.cli import common, recordings
-from tsmblocks.errors import DataError
+from tsmblocks.common.errors import DataError
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import read
-from tsmblocks.errors import DataError
 
 
 def csv(t, *signals, head="t,x"):

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, cautions, noise
-from tsmblocks.data.quantum import quantum_of
-from tsmblocks.errors import DataError
+from tsmblocks.data.quantization import quantum_of
 
 STEP = 0.01
 T = np.arange(6000) * STEP

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import cautions, noise, read
-from tsmblocks.errors import DataError
 
 CALIB = "t, x_ref [deg], v_ref, x_out [deg], f1 [N], f2 [N], i1, i2"
 TRACKING = "t, x_ref [deg], v_ref [deg/s],,, x_out [deg], f1, f2, f3, f4"

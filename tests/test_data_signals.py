@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from scipy.signal import butter, freqz, sosfiltfilt
 
 import tsmblocks as tsm
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.filters import choose_cutoff, low_pass
 from tsmblocks.data.grid import better_interpolation
-from tsmblocks.errors import DataError
 
 
 def record(t, units=None, **signals):

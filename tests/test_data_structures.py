@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import read
 from tsmblocks.data.structures import OBJECT, signals_of, tree_of_mat
-from tsmblocks.errors import DataError
 
 T = np.arange(60) / 50
 X, Y = np.sin(T), np.cos(T)

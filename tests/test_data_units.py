@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, from_pandas, read
-from tsmblocks.data.untold import how_to_map, refuse_doubtful, untold
-from tsmblocks.errors import DataError
+from tsmblocks.data.missing_units import how_to_map, refuse_doubtful, untold
 
 
 @pytest.fixture

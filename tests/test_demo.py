@@ -17,7 +17,7 @@ from tsmblocks.demo.compensators import plannable
 from tsmblocks.demo.mechanism import DEG, HIDDEN, NUMBERS, SAMPLE, STOP, measured, model, references, truth
 from tsmblocks.demo.page import page
 from tsmblocks.demo.story import AUGMENTED, FLOOR, IDENTIFIED, told
-from tsmblocks.report.style import CSS
+from tsmblocks.html.style import CSS
 
 
 @cache

@@ -12,9 +12,9 @@ import tsmblocks as tsm
 from tests.hidden import Spec, cases
 from tests.hidden_bases import base_of, diagnosed, floor_of, recordings
 from tsmblocks.blocks import Bias
+from tsmblocks.common.errors import DataError, ParameterError
 from tsmblocks.data.conditioning import conditioned
 from tsmblocks.effects import Effect, Trials, catalogue, registered
-from tsmblocks.errors import DataError, ParameterError
 
 EVERY = 3
 """Every third sample is kept: a third of the time, and the same verdicts."""

@@ -28,19 +28,18 @@ from tsmblocks.blocks import (
     TransferFunction,
     ZeroOrderHold,
 )
-from tsmblocks.data.conditioning import conditioned
+from tsmblocks.data.conditioning import all_conditioned, conditioned
 from tsmblocks.diagnosis.candidates import candidates, lines, surroundings
-from tsmblocks.diagnosis.conditioning import all_conditioned
-from tsmblocks.diagnosis.deciding import ALIKE, BEYOND, MATERIAL, Tried, decide, max_t_line, mean, student
-from tsmblocks.diagnosis.floor import carried
-from tsmblocks.diagnosis.folds import BLOCKS, FEWEST, FOLDS, Parts, held_out, parts, settled
+from tsmblocks.diagnosis.cross_validation import BLOCKS, FEWEST, FOLDS, Parts, held_out, parts, settled
+from tsmblocks.diagnosis.decision import ALIKE, BEYOND, MATERIAL, Tried, decide, max_t_line, mean, student
+from tsmblocks.diagnosis.insertion_points import driven, reaches, sites
 from tsmblocks.diagnosis.model import Asked, calibrated, posed_as, searched
-from tsmblocks.diagnosis.places import driven, reaches, sites
+from tsmblocks.diagnosis.noise_floor import carried
+from tsmblocks.diagnosis.presentation import unit_of
 from tsmblocks.diagnosis.screening import absorbing, promise
-from tsmblocks.diagnosis.showing import unit_of
-from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, Trials, catalogue, registered
-from tsmblocks.simulate import equations
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import equations
 
 STEP, SIGMA = 0.01, 0.01
 T = np.arange(0.0, 12.0, STEP)

@@ -12,13 +12,13 @@ from tests.diagnoses import NAMED, NONE
 from tests.diagnoses import diagnosis as made_up
 from tsmblocks.blocks import Bias, Gain
 from tsmblocks.diagnosis import script
-from tsmblocks.diagnosis.difference import in_code
-from tsmblocks.diagnosis.places import Site, sites
+from tsmblocks.diagnosis.insertion_points import Site, sites
+from tsmblocks.diagnosis.model_difference import in_code
+from tsmblocks.diagnosis.presentation import fitted_rms, histories
 from tsmblocks.diagnosis.script import MOST, code, literal, source
-from tsmblocks.diagnosis.showing import fitted_rms, histories
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import PLACES
-from tsmblocks.fitting.telling import cautions
+from tsmblocks.fitting.text import cautions
 
 T = np.arange(0.0, 6.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
@@ -172,7 +172,8 @@ def test_an_expression_of_a_script_puts_each_effect_where_it_was_put(effect):
 
 def names_of(diagram):
     from tsmblocks import blocks
-    from tsmblocks.effects import delay, friction, loop, maps, timely
+    from tsmblocks.effects import delay, friction, loop, maps
+    from tsmblocks.effects import time_varying as timely
 
     own = {k: v for home in (delay, friction, loop, maps, timely) for k, v in vars(home).items()}
     return {**own, **{k: getattr(blocks, k) for k in dir(blocks)}, "tsm": tsm, "diagram": diagram}

@@ -9,7 +9,7 @@ import pytest
 import tsmblocks as tsm
 from tests.hidden import Spec, cases
 from tests.hidden_bases import diagnosed
-from tsmblocks.errors import DataError
+from tsmblocks.common.errors import DataError
 
 
 def touched():

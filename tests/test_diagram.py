@@ -26,10 +26,10 @@ from tsmblocks.blocks import (
     Sum,
     TransferFunction,
 )
-from tsmblocks.compile import compile_diagram
-from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import DiagramError
-from tsmblocks.simulate import signature, simulate
+from tsmblocks.common.errors import DiagramError
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.simulation.simulate import signature, simulate
 
 BLOCKS = dict(
     ref=Sine(unit="rad"),

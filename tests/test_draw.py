@@ -14,13 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tsmblocks.block import Block, Input, Output, block, option
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.errors import TsmError
 from tsmblocks.draw import layout, simplex, to_mermaid, to_pdf, to_png, to_svg
 from tsmblocks.draw.picture import text_width
 from tsmblocks.draw.shapes import fraction
 from tsmblocks.draw.tracks import Trunk, arrange
-from tsmblocks.errors import TsmError
+from tsmblocks.model.block import Block, Input, Output, block, option
+from tsmblocks.model.diagram import Diagram
 
 SVG = "{http://www.w3.org/2000/svg}"
 

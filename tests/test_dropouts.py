@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.data.dropouts import dropouts_are_named, spikes_are_named
+from tsmblocks.data.repair import dropouts_are_named, spikes_are_named
 from tsmblocks.data.table import Table
 
 T = np.arange(0.0, 20.0, 0.01)

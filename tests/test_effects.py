@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tests.mistakes import diagnosing
 from tests.mistakes.table import TABLE, said
-from tsmblocks.block import REGISTRY, leaves
 from tsmblocks.blocks import AsymmetricBoucWen, Bias, Gain
-from tsmblocks.diagnosis.places import sites
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.errors import ParameterError, TsmError
+from tsmblocks.diagnosis.insertion_points import sites
 from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, span_of
 from tsmblocks.effects.effect import PLACES
-from tsmblocks.errors import ParameterError, TsmError
-from tsmblocks.simulate import equations
+from tsmblocks.model.block import REGISTRY, leaves
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import equations
 
 CONTRACT = {
     "friction": {"coulomb_friction", "asymmetric_friction", "stribeck_friction", "presliding_friction",
@@ -220,7 +220,7 @@ def test_nulls_are_the_numbers_of_the_block(effect):
 
 # ---- a null is nothing, and a trial is something
 
-QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulate.StepWarning")
+QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulation.simulate.StepWarning")
 """A drive that jumps turns a loop round at once, which is too fast for any step, and harmless."""
 
 

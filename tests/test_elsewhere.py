@@ -3,9 +3,9 @@
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.block import REGISTRY
-from tsmblocks.elsewhere import CALLED, HERE
-from tsmblocks.errors import TsmError
+from tsmblocks.common.errors import TsmError
+from tsmblocks.model.aliases import CALLED, HERE
+from tsmblocks.model.block import REGISTRY
 
 
 def test_every_name_leads_to_a_block_and_is_none_itself():

@@ -11,7 +11,7 @@ from scipy import signal
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, ZeroOrderHold
-from tsmblocks.fitting.trials import median_step
+from tsmblocks.fitting.experiments import median_step
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "20_emps.py"
 PUBLISHED = {"mass": 95.1089, "viscous": 203.5034, "dry": 20.3935, "offset": -3.1648}

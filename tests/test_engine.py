@@ -17,7 +17,6 @@ from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
 from tests.tolerances import BACKENDS, EXACT, INTEGRATION
-from tsmblocks import shelf
 from tsmblocks.blocks import (
     PID,
     AsymmetricBoucWen,
@@ -43,10 +42,11 @@ from tsmblocks.blocks import (
     UnitDelay,
     ZeroOrderHold,
 )
+from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.engine import jit, session
 from tsmblocks.engine.methods import METHODS
-from tsmblocks.errors import NotFinite, RunError
-from tsmblocks.simulate import StepWarning
+from tsmblocks.files import shipped as shelf
+from tsmblocks.simulation.simulate import StepWarning
 
 SHIPPED = shelf.names()
 W = 2 * np.pi * 0.2
@@ -155,7 +155,7 @@ def _sampled_by_hand(diagram, stop):
     names = list(motor.states)
 
     def rates(_t, x, u):
-        from tsmblocks.block import signals
+        from tsmblocks.model.block import signals
 
         made = motor.derivatives(0.0, signals(names, x), signals(["u"], [u]))
         return [float(ca.DM(made[k])) for k in names]
@@ -174,13 +174,13 @@ def _sampled_by_hand(diagram, stop):
 
 
 def _by_name(names, x):
-    from tsmblocks.block import signals
+    from tsmblocks.model.block import signals
 
     return signals(names, x)
 
 
 def _encode(encoder, angle, count):
-    from tsmblocks.block import signals
+    from tsmblocks.model.block import signals
 
     assert abs(float(encoder.outputs(0.0, None, signals(["u"], [angle]))["y"]) - angle) <= count
     return float(encoder.outputs(0.0, None, signals(["u"], [angle]))["y"])
@@ -188,7 +188,7 @@ def _encode(encoder, angle, count):
 
 def _pid(c, e, integral, derivative, last):
     """The difference equations of the block's docstring, through its own numbers."""
-    from tsmblocks.block import signals
+    from tsmblocks.model.block import signals
 
     x = signals(["integral", "derivative", "last"], [integral, derivative, last])
     u = signals(["e"], [e])
@@ -293,7 +293,7 @@ def test_large_form_agrees(name, method, monkeypatch):
     options = {"stop": 1.5, "method": method, "inputs": inputs_for(diagram)}
     small = tsm.simulate(diagram, **options)
     session.single_kernel.cache_clear()
-    monkeypatch.setattr("tsmblocks.engine.kernels.LARGE_OPERATIONS", 0)
+    monkeypatch.setattr("tsmblocks.engine.backends.LARGE_OPERATIONS", 0)
     large = tsm.simulate(diagram, **options)
     session.single_kernel.cache_clear()
     assert np.abs(small.rows - large.rows).max() < BACKENDS
@@ -826,7 +826,8 @@ def test_without_llvmlite_the_other_back_end_serves(monkeypatch):
 @pytest.mark.parametrize("name", ["exp", "expm1", "tanh", "sin", "cos"])
 def test_own_elementary_functions_are_accurate_in_lanes(name):
     """Each against NumPy over its range, side by side in lanes; a few units in the last place."""
-    from tsmblocks.engine.kernels import CompiledKernel, Memory
+    from tsmblocks.engine.backends import CompiledKernel
+    from tsmblocks.engine.kernel_interface import Memory
     from tsmblocks.engine.plan import Plan
 
     x = np.concatenate(
@@ -909,7 +910,7 @@ def test_results_come_back_as_they_were_written(ending, tmp_path):
     ],
 )
 def test_no_signal_takes_the_place_of_another(ending, outputs, names, taken, tmp_path):
-    from tsmblocks.errors import DataError
+    from tsmblocks.common.errors import DataError
 
     with pytest.raises(DataError, match=f"the name '{taken}' is taken there"):
         two_signals(**outputs).save(tmp_path / f"r{ending}", names)

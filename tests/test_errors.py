@@ -10,13 +10,13 @@ import pytest
 
 from tests.mistakes.all import TABLE
 from tests.mistakes.table import position_loop, said
-from tsmblocks import errors
-from tsmblocks.batch import simulate_batch
 from tsmblocks.blocks import Abs, Divide, FirstOrderLag, Gain, Sine, Sum
-from tsmblocks.compile import compile_diagram
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import AlgebraicLoop, DiagramError, NotFinite, TsmError, in_words, near, several
-from tsmblocks.simulate import Stepper, StepWarning, simulate
+from tsmblocks.common import errors
+from tsmblocks.common.errors import AlgebraicLoop, DiagramError, NotFinite, TsmError, in_words, near, several
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.batch import simulate_batch
+from tsmblocks.simulation.simulate import Stepper, StepWarning, simulate
 
 ROWS = {
     "misspelt port": "a_port_is_misspelt",

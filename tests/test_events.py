@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
 from tests.tolerances import BACKENDS, EXACT
-from tsmblocks.block import Block, Input, Output, block, parameter, state
 from tsmblocks.blocks import (
     Abs,
     AsymmetricBoucWen,
@@ -33,11 +32,12 @@ from tsmblocks.blocks import (
     Triangle,
     ZeroOrderHold,
 )
-from tsmblocks.diagram import Diagram
-from tsmblocks.engine import kernels, session, switches
+from tsmblocks.common.errors import NotFinite, RunError
+from tsmblocks.engine import backends, session, switches
 from tsmblocks.engine.events import SlidingWarning
-from tsmblocks.errors import NotFinite, RunError
-from tsmblocks.simulate import simulate
+from tsmblocks.model.block import Block, Input, Output, block, parameter, state
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import simulate
 
 INSTANT = 1e-10
 """Error of an instant [s], where the run up to it is accurate enough."""
@@ -630,7 +630,7 @@ def test_back_ends_and_large_form_agree(monkeypatch):
     other = simulate(d, stop=6.0, step=0.01, locate=True, backend="casadi")
     assert np.abs(run.rows - other.rows).max() < BACKENDS
     assert np.allclose(instants(run), instants(other), rtol=0, atol=BACKENDS)
-    monkeypatch.setattr(kernels, "LARGE_OPERATIONS", 0)
+    monkeypatch.setattr(backends, "LARGE_OPERATIONS", 0)
     for cached in (session.single_kernel, switches.freeze):
         cached.cache_clear()
     large = simulate(d, stop=6.0, step=0.01, locate=True)

@@ -3,7 +3,7 @@
 import pytest
 
 import tsmblocks.blocks  # noqa: F401 - fills the registry
-from tsmblocks.block import REGISTRY, Block
+from tsmblocks.model.block import REGISTRY, Block
 from tsmblocks.testing import PROMISES, checks_for
 
 OURS = {name: cls for name, cls in REGISTRY.items() if cls.__module__.startswith("tsmblocks.")}

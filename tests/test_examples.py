@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import tsmblocks as tsm
-from tsmblocks.block import REGISTRY
+from tsmblocks.model.block import REGISTRY
 from tsmblocks.testing import broken_promises
 
 FOLDER = Path(__file__).parents[1] / "examples"

@@ -1,16 +1,14 @@
 """What a greedy search named first is looked at once more: on tables that say what each set of effects leaves."""
 
-from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tsmblocks.diagnosis.exchanging import exchanged
-from tsmblocks.diagnosis.folds import Parts
-from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
+from tsmblocks.diagnosis import forward_selection
+from tsmblocks.diagnosis.cross_validation import Parts
+from tsmblocks.diagnosis.forward_selection import Round, Search, counted, exchanged, forward
 
-ROUNDS, EXCHANGING = (import_module(f"tsmblocks.diagnosis.{k}") for k in ("rounds", "exchanging"))
 ONE = Parts(np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.ones(1))
 WORTH = 0.05
 
@@ -50,11 +48,11 @@ def searching(monkeypatch):
 
     def search(left, contains=None, beyond=None):
         table = Table(left, contains or {}, beyond or {})
-        for module in (ROUNDS, EXCHANGING):
+        for module in (forward_selection,):
             monkeypatch.setattr(module, "look", table.look)
         for name in ("polished", "settled_memories"):
-            monkeypatch.setattr(ROUNDS, name, lambda model: model)
-        monkeypatch.setattr(ROUNDS, "sizes_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
+            monkeypatch.setattr(forward_selection, name, lambda model: model)
+        monkeypatch.setattr(forward_selection, "sizes_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
         whole = Search({}, None, table.effects, ONE, 1.0, lambda *_: None)
         greedy = []
         forward(frozenset(), {}, whole, greedy)

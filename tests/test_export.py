@@ -32,7 +32,7 @@ from tsmblocks.blocks import (
     Tanh,
     UnitDelay,
 )
-from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.export import to_c
 
 GCC = shutil.which("gcc") or shutil.which("cc")

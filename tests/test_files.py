@@ -11,8 +11,6 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from tsmblocks import shelf as shelf_module
-from tsmblocks.block import REGISTRY, Block, Input, Output, block, option, parameter
 from tsmblocks.blocks import (
     PID,
     AsymmetricBoucWen,
@@ -28,13 +26,15 @@ from tsmblocks.blocks import (
     TransferFunction,
     Triangle,
 )
-from tsmblocks.diagram import DEEPEST, Diagram, Inlet
-from tsmblocks.errors import DiagramError, FileError, TsmError
-from tsmblocks.file_places import Places
-from tsmblocks.file_writer import split_wire
+from tsmblocks.common.errors import DiagramError, FileError, TsmError
 from tsmblocks.files import dumps, load, loads, save
-from tsmblocks.schema import schema
-from tsmblocks.shelf import names, shelf
+from tsmblocks.files import shipped as shelf_module
+from tsmblocks.files.positions import Places
+from tsmblocks.files.schema import schema
+from tsmblocks.files.shipped import names, shelf
+from tsmblocks.files.writer import split_wire
+from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
+from tsmblocks.model.diagram import DEEPEST, Diagram, Inlet
 
 
 def loop(**changes):
@@ -495,7 +495,7 @@ def test_numbers_of_another_file_can_be_set(tmp_path):
 
 
 def test_a_file_used_many_times_is_read_once(tmp_path, monkeypatch):
-    from tsmblocks import file_blocks
+    from tsmblocks.files import block_reader as file_blocks
 
     reads = []
     monkeypatch.setattr(file_blocks, "read", lambda path: reads.append(path) or path.read_text())

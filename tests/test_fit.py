@@ -26,8 +26,8 @@ from tsmblocks.blocks import (
     ZeroOrderHold,
 )  # fmt: skip
 from tsmblocks.cli import console
-from tsmblocks.errors import NotFinite, RunError
-from tsmblocks.fitting.problem import Problem
+from tsmblocks.common.errors import NotFinite, RunError
+from tsmblocks.fitting.residuals import Problem
 
 RAD = {"x_in": "rad", "x_out": "rad"}
 

@@ -12,8 +12,8 @@ from tests.mistakes import fitting
 from tests.mistakes.table import TABLE
 from tests.test_fit_methods import FAR_OFF, LINEAR, LONG, TRUTH, balanced, pendulum
 from tests.test_fit_problem import T, U, record
-from tsmblocks.errors import RunError, TsmError
-from tsmblocks.fitting import shooting
+from tsmblocks.common.errors import RunError, TsmError
+from tsmblocks.fitting import multiple_shooting as shooting
 
 FOLDER = Path(shooting.__file__).parent
 MODULES = (

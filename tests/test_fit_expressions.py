@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tsmblocks.errors import ParameterError
-from tsmblocks.expressions import LONGEST, expression
+from tsmblocks.common.errors import ParameterError
 from tsmblocks.fitting.constraints import Ties, constraint, constraints, ties
+from tsmblocks.metrics.expressions import LONGEST, expression
 
 KNOWN = ("tsm.alpha1", "tsm.alpha2", "tsm.A", "tsm.theta", "play.half_width", "lag.den[0]", "lag.den[1]", "B",
          "left.k", "right.k")  # fmt: skip

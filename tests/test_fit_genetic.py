@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import tsmblocks as tsm
-from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.fitting.genetic import evolve
 from tsmblocks.fitting.merit import Judge, ordered
+from tsmblocks.fitting.multistart import Box, Range, search_range, spread
 from tsmblocks.fitting.nelder_mead import factors, polish
-from tsmblocks.fitting.starts import Box, Range, search_range, spread
 
 
 def sphere(x):

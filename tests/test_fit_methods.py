@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import tsmblocks as tsm
 from tests.test_fit_problem import STEP, T, U, record
 from tsmblocks.blocks import DiscretePID, FirstOrderLag, Gain, Integrator, MotorTransferFunction, Play, Sum
-from tsmblocks.errors import RunError
+from tsmblocks.common.errors import RunError
 
 METHODS = ("gauss-newton", "ipopt", "ga")
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tests.tolerances import BACKENDS
 from tsmblocks.blocks import DiscretePID, FirstOrderLag, Gain, Integrator, Play, Sum, ZeroOrderHold
-from tsmblocks.errors import ParameterError
-from tsmblocks.fitting.quadratic import Infeasible, quadratic_step
-from tsmblocks.fitting.search import feasible_start
-from tsmblocks.fitting.setting_up import pose
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.fitting.optimizer import feasible_start
+from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
+from tsmblocks.fitting.setup import pose
 
 STEP = 0.01
 T = STEP * np.arange(301)

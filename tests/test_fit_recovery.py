@@ -25,8 +25,8 @@ from tests.identification import (
 )
 from tests.test_batch import JUMPS, SMOOTH
 from tests.tolerances import BACKENDS
-from tsmblocks.fitting import summing_up
-from tsmblocks.fitting.setting_up import pose
+from tsmblocks.fitting import summary as summing_up
+from tsmblocks.fitting.setup import pose
 
 DRAWS = 200
 LEFT_OUT = {

@@ -11,9 +11,10 @@ from scipy import linalg, signal, stats
 
 import tsmblocks as tsm
 from tests.tolerances import EXACT
-from tsmblocks.errors import DataError
-from tsmblocks.fitting.colour import FEWEST, Colour, best_order, coloured, fast_length, lag_products
+from tsmblocks.common.errors import DataError
 from tsmblocks.fitting.identifiability import _Teller, sizes, undetermined
+from tsmblocks.fitting.inner_products import product
+from tsmblocks.fitting.noise_model import FEWEST, Colour, best_order, coloured, fast_length, lag_products
 from tsmblocks.fitting.statistics import (
     aicc,
     bic,
@@ -23,7 +24,6 @@ from tsmblocks.fitting.statistics import (
     uncertainty,
     whiteness,
 )
-from tsmblocks.fitting.sums import product
 
 
 def regressors(n, p, cycles):

@@ -6,7 +6,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.analysis import frequency_response
 from tsmblocks.blocks import DiscreteIntegrator, Sine
-from tsmblocks.errors import TsmError
+from tsmblocks.common.errors import TsmError
 from tsmblocks.studies import latin_hypercube, responses
 
 pd = pytest.importorskip("pandas")

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tsmblocks.errors import MOST_PROBLEMS, DiagramError, FileError, TsmError
-from tsmblocks.file_text import LARGEST
+from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, TsmError
 from tsmblocks.files import dumps, load, loads
-from tsmblocks.shelf import names, shelf
+from tsmblocks.files.shipped import names, shelf
+from tsmblocks.files.toml_text import LARGEST
 
 HANGS = 120
 """Seconds. All of it is a matter of seconds; this only tells a hang from a slow machine."""
@@ -658,7 +658,7 @@ def test_tables_of_any_shape_are_loaded_or_refused(table):
 def test_blocks_with_any_values_are_loaded_or_refused(data):
     import tomli_w
 
-    from tsmblocks.block import REGISTRY
+    from tsmblocks.model.block import REGISTRY
 
     kind = data.draw(st.sampled_from(sorted(REGISTRY)))
     fields = sorted(REGISTRY[kind].fields())

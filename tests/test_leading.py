@@ -3,7 +3,7 @@
 import numpy as np
 
 import tsmblocks as tsm
-from tsmblocks.fitting.leading import runs_ahead
+from tsmblocks.fitting.input_checks import runs_ahead
 
 T = np.arange(0.0, 12.0, 0.01)
 X = 0.8 * np.sin(1.1 * T) + 0.4 * np.sin(2.6 * T)

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tolerances import EXACT
-from tsmblocks.errors import DataError
-from tsmblocks.measures import loop_area, mean_square_error, peak_to_peak, rms, tracking_error
-from tsmblocks.units import UnitError
+from tsmblocks.common.errors import DataError
+from tsmblocks.common.units import UnitError
+from tsmblocks.metrics.tracking import loop_area, mean_square_error, peak_to_peak, rms, tracking_error
 
 T = np.linspace(0.0, 10.0, 10001)
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tsmblocks.errors import DataError, ParameterError
-from tsmblocks.metrics import Metric, measure, metric, metrics
-from tsmblocks.reductions import REDUCTIONS
-from tsmblocks.units import UnitError
+from tsmblocks.common.errors import DataError, ParameterError
+from tsmblocks.common.units import UnitError
+from tsmblocks.metrics.metrics import Metric, measure, metric, metrics
+from tsmblocks.metrics.reductions import REDUCTIONS
 
 T = np.linspace(0.0, 10.0, 100_001)
 SIGNALS = {

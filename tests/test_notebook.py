@@ -11,8 +11,8 @@ import pytest
 import tsmblocks as tsm
 from tests.pages import Page
 from tsmblocks.analysis import frequency_response
-from tsmblocks.block import REGISTRY
 from tsmblocks.blocks import PID, LookupTable, Play, Sine
+from tsmblocks.model.block import REGISTRY
 from tsmblocks.studies import grid, responses
 from tsmblocks.studies.responses import Responses
 
@@ -96,7 +96,7 @@ def luminance(colour):
 
 
 def test_lines_stand_out_from_white_and_from_dark_paper():
-    from tsmblocks.notebook.card import COLOURS
+    from tsmblocks.html.card import COLOURS
 
     for colour in COLOURS:
         for paper in ("#ffffff", "#111111"):
@@ -173,7 +173,7 @@ def test_a_block_shows_its_equation_typeset_or_as_it_is_written(things, monkeypa
     formula = re.search(r"<math.*?</math>", text)[0]
     assert "<msub>" in formula
     assert "Paper, Eq (15)" in text
-    monkeypatch.setitem(sys.modules, "tsmblocks.reference.mathml", None)
+    monkeypatch.setitem(sys.modules, "tsmblocks.html.mathml", None)
     plain = things["block"]._repr_html_()
     assert "<pre>" in plain
     assert "k_P e" in plain

@@ -29,7 +29,7 @@ from tsmblocks.blocks import (
     Sum,
     ZeroOrderHold,
 )
-from tsmblocks.errors import DataError, ParameterError, RunError
+from tsmblocks.common.errors import DataError, ParameterError, RunError
 from tsmblocks.optimal.smoothing import smooth
 from tsmblocks.optimal.transcription import Programme
 

@@ -7,7 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Play
-from tsmblocks.diagnosis.places import sites
+from tsmblocks.diagnosis.insertion_points import sites
 
 DEG = np.pi / 180
 HALF, SLOPES, BENDS, NOISE = 1.2, (0.905, 0.93), 0.1, 0.06
@@ -104,10 +104,10 @@ def test_a_floor_above_what_the_model_leaves_is_doubted():
 def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     """Whatever says so, noise that the model explains is none."""
     from tsmblocks.data import Noise
-    from tsmblocks.fitting import noise_of
+    from tsmblocks.fitting import noise as noise_module
 
     fooled = Noise("x_out", "deg", 1.16, None, "repeated periods", 1000, 900)
-    monkeypatch.setattr(noise_of, "noise", lambda *_, **__: fooled)
+    monkeypatch.setattr(noise_module, "noise", lambda *_, **__: fooled)
     said = found(None)
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]

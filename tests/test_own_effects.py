@@ -5,9 +5,9 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Bias, Constant, Gain, Integrator, Overflow, Sum
-from tsmblocks.diagnosis.places import sites
+from tsmblocks.common.errors import DiagramError
+from tsmblocks.diagnosis.insertion_points import sites
 from tsmblocks.effects import Effect, Trials, registered
-from tsmblocks.errors import DiagramError
 
 TANKS = tsm.Diagram(
     title="tanks",

@@ -10,7 +10,7 @@ from scipy import stats
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
 from tsmblocks.studies import Normal, Uniform, grid, latin_hypercube, monte_carlo, sweep, table
 
 RUNS = 4000

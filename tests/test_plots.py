@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.errors import ParameterError, RunError, TsmError
+from tsmblocks.common.errors import ParameterError, RunError, TsmError
 from tsmblocks.plots import plot_loop, plot_run, plot_tracking
 
 figure = pytest.importorskip("matplotlib.figure", reason="the extra [plots] brings it")

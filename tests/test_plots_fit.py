@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.fitting.differences import Difference, Differences
+from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.plots import (
     plot_autocorrelation,
     plot_comparison,

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import tsmblocks
-from tsmblocks.block import REGISTRY
 from tsmblocks.cli import common, entry, main
+from tsmblocks.common.tables import unlike
 from tsmblocks.effects import catalogue
 from tsmblocks.engine import jit
-from tsmblocks.shelf import names
-from tsmblocks.tables import unlike
+from tsmblocks.files.shipped import names
+from tsmblocks.model.block import REGISTRY
 
 SOURCE = Path(tsmblocks.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import tsmblocks.blocks  # noqa: F401 - so that the registry is full before it is looked at
-from tsmblocks.block import REGISTRY
+from tsmblocks.model.block import REGISTRY
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -51,8 +51,8 @@ def test_code_prints_what_the_document_says(name, scope):
 def test_commands_in_the_readme_run(line, tmp_path, monkeypatch, capsys):
     from tsmblocks.blocks import Gain
     from tsmblocks.cli import main
-    from tsmblocks.diagram import Diagram
     from tsmblocks.files import save
+    from tsmblocks.model.diagram import Diagram
 
     monkeypatch.chdir(tmp_path)
     save(

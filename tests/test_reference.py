@@ -17,18 +17,18 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.block import leaves
 from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Sine
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
-from tsmblocks.compile import compile_diagram
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.files.shipped import names
+from tsmblocks.html.block_facts import words
+from tsmblocks.html.mathml import mathml
+from tsmblocks.html.plain_formulas import LETTERS, plain
+from tsmblocks.model.block import leaves
 from tsmblocks.reference import blocks, examples, python, uses
 from tsmblocks.reference import trace as tracing
-from tsmblocks.reference.cards import words
-from tsmblocks.reference.mathml import mathml
-from tsmblocks.reference.plain import LETTERS, plain
 from tsmblocks.reference.trace import ATOM, COMPARE, LOOSE, PLUS, POWER, TIMES, Tongue, listing
-from tsmblocks.shelf import names
 
 CONCEPTS = Path(blocks.__file__).parent / "pages" / "concepts"
 BLOCKS = {name: cls for family in blocks.families().values() for name, cls in family.items()}

@@ -15,12 +15,15 @@ import tsmblocks as tsm
 from tests.diagnoses import BACKLASH, DEG, NAMED, NOISE, NONE, NOTES, UNKNOWN, diagnosis, ranked, trace
 from tests.pages import Page
 from tsmblocks.blocks import Gain, Play
-from tsmblocks.diagnosis import showing, telling
-from tsmblocks.diagnosis.difference import difference, in_code
+from tsmblocks.common.errors import TsmError
+from tsmblocks.diagnosis import presentation as showing
+from tsmblocks.diagnosis import text as telling
+from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.result import Quantity
-from tsmblocks.errors import TsmError
-from tsmblocks.report import charts, figures, page, written
-from tsmblocks.report.style import CSS
+from tsmblocks.html import charts, figures
+from tsmblocks.html import report as page
+from tsmblocks.html.report_files import written
+from tsmblocks.html.style import CSS
 
 TOLD = """\
 Tendon sheath: a gain and an offset: 2 experiments

@@ -28,8 +28,8 @@ from tsmblocks.blocks import (
     UnitDelay,
     ZeroOrderHold,
 )
-from tsmblocks.errors import RunError
-from tsmblocks.tuning.limits import limit
+from tsmblocks.common.errors import RunError
+from tsmblocks.tuning.constraints import limit
 
 T = 0.05
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import tsmblocks as tsm
 from tsmblocks.blocks import DeadTime, Drift, Gain, GainDrift, Lag, Sine
+from tsmblocks.diagnosis.discrimination import SAMPLES, information, motions, proposed, separation, separations
 from tsmblocks.diagnosis.model import Asked, calibrated, posed_as, searched
-from tsmblocks.diagnosis.separating import SAMPLES, information, motions, proposed, separation, separations
-from tsmblocks.diagnosis.showing import digits
+from tsmblocks.diagnosis.presentation import digits
 from tsmblocks.effects import Span, catalogue
 
 STEP = 0.01

@@ -5,7 +5,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import PID, FirstOrderLag, Sum
-from tsmblocks.fitting.standing import standing
+from tsmblocks.fitting.input_checks import standing
 
 T = 0.02 * np.arange(400)
 SQUARE = np.where(T % 2 < 1, 1.0, -1.0)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import tsmblocks as tsm
 from tsmblocks.blocks import FirstOrderLag, Gain, RateLimit, Sine, Step, Sum
-from tsmblocks.errors import DataError, RunError
+from tsmblocks.common.errors import DataError, RunError
 from tsmblocks.studies import Normal, grid, latin_hypercube, monte_carlo, responses, study, sweep, table
 
 FIG16 = "fig16_feedforward_feedback"
@@ -63,7 +63,7 @@ def test_every_run_is_what_a_run_alone_gives():
 
 def test_a_number_that_follows_a_shared_one_goes_its_own_way_in_lanes():
     """The plant's theta is the compensator's in the file; here it alone varies."""
-    from tsmblocks.studies.running import grouped
+    from tsmblocks.studies.runner import grouped
 
     diagram = tsm.load(FIG16)
     plan = sweep({"tsm.theta": [4.0, 5.0], "pid.kp": [1.0]})
@@ -213,7 +213,7 @@ def test_only_what_is_missing_is_run(whole, facts, tmp_path):
 
 
 def test_ctrl_c_keeps_what_is_done(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("tsmblocks.studies.running.TURNS", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.TURNS", 1)
 
     def stop(done, _):
         if done >= 32:
@@ -241,8 +241,8 @@ def test_threads_and_executors_change_nothing(whole, tmp_path):
 
 def test_a_worker_that_dies_loses_nothing(whole, tmp_path, monkeypatch):
     path = tmp_path / "s.csv"
-    monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
-    monkeypatch.setattr("tsmblocks.studies.running.WAITING", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.WAITING", 1)
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
 
         def kill(done, _):
@@ -298,7 +298,7 @@ class Losing(ThreadPoolExecutor):
 
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_piece_that_was_lost_on_the_way_is_run_again(times, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
     with Losing(times) as pool:
         small(tmp_path / "s.csv", executor=pool)
     assert set(pool.seen.values()) == {times + 1}
@@ -315,9 +315,9 @@ class Silent(Executor):
 
     def __init__(self, monkeypatch, lost):
         self.now, self.lost, self.given = 0.0, lost, []
-        monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
-        monkeypatch.setattr("tsmblocks.studies.running.monotonic", lambda: self.now)
-        monkeypatch.setattr("tsmblocks.studies.running.wait", self.wait)
+        monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
+        monkeypatch.setattr("tsmblocks.studies.runner.monotonic", lambda: self.now)
+        monkeypatch.setattr("tsmblocks.studies.runner.wait", self.wait)
 
     def submit(self, function, runs, *more):
         copies = [first for first, _ in self.given].count(runs.runs[0])
@@ -351,8 +351,8 @@ def test_many_machines_by_dask(whole, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="needs Dask: pip install 'tsmblocks[dask]'")
     import dask
 
-    monkeypatch.setattr("tsmblocks.studies.running.PIECE", 1)
-    monkeypatch.setattr("tsmblocks.studies.running.PATIENCE", 1.0)
+    monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.PATIENCE", 1.0)
     calm = {"distributed.scheduler.allowed-failures": 10, "distributed.comm.retry.count": 2}
     with (
         dask.config.set(calm),

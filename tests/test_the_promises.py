@@ -6,21 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from tsmblocks.block import (
-    REGISTRY,
-    Block,
-    Input,
-    Output,
-    Samples,
-    State,
-    Tape,
-    block,
-    option,
-    parameter,
-    state,
-)
 from tsmblocks.blocks.function import function_block
-from tsmblocks.errors import BlockError, EquationError
+from tsmblocks.common.errors import BlockError, EquationError
+from tsmblocks.model.block import REGISTRY, Block, Input, Output, Samples, State, Tape, block, option, parameter, state
 from tsmblocks.testing import PROMISES, BrokenPromise, broken_promises, checks_for
 
 FAULTS = []

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.errors import FileError, ParameterError
+from tsmblocks.common.errors import FileError, ParameterError
 from tsmblocks.testing.guards import read_guards
 from tsmblocks.testing.tracking import COURSE, Baseline, Moved, guard, in_sentences, moved, read_baseline, since
 

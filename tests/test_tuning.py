@@ -24,12 +24,12 @@ from tsmblocks.blocks import (
     TransferFunction,
     UnitDelay,
 )
-from tsmblocks.errors import ParameterError, RunError
-from tsmblocks.metrics import metric
+from tsmblocks.common.errors import ParameterError, RunError
+from tsmblocks.metrics.metrics import metric
 from tsmblocks.studies import table
 from tsmblocks.tuning import tune
-from tsmblocks.tuning.limits import limit
-from tsmblocks.tuning.slopes import SMOOTH, sloped
+from tsmblocks.tuning.constraints import limit
+from tsmblocks.tuning.smooth_metrics import SMOOTH, sloped
 
 T = np.linspace(0.0, 10.0, 2001)
 TEXTS = [

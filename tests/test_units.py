@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from tsmblocks import units
-from tsmblocks.units import UnitError, factor, same, times
+from tsmblocks.common import units
+from tsmblocks.common.units import UnitError, factor, same, times
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ import ours
 from measure import Best, Report, race, three
 
 import tsmblocks as tsm
-from tsmblocks.batch import batch_kernel, lane_memory
 from tsmblocks.engine.methods import method_named
-from tsmblocks.simulate import equations, parameter_vector
+from tsmblocks.simulation.batch import batch_kernel, lane_memory
+from tsmblocks.simulation.simulate import equations, parameter_vector
 
 TOLERANCE = 1e-9
 STOP, STEPS = 10.0, 10_000

@@ -11,9 +11,9 @@ import ours
 from measure import Best, Report, ms, race, three, timed
 
 import tsmblocks as tsm
-from tsmblocks.compile import compile_diagram
+from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.engine import jit
-from tsmblocks.engine.kernels import kernel_for
+from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import plan_for
 

@@ -27,7 +27,7 @@ from measure import Best, Report, race, three, timed  # noqa: E402
 
 import tsmblocks as tsm  # noqa: E402
 from tsmblocks.fitting.gauss_newton import gauss_newton  # noqa: E402
-from tsmblocks.fitting.setting_up import pose  # noqa: E402
+from tsmblocks.fitting.setup import pose  # noqa: E402
 
 NAMES = ("alpha1", "alpha2", "A", "theta", "delta")
 START = {"tsm.alpha1": 1.0, "tsm.alpha2": 1.0, "tsm.A": -0.5, "tsm.theta": 2.0, "tsm.delta": 0.0}

@@ -10,10 +10,10 @@ import ours
 from measure import Report, difference, ms, race, three
 
 import tsmblocks as tsm
-from tsmblocks.batch import tangent_kernel
 from tsmblocks.engine.methods import method_named
-from tsmblocks.engine.tangents import tangent_memory
-from tsmblocks.simulate import equations, parameter_vector
+from tsmblocks.engine.sensitivities import tangent_memory
+from tsmblocks.simulation.batch import tangent_kernel
+from tsmblocks.simulation.simulate import equations, parameter_vector
 
 TOLERANCE = 1e-9
 SLOPES = 1e-6

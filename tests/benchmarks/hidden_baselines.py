@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.diagnosis.deciding import MATERIAL
+from tsmblocks.diagnosis.decision import MATERIAL
 
 THRESHOLD = 0.1
 """Coefficient, of columns and residual scaled to unit rms, below which STLSQ drops a term."""

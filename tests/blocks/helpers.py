@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from tsmblocks.block import Block, leaves, signals
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, leaves, signals
 
 
 class Bench:

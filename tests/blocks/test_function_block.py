@@ -8,9 +8,9 @@ import casadi as ca
 import pytest
 
 from tests.blocks.helpers import Bench, value
-from tsmblocks.block import REGISTRY, Block, signals
 from tsmblocks.blocks.function import function_block
-from tsmblocks.errors import BlockError, EquationError
+from tsmblocks.common.errors import BlockError, EquationError
+from tsmblocks.model.block import REGISTRY, Block, signals
 
 
 def plain_cube(u, k=0.3):

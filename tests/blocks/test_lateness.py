@@ -27,7 +27,7 @@ from tsmblocks.blocks import (
     Sum,
     ZeroOrderHold,
 )
-from tsmblocks.errors import AlgebraicLoop, RunError
+from tsmblocks.common.errors import AlgebraicLoop, RunError
 
 H = 0.01
 T = np.arange(0.0, 2.0, H)

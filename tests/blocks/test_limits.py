@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from tests.blocks.helpers import assert_sound, refuses, simulate, value
-from tsmblocks.block import signals
 from tsmblocks.blocks.limits import (
     DeadZone,
     LookupTable,
@@ -20,6 +19,7 @@ from tsmblocks.blocks.limits import (
     SoftRateLimit,
     SoftSaturation,
 )
+from tsmblocks.model.block import signals
 
 NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
 

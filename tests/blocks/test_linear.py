@@ -9,7 +9,6 @@ import pytest
 
 import tsmblocks as tsm
 from tests.blocks.helpers import Bench, assert_sound, rates, refuses, simulate, value
-from tsmblocks.block import signals
 from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
 from tsmblocks.blocks.linear import (
     Delay,
@@ -20,7 +19,8 @@ from tsmblocks.blocks.linear import (
     SecondOrderLag,
 )
 from tsmblocks.blocks.lti import StateSpace, TransferFunction, ZeroPoleGain, from_control
-from tsmblocks.errors import BlockError, ParameterError
+from tsmblocks.common.errors import BlockError, ParameterError
+from tsmblocks.model.block import signals
 
 FREQUENCIES = np.logspace(-2, 3, 61)
 MIMO = StateSpace(

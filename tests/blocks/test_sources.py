@@ -8,7 +8,6 @@ from scipy.integrate import cumulative_simpson
 from scipy.signal import sawtooth
 
 from tests.blocks.helpers import assert_sound, refuses
-from tsmblocks.block import signals
 from tsmblocks.blocks.sources import (
     Chirp,
     Constant,
@@ -22,6 +21,7 @@ from tsmblocks.blocks.sources import (
     Triangle,
     white_noise,
 )
+from tsmblocks.model.block import signals
 
 ALL = [Chirp, Constant, MultiSine, Ramp, Random, Recorded, Sine, Staircase, Step, Triangle]
 

@@ -17,9 +17,9 @@ from tsmblocks.blocks import (
     Slack,
     Sum,
 )
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.errors import DataError, ParameterError, RunError
 from tsmblocks.effects import Effect, Trials, catalogue, register
-from tsmblocks.errors import DataError, ParameterError, RunError
+from tsmblocks.model.diagram import Diagram
 
 
 def effect(**changes):

@@ -13,8 +13,8 @@ from tsmblocks.blocks import (
     Sine,
     Sum,
 )
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DiagramError
+from tsmblocks.common.errors import DiagramError
+from tsmblocks.model.diagram import Diagram
 
 
 def nested():

@@ -7,11 +7,11 @@ import casadi as ca
 import numpy as np
 
 from tests.mistakes.table import mistake
-from tsmblocks.block import Block, Input, Output, Past, State, block, option, parameter, state
 from tsmblocks.blocks import Sine, function_block
-from tsmblocks.compile import compile_diagram
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import BlockError, DiagramError, EquationError
+from tsmblocks.common.errors import BlockError, DiagramError, EquationError
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.model.block import Block, Input, Output, Past, State, block, option, parameter, state
+from tsmblocks.model.diagram import Diagram
 
 
 def compiled(cls, **parameters):

@@ -3,9 +3,9 @@
 
 import tsmblocks as tsm
 from tests.mistakes.table import mistake
-from tsmblocks import units
-from tsmblocks.errors import FileError
-from tsmblocks.units import UnitError
+from tsmblocks.common import units
+from tsmblocks.common.errors import FileError
+from tsmblocks.common.units import UnitError
 
 
 @mistake(

@@ -6,9 +6,9 @@ import numpy as np
 
 import tsmblocks as tsm
 from tests.mistakes.table import mistake
-from tsmblocks.block import Block, Input, Output, block, parameter
 from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Sum, ZeroOrderHold
-from tsmblocks.errors import DataError, NotFinite, ParameterError, RunError
+from tsmblocks.common.errors import DataError, NotFinite, ParameterError, RunError
+from tsmblocks.model.block import Block, Input, Output, block, parameter
 
 T = 0.01 * np.arange(201)
 U = np.sin(3 * T)

@@ -6,8 +6,7 @@ import pandas as pd
 
 import tsmblocks as tsm
 from tests.mistakes.table import mistake, position_loop
-from tsmblocks import analysis, units
-from tsmblocks.block import Block, Input, Output, Unchanging, block
+from tsmblocks import analysis
 from tsmblocks.blocks import (
     PID,
     Constant,
@@ -20,9 +19,8 @@ from tsmblocks.blocks import (
     Sum,
     TransferFunction,
 )
-from tsmblocks.compile import compile_diagram
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import (
+from tsmblocks.common import units
+from tsmblocks.common.errors import (
     AlgebraicLoop,
     BlockError,
     DataError,
@@ -33,9 +31,12 @@ from tsmblocks.errors import (
     RunError,
     TsmError,
 )
-from tsmblocks.simulate import Stepper, simulate
-from tsmblocks.structure import structure_of
-from tsmblocks.units import UnitError
+from tsmblocks.common.units import UnitError
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.compiler.dependencies import structure_of
+from tsmblocks.model.block import Block, Input, Output, Unchanging, block
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import Stepper, simulate
 
 
 def lag():

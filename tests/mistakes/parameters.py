@@ -4,8 +4,6 @@
 import numpy as np
 
 from tests.mistakes.table import BLOCKS, mistake, position_loop
-from tsmblocks.batch import sensitivities, simulate_batch
-from tsmblocks.block import Block, Input, Output, block, parameter
 from tsmblocks.blocks import (
     PID,
     Abs,
@@ -22,9 +20,11 @@ from tsmblocks.blocks import (
     TransferFunction,
     ZeroOrderHold,
 )
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import BlockError, DiagramError, ParameterError
-from tsmblocks.simulate import simulate
+from tsmblocks.common.errors import BlockError, DiagramError, ParameterError
+from tsmblocks.model.block import Block, Input, Output, block, parameter
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.batch import sensitivities, simulate_batch
+from tsmblocks.simulation.simulate import simulate
 
 # ---- names
 

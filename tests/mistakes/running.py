@@ -5,8 +5,6 @@ import casadi as ca
 import numpy as np
 
 from tests.mistakes.table import mistake, position_loop
-from tsmblocks.batch import simulate_batch
-from tsmblocks.block import Block, Input, Output, Samples, block, state
 from tsmblocks.blocks import (
     Constant,
     Delay,
@@ -23,9 +21,11 @@ from tsmblocks.blocks import (
     UnitDelay,
     ZeroOrderHold,
 )
-from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import DataError, NotFinite, RunError
-from tsmblocks.simulate import Stepper, simulate
+from tsmblocks.common.errors import DataError, NotFinite, RunError
+from tsmblocks.model.block import Block, Input, Output, Samples, block, state
+from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.simulation.batch import simulate_batch
+from tsmblocks.simulation.simulate import Stepper, simulate
 
 
 def plant(**blocks):

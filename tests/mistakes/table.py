@@ -13,7 +13,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.blocks import PID, Saturation, Sine, Sum, TransferFunction
-from tsmblocks.diagram import Diagram
+from tsmblocks.model.diagram import Diagram
 
 
 @attrs.frozen

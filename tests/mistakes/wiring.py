@@ -21,9 +21,9 @@ from tsmblocks.blocks import (
     Sum,
     ZeroOrderHold,
 )
-from tsmblocks.compile import compile_diagram
-from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import AlgebraicLoop, DiagramError
+from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.model.diagram import Diagram, Inlet
 
 # ---- names and places of wires
 

@@ -25,6 +25,7 @@ from tsmblocks.blocks.control import (
     PIDController,
     SmoothSlope,
 )
+from tsmblocks.blocks.delays import DeadTime, Lag
 from tsmblocks.blocks.discrete import (
     DiscreteIntegrator,
     DiscretePID,
@@ -44,6 +45,7 @@ from tsmblocks.blocks.friction import (
     ViscousFriction,
 )
 from tsmblocks.blocks.function import function_block
+from tsmblocks.blocks.hydraulics import Overflow
 from tsmblocks.blocks.hysteresis import (
     AsymmetricBoucWen,
     BoucWen,
@@ -54,7 +56,6 @@ from tsmblocks.blocks.hysteresis import (
     PrandtlIshlinskii,
     TaoBacklash,
 )
-from tsmblocks.blocks.lateness import DeadTime, Lag
 from tsmblocks.blocks.limits import (
     DeadZone,
     LookupTable,
@@ -103,7 +104,6 @@ from tsmblocks.blocks.transmission import (
     Ripple,
     Slack,
 )
-from tsmblocks.blocks.vessels import Overflow
 
 __all__ = [
     "Abs",
@@ -205,6 +205,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    from tsmblocks.elsewhere import called
+    from tsmblocks.model.aliases import called
 
     raise AttributeError(f"tsmblocks.blocks has no '{name}'.{called(name, __all__)}")

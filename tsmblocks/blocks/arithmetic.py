@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 import attrs
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, block, option, parameter
 from tsmblocks.blocks.ports import UNIT
-from tsmblocks.errors import ParameterError, in_words
-from tsmblocks.units import UnitError, factor
+from tsmblocks.common.errors import ParameterError, in_words
+from tsmblocks.common.units import UnitError, factor
+from tsmblocks.model.block import Block, Input, Output, block, option, parameter
 
 
 def numbered_inputs(n: int, about: str, unit: str = "") -> dict[str, Input]:

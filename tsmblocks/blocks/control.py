@@ -9,9 +9,9 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, block, parameter, state
 from tsmblocks.blocks.hysteresis import slope, state_rate
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 
 
 @block

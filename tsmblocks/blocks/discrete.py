@@ -10,7 +10,6 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, State, block, option, parameter, state
 from tsmblocks.blocks.matrices import (
     Rows,
     check_matrices,
@@ -24,7 +23,8 @@ from tsmblocks.blocks.matrices import (
     states_of,
 )
 from tsmblocks.blocks.ports import UNIT, UNIT_IN
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
 
 def _period() -> Any:

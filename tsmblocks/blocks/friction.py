@@ -15,7 +15,7 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, block, parameter, state
+from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 
 
 def stribeck_level(v: Any, coulomb: Any, static: Any, stribeck: Any) -> Any:

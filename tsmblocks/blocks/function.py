@@ -18,9 +18,9 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tsmblocks.block import Block, Input, Output, block, parameter
-from tsmblocks.errors import BlockError, EquationError, in_words, near
-from tsmblocks.units import UnitError, parse
+from tsmblocks.common.errors import BlockError, EquationError, in_words, near
+from tsmblocks.common.units import UnitError, parse
+from tsmblocks.model.block import Block, Input, Output, block, parameter
 
 
 def function_block(

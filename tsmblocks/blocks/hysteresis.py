@@ -10,8 +10,8 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, State, block, parameter, state
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
 TINY = 1e-12
 """Below this the base of a fractional power counts as this [rad, or none], so that its slope stays finite."""

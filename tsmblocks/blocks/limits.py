@@ -7,8 +7,8 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, State, block, option, parameter, state
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
 LONG_AGO = -1e9
 """An instant [s] so far back that a rate limit since then no longer binds; finite, so slopes stay finite."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, Past, block, option, parameter, state
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, Input, Output, Past, block, option, parameter, state
 
 INFINITE = float("inf")
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, State, block, parameter, state
 from tsmblocks.blocks.hysteresis import play
 from tsmblocks.blocks.transmission import after
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
 
 def side_rate(v: Any, z: Any, distance: Any) -> Any:

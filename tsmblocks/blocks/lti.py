@@ -6,7 +6,6 @@ import re
 from itertools import zip_longest
 from typing import Any
 
-from tsmblocks.block import Block, Input, Output, State, block, option, parameter
 from tsmblocks.blocks.matrices import (
     Rows,
     check_matrices,
@@ -20,9 +19,10 @@ from tsmblocks.blocks.matrices import (
     states_of,
 )
 from tsmblocks.blocks.ports import UNIT, UNIT_IN
-from tsmblocks.errors import BlockError, ParameterError, in_words
-from tsmblocks.tables import unlike
-from tsmblocks.units import heading, split_heading
+from tsmblocks.common.errors import BlockError, ParameterError, in_words
+from tsmblocks.common.tables import unlike
+from tsmblocks.common.units import heading, split_heading
+from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter
 
 
 def _section(num: Any, den: Any, x: Any, u: Any) -> tuple[Any, Any]:

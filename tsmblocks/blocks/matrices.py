@@ -8,9 +8,9 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.block import Input, Output, State, option
-from tsmblocks.errors import ParameterError, in_words
-from tsmblocks.units import UnitError, parse
+from tsmblocks.common.errors import ParameterError, in_words
+from tsmblocks.common.units import UnitError, parse
+from tsmblocks.model.block import Input, Output, State, option
 
 Rows = tuple[tuple[float, ...], ...]
 _NAMED = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\[\]]*)\])?\s*", re.ASCII)

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, block, option, parameter, state
+from tsmblocks.model.block import Block, Input, Output, block, option, parameter, state
 
 
 @block

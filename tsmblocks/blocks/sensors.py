@@ -7,8 +7,8 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.block import Block, Input, Output, Samples, Tape, block, option, parameter
 from tsmblocks.blocks.sources import white_noise
+from tsmblocks.model.block import Block, Input, Output, Samples, Tape, block, option, parameter
 
 
 @block

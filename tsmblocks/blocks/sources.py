@@ -10,9 +10,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tsmblocks.block import Block, Output, Samples, Tape, block, option, parameter
 from tsmblocks.blocks.ports import UNIT
-from tsmblocks.errors import ParameterError
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.model.block import Block, Output, Samples, Tape, block, option, parameter
 
 PEAK = math.radians(55.0)
 """Amplitude of the paper's sine [rad]."""

@@ -8,9 +8,9 @@ import textwrap
 from typing import Any
 
 from tsmblocks.cli import common, console
-from tsmblocks.reference.cards import by_family, card, words
-from tsmblocks.reference.plain import plain
-from tsmblocks.tables import columns
+from tsmblocks.common.tables import columns
+from tsmblocks.html.block_facts import by_family, card, words
+from tsmblocks.html.plain_formulas import plain
 
 HELP = "list the blocks, or show one block's card"
 
@@ -24,7 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     import tsmblocks.blocks  # noqa: F401 - importing it registers every block
-    from tsmblocks.block import REGISTRY
+    from tsmblocks.model.block import REGISTRY
 
     if args.name:
         made = card(REGISTRY[common.choose(args.name, REGISTRY, "block")])

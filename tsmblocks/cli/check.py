@@ -7,8 +7,8 @@ import sys
 from typing import Any
 
 from tsmblocks.cli import common, console
-from tsmblocks.errors import DiagramError, FileError, TsmError
-from tsmblocks.units import heading
+from tsmblocks.common.errors import DiagramError, FileError, TsmError
+from tsmblocks.common.units import heading
 
 HELP = "check diagram files and list their faults"
 
@@ -46,7 +46,7 @@ def _faults(error: Exception) -> list[str]:
 
 def parts(name: str) -> dict[str, Any]:
     """What a sound diagram is made of: counts of blocks, states and parameters; inputs and outputs with their units."""
-    from tsmblocks.compile import compile_diagram
+    from tsmblocks.compiler.compile import compile_diagram
     from tsmblocks.files import load
 
     diagram = load(name)

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from tsmblocks.cli.console import complain, give, wrapped
-from tsmblocks.errors import TsmError, near
-from tsmblocks.tables import unlike
+from tsmblocks.common.errors import TsmError, near
+from tsmblocks.common.tables import unlike
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells expect it."""

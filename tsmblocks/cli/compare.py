@@ -58,7 +58,7 @@ def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
     from tsmblocks.fitting.compare import in_full, ready_made
-    from tsmblocks.fitting.telling import by_file
+    from tsmblocks.fitting.text import by_file
 
     if args.each and args.held_out:
         raise common.UsageError("--each fits every file, so none can be held out; leave --held-out away.")

@@ -32,13 +32,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     import tsmblocks.blocks  # noqa: F401 - importing it registers every block
-    from tsmblocks.block import REGISTRY
-    from tsmblocks.cli.entry import COMMANDS, parsers
     from tsmblocks.cli.shells import SHELLS, commands
-    from tsmblocks.shelf import names
+    from tsmblocks.files.shipped import names
+    from tsmblocks.model.block import REGISTRY
 
     shell = common.choose(args.shell, NAMES, "shell")
-    known = commands(parsers()[1], {name: module.HELP for name, module in COMMANDS.items()})
+    known = commands(args.parsers()[1], args.helps)
     words = {common.DIAGRAMS: tuple(names()), common.BLOCKS: tuple(sorted(REGISTRY))}
     print(SHELLS[shell](known, words), end="")
     return 0

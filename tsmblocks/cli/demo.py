@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tsmblocks.cli import common, console, recordings
-from tsmblocks.tables import WIDTH, columns
+from tsmblocks.common.tables import WIDTH, columns
 
 if TYPE_CHECKING:
     from tsmblocks.demo.compensators import Tracked
@@ -127,7 +127,7 @@ def _measured(story: Story) -> str:
 def _identified(story: Story) -> str:
     from tsmblocks.demo.mechanism import DEG
     from tsmblocks.demo.story import FLOOR
-    from tsmblocks.fitting.telling import numbers
+    from tsmblocks.fitting.text import numbers
 
     left = story.fit.differences.rms
     end = _wrapped(f"What is left is {left / DEG:.3f} deg rms, {left / FLOOR:.1f} times the sensor's noise.")
@@ -135,7 +135,7 @@ def _identified(story: Story) -> str:
 
 
 def _diagnosed(story: Story) -> str:
-    from tsmblocks.diagnosis.telling import verdict
+    from tsmblocks.diagnosis.text import verdict
 
     segment = story.diagnosis.worst
     return f"4. What is missing is found\n\n{_wrapped(f'{segment.verdict.upper()}. {verdict(segment)}')}"

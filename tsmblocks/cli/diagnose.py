@@ -37,8 +37,8 @@ TYPED = (
 
 def floor(text: str) -> str:
     """A noise floor: a number, perhaps with its unit, perhaps for one output."""
-    from tsmblocks.errors import TsmError
-    from tsmblocks.fitting.given import parsed
+    from tsmblocks.common.errors import TsmError
+    from tsmblocks.fitting.noise import parsed
 
     try:
         parsed(text)
@@ -78,8 +78,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
+    from tsmblocks.common.errors import TsmError
     from tsmblocks.diagnosis.diagnose import diagnose
-    from tsmblocks.errors import TsmError
     from tsmblocks.files import load
 
     folder, plot = _folder(args.out), common.figure_path(args.plot)
@@ -106,8 +106,8 @@ def _folder(text: str | None) -> Path | None:
     """The folder to write into, made before the long work and not after it."""
     if text is None:
         return None
-    from tsmblocks.errors import TsmError
-    from tsmblocks.report import folder_for
+    from tsmblocks.common.errors import TsmError
+    from tsmblocks.html.report_files import folder_for
 
     try:
         folder = folder_for(text)
@@ -119,7 +119,7 @@ def _folder(text: str | None) -> Path | None:
 
 def _saved(found: Diagnosis, folder: Path | None) -> list[str]:
     """Write the three files; their paths."""
-    from tsmblocks.report import NAMES
+    from tsmblocks.html.report_files import NAMES
 
     if folder is None:
         return []

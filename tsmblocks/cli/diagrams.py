@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tsmblocks.cli import common, console
-from tsmblocks.tables import columns
+from tsmblocks.common.tables import columns
 
 HELP = "list the ready-made diagrams"
 
@@ -18,7 +18,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
-    from tsmblocks.shelf import names
+    from tsmblocks.files.shipped import names
 
     listed = {name: load(name).title for name in names()}
     console.give(listed) if args.json else print(in_words(listed))

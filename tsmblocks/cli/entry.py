@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from tsmblocks import __version__
 from tsmblocks.cli import (
     blocks,
     check,
@@ -25,14 +24,15 @@ from tsmblocks.cli import (
     draw,
     export,
     fit,
-    own,
     reference,
     run,
     study,
 )
+from tsmblocks.cli import extensions as own
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
 from tsmblocks.cli.console import complain, legible
-from tsmblocks.errors import TsmError, near
+from tsmblocks.common.errors import TsmError, near
+from tsmblocks.common.version import __version__
 
 COMMANDS = {
     "run": run, "fit": fit, "compare": compare, "diagnose": diagnose, "study": study, "draw": draw, "check": check,
@@ -98,6 +98,7 @@ def _dispatch(argv: list[str]) -> int:
         hint = near(word, known, most=20) if kind == "option" else _of_recordings(extra[0], known)
         raise UsageError(f"{args.command} takes no {kind} '{word}'.{hint}")
     own.bring(getattr(args, "own", ()))
+    args.parsers, args.helps = parsers, {name: module.HELP for name, module in COMMANDS.items()}
     return int(COMMANDS[args.command].execute(args))
 
 

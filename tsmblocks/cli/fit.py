@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import attrs
 
 from tsmblocks.cli import common, console, recordings
-from tsmblocks.errors import TsmError
+from tsmblocks.common.errors import TsmError
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -86,7 +86,7 @@ def _search(options: argparse._ActionsContainer) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
-    from tsmblocks.fitting.estimate import fit
+    from tsmblocks.fitting.fit import fit
 
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
     diagram = load(args.diagram).with_parameters(dict(args.settings))

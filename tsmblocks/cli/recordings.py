@@ -12,8 +12,8 @@ import attrs
 
 from tsmblocks.cli.common import UsageError, number, pair, span
 from tsmblocks.cli.console import note
-from tsmblocks.errors import near
-from tsmblocks.units import heading, split_heading
+from tsmblocks.common.errors import near
+from tsmblocks.common.units import heading, split_heading
 
 
 def data_arguments(options: argparse._ActionsContainer, *, several: bool = False) -> None:
@@ -167,15 +167,15 @@ def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[s
 
 def _noisy(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:
     """Inputs whose noise would drive a model with memory, a sentence for each."""
-    from tsmblocks.fitting.summing_up import rough_inputs
-    from tsmblocks.simulate import equations
+    from tsmblocks.fitting.summary import rough_inputs
+    from tsmblocks.simulation.simulate import equations
 
     return [in_options(text, args) for text in rough_inputs(record, equations(diagram))]
 
 
 def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:
     """Say once what signals without a unit are taken to be in, and how to say another, before any work is done."""
-    from tsmblocks.data.untold import untold
+    from tsmblocks.data.missing_units import untold
 
     wanted = _units(diagrams)
     said: dict[str, list[Any]] = {}
@@ -191,7 +191,7 @@ def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequ
 
 def _refuse_doubtful(args: argparse.Namespace, record: Any, diagrams: Sequence[Any]) -> None:
     """Raise DataError where angles without a unit would be many turns."""
-    from tsmblocks.data.untold import refuse_doubtful
+    from tsmblocks.data.missing_units import refuse_doubtful
 
     def way(names: Sequence[str]) -> str:
         return f"--map {' '.join(_in_degrees(args, name) for name in names)}, or [rad]"
@@ -216,7 +216,7 @@ def _column(args: argparse.Namespace, name: str) -> str:
 
 def _look_at(paths: Sequence[str]) -> None:
     """Refuse files given twice, and diagrams that stand where recordings should."""
-    from tsmblocks.shelf import names
+    from tsmblocks.files.shipped import names
 
     seen = set()
     for path in paths:

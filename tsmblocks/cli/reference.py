@@ -36,7 +36,7 @@ def execute(args: argparse.Namespace) -> int:
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
     with console.progress(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=args.json) as tell:
-        count = build(folder, _helps(), tell)
+        count = build(folder, _helps(args), tell)
     if args.json:
         console.give({"pages": count, "index": folder / "index.html"})
     else:
@@ -44,13 +44,11 @@ def execute(args: argparse.Namespace) -> int:
     return 0
 
 
-def _helps() -> Mapping[str, tuple[str, str]]:
+def _helps(args: argparse.Namespace) -> Mapping[str, tuple[str, str]]:
     """What each command does, and what its help prints."""
-    from tsmblocks.cli.entry import COMMANDS, parsers
-
     with _wide(WIDTH):
-        _, made = parsers()
-        return {name: (COMMANDS[name].HELP, parser.format_help()) for name, parser in made.items()}
+        _, made = args.parsers()
+        return {name: (args.helps[name], parser.format_help()) for name, parser in made.items()}
 
 
 @contextmanager

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from tsmblocks.cli import common, console, recordings
-from tsmblocks.errors import RunError
-from tsmblocks.tables import columns
+from tsmblocks.common.errors import RunError
+from tsmblocks.common.tables import columns
 
 HELP = "run a diagram, print its tracking error or a table of outputs"
 
@@ -72,7 +72,7 @@ def execute(args: argparse.Namespace) -> int:
 
 def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[str, Any], out: Path | None) -> Any:
     """Run the diagram; a run that breaks off leaves what there was of it in the file asked for."""
-    from tsmblocks.simulate import simulate
+    from tsmblocks.simulation.simulate import simulate
 
     start = float(record.t[0]) if record is not None else 0.0
     try:
@@ -91,7 +91,7 @@ def _beside(diagram: Any, run: Any, record: Any) -> Any:
     names = [name for name in run.aliases if record is not None and name in record]
     if not names:
         return None
-    from tsmblocks.fitting.differences import of_run
+    from tsmblocks.fitting.score import of_run
 
     return of_run(diagram, run, record, names)
 
@@ -128,7 +128,7 @@ def summarise(run: Any, diagram: str, record: Any = None, beside: Any = None) ->
     if beside is not None:
         made["measured"] = [{**d.to_dict(), "peak_to_peak": d.peak_to_peak} for d in beside]
     if _tracks(run):
-        from tsmblocks.measures import tracking_error
+        from tsmblocks.metrics.tracking import tracking_error
 
         half = float(run.t[0] + run.t[-1]) / 2
         made["tracking_error"] = {
@@ -183,7 +183,7 @@ def _tracking_table(summary: dict[str, Any]) -> str:
 
 def _units(unit: str) -> list[tuple[str, float]]:
     """Return the units an error is shown in: its own, and degrees for an angle."""
-    from tsmblocks import units
+    from tsmblocks.common import units
 
     angle = units.parse(unit).dimension == units.parse("rad").dimension
     return [("rad", units.factor(unit, "rad")), ("deg", units.factor(unit, "deg"))] if angle else [(unit, 1.0)]

@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import DataError, near
+from tsmblocks.common.units import split_heading, unmistakable
 from tsmblocks.data import structures
 from tsmblocks.data.table import Rows, within
-from tsmblocks.errors import DataError, near
-from tsmblocks.units import split_heading, unmistakable
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 CLOCKS = ("t", "time", "tout")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import attrs
 import numpy as np
 
-from tsmblocks import units
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError
+from tsmblocks.common.units import heading
 from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
-from tsmblocks.errors import DataError
-from tsmblocks.units import heading
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record

@@ -1,24 +1,19 @@
-"""The time axis of a record: its step, how even it is, and resampling onto another."""
+"""The time axis of a record: its step, and how even it is."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-import attrs
 import numpy as np
 
-from tsmblocks.errors import DataError
+from tsmblocks.common.errors import DataError
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
 UNEVEN = 0.01
 """Deviation of a step from the median, in steps, up to which a grid counts as even."""
-PASSED = 0.7
-"""Share of the new Nyquist frequency that is left by the low-pass before samples are thinned out."""
-MOST_SAMPLES = 50_000_000
-"""Samples of a resampled record; more is a step typed in the wrong unit."""
 
 
 def step_of(t: np.ndarray) -> float:
@@ -53,43 +48,6 @@ def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
             k = int(bad[0])
             raise DataError(f"{record.called}: sample {k} of {name} is not finite (t = {record.t[k]:g} s, value = "
                             f"{record[name][k]:g}), and {what} needs every sample.")  # fmt: skip
-
-
-def resampled(record: Record, step: float | None = None) -> Record:
-    """Return the record on an even grid; see Record.resampled."""
-    own = record.step
-    step = own if step is None else float(step)
-    t = record.t
-    if not 0 < step <= (t[-1] - t[0]) / 3:
-        raise DataError(f"{record.called}: the new step must be above 0 s and at most a third of the record "
-                        f"({t[-1] - t[0]:g} s), got {step:g} s.")  # fmt: skip
-    refuse_not_finite(record, record, "resampling")
-    count = int((t[-1] - t[0]) / step * (1 + 1e-12) + 1e-6) + 1
-    if count > MOST_SAMPLES:
-        raise DataError(f"{record.called}: a step of {step:g} s makes {count} samples; is it in seconds?")
-    grid = t[0] + step * np.arange(count)
-    grid[-1] = min(grid[-1], t[-1])
-    if step > 1.05 * own:
-        return _thinned(record, grid, step)
-    kinds = {name: better_interpolation(t, record[name]) for name in record}
-    signals = {name: interpolation(t, record[name], kinds[name])(grid) for name in record}
-    how = "; ".join(f"{kind}: {', '.join(found)}" for kind in ("cubic", "linear")
-                    if (found := [n for n in record if kinds[n] == kind]))  # fmt: skip
-    note = f"Resampled from {len(t)} to {count} samples, {step:g} s apart (interpolated; {how})."
-    return attrs.evolve(record, t=grid, signals=signals, notes=(*record.notes, note))
-
-
-def _thinned(record: Record, grid: np.ndarray, step: float) -> Record:
-    """Fewer samples: what is too fast for them is taken out first, or it would come back as slow motion."""
-    from tsmblocks.data.filters import low_pass
-
-    even = record if record.uniform else resampled(record)
-    cutoff = PASSED * 0.5 / step
-    smooth = {name: low_pass(record[name] if even is record else even[name], even.step, cutoff, 8) for name in record}
-    signals = {name: interpolation(even.t, values, "cubic")(grid) for name, values in smooth.items()}
-    note = (f"Resampled from {len(record)} to {len(grid)} samples, {step:g} s apart, after a zero-phase low-pass at "
-            f"{cutoff:.4g} Hz.")  # fmt: skip
-    return attrs.evolve(record, t=grid, signals=signals, notes=(*even.notes, note))
 
 
 def interpolation(t: np.ndarray, x: np.ndarray, kind: str) -> Callable[[np.ndarray], np.ndarray]:

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data.grid import interpolation
-from tsmblocks.data.period import UNLIKE, find_period, unlikeness
-from tsmblocks.data.quantum import quantum_of
+from tsmblocks.data.periods import UNLIKE, find_period, unlikeness
+from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
-from tsmblocks.errors import DataError
 
 FEWEST = 30
 """Degrees of freedom below which an estimate is not given: it would be off by more than an eighth."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import attrs
 import numpy as np
 
-from tsmblocks.data.period import find_period
-from tsmblocks.errors import DataError
+from tsmblocks.common.errors import DataError
+from tsmblocks.data.periods import find_period
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record

@@ -10,14 +10,15 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks import units
-from tsmblocks.block import Samples
-from tsmblocks.data import grid
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, near
+from tsmblocks.common.frames import dataset, frame
+from tsmblocks.common.tables import few
+from tsmblocks.common.units import heading
+from tsmblocks.common.views import view
+from tsmblocks.data import grid, resampling
 from tsmblocks.data import signals as one_by_one
-from tsmblocks.errors import DataError, near
-from tsmblocks.frames import dataset, frame
-from tsmblocks.tables import few
-from tsmblocks.units import heading
+from tsmblocks.model.block import Samples
 
 
 def _still(values: np.ndarray) -> np.ndarray:
@@ -116,9 +117,7 @@ class Record:
 
     def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
         """Signals over time (all unless named), angles in degrees; ``"x_in - x_out"`` is one too. Needs matplotlib."""
-        from tsmblocks.plots import plot_record
-
-        return plot_record(self, names, ax, after=after)
+        return view("plot", self, names=names, ax=ax, after=after)
 
     def save(self, path: str | Path) -> Path:
         """Write all signals to .csv, .npz or .mat, which ``tsm.read`` takes again; returns the path.
@@ -138,9 +137,7 @@ class Record:
         return f"Record({self.name!r}, {span}{len(self)} samples, {few(heading(k, self.unit(k)) for k in self)})"
 
     def _repr_html_(self) -> str:
-        from tsmblocks.notebook import record_card
-
-        return record_card(self)
+        return view("html", self)
 
     # ---- the time axis: grid.py, parts.py
 
@@ -166,7 +163,7 @@ class Record:
         from the others. When the new step is longer, what would come back as slow motion is first taken out by a
         zero-phase low-pass at 0.7 of the new Nyquist frequency. Raises DataError for a step that does not fit.
         """
-        return grid.resampled(self, step)
+        return resampling.resampled(self, step)
 
     def part(self, start: float | None = None, stop: float | None = None) -> Record:
         """Return the samples from ``start`` to ``stop`` [s], both included; None is the end of the record.

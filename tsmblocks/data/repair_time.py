@@ -5,9 +5,9 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data.grid import UNEVEN, usual_step
 from tsmblocks.data.table import Table, noted, plural
-from tsmblocks.errors import DataError
 
 FARTHEST = 8
 """Rows that a late row may have to move to count as out of order; farther is another recording."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from tsmblocks import units
-from tsmblocks.errors import DataError, in_words, near
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, in_words, near
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.errors import DataError, clip
+from tsmblocks.common.errors import DataError, clip
 
 DEEPEST = 12
 """Structures within structures that are followed."""

@@ -11,10 +11,10 @@ from pathlib import Path
 import attrs
 import numpy as np
 
-from tsmblocks import units
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, in_words
+from tsmblocks.common.units import heading, split_heading
 from tsmblocks.data.table import Rows, within
-from tsmblocks.errors import DataError, in_words
-from tsmblocks.units import heading, split_heading
 
 COMMENTS = ("#", "%", "//")
 BLANK = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "+inf", "-inf"})

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tsmblocks.errors import DataError, in_words
-from tsmblocks.units import split_heading, unmistakable
+from tsmblocks.common.errors import DataError, in_words
+from tsmblocks.common.units import split_heading, unmistakable
 
 ENDINGS = (".csv", ".npz", ".mat")
 TAKEN = ("t", "units", "file", "allow_pickle")

@@ -6,14 +6,14 @@ import attrs
 import numpy as np
 
 from tsmblocks.blocks import ElasticBacklash, FeedforwardCompensator, Play, Recorded
+from tsmblocks.common.errors import TsmError
 from tsmblocks.demo.mechanism import STEP, STOP, behind_the_motor, references
 from tsmblocks.diagnosis.consequence import inverse
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import TsmError
-from tsmblocks.measures import TrackingError, tracking_error
+from tsmblocks.metrics.tracking import TrackingError, tracking_error
+from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.control import optimal_control
-from tsmblocks.run import Run
-from tsmblocks.simulate import simulate
+from tsmblocks.simulation.run import Run
+from tsmblocks.simulation.simulate import simulate
 
 REFERENCE = "large"
 """The experiment whose reference is tracked."""

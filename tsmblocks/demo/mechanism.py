@@ -8,12 +8,12 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.block import Block
 from tsmblocks.blocks import AsymmetricBoucWen, Bow, MultiSine, Play, Ripple, Sine
 from tsmblocks.data import Record
-from tsmblocks.diagram import Diagram
 from tsmblocks.files import load
-from tsmblocks.simulate import simulate
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import simulate
 
 DEG = math.pi / 180
 NUMBERS = {"alpha1": 0.91, "alpha2": 0.94, "A": -0.82, "theta": 4.6, "delta": 0.08}

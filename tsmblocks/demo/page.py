@@ -14,15 +14,15 @@ from tsmblocks.demo.compensators import PERIOD, REFERENCE, Tracked
 from tsmblocks.demo.mechanism import DEG, model
 from tsmblocks.demo.paper import DIAGRAMS, Case
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
+from tsmblocks.diagnosis.presentation import by_excess, digits, histories, profile, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.showing import by_excess, digits, histories, profile, with_interval
-from tsmblocks.diagnosis.telling import verdict, worst_gap
+from tsmblocks.diagnosis.text import verdict, worst_gap
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
-from tsmblocks.report import charts, figures
-from tsmblocks.report.charts import WIDTH, Frame
-from tsmblocks.report.html import document, key, picture, sentence, table
-from tsmblocks.report.page import WORDS
+from tsmblocks.html import charts, figures
+from tsmblocks.html.charts import WIDTH, Frame
+from tsmblocks.html.document import document, key, picture, sentence, table
+from tsmblocks.html.report import WORDS
 
 POINTS = 600
 """Of one line at most."""

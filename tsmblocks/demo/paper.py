@@ -11,8 +11,8 @@ import attrs
 from tsmblocks.blocks import MultiSine, Sine
 from tsmblocks.data import Record
 from tsmblocks.files import load
-from tsmblocks.measures import TrackingError, tracking_error
-from tsmblocks.simulate import simulate
+from tsmblocks.metrics.tracking import TrackingError, tracking_error
+from tsmblocks.simulation.simulate import simulate
 
 DIAGRAMS = {
     "fig09a_without_feedforward": "without compensation",
@@ -72,8 +72,8 @@ def measured_case(record: Record, name: str, unit: str) -> Case:
 
     Raises UnitError where that is no angle.
     """
-    from tsmblocks import units
     from tsmblocks.blocks import Recorded
+    from tsmblocks.common import units
 
     values = record.values(name, "rad") if record.unit(name) else record[name] * units.factor(unit, "rad")
     t = record.t - record.t[0]

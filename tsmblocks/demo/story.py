@@ -13,9 +13,9 @@ from tsmblocks.demo.compensators import Tracked
 from tsmblocks.demo.mechanism import HIDDEN, INTERVAL, NOISE, NUMBERS, Hidden, measured, model, truth
 from tsmblocks.diagnosis.diagnose import diagnose
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagram import Diagram
-from tsmblocks.fitting.estimate import fit
+from tsmblocks.fitting.fit import fit
 from tsmblocks.fitting.result import Fit
+from tsmblocks.model.diagram import Diagram
 
 FLOOR = math.hypot(NOISE, INTERVAL / math.sqrt(12))
 """Rms of the noise and the rounding of the sensor at the tip [rad], as its data sheet would give it."""

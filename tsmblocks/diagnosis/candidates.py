@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.diagnosis.insertion_points import Site
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.places import Site
-from tsmblocks.diagram import Diagram
 from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
-from tsmblocks.engine.feeds import ORDERS
-from tsmblocks.errors import AlgebraicLoop, DiagramError
-from tsmblocks.simulate import equations
+from tsmblocks.engine.inputs import ORDERS
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import equations
 
 LINES = 6
 """Frequencies handed to effects that have one of their own."""

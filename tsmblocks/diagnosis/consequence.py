@@ -7,14 +7,14 @@ import warnings
 import numpy as np
 
 from tsmblocks.blocks import FirstOrderLag, Integrator, Sum
+from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.presentation import in_people_units
 from tsmblocks.diagnosis.result import Consequence
-from tsmblocks.diagnosis.showing import in_people_units
-from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.errors import TsmError
-from tsmblocks.fitting.trials import median_step
-from tsmblocks.measures import peak_to_peak, rms
-from tsmblocks.simulate import simulate
+from tsmblocks.fitting.experiments import median_step
+from tsmblocks.metrics.tracking import peak_to_peak, rms
+from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.simulation.simulate import simulate
 
 FAST = 0.25
 """Gain of the loop around a model, over one of its steps: as fast as the step can follow."""

@@ -9,39 +9,36 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks import __version__
-from tsmblocks.arguments import prepared, whole
+from tsmblocks.common.errors import DataError, ParameterError, near
+from tsmblocks.common.interrupt import Asked as Stop
+from tsmblocks.common.interrupt import kept
+from tsmblocks.common.tables import listed
+from tsmblocks.common.version import __version__
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.conditioning import all_conditioned
+from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.consequence import consequence
-from tsmblocks.diagnosis.exchanging import exchanged
-from tsmblocks.diagnosis.finishing import finished
-from tsmblocks.diagnosis.floor import carried
-from tsmblocks.diagnosis.folds import parts
-from tsmblocks.diagnosis.memories import brought_back, settled_memories, within_reach
+from tsmblocks.diagnosis.cross_validation import parts
+from tsmblocks.diagnosis.forward_selection import Round, Search, counted, exchanged, forward
+from tsmblocks.diagnosis.initial_states import brought_back, settled_memories, within_reach
 from tsmblocks.diagnosis.model import Asked, Model, calibrated
-from tsmblocks.diagnosis.restarts import delays, pieces, remembers
-from tsmblocks.diagnosis.restarts import whole as whole_name
+from tsmblocks.diagnosis.noise_floor import Floors, carried, floors, lowered
+from tsmblocks.diagnosis.partition import Part, delays, in_whole, parted, pieces, remembers
+from tsmblocks.diagnosis.partition import whole as whole_name
+from tsmblocks.diagnosis.presentation import in_people_units
+from tsmblocks.diagnosis.refinement import finished
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
-from tsmblocks.diagnosis.rounds import Round, Search, counted, forward
 from tsmblocks.diagnosis.script import source
-from tsmblocks.diagnosis.segments import Part, in_whole, parted
-from tsmblocks.diagnosis.sensors import Floors, floors, lowered
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
-from tsmblocks.diagnosis.showing import in_people_units
-from tsmblocks.diagnosis.summing import Work, summed
-from tsmblocks.diagram import Diagram
+from tsmblocks.diagnosis.summary import Work, summed
 from tsmblocks.effects import Effect, catalogue
-from tsmblocks.errors import DataError, ParameterError, near
-from tsmblocks.fitting import asking
-from tsmblocks.fitting.given import asked_floors
-from tsmblocks.fitting.interrupt import Asked as Stop
-from tsmblocks.fitting.interrupt import kept
-from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
-from tsmblocks.fitting.standing import standing
-from tsmblocks.fitting.trials import Window, compared, signal_of, span
-from tsmblocks.fitting.unknowns import chosen
-from tsmblocks.tables import listed
+from tsmblocks.fitting import arguments as asking
+from tsmblocks.fitting.experiments import Window, compared, signal_of, span
+from tsmblocks.fitting.input_checks import standing
+from tsmblocks.fitting.noise import asked_floors
+from tsmblocks.fitting.parameters import chosen
+from tsmblocks.fitting.setup import Data, recordings, windows, without_units
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import prepared, whole
 
 ENOUGH = 200
 """Samples of all experiments together that a diagnosis takes at least."""

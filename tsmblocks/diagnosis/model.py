@@ -9,15 +9,15 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagram import Diagram
-from tsmblocks.fitting.estimate import begins
+from tsmblocks.fitting.experiments import Window
+from tsmblocks.fitting.fit import begins
 from tsmblocks.fitting.gauss_newton import gauss_newton
-from tsmblocks.fitting.given import Floor
-from tsmblocks.fitting.problem import Problem
-from tsmblocks.fitting.search import Found, feasible_start, held
-from tsmblocks.fitting.setting_up import Setup, pose
-from tsmblocks.fitting.trials import Window
-from tsmblocks.simulate import equations
+from tsmblocks.fitting.noise import Floor
+from tsmblocks.fitting.optimizer import Found, feasible_start, held
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.setup import Setup, pose
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import equations
 
 STEPS = 40
 """Iterations of one search at most; an effect that needs more is not determined by these data."""

@@ -10,12 +10,13 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.frames import frame
+from tsmblocks.common.tables import few
+from tsmblocks.common.views import view
 from tsmblocks.diagnosis.settings import Provenance, Simulated
-from tsmblocks.diagram import Diagram
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.telling import cautions
-from tsmblocks.frames import frame
-from tsmblocks.tables import few
+from tsmblocks.fitting.text import cautions
+from tsmblocks.model.diagram import Diagram
 
 
 @attrs.frozen
@@ -269,29 +270,21 @@ class Diagnosis:
 
     def save(self, folder: str | Path) -> Path:
         """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder."""
-        from tsmblocks.report import written
-
-        return written(self, Path(folder))
+        return view("report", self, folder=Path(folder))
 
     def plot(self, ax: Any = None) -> Any:
         """A figure of how the gap shrank and where model and data disagree. Needs matplotlib."""
-        from tsmblocks.plots import plot_diagnosis
-
-        return plot_diagnosis(self, ax)
+        return view("plot", self, ax=ax)
 
     def __repr__(self) -> str:
         found = [f"{e.name} on {e.wire.strip()}" for e in self.effects]
         return f"Diagnosis({self.diagram!r}, {self.verdict}{': ' if found else ''}{few(found)})"
 
     def _repr_html_(self) -> str:
-        from tsmblocks.notebook import diagnosis_card
-
-        return diagnosis_card(self)
+        return view("html", self)
 
     def __str__(self) -> str:
-        from tsmblocks.diagnosis.telling import told
-
-        return told(self)
+        return view("text", self)
 
 
 def _effect(e: Named) -> dict[str, Any]:

@@ -8,11 +8,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate, Surroundings
-from tsmblocks.diagnosis.deciding import FAR
+from tsmblocks.diagnosis.decision import FAR
 from tsmblocks.diagnosis.model import Asked, Model, posed_as
-from tsmblocks.fitting.problem import Problem
-from tsmblocks.fitting.setting_up import Setup
-from tsmblocks.fitting.sums import product, square
+from tsmblocks.fitting.inner_products import product, square
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.setup import Setup
 
 RANK = 1e-12
 """Share of the largest eigenvalue below which a direction of the base counts as undetermined."""

@@ -9,12 +9,12 @@ from typing import Any
 import attrs
 
 from tsmblocks import blocks
-from tsmblocks.block import Block
 from tsmblocks.blocks import Bias
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.settings import Simulated
-from tsmblocks.diagram import Diagram, Inlet
-from tsmblocks.shelf import shelf
+from tsmblocks.files.shipped import shelf
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram, Inlet
 
 MOST = 12
 """Experiments (or pieces of them) whose start states are written out; those of more are read from diagnosis.json."""

@@ -1,9 +1,16 @@
 """Block diagrams as pictures: one layout, on paper as SVG, PNG or PDF; Mermaid text. No outside program."""
 
+import functools
+
+from tsmblocks.common.views import no_view
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.mermaid import to_mermaid
 from tsmblocks.draw.picture import Arrow, Box, Label, Picture, Wire
 from tsmblocks.draw.printed import to_pdf, to_png
 from tsmblocks.draw.svg import to_svg
+from tsmblocks.model.diagram import Diagram
+
+view = functools.singledispatch(no_view)
+view.register(Diagram, to_svg)
 
 __all__ = ["Arrow", "Box", "Label", "Picture", "Wire", "layout", "to_mermaid", "to_pdf", "to_png", "to_svg"]

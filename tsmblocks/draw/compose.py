@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tsmblocks.diagram import Diagram
-from tsmblocks.draw import place, route
+from tsmblocks.draw import placement as place
+from tsmblocks.draw import routing as route
 from tsmblocks.draw.graph import End, Net, graph
-from tsmblocks.draw.lines import traced
-from tsmblocks.draw.notes import notes
-from tsmblocks.draw.order import rows
+from tsmblocks.draw.ordering import rows
 from tsmblocks.draw.picture import SMALL, TITLE, Label, Picture, Point, Wire, fitted, text_width
-from tsmblocks.draw.route import Plan
+from tsmblocks.draw.polylines import traced
+from tsmblocks.draw.routing import Plan
 from tsmblocks.draw.shapes import box, port_offset, size
+from tsmblocks.draw.wire_values import notes
+from tsmblocks.model.diagram import Diagram
 
 MARGIN = 24
 WIDEST = 900

@@ -8,9 +8,9 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.diagram import Diagram
 from tsmblocks.draw import cycles
-from tsmblocks.draw.notes import Notes
+from tsmblocks.draw.wire_values import Notes
+from tsmblocks.model.diagram import Diagram
 
 End = tuple[str, str]
 """Key of a node, and port. Blocks have their names as keys, terminals ``>name`` and ``<name``."""

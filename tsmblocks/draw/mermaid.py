@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 
-from tsmblocks.diagram import Diagram, needed
+from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.graph import PRODUCTS, SUMS, symbol_of
-from tsmblocks.errors import TsmError
+from tsmblocks.model.diagram import Diagram, needed
 
 
 def to_mermaid(diagram: Diagram) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.diagram import Diagram, needed
+from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Box, Label, Picture, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FRAME, INK, PAPER, colour, marked, weight
-from tsmblocks.errors import TsmError
+from tsmblocks.model.diagram import Diagram, needed
 
 DPI = 100
 POINT = 72 / DPI

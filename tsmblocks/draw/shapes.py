@@ -8,7 +8,6 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.diagram import Diagram
 from tsmblocks.draw.graph import SUMS, End, Node, sign_of, symbol_of
 from tsmblocks.draw.picture import (
     GRID,
@@ -23,6 +22,7 @@ from tsmblocks.draw.picture import (
     fitted,
     text_width,
 )
+from tsmblocks.model.diagram import Diagram
 
 LONGEST = 170
 """Width at which a name is cut; the whole name is in the tooltip."""

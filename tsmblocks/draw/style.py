@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import TsmError, in_words, near
+from tsmblocks.common.errors import TsmError, in_words, near
+from tsmblocks.model.diagram import Diagram
 
 PAPER, INK, SOFT = "#ffffff", "#1a1a1a", "#5a5a5a"
 ACCENT, ACCENT_FILL, SIGNAL = "#c2410c", "#fff1e8", "#1d4ed8"

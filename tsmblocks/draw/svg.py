@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
-from tsmblocks.diagram import Diagram, needed
+from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Arrow, Box, Label, Point, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FONT, FRAME, INK, PAPER, colour, marked, weight
-from tsmblocks.errors import TsmError
+from tsmblocks.model.diagram import Diagram, needed
 
 
 def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from tsmblocks.block import REGISTRY
-from tsmblocks.effects import delay, friction, loop, maps, timely
+from tsmblocks.common.errors import ParameterError, in_words
+from tsmblocks.effects import delay, friction, loop, maps
+from tsmblocks.effects import time_varying as timely
 from tsmblocks.effects.effect import Effect
-from tsmblocks.errors import ParameterError, in_words
+from tsmblocks.model.block import REGISTRY
 
 _OWN: list[Effect] = []
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from tsmblocks.blocks import DeadTime, Lag, RateDependence, Resonance
-from tsmblocks.diagram import Diagram
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
+from tsmblocks.model.diagram import Diagram
 
 LATE = (0.002, 0.01, 0.05, 0.15)
 """Times worth trying [s], where samples are up to ``SLOW`` apart; longer ones where they are farther apart."""

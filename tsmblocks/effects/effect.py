@@ -8,12 +8,12 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.block import Block, leaves
 from tsmblocks.blocks import Sum
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import ParameterError, in_words, near
-from tsmblocks.tables import listed
-from tsmblocks.wires import not_a_block
+from tsmblocks.common.errors import ParameterError, in_words, near
+from tsmblocks.common.tables import listed
+from tsmblocks.model.block import Block, leaves
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.wires import not_a_block
 
 PLACES = ("output", "input", "drive", "across", "load", "brake")
 """Where an effect may stand.

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import attrs
 
-from tsmblocks.block import Block
 from tsmblocks.blocks import (
     Abs,
     CoulombFriction,
@@ -17,8 +16,9 @@ from tsmblocks.blocks import (
     StribeckFriction,
     Sum,
 )
-from tsmblocks.diagram import Diagram
 from tsmblocks.effects.effect import Effect, Scales, Span, Trials
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
 
 SMOOTH = 0.02
 """Speed over which the sign of a dry friction turns, as a share of the rms speed: too small to matter, large enough

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from tsmblocks.block import Block
 from tsmblocks.blocks import Bend, Bias, Bow, DeadZone, Gain, Ripple, Saturation, Slack, SoftSaturation, Sum
-from tsmblocks.diagram import Diagram
 from tsmblocks.effects.effect import Effect, Scales, Trials
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
 
 BENT = 0.02
 """Departure from a straight line at the ends that is worth trying, as a share of half the range."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tsmblocks.engine import feeds
-from tsmblocks.engine.kernels import Memory
+from tsmblocks.engine import inputs as feeds
+from tsmblocks.engine.kernel_interface import Memory
 from tsmblocks.engine.switches import Frozen, margin
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)

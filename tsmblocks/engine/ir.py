@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import struct
 
-from tsmblocks.errors import TsmError
+from tsmblocks.common.errors import TsmError
 
 LIBM = {
     "EXP": "exp", "LOG": "log", "SIN": "sin", "COS": "cos", "TAN": "tan", "ASIN": "asin", "ACOS": "acos",

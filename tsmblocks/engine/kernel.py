@@ -17,10 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from tsmblocks.engine.equations import KEPT, PER_DELAY
 from tsmblocks.engine.ir import Writer, number
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
-from tsmblocks.equation_set import KEPT, PER_DELAY
 
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
 CONSTANT, TIME, HELD, MOVING = range(4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-from tsmblocks.errors import RunError, near
+from tsmblocks.common.errors import RunError, near
 
 
 @attrs.frozen

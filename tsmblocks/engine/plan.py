@@ -6,8 +6,8 @@ from typing import Any
 
 import attrs
 
+from tsmblocks.engine.equations import KEPT, PER_DELAY
 from tsmblocks.engine.methods import Method
-from tsmblocks.equation_set import KEPT, PER_DELAY
 
 
 @attrs.frozen(eq=False)

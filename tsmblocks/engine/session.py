@@ -11,12 +11,13 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.engine import feeds
-from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
+from tsmblocks.common.errors import DataError, RunError, in_words, near
+from tsmblocks.engine import inputs as feeds
+from tsmblocks.engine.backends import kernel_for
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.kernel_interface import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Layout, Plan
-from tsmblocks.equation_set import Equations
-from tsmblocks.errors import DataError, RunError, in_words, near
 
 MOST_KEPT = 1e8
 """Instants kept of a delayed signal (1 GB)."""

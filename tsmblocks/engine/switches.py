@@ -16,11 +16,12 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.engine.kernels import Kernel, Memory, kernel_for
+from tsmblocks.engine.backends import kernel_for
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.kernel_interface import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
-from tsmblocks.equation_set import Equations
 
 WORDS = {"FABS": "abs", "SIGN": "sign", "FMIN": "min", "FMAX": "max", "LT": "<", "LE": "<="}
 EDGE = {"LE": 1.0, "LT": -1.0, "SIGN": 0.0}

@@ -13,21 +13,21 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks import __version__
-from tsmblocks.arguments import positive, prepared
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.atomic_write import replace_file
+from tsmblocks.common.errors import ParameterError, RunError, in_words
+from tsmblocks.common.units import times
+from tsmblocks.common.version import __version__
+from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
 from tsmblocks.engine.kernel import HAIR, time_jumps
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
-from tsmblocks.equation_set import KEPT, PER_DELAY, Equations
-from tsmblocks.errors import ParameterError, RunError, in_words
 from tsmblocks.export.operations import GREATEST, LEAST, number, statements
 from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
-from tsmblocks.files import replace_file
-from tsmblocks.poles import Beginning, warn_of_fast_poles
-from tsmblocks.simulate import equations, parameter_vector
-from tsmblocks.units import times
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import positive, prepared
+from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.stability import Beginning, warn_of_fast_poles
 
 
 @attrs.frozen

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.analysis import linearize, trim
-from tsmblocks.arguments import prepared
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DataError, TsmError
-from tsmblocks.simulate import equations, parameter_vector
+from tsmblocks.common.errors import DataError, TsmError
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import prepared
+from tsmblocks.simulation.simulate import equations, parameter_vector
 
 LONGEST = 63
 """Characters of a name in MATLAB."""

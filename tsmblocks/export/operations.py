@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 
+from tsmblocks.common.errors import TsmError
 from tsmblocks.engine.ir import LIBM
 from tsmblocks.engine.program import Program
-from tsmblocks.errors import TsmError
 
 _FORMS = {
     "ADD": "{0} + {1}", "SUB": "{0} - {1}", "MUL": "{0} * {1}", "DIV": "{0} / {1}", "NEG": "-{0}", "SQ": "{0} * {0}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from tsmblocks.tables import unlike
+from tsmblocks.common.tables import unlike
 
 SPARE = 8
 """Instants kept of a delayed signal beyond its delay."""

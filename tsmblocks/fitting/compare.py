@@ -9,21 +9,22 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks import units
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, NotFinite, RunError, TsmError, in_words, near
+from tsmblocks.common.frames import frame
+from tsmblocks.common.tables import few
+from tsmblocks.common.views import view
 from tsmblocks.data import Record
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DataError, NotFinite, RunError, TsmError, in_words, near
-from tsmblocks.fitting import asking
-from tsmblocks.fitting.differences import Differences, score
-from tsmblocks.fitting.estimate import fit
-from tsmblocks.fitting.noise_of import noise_of
+from tsmblocks.fitting import arguments as asking
+from tsmblocks.fitting.experiments import Window
+from tsmblocks.fitting.fit import fit
+from tsmblocks.fitting.noise import noise_of
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.setting_up import Data, recordings, windows, without_units
-from tsmblocks.fitting.summing_up import rough_inputs
-from tsmblocks.fitting.trials import Window
-from tsmblocks.frames import frame
-from tsmblocks.simulate import equations
-from tsmblocks.tables import few
+from tsmblocks.fitting.score import Differences, score
+from tsmblocks.fitting.setup import Data, recordings, windows, without_units
+from tsmblocks.fitting.summary import rough_inputs
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import equations
 
 SHIPPED = "tendon_sheath_"
 """Ready-made diagrams whose names begin so are compared when no models are given."""
@@ -124,22 +125,16 @@ class Comparison:
 
     def plot(self, ax: Any = None) -> Any:
         """A figure of every model's error and the best one's loops. Needs matplotlib."""
-        from tsmblocks.plots import plot_comparison
-
-        return plot_comparison(self, ax)
+        return view("plot", self, ax=ax)
 
     def __repr__(self) -> str:
         return f"Comparison(best {self.best.name!r} of {len(self)}: {few(r.name for r in self)})"
 
     def _repr_html_(self) -> str:
-        from tsmblocks.notebook import comparison_card
-
-        return comparison_card(self)
+        return view("html", self)
 
     def __str__(self) -> str:
-        from tsmblocks.fitting.telling import ranking
-
-        return ranking(self)
+        return view("text", self)
 
 
 def compare(
@@ -290,7 +285,7 @@ def overall(found: Mapping[str, Comparison]) -> list[tuple[str, float]]:
 
 def ready_made() -> list[str]:
     """Names of the diagrams that are compared when no models are given."""
-    from tsmblocks.shelf import names
+    from tsmblocks.files.shipped import names
 
     return [name for name in names() if name.startswith(SHIPPED)]
 

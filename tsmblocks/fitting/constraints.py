@@ -9,8 +9,8 @@ from typing import Any
 import attrs
 import casadi as ca
 
-from tsmblocks.errors import ParameterError, clip, in_words
-from tsmblocks.expressions import Expression, expression, full_name, number, reader
+from tsmblocks.common.errors import ParameterError, clip, in_words
+from tsmblocks.metrics.expressions import Expression, expression, full_name, number, reader
 
 _COMPARISONS: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "=="}
 

@@ -11,9 +11,9 @@ from contextlib import suppress
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.problem import Problem
-from tsmblocks.fitting.quadratic import Infeasible, quadratic_step
-from tsmblocks.fitting.search import MISSED, Found, Tell, held, rows_of
+from tsmblocks.fitting.optimizer import MISSED, Found, Tell, held, rows_of
+from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
+from tsmblocks.fitting.residuals import Problem
 
 FIRST_DAMPING = 1e-3
 LEAST_DAMPING = 1e-13

@@ -11,9 +11,9 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.errors import ParameterError, RunError
+from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.fitting.merit import COST, MISSED, Constraints, Costs, Judge, ordered
-from tsmblocks.fitting.starts import Box, Range, hypercube
+from tsmblocks.fitting.multistart import Box, Range, hypercube
 
 LANES = 32
 """Sets side by side in one run of the engine, so populations are multiples of it."""

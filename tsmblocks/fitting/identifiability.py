@@ -9,8 +9,8 @@ from itertools import combinations
 import attrs
 import numpy as np
 
+from tsmblocks.common.tables import listed
 from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals, spectrum
-from tsmblocks.tables import listed
 
 SILENT = 1e-10
 """Effect of a parameter, beside that of the strongest, below which it is rounding."""

@@ -13,7 +13,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.fitting.search import Tell
+from tsmblocks.fitting.optimizer import Tell
 
 OPTIONS = {
     "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "show_eval_warnings": False, "no_nlp_grad": True,

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from tsmblocks.errors import RunError
-from tsmblocks.fitting.starts import Box
+from tsmblocks.common.errors import RunError
+from tsmblocks.fitting.multistart import Box
 
 Costs = Callable[[np.ndarray], np.ndarray]
 """Places (sets, unknowns) in, costs (sets,) out."""

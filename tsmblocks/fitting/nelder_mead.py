@@ -13,9 +13,9 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.errors import ParameterError, RunError, in_words
+from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.fitting.merit import COST, MISSED, Constraints, Costs, Judge, ordered
-from tsmblocks.fitting.starts import Box, Range
+from tsmblocks.fitting.multistart import Box, Range
 
 FLAT = 1e-7
 """Least to greatest extent of a simplex below which it cannot move in every direction any more."""

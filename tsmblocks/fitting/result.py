@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import DataError, ParameterError, near
+from tsmblocks.common.frames import frame
+from tsmblocks.common.views import view
 from tsmblocks.data import Record
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DataError, ParameterError, near
-from tsmblocks.fitting.differences import Differences
 from tsmblocks.fitting.identifiability import Undetermined
-from tsmblocks.fitting.search import Found
-from tsmblocks.frames import frame
+from tsmblocks.fitting.optimizer import Found
+from tsmblocks.fitting.score import Differences
+from tsmblocks.model.diagram import Diagram
 
 if TYPE_CHECKING:
-    from tsmblocks.run import Run
+    from tsmblocks.simulation.run import Run
 
 STATUS = {
     "converged": "converged",
@@ -113,8 +114,8 @@ class Fit:
     @property
     def runs(self) -> dict[str, Run]:
         """A run of each experiment with the numbers found, all signals kept."""
-        from tsmblocks.fitting.trials import inputs
-        from tsmblocks.simulate import simulate
+        from tsmblocks.fitting.experiments import inputs
+        from tsmblocks.simulation.simulate import simulate
 
         made = {}
         for name, diagram in self.diagrams.items():
@@ -148,9 +149,7 @@ class Fit:
 
     def plot(self, ax: Any = None) -> Any:
         """A figure of time histories, loops, residuals and their autocorrelation. Needs matplotlib."""
-        from tsmblocks.plots import plot_fit
-
-        return plot_fit(self, ax)
+        return view("plot", self, ax=ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the signals as plain values, as ``tsmblocks fit --json`` prints it."""
@@ -182,11 +181,7 @@ class Fit:
         return f"Fit({self.diagram.title!r}, {self.status}, {len(self.estimates)} numbers, {left})"
 
     def _repr_html_(self) -> str:
-        from tsmblocks.notebook import fit_card
-
-        return fit_card(self)
+        return view("html", self)
 
     def __str__(self) -> str:
-        from tsmblocks.fitting.telling import in_words
-
-        return in_words(self)
+        return view("text", self)

@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.errors import RunError
+from tsmblocks.common.errors import RunError
 from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.genetic import evolve
 from tsmblocks.fitting.merit import Constraints
+from tsmblocks.fitting.multistart import Range
 from tsmblocks.fitting.nelder_mead import polish
-from tsmblocks.fitting.problem import Problem
-from tsmblocks.fitting.search import MISSED, Found, Tell
-from tsmblocks.fitting.starts import Range
+from tsmblocks.fitting.optimizer import MISSED, Found, Tell
+from tsmblocks.fitting.residuals import Problem
 
 END = 1e-3
 """Share of a range within which a search counts as leaning on its end."""

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.errors import DataError
-from tsmblocks.fitting.colour import Colour, Coloured, coloured, fast_length
-from tsmblocks.fitting.sums import product, square
+from tsmblocks.common.errors import DataError
+from tsmblocks.fitting.inner_products import product, square
+from tsmblocks.fitting.noise_model import Colour, Coloured, coloured, fast_length
 
 RANK = 1e-24
 """Square of the smallest relative effect of a direction on the residuals that rounding leaves visible."""

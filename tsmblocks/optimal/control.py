@@ -8,13 +8,13 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import number, positive, prepared, whole
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import RunError, in_words
-from tsmblocks.fitting.interrupt import Asked, kept
-from tsmblocks.optimal.asking import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of, teller
-from tsmblocks.optimal.outcome import OptimalControl, outcome
+from tsmblocks.common.errors import RunError, in_words
+from tsmblocks.common.interrupt import Asked, kept
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.optimal.result import OptimalControl, outcome
+from tsmblocks.optimal.setup import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of, teller
 from tsmblocks.optimal.transcription import NOTHING, Interval, Known, Programme, Solution, given_rows, units_of
+from tsmblocks.simulation.arguments import number, positive, prepared, whole
 
 ROUNDED = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 """Sizes over which kinks are rounded off in one search after another, as shares of what lies in them."""

@@ -13,14 +13,14 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.declare import Samples
-from tsmblocks.engine.feeds import Signal, rows
+from tsmblocks.common.errors import DataError
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.inputs import Signal, rows
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals
-from tsmblocks.equation_set import Equations
-from tsmblocks.errors import DataError
-from tsmblocks.expressions import Expression
 from tsmblocks.fitting.constraints import Constraint
+from tsmblocks.metrics.expressions import Expression
+from tsmblocks.model.fields import Samples
 from tsmblocks.optimal.smoothing import Smooth, smooth
 
 _RULE = method_named("rk4")

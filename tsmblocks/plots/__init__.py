@@ -4,6 +4,15 @@ Every function draws on the axes it is given, or makes a figure, and returns the
 matplotlib, imported when a figure is made.
 """
 
+import functools
+
+from tsmblocks.analysis.frequency_response import FrequencyResponse
+from tsmblocks.common.views import no_view
+from tsmblocks.data.record import Record
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.fitting.compare import Comparison
+from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.score import Differences
 from tsmblocks.plots.analysis import plot_frequency_response
 from tsmblocks.plots.diagnosis import plot_coordinate, plot_diagnosis, plot_disagreement, plot_gap
 from tsmblocks.plots.fits import (
@@ -25,7 +34,24 @@ from tsmblocks.plots.studies import (
     plot_study,
     plot_tornado,
 )
-from tsmblocks.plots.tuned import plot_tuned
+from tsmblocks.plots.tuning import plot_tuned
+from tsmblocks.simulation.run import Run
+from tsmblocks.studies.responses import Responses
+from tsmblocks.studies.results import Results
+from tsmblocks.tuning.result import Tuned
+
+view = functools.singledispatch(no_view)
+"""The usual figure of a value; ``value.plot()`` calls it by ``common.views``."""
+view.register(Comparison, plot_comparison)
+view.register(Diagnosis, plot_diagnosis)
+view.register(Differences, plot_fit)
+view.register(Fit, plot_fit)
+view.register(FrequencyResponse, plot_frequency_response)
+view.register(Record, plot_record)
+view.register(Responses, plot_envelope)
+view.register(Results, plot_study)
+view.register(Run, plot_run)
+view.register(Tuned, plot_tuned)
 
 __all__ = [
     "plot_autocorrelation",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.analysis.sweep import FrequencyResponse
+from tsmblocks.analysis.frequency_response import FrequencyResponse
 from tsmblocks.data import heading
 from tsmblocks.plots.panels import COLOURS, axes, decimal, dress, shown
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
+from tsmblocks.diagnosis.presentation import by_excess, fitted_rms, for_people, histories, profile, strips
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
-from tsmblocks.diagnosis.showing import by_excess, fitted_rms, for_people, histories, profile, strips
-from tsmblocks.diagnosis.telling import steps, worst_gap
-from tsmblocks.errors import TsmError, near
+from tsmblocks.diagnosis.text import steps, worst_gap
 from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet
 
 BEFORE, AFTER, NOISE = COLOURS[1], COLOURS[0], COLOURS[2]

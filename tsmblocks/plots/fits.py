@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, heading, noise
-from tsmblocks.errors import DataError
 from tsmblocks.fitting.compare import Comparison, overall
-from tsmblocks.fitting.differences import Difference, Differences
 from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.statistics import whiteness
 from tsmblocks.plots.panels import COLOURS, INK, LEGEND, PALE, axes, dress, sheet, shown
 

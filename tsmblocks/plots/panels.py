@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks import units
-from tsmblocks.errors import TsmError
+from tsmblocks.common import units
+from tsmblocks.common.errors import TsmError
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Lines stay apart for colour-blind readers and in print (Okabe and Ito)."""

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.arguments import number
+from tsmblocks.common.errors import TsmError
 from tsmblocks.data import Record, heading
-from tsmblocks.errors import TsmError
-from tsmblocks.measures import tracking_error
-from tsmblocks.metrics import formed
+from tsmblocks.metrics.metrics import formed
+from tsmblocks.metrics.tracking import tracking_error
 from tsmblocks.plots.panels import COLOURS, INK, LEGEND, QUANTITY, axes, dress, shown, timed
-from tsmblocks.run import Run
+from tsmblocks.simulation.arguments import number
+from tsmblocks.simulation.run import Run
 
 
 def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:

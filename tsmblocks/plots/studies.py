@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks import units
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, RunError
 from tsmblocks.data import heading
-from tsmblocks.errors import DataError, RunError
 from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet, shown, timed
 from tsmblocks.studies.influence import unchanged
 from tsmblocks.studies.results import Results

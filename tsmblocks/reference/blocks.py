@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.block import Block, State, leaves
+from tsmblocks.common.units import heading
+from tsmblocks.compiler.dependencies import Structure, structure_of
+from tsmblocks.html.block_facts import by_family
+from tsmblocks.model.block import Block, State, leaves
 from tsmblocks.reference import examples, figures, rst, uses
-from tsmblocks.reference.cards import by_family
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
-from tsmblocks.structure import Structure, structure_of
-from tsmblocks.units import heading
 
 LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
 ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "lateness", "arithmetic", "sensors")
@@ -42,7 +42,7 @@ FAMILY_WORDS = {
 def families() -> dict[str, dict[str, type[Block]]]:
     """The blocks of the toolbox by family; those of users stay out."""
     import tsmblocks.blocks as shelf
-    from tsmblocks.block import REGISTRY
+    from tsmblocks.model.block import REGISTRY
 
     return by_family({name: cls for name, cls in REGISTRY.items() if getattr(shelf, name, None) is cls})
 
@@ -276,7 +276,7 @@ def _charts(cls: type[Block]) -> str:
 
 
 def _family(cls: type[Block]) -> str:
-    from tsmblocks.reference.cards import family
+    from tsmblocks.html.block_facts import family
 
     return family(cls)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from tsmblocks.block import is_reference
 from tsmblocks.blocks import MultiSine
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.units import heading
+from tsmblocks.model.block import is_reference
+from tsmblocks.model.diagram import Diagram
 from tsmblocks.reference import figures, rst, uses
 from tsmblocks.reference.blocks import number, unit
-from tsmblocks.units import heading
 
 DRIVE = {
     "rad": MultiSine(unit="rad"),
@@ -39,7 +39,7 @@ def pages() -> dict[str, str]:
 
 def page(name: str, diagram: Diagram) -> str:
     """The page of one diagram."""
-    from tsmblocks.shelf import shelf
+    from tsmblocks.files.shipped import shelf
 
     text = (shelf() / f"{name}.toml").read_text(encoding="utf-8")
     return rst.page(
@@ -63,7 +63,7 @@ def page(name: str, diagram: Diagram) -> str:
 
 def _chart(diagram: Diagram) -> str:
     from tsmblocks.plots.panels import shown
-    from tsmblocks.simulate import simulate
+    from tsmblocks.simulation.simulate import simulate
 
     driven = Diagram(
         title=diagram.title,
@@ -122,7 +122,7 @@ def _unit(label: str) -> str:
 
 def _structure(diagram: Diagram) -> str:
     """What the equations of the whole are made of."""
-    from tsmblocks.simulate import equations
+    from tsmblocks.simulation.simulate import equations
 
     eq = equations(diagram)
     items = [f"{_count(len(eq.p), 'parameter')} to be set, swept and fitted, {_count(len(eq.y), 'signal')} to look at."]

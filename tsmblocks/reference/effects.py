@@ -8,12 +8,12 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.block import Block, leaves
 from tsmblocks.blocks import MultiSine
-from tsmblocks.diagnosis.places import Site, sites
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.errors import TsmError
+from tsmblocks.diagnosis.insertion_points import Site, sites
 from tsmblocks.effects import Effect, Scales, Trials, span_of
-from tsmblocks.errors import TsmError
+from tsmblocks.model.block import Block, leaves
+from tsmblocks.model.diagram import Diagram
 from tsmblocks.reference import figures, rst, uses
 from tsmblocks.reference.blocks import bounds, number, unit
 
@@ -183,7 +183,7 @@ def _sites(base: Diagram) -> list[Site]:
 
 @functools.cache
 def _run(diagram: Diagram) -> Any:
-    from tsmblocks.simulate import simulate
+    from tsmblocks.simulation.simulate import simulate
 
     (name,) = diagram.inputs
     t = np.arange(0.0, STOP, STEP)

@@ -6,10 +6,10 @@ import math
 import re
 from typing import Any
 
-from tsmblocks.block import Block
 from tsmblocks.blocks import Chirp, Constant, MultiSine, Ramp, Sine, Staircase, Step, Triangle
-from tsmblocks.diagram import Diagram
-from tsmblocks.run import Run
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.run import Run
 
 STOP, STEP = 10.0, 1e-3
 SINE = {"": 1.0, "rad": 0.96, "rad/s": 2.0, "V": 6.0}
@@ -110,7 +110,7 @@ def stop_of(cls: type[Block]) -> float:
 
 def run(cls: type[Block]) -> Run:
     """The example, run."""
-    from tsmblocks.simulate import simulate
+    from tsmblocks.simulation.simulate import simulate
 
     return simulate(example(cls), stop=stop_of(cls), step=STEP)
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tsmblocks.report import charts
-from tsmblocks.report.charts import WIDTH, Frame
-from tsmblocks.report.html import key
+from tsmblocks.html import charts
+from tsmblocks.html.charts import WIDTH, Frame
+from tsmblocks.html.document import key
 
 LINES = ("measured", "after", "before", "between")
 """Classes of the lines, in the order in which signals are named: inputs first."""

@@ -10,15 +10,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tsmblocks import __version__
-from tsmblocks.errors import TsmError
+from tsmblocks.common.errors import TsmError
+from tsmblocks.common.version import __version__
 from tsmblocks.reference import blocks, diagrams, effects, front, python
 from tsmblocks.reference.look import CSS
 
 HAND_WRITTEN = Path(__file__).parent / "pages"
 SETTINGS: dict[str, Any] = {
     "project": "tsmblocks", "version": __version__, "release": __version__, "copyright": "",
-    "extensions": ["sphinx.ext.autodoc", "tsmblocks.reference.mathml"],
+    "extensions": ["sphinx.ext.autodoc", "tsmblocks.html.mathml"],
     "html_theme": "furo", "html_title": f"tsmblocks {__version__}", "html_math_renderer": "mathml",
     "html_static_path": ["_static"], "html_css_files": ["tsmblocks.css"],
     "html_copy_source": False, "html_show_sourcelink": False, "html_show_copyright": False, "html_show_sphinx": False,

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 import attrs
 import casadi as ca
 
-from tsmblocks.block import Block, leaves
+from tsmblocks.compiler.dependencies import call, symbolic
 from tsmblocks.engine.program import Program
-from tsmblocks.structure import call, symbolic
+from tsmblocks.model.block import Block, leaves
 
 LONGEST = 150
 """Operations above which a block's equations are a listing and no longer a formula."""

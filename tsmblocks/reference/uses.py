@@ -6,18 +6,18 @@ import functools
 import re
 from collections.abc import Iterator
 
-from tsmblocks.block import Block
-from tsmblocks.diagram import Diagram
 from tsmblocks.draw import to_svg
 from tsmblocks.effects.catalogue import catalogue
 from tsmblocks.effects.effect import Effect
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
 
 
 @functools.cache
 def shipped() -> dict[str, Diagram]:
     """Every ready-made diagram by name."""
     from tsmblocks.files import load
-    from tsmblocks.shelf import names
+    from tsmblocks.files.shipped import names
 
     return {name: load(name) for name in names()}
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import TsmError, in_words, near
-from tsmblocks.overrides import near_path
+from tsmblocks.common.errors import TsmError, in_words, near
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.edits import near_path
 from tsmblocks.studies.page import Page
 from tsmblocks.studies.plans import MOST, Belief, Normal, Plan, Uniform, grid, latin_hypercube, monte_carlo, sweep
 from tsmblocks.studies.study import own_numbers

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsmblocks.errors import RunError
+from tsmblocks.common.errors import RunError
 
 if TYPE_CHECKING:
     from tsmblocks.studies.results import Results

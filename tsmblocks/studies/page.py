@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import FileError, TsmError, in_words, near
-from tsmblocks.file_text import read, tables
+from tsmblocks.common.errors import FileError, TsmError, in_words, near
 from tsmblocks.files import load_beside
-from tsmblocks.metrics import metric, metrics
+from tsmblocks.files.toml_text import read, tables
+from tsmblocks.metrics.metrics import metric, metrics
+from tsmblocks.model.diagram import Diagram
 from tsmblocks.studies.study import signal_units
 
 FORMAT = 1

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import number, whole
-from tsmblocks.errors import ParameterError, in_words, near
+from tsmblocks.common.errors import ParameterError, in_words, near
+from tsmblocks.simulation.arguments import number, whole
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -186,7 +186,7 @@ def monte_carlo(beliefs: Any, runs: int, *, seed: int = 0) -> Plan:
 
 
 def _of_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    from tsmblocks.fitting.unknowns import bounds_of, numbers
+    from tsmblocks.fitting.parameters import bounds_of, numbers
 
     kept = [k for k, one in enumerate(fit.estimates) if not one.is_start and one.name in fit.diagram.parameters]
     names = [fit.estimates[k].name for k in kept]

@@ -8,16 +8,17 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.arguments import given_inputs, prepared
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.errors import RunError, near
+from tsmblocks.common.frames import dataset
+from tsmblocks.common.tables import few
+from tsmblocks.common.views import view
 from tsmblocks.engine.methods import method_named
-from tsmblocks.errors import RunError, near
-from tsmblocks.frames import dataset
-from tsmblocks.poles import warn_of_fast_poles
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import given_inputs, prepared
+from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
-from tsmblocks.studies.running import beginnings, grouped
+from tsmblocks.studies.runner import beginnings, grouped
 from tsmblocks.studies.study import own_numbers, planned, signal_units
-from tsmblocks.tables import few
 
 
 @attrs.frozen(eq=False)
@@ -51,15 +52,11 @@ class Responses:
         return f"Responses({self.title!r}, {count} runs, {len(self.t)} instants, {few(self.signals)})"
 
     def _repr_html_(self) -> str:
-        from tsmblocks.notebook import responses_card
-
-        return responses_card(self)
+        return view("html", self)
 
     def plot(self, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
         """Where a signal lies in these runs, its median and bands; see ``plots.plot_envelope``. Needs matplotlib."""
-        from tsmblocks.plots import plot_envelope
-
-        return plot_envelope(self, signal, ax, reference=reference)
+        return view("plot", self, signal=signal, ax=ax, reference=reference)
 
 
 def responses(

@@ -11,15 +11,16 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import DataError, RunError, near
+from tsmblocks.common.frames import dataset, frame
+from tsmblocks.common.tables import WIDTH, few
+from tsmblocks.common.tables import columns as in_columns
+from tsmblocks.common.views import view
 from tsmblocks.data import heading
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import DataError, RunError, near
-from tsmblocks.frames import dataset, frame
-from tsmblocks.metrics import named
+from tsmblocks.metrics.metrics import named
+from tsmblocks.model.diagram import Diagram
 from tsmblocks.studies.plans import plain
 from tsmblocks.studies.store import Table, facts_of, read_table, value_of
-from tsmblocks.tables import WIDTH, few
-from tsmblocks.tables import columns as in_columns
 
 QUANTILES = {"lowest": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "highest": 1.0}
 
@@ -167,14 +168,10 @@ class Results:
 
     def plot(self, *metrics: str, ax: Any = None) -> Any:
         """What suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs."""
-        from tsmblocks.plots import plot_study
-
-        return plot_study(self, metrics, ax)
+        return view("plot", self, metrics=metrics, ax=ax)
 
     def _repr_html_(self) -> str:
-        from tsmblocks.notebook import study_card
-
-        return study_card(self)
+        return view("html", self)
 
     def __str__(self) -> str:
         done = (

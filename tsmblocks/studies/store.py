@@ -18,7 +18,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.errors import DataError, clip
+from tsmblocks.common.errors import DataError, clip
 
 FORMAT = 1
 DIGESTS = {"diagram": "other blocks, wires or numbers", "plan": "other parameters or values", "inputs": "other samples"}
@@ -98,7 +98,7 @@ class Store:
             for run, row in before.rows.items():
                 self._check(run, row)
             self.done.update(before.rows)
-        from tsmblocks.files import replace_file
+        from tsmblocks.common.atomic_write import replace_file
 
         replace_file(facts_of(self.path), json.dumps(self.facts, ensure_ascii=False, indent=1) + "\n")
         self.finish()
@@ -127,7 +127,7 @@ class Store:
         """Put all rows in order. The file is at any moment the old one or the new one."""
         if self.path is None:
             return
-        from tsmblocks.files import replace_file
+        from tsmblocks.common.atomic_write import replace_file
 
         replace_file(self.path, _text([self.heading]) + _text((k, *self.done[k]) for k in sorted(self.done)))
 

@@ -12,21 +12,21 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks import __version__
-from tsmblocks.arguments import given_inputs, prepared, run_times, whole
+from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words
+from tsmblocks.common.version import __version__
 from tsmblocks.data import heading
-from tsmblocks.diagram import Diagram
-from tsmblocks.engine.feeds import Signal
+from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.methods import method_named
-from tsmblocks.errors import DataError, ParameterError, RunError, in_words
-from tsmblocks.metrics import Metric
-from tsmblocks.metrics import metrics as read_metrics
-from tsmblocks.overrides import near_path
-from tsmblocks.poles import warn_of_fast_poles
-from tsmblocks.simulate import equations
+from tsmblocks.metrics.metrics import Metric
+from tsmblocks.metrics.metrics import metrics as read_metrics
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.edits import near_path
+from tsmblocks.simulation.arguments import given_inputs, prepared, run_times, whole
+from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results
-from tsmblocks.studies.running import Found, beginnings, checked, elsewhere, grouped, here
+from tsmblocks.studies.runner import Found, beginnings, checked, elsewhere, grouped, here
 from tsmblocks.studies.store import FORMAT, Store
 
 Progress = Callable[[int, int], Any]

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.errors import near
-from tsmblocks.metrics import named
+from tsmblocks.common.errors import near
+from tsmblocks.metrics.metrics import named
 from tsmblocks.studies.page import Page
 from tsmblocks.testing.tracking import Guard, guard
 

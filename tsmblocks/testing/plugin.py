@@ -40,7 +40,7 @@ class GuardFile(pytest.File):
 
     def collect(self) -> Iterator[pytest.Item]:
         """The cases of the file."""
-        from tsmblocks.errors import FileError
+        from tsmblocks.common.errors import FileError
         from tsmblocks.testing.guards import read_guards
 
         try:
@@ -66,7 +66,7 @@ class GuardItem(pytest.Item):
 
     def repr_failure(self, excinfo: Any, style: Any = None) -> Any:
         """What moved, without a traceback; anything else with one."""
-        from tsmblocks.errors import TsmError
+        from tsmblocks.common.errors import TsmError
 
         if isinstance(excinfo.value, (TrackingMoved, TsmError)):
             return str(excinfo.value)
@@ -114,7 +114,7 @@ def tracking(request: pytest.FixtureRequest) -> Tracking:
 
 def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> None:
     """Compare with a baseline, or write it where that was asked for. Raises TrackingMoved."""
-    from tsmblocks.errors import TsmError
+    from tsmblocks.common.errors import TsmError
     from tsmblocks.testing.tracking import draw, in_sentences, moved, read_baseline
 
     now = watched.run()

@@ -19,11 +19,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tsmblocks import units
-from tsmblocks.block import Block, is_reference, leaves, map_leaves, signals
-from tsmblocks.errors import BlockError, ParameterError, TsmError, in_words
-from tsmblocks.structure import call, structure_of, symbolic
-from tsmblocks.unit_checks import SHARED
+from tsmblocks.common import units
+from tsmblocks.common.errors import BlockError, ParameterError, TsmError, in_words
+from tsmblocks.compiler.dependencies import call, structure_of, symbolic
+from tsmblocks.model.block import Block, is_reference, leaves, map_leaves, signals
+from tsmblocks.model.unit_inference import SHARED
 
 SCALES = (0.0, 1.0, 1e3, 1e6)
 """How large states and inputs are made: at rest, ordinary, and far outside normal use."""
@@ -315,9 +315,9 @@ def is_a_value(block: Block) -> None:
 @promise
 def survives_a_file(block: Block) -> None:
     """Written to a diagram file and read back, it is the same block."""
-    from tsmblocks.block import REGISTRY
-    from tsmblocks.diagram import Diagram
     from tsmblocks.files import dumps, loads
+    from tsmblocks.model.block import REGISTRY
+    from tsmblocks.model.diagram import Diagram
 
     owner = type(block).__name__
     need(REGISTRY.get(owner) is type(block), f"{owner} is not known to files by its name.")

@@ -15,12 +15,12 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.atomic_write import replace_file
+from tsmblocks.common.errors import FileError, ParameterError, RunError, in_words, near
 from tsmblocks.data import heading
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import FileError, ParameterError, RunError, in_words, near
-from tsmblocks.files import replace_file
-from tsmblocks.metrics import Metric, metrics, named
-from tsmblocks.simulate import simulate
+from tsmblocks.metrics.metrics import Metric, metrics, named
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import simulate
 from tsmblocks.studies.study import signal_units
 
 FORMAT = 1
@@ -165,7 +165,7 @@ def since(before: Baseline, now: Baseline, share: float) -> tuple[str, float] | 
 
 def in_sentences(found: Sequence[Moved], before: Baseline, now: Baseline) -> str:
     """What moved, by how much, and from when in the run on."""
-    from tsmblocks.tables import columns
+    from tsmblocks.common.tables import columns
 
     rows = [("metric", "baseline", "now", "moved", "allowed")]
     for one in found:

@@ -8,14 +8,14 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks import units as known_units
-from tsmblocks.diagram import Diagram
-from tsmblocks.metrics import Metric
-from tsmblocks.poles import no_more_of_steps
-from tsmblocks.simulate import simulate
+from tsmblocks.common import units as known_units
+from tsmblocks.common.tables import few
+from tsmblocks.metrics.metrics import Metric
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.simulate import simulate
+from tsmblocks.simulation.stability import no_more_of_steps
 from tsmblocks.studies import study, table
 from tsmblocks.studies.study import signal_units
-from tsmblocks.tables import few
 
 MANY = 3.0
 """How many times as far a signal goes, and how many times as often through its range, for it to hunt."""

@@ -11,15 +11,15 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.batch import sensitivities
-from tsmblocks.diagram import Diagram
-from tsmblocks.errors import RunError
-from tsmblocks.metrics import Metric
-from tsmblocks.poles import LOOKED_AT, Beginning, no_more_of_steps
+from tsmblocks.common.errors import RunError
+from tsmblocks.metrics.metrics import Metric
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.batch import sensitivities
+from tsmblocks.simulation.stability import LOOKED_AT, Beginning, no_more_of_steps
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
-from tsmblocks.studies.running import beginnings, checked, grouped
-from tsmblocks.tuning.limits import INSIDE, MET, Limit
-from tsmblocks.tuning.slopes import Sloped, sloped
+from tsmblocks.studies.runner import beginnings, checked, grouped
+from tsmblocks.tuning.constraints import INSIDE, MET, Limit
+from tsmblocks.tuning.smooth_metrics import Sloped, sloped
 
 SHARP = (0.05, 0.01, 0.002)
 """How far a peak or a share is rounded, as a share of the signal's size, in one search after another."""

@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from tsmblocks.arguments import prepared, whole
-from tsmblocks.diagram import Diagram
+from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.engine.methods import method_named
-from tsmblocks.errors import ParameterError, in_words
-from tsmblocks.metrics import Metric, metrics
-from tsmblocks.overrides import near_path
-from tsmblocks.poles import warn_of_fast_poles
+from tsmblocks.metrics.metrics import Metric, metrics
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.edits import near_path
+from tsmblocks.simulation.arguments import prepared, whole
+from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.plans import between
 from tsmblocks.studies.study import signal_units
+from tsmblocks.tuning.constraints import MET, limit
 from tsmblocks.tuning.hunting import hunting
-from tsmblocks.tuning.limits import MET, limit
+from tsmblocks.tuning.result import Tuned
 from tsmblocks.tuning.search import Search
-from tsmblocks.tuning.slopes import sloped
-from tsmblocks.tuning.tuned import Tuned
+from tsmblocks.tuning.smooth_metrics import sloped
 
 WIDE = 20.0
 """Ratio of bounds above which a number is searched by ratios."""

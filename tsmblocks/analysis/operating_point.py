@@ -1,0 +1,281 @@
+"""Operating points: where a diagram stands still, found or taken as given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.common.errors import DataError, RunError, in_words, near
+from tsmblocks.engine.equations import KEPT, Equations
+from tsmblocks.engine.session import gather_signals
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import given_inputs, number, prepared
+from tsmblocks.simulation.simulate import equations, parameter_vector
+
+TOLERANCE = 1e-9
+"""Largest rate of a state, or distance of an output from what is wanted, that is none: a share of its terms ..."""
+NOTHING = 1e-12
+"""... or so much."""
+LONG = 1e6
+"""Instants that a delayed signal has been kept for, where it has stood still for long."""
+MOMENT = 1e-3
+"""Time [s] over which sources are asked for, of which only the first instant is used."""
+
+
+@attrs.frozen(eq=False)
+class Point:
+    """A diagram at one instant: states, inputs and signals by name, with ``units``; ``rates`` are those of the states.
+
+    ``states`` starts a run there: ``simulate(diagram, initial=point.states)``.
+    """
+
+    title: str
+    t: float
+    states: Mapping[str, float]
+    inputs: Mapping[str, float]
+    signals: Mapping[str, float] = attrs.field(repr=False)
+    rates: Mapping[str, float] = attrs.field(repr=False)
+    units: Mapping[str, str] = attrs.field(factory=dict, repr=False)
+
+    def __getitem__(self, name: str) -> float:
+        """A state, input or signal by name. Raises RunError with the near miss."""
+        for side in (self.signals, self.states, self.inputs):
+            if name in side:
+                return side[name]
+        raise RunError(f"the point has no '{name}'.{near(name, [*self.signals, *self.states, *self.inputs])}")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*self.states, *self.inputs])
+
+    def __str__(self) -> str:
+        from tsmblocks.common.tables import columns
+
+        def told(side: Mapping[str, float]) -> list[tuple[str, str, str]]:
+            return [(k, f"{v:.6g}", self.units.get(k, "")) for k, v in side.items()]
+
+        rows = [("state", "value", "unit"), *told(self.states), ("input", "", ""), *told(self.inputs)]
+        return f"{self.title} at t = {self.t:g} s\n{columns(rows, left=(0, 2))}"
+
+
+@attrs.frozen(eq=False)
+class Still:
+    """The equations of a diagram in continuous time at an instant: what ``trim`` and ``linearize`` look at.
+
+    ``f(x, u)`` gives ``(dx, y)``, ``u`` being the diagram's inputs alone; their slopes are zero and all sources are
+    as they are at ``t``.
+    """
+
+    eq: Equations
+    t: float
+    p: np.ndarray
+    u: np.ndarray
+    x: np.ndarray
+    inputs: tuple[str, ...]
+    d: np.ndarray
+    """Memory and held outputs as the first samples leave them; empty in continuous time."""
+
+    @property
+    def places(self) -> list[int]:
+        """Where the inputs stand among the sampled inputs of the equations."""
+        names = [feed.name if not feed.block and not feed.order else "" for feed in self.eq.u]
+        return [names.index(name) for name in self.inputs]
+
+    def full(self, u: Any) -> Any:
+        """The sampled inputs with these values of the diagram's inputs, as CasADi expressions."""
+        made = [ca.SX(float(v)) for v in self.u]
+        for k, place in enumerate(self.places):
+            made[place] = u[k]
+        return ca.vertcat(*made) if made else ca.SX(0, 1)
+
+    def called(self, x: Any, u: Any, late: Any = None) -> list[Any]:
+        """``(dx, y, s)`` of the equations. ``late`` are the delayed signals' values, zero unless given."""
+        late = ca.SX.zeros(len(self.eq.q)) if late is None else late
+        return called(self.eq, x, u, late, self.t, self.p, d=ca.SX(ca.DM(self.d)))
+
+
+def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any = None, d: Any = None) -> list[Any]:
+    """``(dx, y, s)`` of equations in continuous time, whose delayed signals were ``late`` and have moved by ``slopes``.
+
+    What is kept of a delayed signal are values at four instants around the one that is read.
+    """
+    lags = eq.lag.call([p])[0] if eq.q else ca.SX(0, 1)
+    held = []
+    for k in range(len(eq.q)):
+        away = [float(i) - 0.5 * (KEPT - 1) for i in range(KEPT)]
+        values = [late[k] + (slopes[k] * a if slopes is not None else 0.0) for a in away]
+        held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, LONG))
+    found: list[Any] = eq.rhs.call(
+        [t, x, ca.SX(0, 1) if d is None else d, u, ca.vertcat(*held) if held else ca.SX(0, 1), p]
+    )
+    return found
+
+
+def _without(name: str) -> str:
+    outer, _, inner = name.rpartition(".")
+    return f"diagram.remove('{name}')" if not outer else f"diagram.replace('{outer}', …) by one without '{inner}'"
+
+
+def settled(eq: Equations, t: float, x: np.ndarray, d: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Memory ``d`` with the outputs that sampled blocks hold after a sample."""
+    if not eq.periods or eq.q:
+        return d
+    fresh = np.asarray(eq.update(t, x, d, u, ca.DM(0, 1), p, np.ones(len(eq.periods)))[0], dtype=float).ravel()
+    return np.where([name.endswith(" (held)") for name in eq.d], fresh, d)
+
+
+def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: bool = False) -> Still:
+    """The equations at an instant. Raises RunError for blocks that act at instants of their own.
+
+    With ``sampled`` those may be sampled blocks, but none that remember from step to step.
+    """
+    eq = equations(diagram)
+    if (eq.periods or eq.d) and not (sampled and eq.periods and not eq.every_step):
+        owners = list(dict.fromkeys(name.rpartition(".")[0] for name in eq.d))
+        names = [name for name in owners if not sampled or name not in eq.sampled]
+        names = (list(eq.sampled) if not sampled else []) or names
+        one = len(names) == 1
+        lack = "there is no linear model in continuous time" if sampled else "rates do not tell where it stands still"
+        raise RunError(f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
+                       f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
+                       f"so {lack}. Replace or remove "
+                       f"{'it' if one else 'them'} first: {_without(names[0])}.")  # fmt: skip
+    p = parameter_vector(eq, diagram)
+    wanted = tuple(feed.name for feed in eq.u if not feed.block and not feed.order)
+    values = {name: inputs.get(name, 0.0) for name in wanted}
+    signals = gather_signals(eq, {**{k: v for k, v in inputs.items() if k not in values}, **values},
+                             np.array([t, t + MOMENT]), "zero")  # fmt: skip
+    u = np.array([0.0 if not feed.block and feed.order else signal.at(np.array([t]), order, "right", 0.0)[0]
+                  for feed, (signal, order) in zip(eq.u, signals, strict=True)])  # fmt: skip
+    x, d = (np.asarray(part, dtype=float).ravel() for part in eq.start(p)[:2])
+    return Still(eq, t, p, u, x, wanted, settled(eq, t, x, d, u, p))
+
+
+def point_of(here: Still, x: np.ndarray, u: np.ndarray) -> Point:
+    """A point from the values of states and inputs."""
+    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _delayed(here, x, u)[:2])
+    eq = here.eq
+    signals = dict(zip(eq.y, y.tolist(), strict=True))
+    signals |= {name: signals[signal] for name, signal in eq.aliases.items()}
+    return Point(eq.title, here.t, dict(zip(eq.x, x.tolist(), strict=True)),
+                 dict(zip(here.inputs, u.tolist(), strict=True)), signals,
+                 dict(zip(eq.x, dx.tolist(), strict=True)), eq.units)  # fmt: skip
+
+
+def _delayed(here: Still, x: Any, u: Any) -> list[Any]:
+    """The equations where everything has stood still for long: what is delayed is what it is now."""
+    full = here.full(u)
+    if not here.eq.q:
+        return here.called(x, full)
+    w = ca.SX.sym("w", len(here.eq.q))
+    s = here.called(x, full, w)[2]
+    for _ in range(len(here.eq.q)):  # a delayed signal may be made of another
+        s = ca.substitute(s, w, s) if ca.depends_on(s, w) else s
+    if ca.depends_on(s, w):
+        raise RunError(f"'{here.eq.title}' has a loop through delays alone, whose resting value is not known.")
+    return here.called(x, full, s)
+
+
+def trim(
+    diagram: Diagram, *, inputs: Mapping[str, float] | None = None, outputs: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None, t: float = 0.0,
+) -> Point:  # fmt: skip
+    """Find where a diagram stands still: no state changes, and signals have the values asked for.
+
+    ``inputs`` are held at their values; those left out are found so that ``outputs`` (any signals) have theirs, or
+    are zero where no output is asked for. ``start`` are values of states and inputs to begin at. Sources stand as they
+    are at ``t`` [s]. Where many points will do (hysteresis at rest, an integrator in front of a still motor) it is the
+    one nearest to the start. Raises RunError where there is none, naming the state that does not stand still.
+    """
+    diagram, given = prepared(diagram), given_inputs(inputs)
+    for name, values in (("outputs", outputs), ("start", start)):
+        if values is not None and not isinstance(values, Mapping):
+            raise RunError(f"{name} must map names to numbers, got {in_words(values)}.")
+    wanted = dict(outputs or {})
+    here = still(diagram, {k: number(f"input '{k}'", v, DataError) for k, v in given.items()}, number("t", t))
+    free = [name for name in here.inputs if name not in given] if wanted else []
+    begin = _begin(here, start or {}, free)
+    residual, names, build = _conditions(here, wanted, free, begin)
+    z = _nearest(residual, np.concatenate(begin), len(names))
+    x, u = build(z)
+    left, J = (np.asarray(part, dtype=float) for part in residual(z))
+    left = np.abs(left.ravel())
+    size = TOLERANCE * (np.abs(J) @ np.abs(z)) + NOTHING  # of the terms that make up each row
+    worst = int(np.argmax(left / size)) if len(left) else 0
+    if len(left) and not left[worst] <= size[worst]:
+        raise RunError(f"'{diagram.title}' does not stand still here: {names[worst]} stays {left[worst]:.3g} away. "
+                       f"{_way_out(wanted, free)}")  # fmt: skip
+    return point_of(here, x, u)
+
+
+def _way_out(wanted: Mapping[str, float], free: list[str]) -> str:
+    if wanted and not free:
+        return "No input is free to bring the outputs there: leave one out of inputs."
+    return "Begin elsewhere (start={…}), or look at an instant when nothing drives it (t=…)."
+
+
+def _begin(here: Still, start: Mapping[str, float], free: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    known = [*here.eq.x, *free]
+    for name, value in start.items():
+        number(f"start: '{name}'", value, DataError)
+        if name not in known:
+            raise RunError(f"start: there is no state or free input '{name}'.{near(name, known)}")
+    x = np.array([float(start.get(name, v)) for name, v in zip(here.eq.x, here.x, strict=True)])
+    return x, np.array([float(start.get(name, 0.0)) for name in free])
+
+
+def _conditions(
+    here: Still, wanted: Mapping[str, float], free: list[str], begin: tuple[np.ndarray, np.ndarray]
+) -> tuple[Any, list[str], Any]:
+    """What is to be zero, as a function of states and free inputs, with its Jacobian; names; how to take them apart."""
+    eq, count = here.eq, len(begin[0])
+    z = ca.SX.sym("z", count + len(free))
+    held = {name: here.u[place] for name, place in zip(here.inputs, here.places, strict=True)}
+    u = [z[count + free.index(name)] if name in free else ca.SX(float(held[name])) for name in here.inputs]
+    dx, y = _delayed(here, z[:count], u)[:2]
+    rows, names = [dx], [f"the rate of {name}" for name in eq.x]
+    for name, value in wanted.items():
+        signal = eq.aliases.get(name, name)
+        if signal not in eq.y:
+            raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
+        rows.append(y[eq.y.index(signal)] - number(f"output '{name}'", value, DataError))
+        names.append(name)
+    zero = ca.vertcat(*rows)
+
+    def build(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = [values[count + free.index(name)] if name in free else held[name] for name in here.inputs]
+        return values[:count], np.array(found, dtype=float)
+
+    return ca.Function("still", [z], [zero, ca.jacobian(zero, z)]), names, build
+
+
+def _nearest(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
+    """The root nearest to where the search begins: least-norm steps, so that what is free to stand anywhere stays."""
+    from scipy.optimize import least_squares
+
+    def error(v: np.ndarray) -> np.ndarray:
+        return np.asarray(residual(v)[0], dtype=float).ravel()
+
+    def slope(v: np.ndarray) -> np.ndarray:
+        return np.asarray(residual(v)[1], dtype=float)
+
+    if not count or not len(begin):
+        return begin
+    z = begin
+    for _ in range(50):
+        r, J = error(z), slope(z)
+        if not np.isfinite(r).all() or not np.isfinite(J).all():
+            raise RunError(f"the equations are not finite at {in_words(z.round(6).tolist())}. Begin elsewhere: "
+                           "start={…}.")  # fmt: skip
+        step = np.linalg.lstsq(J, -r, rcond=1e-12)[0]
+        if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, float(np.abs(z).max())):
+            return z
+        shares = (0.5**k for k in range(12))
+        share = next((k for k in shares if np.linalg.norm(error(z + k * step)) < np.linalg.norm(r)), None)
+        if share is None:
+            break
+        z = z + share * step
+    return np.asarray(least_squares(error, z, slope, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)

@@ -1,0 +1,118 @@
+"""Blocks that let a signal come later, by any time from nothing on: lag and dead time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import casadi as ca
+
+from tsmblocks.model.block import Block, Input, Output, Past, State, block, option, parameter
+
+BEFORE = -1e200
+"""An instant [s] so far back that nothing of it is left; finite, so slopes stay finite."""
+
+NOTHING = 1e-30
+"""A time [s] this short is none; its inverse squared is still finite."""
+
+HAIR = 1e-18
+"""Added where a quotient tends to a limit at 0; lost in rounding everywhere else."""
+
+
+@block
+class Lag(Block):
+    r"""A first-order lag of any time constant, zero included, that is stable at any step.
+
+    .. math:: T \dot y &= u - y
+
+    Coded as its solution, with the input along the parabola through its values now, at the start of the
+    step and a step earlier. With s the time since the start of the step, and of the step before it the
+    length l and the mean rate m of the input,
+
+    .. math::
+
+        y &= u + w, \qquad w = w_k e^{-s/T} - (u - u_k) a + c \left[s a - 2 T (1 - a)\right] \\
+        a &= \frac{T}{s} \left(1 - e^{-s/T}\right), \qquad c = \frac{u - u_k - m s}{s + l}
+
+    At T = 0 the signal passes bit for bit, and the slope of the output in T there is that of -T du/dt.
+    The output starts at the first value of the input, and the first step runs along a line.
+    """
+
+    source = "definition; the exact response to a piecewise parabola"
+    symbol = "1/(Ts+1)"
+
+    time_constant: float = parameter(default=0.0, about="time to 63 % of a step", unit="s", at_least=0.0)
+
+    u = Input("any signal", unit="?u")
+    y = Output("the signal, lagging", unit="?u")
+
+    @property
+    def states(self) -> dict[str, State]:
+        return {
+            "time": State(BEFORE, "start of the step", "s"),
+            "last": State(0.0, "input there", "?u"),
+            "behind": State(0.0, "output less input there", "?u"),
+            "slope": State(0.0, "mean rate of the input in the step before", "?u/s"),
+            "length": State(-BEFORE, "length of the step before", "s"),
+        }
+
+    def _behind(self, t: Any, x: Any, u: Any) -> Any:
+        passed, rise = t - x.time, u.u - x.last
+        T, constant = self.time_constant, ca.fmax(self.time_constant, NOTHING)
+        ratio = ca.fmax(passed / constant, -0.5)  # time does not run back
+        left = ca.exp(-ratio)
+        # No lag: all is forgotten at once, and at the start of a step nothing yet. Rounded down, this has no slope.
+        lagging = T > NOTHING
+        still = ca.if_else(lagging, 0.0, ca.floor(left))
+        left = ca.if_else(lagging, left, ca.floor(left))
+        mean = (1 - still) * T / constant * (-ca.expm1(-(ratio + HAIR)) / (ratio + HAIR))
+        bend = (rise - x.slope * passed) / ca.fmax(passed + x.length, NOTHING)
+        return x.behind * left - rise * mean + bend * (T * (1 - left) - 2 * T * (1 - mean))
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        passed = t - x.time
+        # 1 where no time has passed, which an update at an event may find; rounded, since a comparison is an event.
+        again = ca.floor(ca.exp(-ca.fmax(passed / NOTHING, -0.5)))
+        length = ca.fmax(passed, -0.5) + again
+        return dict(
+            time=t,
+            last=u.u,
+            behind=self._behind(t, x, u),
+            slope=(u.u - x.last) / length + again * x.slope,
+            length=length + again * (x.length - length),
+        )
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self._behind(t, x, u))
+
+
+@block
+class DeadTime(Block):
+    r"""The signal as it was any time ago, from nothing on: shorter than a step, or not at all.
+
+    .. math:: y(t) = u(t - T)
+
+    It runs along the cubic through four instants, of which the present is one where T is less than a
+    step; so at T = 0 the signal passes bit for bit, and the output has its slope in T there as anywhere.
+    Unlike Delay it passes its input on at the same instant, breaks no algebraic loop, and draws the jumps of samples
+    out over a step. Before the start, ``start="first"`` holds the first value of the input and ``start="value"`` the
+    number ``initial``.
+    """
+
+    source = "definition"
+    symbol = "u(t-T)"
+
+    time: float = parameter(default=0.0, about="how long ago", unit="s", at_least=0.0)
+    initial: float = parameter(default=0.0, about='value before the run began, with start="value"', unit="?u")
+    start: str = option(default="first", about="what it holds before the start", choices=("first", "value"))
+
+    u = Input("any signal", unit="?u")
+    past = Past("the signal as it was", of="u", by="time", initial="initial", now=True)
+    y = Output("the signal, late", unit="?u")
+
+    @property
+    def past_ports(self) -> dict[str, Past]:
+        return {"past": attrs.evolve(self._declared["past"], first=self.start == "first")}
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.past)

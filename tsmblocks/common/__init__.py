@@ -1,0 +1,1 @@
+"""What every other package may use: errors, units, tables, frames, views. Nothing here knows blocks or data."""

@@ -1,0 +1,60 @@
+"""Results as pandas frames and xarray data sets: columns and coordinates named, units in ``attrs``.
+
+Both libraries are optional, and imported when they are asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.common.errors import TsmError
+
+EXTRAS = {"pandas": "data", "xarray": "xarray"}
+"""Libraries, and the extra of this package that brings each."""
+
+Column = tuple[Sequence[str], Any, str]
+"""Dimensions, values and unit of a variable; the unit is ``""`` where none is known."""
+
+
+def need(library: str) -> Any:
+    """The library, or TsmError with the way to have it."""
+    try:
+        return import_module(library)
+    except ImportError:
+        extra = EXTRAS[library]
+        raise TsmError(f'to_{library} needs {library}: pip install "tsmblocks[{extra}]"') from None
+
+
+def frame(
+    columns: Mapping[str, Any], index: Any = None, name: str | None = None, units: Mapping[str, str] | None = None
+) -> Any:  # fmt: skip
+    """A pandas frame of columns over an index with a name; ``attrs["units"]`` has the units that are known.
+
+    Raises TsmError where there is no pandas.
+    """
+    pd = need("pandas")
+    labels = None if index is None else index if isinstance(index, pd.Index) else pd.Index(index, name=name)
+    made = pd.DataFrame(dict(columns), index=labels)
+    made.attrs["units"] = {k: u for k, u in (units or {}).items() if u and (k in made.columns or k == name)}
+    return made
+
+
+def dataset(variables: Mapping[str, Column], coords: Mapping[str, Column], facts: Mapping[str, Any]) -> Any:
+    """An xarray data set; ``facts`` are its attributes, in kinds that netCDF holds.
+
+    Raises TsmError where there is no xarray.
+    """
+    xr = need("xarray")
+    made = {k: (tuple(dims), _values(v), {"units": u} if u else {}) for k, (dims, v, u) in variables.items()}
+    axes = {k: (tuple(dims), _values(v), {"units": u} if u else {}) for k, (dims, v, u) in coords.items()}
+    return xr.Dataset(made, axes, {k: int(v) if isinstance(v, bool) else v for k, v in facts.items() if v is not None})
+
+
+def _values(given: Any) -> np.ndarray:
+    """An array in a kind that netCDF holds: texts as texts, other things (options) by their text."""
+    array = np.asarray(given)
+    return array if array.dtype.kind in "fiubcU" else np.array([str(v) for v in array.ravel()]).reshape(array.shape)

@@ -1,0 +1,176 @@
+"""Unit labels: what they mean, whether two are equal, and the factor between them.
+
+It knows labels only; quantities inside equations are plain numbers in the unit of their port.
+Radian is kept as a dimension of its own, which the general unit libraries do not do: here a
+wire that joins ``rad`` to ``1``, or ``rad/s`` to ``1/s``, is a mistake worth catching.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from functools import cache
+from typing import NamedTuple
+
+from tsmblocks.common.errors import TsmError, near
+
+Dimension = tuple[tuple[str, int], ...]
+
+_BASE: dict[str, tuple[float, dict[str, int]]] = {
+    "1": (1.0, {}),
+    "%": (0.01, {}),
+    "rad": (1.0, {"rad": 1}),
+    "mrad": (1e-3, {"rad": 1}),
+    "deg": (math.pi / 180, {"rad": 1}),
+    "rev": (2 * math.pi, {"rad": 1}),
+    "rpm": (2 * math.pi / 60, {"rad": 1, "s": -1}),
+    "s": (1.0, {"s": 1}),
+    "ms": (1e-3, {"s": 1}),
+    "us": (1e-6, {"s": 1}),
+    "min": (60.0, {"s": 1}),
+    "h": (3600.0, {"s": 1}),
+    "Hz": (1.0, {"s": -1}),
+    "kHz": (1e3, {"s": -1}),
+    "m": (1.0, {"m": 1}),
+    "cm": (1e-2, {"m": 1}),
+    "mm": (1e-3, {"m": 1}),
+    "um": (1e-6, {"m": 1}),
+    "kg": (1.0, {"kg": 1}),
+    "g": (1e-3, {"kg": 1}),
+    "A": (1.0, {"A": 1}),
+    "mA": (1e-3, {"A": 1}),
+    "K": (1.0, {"K": 1}),
+    "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
+    "mN": (1e-3, {"kg": 1, "m": 1, "s": -2}),
+    "kN": (1e3, {"kg": 1, "m": 1, "s": -2}),
+    "Nm": (1.0, {"kg": 1, "m": 2, "s": -2}),
+    "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
+    "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
+    "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "mV": (1e-3, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
+    "H": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -2}),
+    "mH": (1e-3, {"kg": 1, "m": 2, "s": -2, "A": -2}),
+}
+_ALIAS = {"": "1", "-": "1", "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad",
+          "radians": "rad", "sec": "s", "second": "s", "seconds": "s", "Ohm": "ohm", "Ω": "ohm",
+          "µm": "um", "µs": "us"}  # fmt: skip
+
+
+class Unit(NamedTuple):
+    """A label understood: ``value_in_SI = factor * value``; ``dimension`` as sorted powers."""
+
+    factor: float
+    dimension: Dimension
+
+
+class UnitError(TsmError):
+    """A label that is not a unit, or two units that do not convert."""
+
+
+@cache
+def parse(label: str) -> Unit:
+    """Read ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss.
+
+    ``N/m*s`` is refused: some read it as ``N/(m*s)``, some as ``N*s/m``.
+    """
+    factor, powers = 1.0, dict[str, int]()
+    for word, sign in _words(label):
+        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+        name = _ALIAS.get(name, name)
+        if name not in _BASE or not re.fullmatch(r"(-?\d)?", power):
+            raise UnitError(f"'{label}' is not a unit known here.{near(name, _BASE)}")
+        n = sign * int(power or 1)
+        scale, base = _BASE[name]
+        factor *= scale**n
+        for key, exponent in base.items():
+            powers[key] = powers.get(key, 0) + n * exponent
+    if not 1e-60 < factor < 1e60:  # powers of powers; a product of a few such would overflow
+        raise UnitError(f"'{label}' is not a unit known here: its size cannot be held.")
+    return Unit(factor, tuple(sorted((k, n) for k, n in powers.items() if n)))
+
+
+def _words(label: str) -> Iterator[tuple[str, int]]:
+    """The factors of a label, with 1 where they stand above the line and -1 below. Raises UnitError."""
+    text = label.strip().replace("μ", "µ")  # the Greek letter for the sign of the same look
+    text = re.sub(r"^\(([^()]*)\)$", r"\1", _ALIAS.get(text, text))
+    for k, part in enumerate(p.strip() for p in text.split("/")):
+        inside = re.fullmatch(r"\(([^()]+)\)", part)
+        words = re.split(r"[*·. ]+", (inside[1] if inside else part).strip())
+        if k and len(words) > 1 and not inside and not set("()") & set(part):
+            over = text.partition("/")[0].strip()
+            both = f"{over}/({'*'.join(words)}) or {'*'.join([over, *words[1:]])}/{words[0]}"
+            raise UnitError(f"'{label}' can be read in two ways. Write {both}.")
+        yield from ((word, -1 if k else 1) for word in words)
+
+
+def factor(source: str, target: str) -> float:
+    """The number by which a value in ``source`` is multiplied to be in ``target``.
+
+    Raises UnitError when the two measure different things.
+    """
+    a, b = parse(source), parse(target)
+    if a.dimension != b.dimension:
+        raise UnitError(f"'{source}' does not convert to '{target}'.{_turns(a, b)}")
+    return a.factor / b.factor
+
+
+def _turns(a: Unit, b: Unit) -> str:
+    """What to write where two units differ by nothing but an angle: ``1/min`` is a rate of anything."""
+    without = [tuple(one for one in unit.dimension if one[0] != "rad") for unit in (a, b)]
+    return " Revolutions per minute are rpm, those per second rev/s." if without == [(("s", -1),)] * 2 else ""
+
+
+def same(a: str, b: str) -> bool:
+    """Whether two labels mean the same unit, up to rounding of the factor."""
+    x, y = parse(a), parse(b)
+    return x.dimension == y.dimension and math.isclose(x.factor, y.factor, rel_tol=1e-12)
+
+
+PEOPLE = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
+"""Units as people read them."""
+
+
+def for_people(label: str) -> tuple[float, str]:
+    """Factor and unit in which people read a number: angles and their rates in degrees, anything else as it is."""
+    wanted = PEOPLE.get(label, label)
+    return (factor(label, wanted) if wanted != label else 1.0), wanted
+
+
+def times(label: str, power_of: str, exponent: int = 1) -> str:
+    """A readable label for ``label * power_of**exponent`` (used for rates and integrals)."""
+    if label in ("", "1"):
+        return power_of if exponent == 1 else f"1/{power_of}"
+    if exponent == 1:
+        over, slash, under = label.partition("/")
+        return label.removesuffix(f"/{power_of}") if under == power_of else f"{over}*{power_of}{slash}{under}"
+    return label.removesuffix(f"*{power_of}") if label.endswith(f"*{power_of}") else _rate(label, power_of)
+
+
+def _rate(label: str, power_of: str) -> str:
+    match = re.fullmatch(rf"(.*)/{re.escape(power_of)}(?:\^(\d+))?", label)
+    if match:
+        return f"{match[1]}/{power_of}^{int(match[2] or 1) + 1}"
+    return f"{label}/{power_of}"
+
+
+_HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)
+
+
+def split_heading(text: str) -> tuple[str, str]:
+    """Name and unit of ``"x_in [deg]"`` or ``"x_in (deg)"``; the unit is ``""`` when none is given."""
+    match = _HEADING.fullmatch(text)
+    assert match is not None  # every part is optional
+    return match[1], (match[2] or match[3] or "").strip()
+
+
+def heading(name: str, unit: str) -> str:
+    """``name [unit]``, or the name alone when no unit is known."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def unmistakable(name: str, unit: str) -> str:
+    """The heading with empty brackets where a name alone would be split: ``f(x) []``, which is not ``f`` in ``x``."""
+    plain = heading(name, unit)
+    return plain if split_heading(plain) == (name, unit) else f"{name} [{unit}]"

@@ -1,0 +1,3 @@
+"""The version of the package, which everything that writes a file may state."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,106 @@
+"""From a diagram to one set of equations, every parameter still a symbol.
+
+The only place that calls a block's equations. Feedthrough is read from them, so evaluation order
+and algebraic loops are exact, per port and through hierarchy. It knows nothing of steps or data.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.compiler.evaluate import Evaluator
+from tsmblocks.compiler.flatten import Flat, flatten
+from tsmblocks.engine.equations import Equations
+from tsmblocks.model.diagram import Diagram
+
+
+def compile_diagram(diagram: Diagram) -> Equations:
+    """Equations of a diagram. Raises AlgebraicLoop, EquationError or DiagramError, naming the place."""
+    flat = flatten(diagram)
+    between = Evaluator(flat, held=True)
+    between.everything()
+    names, signals = _signals(flat, between)
+    update = _update(flat, between)  # may ask for slopes of inputs that nothing else needs
+    results = [_column(between.rates()), _column(signals), _column(between.delayed())]
+    rhs = ca.Function("rhs", _reads(flat, between), results, *_LABELS["rhs"])
+    p = _column(flat.p)
+    begin = [_column(between.starts(keys)) for keys in (flat.x, flat.d)]
+    start = ca.Function("start", [p], [*begin, _column(flat.first_past)], *_LABELS["start"])
+    lag = ca.Function("lag", [p], [_column(flat.delays)], ["p"], ["tau"])
+    return Equations(
+        title=diagram.title,
+        x=tuple(".".join(k) for k in flat.x),
+        d=tuple(flat.d_name(k) for k in flat.d),
+        u=tuple(between.feeds()),
+        p=tuple(flat.p_names),
+        y=tuple(names),
+        q=tuple(".".join(k) for k in flat.past_keys),
+        least=tuple(0 if past.now else 1 for past in flat.pasts),
+        rhs=rhs,
+        update=update,
+        start=start,
+        lag=lag,
+        periods=tuple(flat.periods),
+        aliases={k: flat.signal_name(end) for k, end in flat.shown.items()},
+        units=_units(diagram, flat, names),
+        tapes={k: functools.partial(b.tapes, name=k) for k, b in flat.blocks.items() if b.tape_ports},
+        every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
+        reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
+        sampled={k: flat.periods[group] for k, group in flat.group.items()},
+    )
+
+
+def _reads(flat: Flat, evaluator: Evaluator) -> list[Any]:
+    """What every function of the equations reads: t, x, d, u, q, p."""
+    e = evaluator
+    parts = (e.x_symbols(), e.d_symbols(), e.u_symbols(), e.q_symbols(), flat.p)
+    return [flat.t, *map(_column, parts)]
+
+
+def _update(flat: Flat, between: Evaluator) -> Any:
+    """Memory and states after a sample instant, as a function; None when nothing is updated."""
+    if not (flat.d or flat.resets):
+        return None
+    d_next, x_next, hit = Evaluator(flat, held=False, share=between).updates()
+    reads = [*_reads(flat, between), hit]
+    return ca.Function("update", reads, [_column(d_next), _column(x_next)], *_LABELS["update"])
+
+
+_LABELS = {
+    "rhs": (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"]),
+    "update": (["t", "x", "d", "u", "q", "p", "hit"], ["d_next", "x_next"]),
+    "start": (["p"], ["x", "d", "s"]),
+}
+
+
+def _column(elements: list[Any]) -> Any:
+    return ca.vertcat(*elements) if elements else ca.SX(0, 1)
+
+
+def _signals(flat: Flat, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
+    """Everything worth logging, in evaluation order: inputs, outputs of blocks, then states."""
+    names = list(flat.inputs)
+    values = [evaluator.value[("u", k)] for k in flat.inputs]
+    for node, value in evaluator.value.items():
+        if node[0] == "y":
+            names.append(f"{node[1]}.{node[2]}")
+            values.append(value)
+    known = set(names)
+    for key, symbol in [*evaluator.x.items(), *evaluator.d.items()]:
+        name = ".".join(key)
+        if len(key) == 2 and name not in known:
+            names.append(name)
+            values.append(symbol)
+    return names, values
+
+
+def _units(diagram: Diagram, flat: Flat, names: list[str]) -> dict[str, str]:
+    found = {name: diagram.unit(name) for name in names}
+    for key, block in flat.blocks.items():
+        for name, state in block.states.items():
+            if not found.get(f"{key}.{name}") and "?" not in state.unit:
+                found[f"{key}.{name}"] = state.unit
+    return {k: v for k, v in found.items() if v}

@@ -1,0 +1,234 @@
+"""What a block's equations depend on, found by reading them: feedthrough per port, kinds of states.
+
+Nothing here is declared by a block; it is computed once for each class and shape of options.
+"""
+
+from __future__ import annotations
+
+import math
+import traceback
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import casadi as ca
+
+from tsmblocks.common.errors import BlockError, EquationError, clip, in_words, near
+from tsmblocks.model.block import Block, Input, Unchanging, is_reference, signals
+
+_HERE = str(Path(__file__).parent.parent)
+
+
+@attrs.frozen
+class Structure:
+    """Dependencies of one block: which inputs each output and each rate reads, at the same instant.
+
+    Of its states, ``continuous`` ones have a rate, ``memory`` ones only an update, ``resets`` both. ``moving`` are
+    the outputs that change between steps though their inputs do not.
+    """
+
+    outputs: dict[str, frozenset[str]]
+    rates: dict[str, frozenset[str]]
+    continuous: tuple[str, ...]
+    memory: tuple[str, ...]
+    resets: tuple[str, ...]
+    moving: frozenset[str]
+
+
+_KNOWN: dict[Any, Structure] = {}
+
+
+def structure_of(block: Block) -> Structure:
+    """The structure of a block's equations. Raises EquationError when they do not fit what it declares."""
+    key = (
+        type(block),
+        tuple((k, _shape(v)) for k, v in block.parameters.items()),
+        tuple(block.options.items()),
+    )
+    found = _KNOWN.get(key)
+    if found is None:
+        found = _KNOWN[key] = _read(block)
+    return found
+
+
+def _shape(value: Any) -> Any:
+    """Nesting of a parameter, without its numbers."""
+    return tuple(_shape(v) for v in value) if isinstance(value, tuple) else is_reference(value)
+
+
+def symbolic(block: Block) -> tuple[Any, Any, Any, Any]:
+    """A twin of the block with symbols, and symbols for t, x, u."""
+    twin = block.twin(lambda name, _: ca.SX.sym(name))
+    t = ca.SX.sym("t")
+    x = signals(list(block.states), [ca.SX.sym(k) for k in block.states])
+    u = signals(list(block.read_names), [ca.SX.sym(k) for k in block.read_names])
+    return twin, t, x, u
+
+
+def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> dict[str, Any]:
+    """One equation of a block (or twin) as scalars by name. Raises EquationError in the user's words."""
+    owner = f"{name} ({type(block).__name__})" if name else type(block).__name__
+    try:
+        result = getattr(block, equation)(t, x, u)
+    except BlockError:
+        raise
+    except Exception as error:
+        if error.__traceback__ is None or error.__traceback__.tb_next is None:  # it was never entered
+            raise EquationError(f"{owner}.{equation} must take (self, t, x, u).") from None
+        why, known = _why(block, error, x, u)
+        raise EquationError(f"{owner}.{equation} {why} See {_line(error)}.") from (None if known else error)
+    if not isinstance(result, dict):
+        kinds = {type(None): "nothing (is there a return?)", ca.SX: "one expression"}
+        got = kinds.get(type(result), in_words(result))
+        raise EquationError(f"{owner}.{equation} must return values by name, such as dict(y=…), got {got}.")
+    made = {}
+    for key, value in result.items():
+        try:
+            scalar = value if isinstance(value, ca.SX) else ca.SX(value)
+        except Exception:
+            raise EquationError(f"{owner}.{equation} gives {key} = {in_words(value)}, which is not a number.") from None
+        if scalar.shape != (1, 1):
+            raise EquationError(f"{owner}.{equation} gives {key} with shape {scalar.shape}; every signal is a scalar.")
+        made[key] = scalar
+    return made
+
+
+def _why(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
+    """What an equation did wrong, and whether that is a mistake of which nothing else need be known."""
+    text = " ".join(str(error).split()).rstrip(".")
+    if any(sign in text for sign in ("truth value", "__bool__", "Only scalars")):
+        return (
+            "branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and "
+            "where Python has if, min, max or and.",
+            True,
+        )
+    name = str(getattr(error, "name", ""))
+    if isinstance(error, Unchanging):
+        return f"sets self.{name}, and a block does not change: what it remembers is a state.", True
+    of: Any = getattr(error, "obj", None)  # what an AttributeError is about
+    for owner, what in ((x, "state"), (u, "input")):
+        if of is owner:
+            return f"reads '{name}', which is no {what}.{near(name, owner._fields)}", True
+    if of is block:
+        return f"reads self.{name}, which is not declared.{near(name, block.fields())}", True
+    return f"fails: {type(error).__name__}: {clip(text, 300)}.", False
+
+
+def _line(error: Exception) -> str:
+    """``file:line`` where an equation raised: the last line before it went into other packages, or into this one."""
+    frames = traceback.extract_tb(error.__traceback__)[1:]
+    own = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith(_HERE)] or frames
+    return f"{own[-1].filename}:{own[-1].lineno}"
+
+
+def _read(block: Block) -> Structure:
+    _check_ports(block)
+    twin, t, x, u = symbolic(block)
+    owner = type(block).__name__
+    y = call(twin, "outputs", t, x, u)
+    dx = call(twin, "derivatives", t, x, u)
+    dm = call(twin, "updates", t, x, u)
+    _same_names(owner, "outputs", list(y), list(block.outports))
+    states = list(block.states)
+    _known_names(owner, "derivatives", dx, states)
+    _known_names(owner, "updates", dm, states)
+    idle = [k for k in states if k not in dx and k not in dm]
+    if idle:
+        raise EquationError(f"{owner} leaves state {', '.join(idle)} without a rate or an update. "
+                            "Give it one in derivatives or in updates.")  # fmt: skip
+    if block.sampled and dx:
+        raise EquationError(f"{owner} is sampled, so it has no rates; {', '.join(dx)} should be in updates.")
+    if block.sampled and not isinstance(getattr(block, "period", None), float):
+        raise EquationError(f"{owner} is sampled and needs an option 'period' in s.")
+    for equation, part in (("outputs", y), ("derivatives", dx), ("updates", dm)):
+        _no_nan(owner, equation, part)
+    return Structure(
+        outputs={k: _needs(v, u) for k, v in y.items()},
+        rates={k: _needs(v, u) for k, v in dx.items()},
+        continuous=tuple(k for k in states if k in dx),
+        memory=tuple(k for k in states if k not in dx),
+        resets=tuple(k for k in states if k in dx and k in dm),
+        moving=frozenset(k for k, v in y.items() if _moves(v, t, [getattr(x, name) for name in dx])),
+    )
+
+
+def _check_rates(owner: str, inports: Mapping[str, Input]) -> None:
+    """Raise EquationError for an input that is the rate of no input, or in the end of itself."""
+    for name, port in inports.items():
+        if port.rate_of and port.rate_of not in inports:
+            raise EquationError(
+                f"{owner}.{name} is the rate of '{port.rate_of}', which is no input."
+                f"{near(port.rate_of, set(inports) - {name})}"
+            )
+    for name in inports:
+        chain = [name]
+        while of := inports[chain[-1]].rate_of:
+            if of in chain:
+                raise EquationError(f"{owner}.{name} is in the end its own rate: {' of '.join([*chain, of])}.")
+            chain.append(of)
+
+
+def _check_ports(block: Block) -> None:
+    """Raise EquationError when ports or states name what is not there, or one name means two things."""
+    owner, inports = type(block).__name__, block.inports
+    _check_rates(owner, inports)
+    for name, past in block.past_ports.items():
+        if past.of not in inports:
+            raise EquationError(
+                f"{owner}.{name} is the past of '{past.of}', which is no input.{near(past.of, inports)}"
+            )
+        for number in (past.by, past.initial):
+            if number not in block.parameters:
+                raise EquationError(f"{owner}.{name} needs the parameter '{number}', which is not declared."
+                                    f"{near(number, block.parameters)}")  # fmt: skip
+    names = [*block.read_names, *block.outports, *block.states]
+    seen = Counter(names)
+    twice = next((k for k in names if seen[k] > 1), None)
+    if twice is not None:
+        raise EquationError(f"{owner}.{twice} is two things at once (a port, a state); give one of them another name.")
+    for name, state in block.states.items():
+        if not isinstance(state.start, float) and not is_reference(state.start):
+            raise EquationError(f"{owner}.{name} must start at a number, got {in_words(state.start)}.")
+
+
+def _needs(expression: Any, u: Any) -> frozenset[str]:
+    return frozenset(k for k, s in zip(u._fields, u, strict=True) if ca.depends_on(expression, s))
+
+
+def _moves(expression: Any, t: Any, x: list[Any]) -> bool:
+    """Whether an output follows time or continuous states; what only jumps with time does not."""
+    return not ca.jtimes(expression, t, 1).is_zero() or ca.depends_on(expression, ca.vertcat(*x))
+
+
+def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) -> None:
+    missing, extra = [k for k in wanted if k not in given], [k for k in given if k not in wanted]
+    said = []
+    if missing:
+        said.append(f"leaves out {', '.join(missing)}")
+    if extra:
+        said.append(f"returns {', '.join(extra)}, which is not declared")
+    if said:
+        raise EquationError(f"{owner}.{equation} {' and '.join(said)}. Declared: {', '.join(wanted) or 'nothing'}.")
+
+
+def _known_names(owner: str, equation: str, given: dict[str, Any], states: list[str]) -> None:
+    extra = [k for k in given if k not in states]
+    if extra:
+        raise EquationError(
+            f"{owner}.{equation} returns {', '.join(extra)}, which is not a state. "
+            f"Declared: {', '.join(states) or 'nothing'}."
+        )
+
+
+def _no_nan(owner: str, equation: str, part: dict[str, Any]) -> None:
+    """A function of ``math`` applied to a symbol gives NaN without a word; find it here."""
+    for name, expression in part.items():
+        f = ca.Function("f", ca.symvar(expression), [expression])
+        constants = (f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
+        if any(math.isnan(c) for c in constants):
+            raise EquationError(
+                f"{owner}.{equation} makes {name} not a number. Inside equations use casadi's functions "
+                "(ca.tanh, ca.fabs), not math's or float()."
+            )

@@ -1,0 +1,400 @@
+"""Signals as expressions, formed on demand in the order the equations themselves dictate.
+
+A node is an output of a block, the rate of a state, or the time derivative of a signal. Each is
+formed when all it reads is there; a node that is needed while it is being formed is an algebraic
+loop, and the way back to it is the loop's path. No recursion, so long chains are welcome.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.compiler.dependencies import call
+from tsmblocks.compiler.flatten import Flat, Node
+from tsmblocks.engine.equations import PER_DELAY, Feed
+from tsmblocks.model.block import signals
+
+_PENDING = ca.SX.sym("pending")
+
+
+class Evaluator:
+    """Expressions of all signals, either between samples (``held``) or at a sample instant.
+
+    ``value`` holds what has been formed. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and their slopes,
+    ``q`` of what is kept of delayed signals, ``hit`` whether each rate group acts; ``owner`` says whose a symbol is.
+    """
+
+    def __init__(self, flat: Flat, *, held: bool, share: Evaluator | None = None) -> None:
+        self.flat, self.held = flat, held
+        self.value: dict[Node, Any] = {}
+        if share is None:
+            self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
+            self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
+            self.u: dict[tuple[Any, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
+            self.q = [ca.vertsplit(ca.SX.sym(k, PER_DELAY)) for k in map(".".join, flat.past_keys)]
+            self.owner: dict[int, tuple[Any, ...]] = {}
+            for kind, table in (("x", self.x), ("d", self.d)):
+                self.owner |= {s.element_hash(): (kind, k) for k, s in table.items()}
+            self.owner[flat.t.element_hash()] = ("t",)
+            for name in flat.inputs:
+                self._feed(("u", name, 0))
+        else:
+            self.x, self.d, self.u, self.q, self.owner = share.x, share.d, share.u, share.q, share.owner
+        for name in flat.inputs:
+            self.value["u", name] = self.u["u", name, 0]
+        self.hit = ca.SX.sym("hit", len(flat.periods))
+        self.past = {key: k for k, key in enumerate(flat.past_keys)}
+
+    # ---- what compile asks for
+
+    def everything(self) -> None:
+        """Form every output and every rate."""
+        flat = self.flat
+        self.demand(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
+        self.demand(("dx", *key) for key in flat.x)
+
+    def rates(self) -> list[Any]:
+        """Rates of the continuous states, in order."""
+        return [self.value["dx", *key] for key in self.flat.x]
+
+    def delayed(self) -> list[Any]:
+        """Signals that are delayed somewhere, one per delay."""
+        return [self.value[node] for node in self.flat.past_source]
+
+    def updates(self) -> tuple[list[Any], list[Any], Any]:
+        """Memory and held outputs after a sample instant, continuous states after it, and ``hit``."""
+        flat = self.flat
+        fresh: dict[tuple[str, ...], Any] = {}
+        for path, shape in flat.structures.items():
+            if shape.memory or shape.resets:
+                fresh |= self._updated(path)
+        held = [key[:2] for key in flat.d if len(key) == 3]
+        self.demand(("y", *key) for key in held)
+        fresh |= {(*key, "held"): self.value["y", *key] for key in held}
+        d = [fresh[key] for key in flat.d]
+        x = [fresh.get(key, self.x[key]) for key in flat.x]
+        return d, x, self.hit
+
+    def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
+        flat, block = self.flat, self.flat.twins[path]
+        nodes = {name: self._source(path, name) for name in block.read_names}
+        self.demand(node for node in nodes.values() if node[0] != "read")
+        values = [self._read(path, name, node) for name, node in nodes.items()]
+        x = self._states(path)
+        new = call(block, "updates", flat.t, x, signals(block.read_names, values), path)
+        if path in flat.group:
+            hit = self.hit[flat.group[path]]
+            new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
+        return {(path, k): v for k, v in new.items()}
+
+    def starts(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
+        """Start values of states, in terms of parameters; a held output is set by its first sample."""
+        states = {path: self.flat.twins[path].states for path in {path for path, *_ in keys}}
+        return [ca.SX(0) if len(key) == 3 else ca.SX(states[key[0]][key[1]].start) for key in keys]
+
+    def feeds(self) -> Iterable[Any]:
+        """The sampled inputs in use, in the order of ``u_symbols``."""
+        for kind, *rest in self.u:
+            if kind == "u":
+                name, order = rest
+                yield Feed("d/dt " * int(order) + name, order=int(order), unit=self.flat.inputs[name])
+            else:
+                path, tape, order = rest
+                yield Feed("d/dt " * int(order) + f"{path}.{tape}", path, tape, int(order))
+
+    def x_symbols(self) -> list[Any]:
+        """Symbols of the continuous states, in order."""
+        return [self.x[k] for k in self.flat.x]
+
+    def d_symbols(self) -> list[Any]:
+        """Symbols of memory and held outputs, in order."""
+        return [self.d[k] for k in self.flat.d]
+
+    def u_symbols(self) -> list[Any]:
+        """Symbols of the sampled inputs asked for so far, in order."""
+        return list(self.u.values())
+
+    def q_symbols(self) -> list[Any]:
+        """Symbols of what is kept of the delayed signals, in order."""
+        return [s for kept in self.q for s in kept]
+
+    # ---- the walk
+
+    def demand(self, goals: Iterable[Node]) -> None:
+        """Form the goals and all they need, depth first without recursion."""
+        for goal in goals:
+            if goal in self.value:
+                continue
+            stack, open_ = [goal], {goal: 0}
+            while stack:
+                node = stack[-1]
+                missing = next((n for n in self._form(node) if n not in self.value), None)
+                if missing is None:
+                    stack.pop()
+                    del open_[node]
+                    continue
+                if missing in open_:
+                    self._loop([*stack[open_[missing] :], missing])
+                open_[missing] = len(stack)
+                stack.append(missing)
+
+    def _form(self, node: Node) -> Iterable[Node]:
+        """Nodes still missing before this one can be formed; forms it when there is none."""
+        if node[0] == "rate":
+            return self._form_rate(node)
+        if node[0] == "past":
+            return self._form_past(node)
+        kind, path, name = node
+        flat, shape = self.flat, self.flat.structures[path]
+        if kind == "y" and self.held and (path, name) in flat.held:
+            self.value[node] = self.d[path, name, "held"]
+            return ()
+        wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
+        needed = (self._source(path, k) for k in flat.twins[path].read_names if k in wanted)  # the same in any process
+        missing = [n for n in needed if n[0] != "read" and n not in self.value]
+        if missing:
+            return missing
+        self._evaluate(path, kind)
+        return ()
+
+    def _evaluate(self, path: str, kind: str) -> None:
+        """Form every output (or rate) of a block whose inputs are all there.
+
+        The equation gives all of them at once; an input still missing is a stand-in, and what reads it is left out.
+        """
+        flat, block, shape = self.flat, self.flat.twins[path], self.flat.structures[path]
+        ready, values = set(), []
+        for name in block.read_names:
+            node = self._source(path, name, strict=False)
+            there = node is not None and (node[0] == "read" or node in self.value)
+            values.append(self._read(path, name, node) if there else _PENDING)  # type: ignore[arg-type]
+            if there:
+                ready.add(name)
+        equation, needs = ("outputs", shape.outputs) if kind == "y" else ("derivatives", shape.rates)
+        result = call(block, equation, flat.t, self._states(path), signals(block.read_names, values), path)
+        for name, wanted in needs.items():
+            if wanted <= ready and (kind, path, name) not in self.value:
+                value = result[name]
+                if kind == "y" and path in flat.group:
+                    value = ca.if_else(self.hit[flat.group[path]], value, self.d[path, name, "held"])
+                self.value[kind, path, name] = value
+
+    def _form_past(self, node: Node) -> Iterable[Node]:
+        """A signal as it was; where the present value takes part, that is formed first."""
+        flat, k = self.flat, self.past[node[1], node[2]]
+        source, past = flat.past_source[k], flat.pasts[k]
+        if past.now and source not in self.value:
+            return (source,)
+        first = None if past.first else flat.first_past[k]
+        if past.now:
+            self.value[node] = recalled(self.q[k], flat.t, flat.delays[k], first, self.value[source])
+        else:
+            made = recalled_steps if self._holds(source) else recalled
+            self.value[node] = made(self.q[k], flat.t, flat.delays[k], first)
+        return ()
+
+    def _holds(self, source: Node) -> bool:
+        """Whether a signal stands still within steps: made of samples, memory and jumps in time alone."""
+        flat, seen, left = self.flat, set[Node](), [source]
+        while left:
+            node = left.pop()
+            kind, *key = node
+            if node in seen or (kind == "y" and tuple(key) in flat.held):
+                continue
+            seen.add(node)
+            if kind == "past" and not flat.pasts[k := self.past[key[0], key[1]]].now:
+                left.append(flat.past_source[k])
+            elif kind == "y" and key[1] not in (shape := flat.structures[key[0]]).moving:
+                left += [self._source(key[0], name) for name in shape.outputs[key[1]]]
+            else:
+                return False
+        return True
+
+    def _form_rate(self, node: Node) -> Iterable[Node]:
+        """The time derivative of a signal: along the rates of the states it depends on, and of its inputs."""
+        source: Node = node[1:]
+        if source not in self.value:
+            return (source,)
+        expression = self.value[source]
+        symbols = ca.symvar(expression)
+        owners = [self.owner.get(s.element_hash(), ("p",)) for s in symbols]
+        missing = [("dx", *o[1]) for o in owners if o[0] == "x" and ("dx", *o[1]) not in self.value]
+        if missing:
+            return missing
+        moving, along = [], []
+        for symbol, owner in zip(symbols, owners, strict=True):
+            rate = self._symbol_rate(owner, source)
+            if rate is not None:
+                moving.append(symbol)
+                along.append(rate)
+        self.value[node] = ca.jtimes(expression, ca.vertcat(*moving), ca.vertcat(*along)) if moving else ca.SX(0)
+        return ()
+
+    def _symbol_rate(self, owner: tuple[Any, ...], source: Node) -> Any:
+        """How fast a symbol moves; None for what stands still between steps."""
+        kind = owner[0]
+        if kind == "t":
+            return ca.SX(1)
+        if kind == "x":
+            return self.value["dx", *owner[1]]
+        if kind == "feed":
+            *name, order = owner[1]
+            return self._feed((*name, order + 1))
+        if kind == "d" and len(owner[1]) == 3:
+            self._refuse(
+                f"{self._wanted(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
+                "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
+            )
+        return None
+
+    def _wanted(self, source: Node) -> str:
+        """Which port asks for the derivative of a signal; all of them where there are several."""
+        flat = self.flat
+        ports = [
+            f"{path}.{name}"
+            for path, block in flat.twins.items()
+            for name in block.inports
+            if self._source(path, name, strict=False) == ("rate", *source)
+        ]
+        name = self._named(source)
+        if not ports:  # the derivative of a derivative
+            return f"the derivative is needed of {name}"
+        return f"{', '.join(ports)} {'is' if len(ports) == 1 else 'are'} the derivative of {name}"
+
+    # ---- small readers
+
+    def _named(self, node: Node) -> str:
+        """The log name of a signal, or of its rate."""
+        return f"d/dt {self._named(node[1:])}" if node[0] == "rate" else self.flat.signal_name(node)
+
+    def _refuse(self, text: str) -> None:
+        raise DiagramError(self.flat.title, [text], self.flat.where)
+
+    def _feed(self, key: tuple[Any, ...]) -> Any:
+        """The symbol of a sampled input, or of its slope of some order; made when first asked for."""
+        if key not in self.u:
+            symbol = ca.SX.sym(" ".join(map(str, key[1:])))
+            self.u[key] = symbol
+            self.owner[symbol.element_hash()] = ("feed", key)
+        return self.u[key]
+
+    def _source(self, path: str, name: str, strict: bool = True) -> Any:
+        """The node an input reads: a signal, its rate, a past value, or ``("read", …)`` for a tape."""
+        flat = self.flat
+        port = flat.twins[path].inports.get(name)
+        if port is None:
+            return ("past" if (path, name) in self.past else "read", path, name)
+        if (path, name) in flat.driver:
+            return flat.driver[path, name]
+        driver = self._source(path, port.rate_of, strict=False) if port.rate_of else None
+        if driver is None and strict:
+            self._refuse(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
+        return None if driver is None else ("rate", *driver)
+
+    def _read(self, path: str, name: str, node: Node) -> Any:
+        if node[0] != "read":
+            return self.value[node]
+        return self._feed(("tape", path, name, 0))
+
+    def _states(self, path: str) -> Any:
+        block, shape = self.flat.twins[path], self.flat.structures[path]
+        names = list(block.states)
+        return signals(names, [self.x[path, k] if k in shape.rates else self.d[path, k] for k in names])
+
+    def _loop(self, nodes: list[Node]) -> None:
+        """Say which way an algebraic loop runs."""
+        path: list[str] = []
+        for node in reversed(nodes):
+            signal = self._named(node) if node[0] == "rate" else f"{node[1]}.{node[2]}"
+            if node[0] not in ("dx", "past") and (not path or path[-1] != signal):
+                path.append(signal)
+        if len(path) == 1 or path[0] != path[-1]:
+            path.append(path[0])
+        raise AlgebraicLoop(self.flat.title, [self._loop_text(path, nodes)], self.flat.where, path)
+
+    def _loop_text(self, path: list[str], nodes: list[Node]) -> str:
+        ring = " -> ".join(path)
+        if any(node[0] == "rate" for node in nodes):
+            return (
+                f"{ring} needs its own value at the same instant: a derivative takes away the state it is "
+                "wired to. Put a FilteredDerivative in the place of the exact one."
+            )
+        if any(node[0] == "y" and node[1] in self.flat.group for node in nodes):
+            return (
+                f"{ring} has no state in it, so its value at a sample depends on itself. "
+                "Break it with a UnitDelay, or with a block that has a state (a lag, an integrator)."
+            )
+        return (
+            f"{ring} has no state in it, so its value at one instant depends on itself. "
+            "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a "
+            f"sampled block.{self._of_zeros(nodes)}"
+        )
+
+    def _of_zeros(self, nodes: list[Node]) -> str:
+        """Which blocks of a loop pass nothing on with their numbers as they are: a path made of a 0 that was given."""
+        flat, idle = self.flat, list[str]()
+        numbers = ca.vertcat(*flat.p), ca.DM(flat.p_values)
+        for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):
+            names = flat.twins[path].read_names
+            symbols = [ca.SX.sym(name) for name in names]
+            if kind != "y":
+                continue
+            made = call(flat.twins[path], "outputs", flat.t, self._states(path), signals(names, symbols), path)[port]
+            around = [s for k, s in zip(names, symbols, strict=True) if self._source(path, k, strict=False) == read]
+            if around and not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
+                idle.append(path)
+        if not idle:
+            return ""
+        return (
+            f" Now {' and '.join(idle)} would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, "
+            "counts as a path until it is left out."
+        )
+
+
+def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
+    """The value a signal had ``delay`` s before ``t``: along the cubic through four instants, fewer at the start.
+
+    ``kept`` holds what the engine keeps of the signal (``PER_DELAY`` numbers). ``first`` is the value before
+    the start (None: the first that was kept). ``now`` is the present value (None: it may not take part); it
+    is the newest point where the instant asked for lies after all that are kept.
+    """
+    *values, newest, per_second, count = kept
+    y0, y1, y2, y3 = values
+    since = (t - delay - newest) * per_second
+
+    def there(n: int, value: Any) -> Any:
+        """A difference that needs so many instants, and counts as zero without."""
+        return ca.if_else(count >= n, value, 0.0)
+
+    d1, d2 = y3 - y2, y3 - 2 * y2 + y1
+    d3 = there(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
+    value = y3 + since * (there(2, d1) + (since + 1) / 2 * (there(3, d2) + (since + 2) * d3))
+    passed, before = ca.fmax(count - 1, 0.0) + since + _rounding(t, per_second), y3 if first is None else first
+    if now is None:
+        return ca.if_else(ca.floor(passed) < 0, before, value)
+    back, away = -delay * per_second, ca.if_else(count >= 1, (t - newest) * per_second, 1.0)
+    e1 = there(1, (now - y3) / away)
+    e2 = there(2, (e1 - d1) / (away + 1))
+    e3 = there(3, (e2 - d2 / 2) / (away + 2))
+    recent = now + back * (e1 + (back + away) * (e2 + (back + away + 1) * e3))
+    value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
+    before = ca.if_else(count < 1, now, y3) if first is None else first
+    return ca.if_else(passed < 0, before, value)
+
+
+def recalled_steps(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
+    """As ``recalled``, of a signal that stands still within steps: its jumps stay jumps."""
+    y0, y1, y2, y3, newest, per_second, count = kept
+    back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
+    value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))
+    return ca.if_else(ca.fmax(count - 1, 0.0) + back < 0, y3 if first is None else first, value)
+
+
+def _rounding(t: Any, per_second: Any) -> Any:
+    """By how many steps an instant may fall short of one on the grid by rounding."""
+    return 1e-10 + 4e-15 * ca.fabs(t) * per_second

@@ -1,0 +1,189 @@
+"""A nested diagram as one level of blocks, each with symbols for its parameters and states.
+
+It resolves wires through the edges of inner diagrams and makes every symbol once; it calls no
+equation.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.common.errors import AlgebraicLoop, DiagramError, EquationError
+from tsmblocks.compiler.dependencies import Structure, structure_of
+from tsmblocks.model.block import Block, Past, is_reference
+from tsmblocks.model.diagram import Diagram
+
+Key = tuple[str, str]
+Node = tuple[str, ...]
+"""``("y", block, port)`` an output, ``("u", name)`` an input of the diagram.
+
+On the way to them, until wires are followed: ``("in", block, name)`` and ``("out", block, name)``, the edges of a
+diagram inside. Formed later, by ``evaluate``: ``("dx", block, state)`` the rate of a state, ``("rate", *node)`` the
+time derivative of a signal, ``("past", block, name)`` a signal as it was.
+"""
+
+
+class Flat:
+    """One level of blocks with symbols. Built once by ``flatten`` and only read afterwards.
+
+    A block's path is its name with the names of the diagrams around it. ``driver`` says what drives each input port,
+    ``shown`` what each output of the diagram shows. ``x`` are the continuous states, ``d`` memory and held outputs,
+    ``p`` the symbols of parameters; ``group`` gives a sampled block's place in ``periods`` [s]. For each value of the
+    past that is read there is one element of ``past_keys`` (block, port), ``pasts`` (its declaration), ``past_source``
+    (the signal), ``delays`` [s] and ``first_past`` (its value before the start).
+    """
+
+    def __init__(self, diagram: Diagram) -> None:
+        self.diagram = diagram
+        self.title, self.where = diagram.title, diagram.where
+        self.t = ca.SX.sym("t")
+        self.blocks: dict[str, Block] = {}  # as given
+        self.twins: dict[str, Any] = {}  # with symbols for numbers
+        self.structures: dict[str, Structure] = {}
+        self.p: list[Any] = []
+        self.p_names: list[str] = []
+        self.p_values: list[float] = []
+        self.inputs: dict[str, str] = {k: v.unit for k, v in diagram.inports.items()}
+        self._raw: dict[Key, Node] = {}  # an input port (also of an inner diagram) -> what drives it
+        self._inner: dict[str, Diagram] = {"": diagram}
+        self._collect(diagram, "")
+        followed = {k: self._follow(v) for k, v in self._raw.items()}
+        self.driver = {k: v for k, v in followed.items() if k[0] in self.blocks}
+        self.shown = {k: self._follow(self._exit(diagram, "", end)) for k, end in diagram.shown.items()}
+        self._make_symbols()
+
+    # ---- hierarchy
+
+    def _collect(self, diagram: Diagram, prefix: str) -> None:
+        scope = {}
+        for name, value in diagram.values.items():
+            scope[name] = self._parameter(prefix + name, value)
+        for name, block in diagram.blocks.items():
+            path = prefix + name
+            if isinstance(block, Diagram):
+                self._inner[path + "."] = block
+                self._collect(block, path + ".")
+            else:
+                self._add(path, block, scope)
+        for link in diagram.links:
+            self._raw[prefix + link.target[0], link.target[1]] = self._exit(diagram, prefix, link.source)
+        for name, ends in diagram.inlets.items():
+            for end in ends:
+                node = ("u", name) if not prefix else ("in", prefix[:-1], name)
+                self._raw[prefix + end[0], end[1]] = node
+
+    def _exit(self, diagram: Diagram, prefix: str, end: Key) -> Node:
+        """The node an output port stands for, one level down if it belongs to an inner diagram."""
+        name, port = end
+        if not name:  # an input passed straight through
+            return ("u", port) if not prefix else ("in", prefix[:-1], port)
+        if isinstance(diagram.blocks[name], Diagram):
+            return ("out", prefix + name, port)
+        return ("y", prefix + name, port)
+
+    def _follow(self, node: Node) -> Node:
+        """Through the edges of inner diagrams to a block's output or an input of the whole."""
+        seen: list[Node] = []
+        while node[0] in ("in", "out"):
+            if node in seen:
+                back = [*seen[seen.index(node) :], node]  # against the flow
+                names = [f"{path}.{port}" for _, path, port in reversed(back)]
+                raise AlgebraicLoop(
+                    self.title,
+                    [f"{' -> '.join(names)} joins diagrams in a ring that holds no block, so the signal has no value."],
+                    self.where,
+                    names,
+                )
+            seen.append(node)
+            kind, path, port = node
+            if kind == "in":
+                node = self._raw[path, port]
+            else:
+                inner = self._inner[path + "."]
+                node = self._exit(inner, path + ".", inner.shown[port])
+        return node
+
+    # ---- symbols
+
+    def _parameter(self, name: str, value: float) -> Any:
+        symbol = ca.SX.sym(name)
+        self.p.append(symbol)
+        self.p_names.append(name)
+        self.p_values.append(value)
+        return symbol
+
+    def _add(self, path: str, block: Block, scope: dict[str, Any]) -> None:
+        def symbol(leaf: str, value: Any) -> Any:
+            return scope[value[1:]] if is_reference(value) else self._parameter(f"{path}.{leaf}", value)
+
+        self.blocks[path] = block
+        self.twins[path] = block.twin(symbol)
+        try:
+            self.structures[path] = structure_of(block)
+        except EquationError as error:
+            raise EquationError(f"{path}: {error}") from error.__cause__
+
+    def _make_symbols(self) -> None:
+        self.x: list[Key] = []
+        self.d: list[tuple[str, ...]] = []  # (block, state) for memory, then (block, port, "held")
+        self.resets: list[Key] = []
+        self.periods: list[float] = []
+        self.group: dict[str, int] = {}
+        self.past_keys: list[Key] = []
+        self.delays: list[Any] = []
+        self.first_past: list[Any] = []
+        self.past_source: list[Node] = []
+        self.pasts: list[Past] = []
+        held: list[Key] = []
+        for path, block in self.blocks.items():
+            shape = self.structures[path]
+            self.x += [(path, k) for k in shape.continuous]
+            self.d += [(path, k) for k in shape.memory]
+            self.resets += [(path, k) for k in shape.resets]
+            if block.sampled:
+                held += [(path, k) for k in block.outports]
+                period = block.period  # type: ignore[attr-defined]
+                if period not in self.periods:
+                    self.periods.append(period)
+                self.group[path] = self.periods.index(period)
+            for name, past in block.past_ports.items():
+                self._past(path, name, past)
+        self.held = set(held)
+        self.d += [(*key, "held") for key in held]
+
+    def _past(self, path: str, name: str, past: Past) -> None:
+        source = self.driver.get((path, past.of))
+        if source is None:
+            raise DiagramError(
+                self.title, [f"{path}.{past.of} is delayed inside {path} and must be wired."], self.where
+            )
+        self.past_keys.append((path, name))
+        self.delays.append(getattr(self.twins[path], past.by))
+        self.first_past.append(getattr(self.twins[path], past.initial))
+        self.past_source.append(source)
+        self.pasts.append(past)
+
+    # ---- words
+
+    def d_name(self, key: tuple[str, ...]) -> str:
+        """A memory state's name; a held output's is marked, for it may share the name of a state."""
+        return f"{key[0]}.{key[1]}" + (" (held)" if len(key) == 3 else "")
+
+    def signal_name(self, node: Node) -> str:
+        """The log name of a node."""
+        return node[1] if node[0] == "u" else f"{node[1]}.{node[2]}"
+
+    def reads(self, path: str) -> dict[str, str]:
+        """Which signal each input port of a block reads."""
+        return {
+            port: self.signal_name(self.driver[path, port])
+            for port in self.blocks[path].inports
+            if (path, port) in self.driver
+        }
+
+
+def flatten(diagram: Diagram) -> Flat:
+    """One level of blocks with symbols. Raises AlgebraicLoop for a ring of empty inner diagrams."""
+    return Flat(diagram)

@@ -1,0 +1,75 @@
+"""Units that nobody told: what a signal without one is taken for, when that is doubtful, and how to tell it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError
+from tsmblocks.common.tables import listed
+
+if TYPE_CHECKING:
+    from tsmblocks.data.record import Record
+
+MOST = 4 * np.pi
+"""Angle [rad] beyond which one without a unit was probably measured in degrees."""
+
+
+def untold(record: Record, wanted: Mapping[str, str]) -> list[str]:
+    """Say which signals have no unit and what they are taken to be in; ``wanted`` gives that by name, ``""`` for none.
+
+    One sentence for each unit.
+    """
+    bare = _bare(record, wanted)
+    made = []
+    for unit in dict.fromkeys(bare.values()):
+        names = [k for k, own in bare.items() if own == unit]
+        have, are = ("have", "are") if len(names) > 1 else ("has", "is")
+        made.append(f"{listed(names)} {have} no unit and {are} taken to be in {unit}.")
+    return made
+
+
+def in_calls(names: Sequence[str]) -> str:
+    """Say how signals of these names are given a unit in Python."""
+    said = ", ".join(f"'{name}': 'deg'" for name in names)
+    return f"units={{{said}}}, or 'rad'"
+
+
+def refuse_doubtful(
+    where: str, record: Record, wanted: Mapping[str, str], way: Callable[[Sequence[str]], str] = in_calls
+) -> None:
+    """Raise DataError where angles without a unit would be many turns: all that is found from them would be wrong.
+
+    ``wanted`` is as for untold, ``where`` what the message calls the record, ``way`` says how names get their units.
+    """
+    peaks = {k: float(np.abs(record[k]).max(initial=0.0)) for k, unit in _bare(record, wanted).items()
+             if _is_radian(unit)}  # fmt: skip
+    peaks = {k: peak for k, peak in peaks.items() if peak > MOST}
+    if not peaks:
+        return
+    names, sizes = [*peaks], listed([f"{peak:.4g}" for peak in peaks.values()])
+    turns = listed([f"{peak / (2 * np.pi):.3g}" for peak in peaks.values()])
+    have, go, are, s = ("has", "goes", "it is", "") if len(peaks) == 1 else ("have", "go", "they are", "s")
+    raise DataError(f"{where}: {listed(names)} {have} no unit and {go} up to {sizes}, which in rad would be {turns} "
+                    f"turns: {are} probably in deg. Give the unit{s}: {way(names)} where that is meant.")  # fmt: skip
+
+
+def how_to_map(name: str, *, bare: bool) -> str:
+    """Say how a column of another name is mapped: with its unit, where columns are ``bare`` of theirs."""
+    heading = f"{name} [deg]" if bare else name
+    return f"map={{'{heading}': 'COLUMN'}}, or --map '{heading}=COLUMN'"
+
+
+def _bare(record: Record, wanted: Mapping[str, str]) -> dict[str, str]:
+    """The units that signals without one are taken to be in."""
+    return {k: unit for k, unit in wanted.items() if unit and k in record and not record.unit(k)}
+
+
+def _is_radian(label: str) -> bool:
+    try:
+        return units.same(label, "rad")
+    except units.UnitError:
+        return False

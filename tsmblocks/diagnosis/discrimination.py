@@ -1,0 +1,218 @@
+"""Which experiment would tell effects apart that the data at hand cannot tell: by what the fitted models foretell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import Record
+from tsmblocks.diagnosis.cross_validation import settled, without_starts
+from tsmblocks.diagnosis.decision import Tried
+from tsmblocks.diagnosis.model import Asked, Model, posed_as
+from tsmblocks.diagnosis.partition import SIGN, pieces
+from tsmblocks.diagnosis.presentation import digits, in_people_units
+from tsmblocks.effects import Span, span_of
+from tsmblocks.fitting.parameters import Unknowns
+
+SAMPLES = 2500
+"""Length of a proposed experiment, in samples as far apart as those recorded."""
+PER_PERIOD = 20
+"""Samples of the fastest oscillation proposed, at least."""
+SMALL = 0.1
+"""Share of the range that a small motion takes."""
+PLAIN = 0.1
+"""Difference, in standard deviations of the noise, from which an experiment is worth the trouble."""
+FASTER = 1.02
+"""How much faster than all that was recorded a proposed motion may be: no more than rounding."""
+
+
+@attrs.frozen(eq=False)
+class Motion:
+    """A motion of the first input: ``values`` (SAMPLES,) in its unit."""
+
+    words: str
+    values: np.ndarray = attrs.field(repr=False)
+
+
+@attrs.frozen
+class Separation:
+    """What an experiment would show: rms difference (standard deviations of the noise) between two fitted models.
+
+    The other model is refitted to the recordings at hand and to the new one together, so what it can imitate counts
+    as no difference (T-optimality, Atkinson and Fedorov 1975, doi 10.1093/biomet/62.1.57).
+    """
+
+    words: str
+    size: float
+
+
+def proposed(named: Tried, others: Sequence[Tried], records: Mapping[str, Record], asked: Asked) -> str:
+    """The experiment, among motions as large and as fast as those recorded, that best tells ``named`` from ``others``.
+
+    In words; the effect's own words where no such motion would tell them apart, or nothing moves the plant.
+    """
+    own = named.candidate.effect
+    rivals = [one for one in others if one.candidate.effect.name != own.name]
+    if not rivals:
+        return ""
+    best = max(separations(named, rivals, records, asked), key=lambda one: one.size, default=None)
+    if best is None:
+        return own.separates
+    if not best.size >= PLAIN:
+        return f"{own.separates}; within the sizes and speeds recorded no motion would"
+    return f"{best.words} (expected difference {digits(best.size)} times the noise)"
+
+
+def separations(
+    named: Tried, others: Sequence[Tried], records: Mapping[str, Record], asked: Asked
+) -> Iterator[Separation]:  # fmt: skip
+    """For each motion the separation from that of ``others`` that comes closest."""
+    inputs, asked = list(named.model.diagram.inputs), attrs.evolve(asked, window=None)  # all of a motion counts
+    if not inputs:
+        return
+    trial = named.model.setup.trials[0]
+    step = trial.times.h * max(round(trial.record.step / trial.times.h), 1)  # sampled blocks keep their instants
+    unit = named.model.diagram.unit(inputs[0])
+    span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])
+    cut = any(SIGN in name for name in records)
+    rivals = [(one.model, information(one.model)) for one in others]
+    for motion in motions(span, step, unit):
+        record = _record(motion, step, named.model, records)
+        blank = pieces({"proposed": record})[0] if cut else {"proposed": record}
+        told = _foretold(named.model, blank, asked)
+        if told is not None:
+            yield Separation(motion.words, min(separation(*one, told, asked) for one in rivals))
+
+
+def information(model: Model) -> np.ndarray:
+    """What the recordings at hand say of a model's numbers off their bounds, shape (m, m)."""
+    known = settled(model)[:, ~model.bound[~model.local]]
+    return known.T @ known
+
+
+def separation(model: Model, known: np.ndarray, told: Mapping[str, Record], asked: Asked) -> float:
+    r"""Rms (in standard deviations of the noise) that a model leaves of what another one foretells.
+
+    To first order: :math:`\min_\theta \lVert r + J \theta\rVert^2 + \theta^T H \theta`, where :math:`H` (``known``)
+    is what the recordings at hand say of the model's numbers, and start values are free.
+    """
+    problem, setup = posed_as(model, model.fitted, (), told, asked)
+    r, J = problem.jacobian(_placed(model, problem.unknowns))
+    new = Model(setup.diagram, problem, setup, problem.unknowns.start, r, np.where(np.isfinite(J), J, 0.0))
+    own = settled(new)[:, ~model.bound[~model.local]]
+    left = without_starts(new, r[:, None])[:, 0]
+    H = known + own.T @ own
+    ridge = 1e-12 * np.diag(np.maximum(np.diag(H), 1e-300))
+    slope = own.T @ left
+    return math.sqrt(max(float(left @ left - slope @ np.linalg.solve(H + ridge, slope)), 0.0) / len(r))
+
+
+def _foretold(model: Model, blank: Mapping[str, Record], asked: Asked) -> dict[str, Record] | None:
+    """Recordings as the model foretells them; None where it runs away."""
+    problem, _ = posed_as(model, model.fitted, (), blank, asked)
+    theta, made = _placed(model, problem.unknowns), {}
+    for e, (name, record) in enumerate(blank.items()):
+        y = problem.outputs([theta], e)[:, :, 0]
+        if not np.isfinite(y).all():
+            return None
+        for i, output in enumerate(asked.outputs):
+            record = record.with_signal(output, y[:, i], model.diagram.unit(output))
+        made[name] = record
+    return made
+
+
+def _placed(model: Model, unknowns: Unknowns) -> np.ndarray:
+    """The unknowns of a new experiment: a model's numbers, and start values as they were on the whole."""
+    begun: dict[str, list[float]] = {}
+    for item, value in zip(model.problem.unknowns.items, model.theta, strict=True):
+        begun.setdefault(item.parameter, []).append(float(value))
+    return np.array([np.median(begun[item.parameter]) for item in unknowns.items])
+
+
+def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Record]) -> Record:
+    """A recording in which the first input moves, others stand still, and nothing is measured yet."""
+    inputs, outputs = list(model.diagram.inputs), model.setup.outputs
+    signals = {inputs[0]: motion.values}
+    for name in inputs[1:]:
+        rest = np.concatenate([r.values(name, model.diagram.unit(name)) for r in records.values()])
+        signals[name] = np.full(SAMPLES, float(np.median(rest)))
+    signals |= {name: np.zeros(SAMPLES) for name in outputs}
+    units = {name: model.diagram.unit(name) for name in signals}
+    start = min(float(r.t[0]) for r in records.values())  # what goes by the clock does so as in the recordings
+    return Record("proposed", start + np.arange(SAMPLES) * step, signals, units)
+
+
+# ---- motions --------------------------------------------------------------------------------------
+
+
+def motions(span: Span, step: float, unit: str) -> Iterator[Motion]:
+    """Motions through the range of a signal that are no faster than it was, in words that say how to make them."""
+    t = np.arange(SAMPLES) * step
+    for words, values in _shapes(t, span, unit):
+        if np.max(np.abs(np.diff(values))) <= FASTER * span.fastest * step:
+            yield Motion(words, values)
+
+
+def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndarray]]:
+    """Every motion that is thought of, as large as the range: (words, values)."""
+    long, reach, middle = float(t[-1]), span.reach, span.middle
+    lasts = f"{digits(long)} s"
+    slow = 4 / long
+    top, quick = (_frequency(amplitude, span, t) for amplitude in (reach, SMALL * reach))
+    yield f"a slow ramp over the whole range and back, {lasts}", middle + reach * _triangle(t / long)
+    yield f"a sine over the whole range at {digits(top)} Hz, {lasts}", middle + reach * np.sin(2 * np.pi * top * t)
+    size = np.where(t < long / 2, 1.0, 0.2)
+    yield (f"a sine at {digits(slow)} Hz over the whole range, then over a fifth of it, {lasts}",
+           middle + reach * size * np.sin(2 * np.pi * slow * t))  # fmt: skip
+    yield (f"a triangle that decays from the whole range to nothing in 8 periods, {lasts}",
+           middle + reach * (1 - t / long) * _triangle(8 * t / long))  # fmt: skip
+    yield (f"a chirp of {in_people_units(SMALL * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
+           middle + SMALL * reach * _chirp(t, slow, quick))  # fmt: skip
+    yield (f"a chirp over the whole range from {digits(slow / 4)} to {digits(top)} Hz, {lasts}",
+           middle + reach * _chirp(t, slow / 4, top))  # fmt: skip
+    yield (f"a staircase over the whole range with a reversal of a tenth of it on each of 8 steps, {lasts}",
+           middle + reach * _staircase(t / long, 8, SMALL))  # fmt: skip
+    yield (f"steps over the whole range with holds of {digits(long / 6)} s, {lasts}",
+           middle + reach * _holds(t, long, 2 * reach / (0.9 * span.fastest)))  # fmt: skip
+
+
+def _frequency(amplitude: float, span: Span, t: np.ndarray) -> float:
+    """The highest frequency of a sine that is as fast as what was recorded, and still well sampled [Hz]."""
+    limits = (span.fastest / (2 * np.pi * max(amplitude, 1e-300)), 1 / (PER_PERIOD * float(t[1] - t[0])))
+    return float(f"{0.98 * min(limits):.2g}")
+
+
+def _triangle(phase: np.ndarray) -> np.ndarray:
+    """From 0 up to 1, down to -1 and back in each period."""
+    return 2 / np.pi * np.arcsin(np.sin(2 * np.pi * phase))
+
+
+def _chirp(t: np.ndarray, low: float, high: float) -> np.ndarray:
+    """A sine whose frequency grows by the same factor in equal times."""
+    rate = math.log(max(high / low, 1 + 1e-9)) / float(t[-1])
+    return np.sin(2 * np.pi * low * np.expm1(rate * t) / rate)
+
+
+def _staircase(share: np.ndarray, steps: int, back: float) -> np.ndarray:
+    """Up and down in steps, each ended by a small reversal; ``share`` runs from 0 to 1."""
+    levels = np.concatenate([np.linspace(-1, 1, steps // 2 + 1), np.linspace(1, -1, steps // 2 + 1)[1:]])
+    places, values = list[float](), list[float]()
+    for k, level in enumerate(levels):
+        for part, move in ((0.0, 0.0), (0.25, 0.0), (0.4, -2 * back), (0.55, 0.0), (0.7, 0.0)):
+            places.append((k + part) / len(levels))
+            values.append(level + move * (1 if level >= 0 else -1))
+    return np.interp(share, places, values)
+
+
+def _holds(t: np.ndarray, long: float, takes: float) -> np.ndarray:
+    """Up, down, and half way, each held; a change takes ``takes`` [s]."""
+    places, values, now = [0.0], [0.0], 0.0
+    for k, level in enumerate((1.0, -1.0, 0.5, -0.5, 1.0, 0.0)):
+        begin = k * long / 6
+        places += [begin + 1e-9 * long, begin + takes * abs(level - now) / 2 + 2e-9 * long]
+        values += [now, level]
+        now = level
+    return np.interp(t, places, values)

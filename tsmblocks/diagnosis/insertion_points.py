@@ -1,0 +1,237 @@
+"""Where effects may stand in a diagram: the wires of what was measured, and the wire that sets it in motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+
+import attrs
+
+from tsmblocks.blocks import Bias
+from tsmblocks.common.errors import TsmError
+from tsmblocks.common.units import UnitError, parse
+from tsmblocks.effects import Effect
+from tsmblocks.engine.equations import Equations
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.wires import Fault, resolve
+from tsmblocks.simulation.simulate import equations
+
+PROBE = "probe_of_the_wire"
+MOTION = 2
+"""Integrations between a force and the position it moves, at least; to the speed it is one less."""
+SPEEDS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
+
+
+@attrs.frozen
+class Site:
+    """One wire on which a block may be put.
+
+    ``before`` is the port, ``after`` the signal or input of the diagram that is cut (one of both is empty).
+    ``signal`` names what runs on the wire, ``other`` what a block there may read besides: a signal, or an input of
+    the diagram. ``output`` is the measured output behind it.
+    """
+
+    place: str
+    output: str
+    signal: str
+    other: str = ""
+    after: str = ""
+    before: str = ""
+    adds: Callable[[Diagram, str], Diagram] | None = None
+
+    def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
+        """The diagram with ``block`` on this wire under ``name``."""
+        wires = self._wires(name, block)
+        if _several(block):  # on a wire goes a block of one output, so a stand-in first
+            made = diagram.insert(name, Bias(), after=self.after, before=self.before)
+            made = made.rewire(blocks={**made.blocks, name: block}, add=wires)
+        else:
+            made = diagram.insert(name, block, after=self.after, before=self.before, wires=wires)
+        return made if self.adds is None else self.adds(made, name)
+
+    def code(self, name: str, block: Block | Diagram) -> str:
+        """What ``put`` does, as an expression of a script; the block itself is left open as ``…``."""
+        place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
+        wires = self._wires(name, block)
+        if _several(block):
+            more = f", add={wires!r}" if wires else ""
+            made = (f"diagram.insert({name!r}, Bias(), {place})"
+                    f".rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})")  # fmt: skip
+        else:
+            more = f", wires={wires!r}" if wires else ""
+            made = f"diagram.insert({name!r}, …, {place}{more})"
+        return made if self.adds is None else f"{getattr(self.adds, '__name__', 'adds')}({made}, {name!r})"
+
+    def _wires(self, name: str, block: Block | Diagram) -> list[str]:
+        return [f"{self.other} -> {name}.x"] if "x" in block.inports else []
+
+    def same(self, other: Site) -> bool:
+        """Whether a block stands on the same wire there."""
+        return all(getattr(self, k) == getattr(other, k) for k in ("place", "after", "before", "other", "adds"))
+
+    def words(self, diagram: Diagram) -> str:
+        """The wire in wire notation, as it was before."""
+        if self.before:
+            return f"{self.signal} -> {self.before}"
+        ends = [".".join(e) for e in diagram.inlets.get(self.after, ())]
+        ends += [".".join(x.target) for x in diagram.links if ".".join(x.source) == self.after]
+        ends += [k for k, end in diagram.shown.items() if ".".join(filter(None, end)) == self.after]
+        return f"{self.signal} -> {', '.join(dict.fromkeys(ends))}"
+
+
+def _several(block: Block | Diagram) -> bool:
+    return "y" in block.outports and len(block.outports) > 1
+
+
+def sites(
+    diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = (), named: Collection[str] = (),
+    measured: Mapping[str, str] | None = None,
+) -> list[Site]:  # fmt: skip
+    """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
+
+    ``measured`` are the units of the recordings, for outputs of which the diagram tells none.
+
+    In front of the blocks that were ``named`` before, effects of an output are looked for as well: which stands first
+    makes a difference where both remember. What was named in front of the model comes before all others: what they
+    read of the input is what comes out of it. A measured drive (the voltage in a position loop) is a wire that moves
+    another output, not one of its own. Those that ``effects`` made for this diagram name themselves are among them.
+    """
+    found: list[Site] = []
+    for name in outputs:
+        head, port = diagram.shown[name]
+        if not head:
+            continue  # the output shows an input: there is nothing in between
+        source = f"{head}.{port}"
+        found.append(Site("output", name, source, after=source))
+        reading = [_behind(diagram, k, named)
+                   for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0]  # fmt: skip
+        found += [Site("across", name, source, other=k, after=source) for k in reading]
+        signal, port = _in_front(diagram, source, named)
+        if port:
+            found.append(Site("output", name, signal, before=port))
+            found += [Site("across", name, signal, other=k, before=port) for k in reading]
+        speed = is_speed(diagram.unit(name) or (measured or {}).get(name, ""))
+        drive = driven(diagram, name, MOTION - speed)
+        signal = _source(diagram, drive) if drive else source
+        if signal != source:  # an output that drives is set in motion by nothing but itself
+            found.append(Site("drive", name, signal, before=drive))
+            found.append(Site("brake" if speed else "load", name, signal, other=source, before=drive))
+    loads = {site.before for site in found if site.place == "load"}
+    found = [site for site in found if site.place != "brake" or site.before not in loads]
+    drives = {site.signal for site in found if site.place == "drive"}
+    found = [site for site in found if site.place not in ("output", "across") or site.signal not in drives]
+    found += [Site("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
+    found += [one for effect in effects if effect.receiver and (one := own_site(diagram, outputs[0], effect))]
+    return [one for k, one in enumerate(found) if not any(one.same(other) for other in found[:k])]
+
+
+def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
+    """The signal in front of all blocks that were named, one behind the other up to ``source``, and the port it drives.
+
+    Wires between them would cost as much again, and nearly always tell the same as one of the ends.
+    """
+    port = ""
+    while (head := source.partition(".")[0]) in named:
+        before = _source(diagram, f"{head}.u")
+        if before in diagram.inputs:
+            break
+        source, port = before, f"{head}.u"
+    return source, port
+
+
+def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
+    """The signal behind the blocks that were named at an input, one behind the other; the input where none were."""
+    signal, ends = name, [*diagram.inlets[name]]
+    while len(ends) == 1 and ends[0][0] in named and ends[0][1] == "u":
+        signal = f"{ends[0][0]}.y"
+        ends = [x.target for x in diagram.links if ".".join(x.source) == signal]
+    return signal
+
+
+def own_site(diagram: Diagram, output: str, effect: Effect) -> Site | None:
+    """The wire that an effect names itself; None in a diagram that has no such port, or no signal that it reads."""
+    try:
+        port = ".".join(resolve(effect.receiver, diagram.blocks, "input"))
+        reads = effect.reads
+        if reads and reads not in diagram.inputs:
+            reads = ".".join(resolve(reads, diagram.blocks, "output"))
+    except Fault:
+        return None
+    return Site(effect.place, output, _source(diagram, port), reads, before=port, adds=effect.adds)
+
+
+def _source(diagram: Diagram, port: str) -> str:
+    """The signal, or input of the diagram, that drives a port (``block.port``)."""
+    link = next((x for x in diagram.links if ".".join(x.target) == port), None)
+    if link is not None:
+        return ".".join(link.source)
+    return next(k for k, ends in diagram.inlets.items() if port in {".".join(e) for e in ends})
+
+
+def is_speed(unit: str) -> bool:
+    """Whether a unit is that of a speed, of turning or straight on; one that is not known is none."""
+    try:
+        return parse(unit).dimension in SPEEDS
+    except UnitError:
+        return False
+
+
+def driven(diagram: Diagram, output: str, least: int = MOTION) -> str:
+    """The nearest port that moves an output through ``least`` integrations or more; ``""`` where there is none."""
+    for port in _upstream(diagram, diagram.shown[output][0]):
+        if reaches(diagram, output, before=port, after="") >= least:
+            return port
+    return ""
+
+
+def _upstream(diagram: Diagram, block: str) -> Iterator[str]:
+    """Driven ports, from those of ``block`` on against the direction of the wires, nearest first."""
+    seen, todo = {block}, [block]
+    while todo:
+        name = todo.pop(0)
+        into = [(".".join(x.target), x.source[0]) for x in diagram.links if x.target[0] == name]
+        fed = [".".join(e) for ends in diagram.inlets.values() for e in ends if e[0] == name]
+        yield from (port for port, _ in into)
+        yield from fed
+        for _, head in into:
+            if head not in seen:
+                seen.add(head)
+                todo.append(head)
+
+
+def reaches(diagram: Diagram, output: str, *, before: str, after: str) -> int:
+    """How many integrations lie between a wire and an output: 0 for none at all, -1 where it does not reach it.
+
+    Read off the equations' structure. Memory that is updated between steps counts as one integration.
+    """
+    try:
+        eq = equations(diagram.insert(PROBE, Bias(), before=before, after=after))
+    except TsmError:
+        return -1
+    rows = _dependencies(eq)
+    goal = ("y", eq.y.index(eq.aliases[output]))
+    front = {("p", eq.p.index(f"{PROBE}.bias"))}
+    known = set(front)
+    for degree in range(len(eq.x) + len(eq.d) + 1):
+        if rows[goal] & known:
+            return degree
+        front = {state for state, reads in rows.items() if state[0] in "xd" and reads & known} - known
+        if not front:
+            return -1
+        known |= front
+    return -1
+
+
+def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:
+    """For each signal, rate and memory: which parameters, states and memories it reads at the same instant."""
+    found: dict[tuple[str, int], set[tuple[str, int]]] = {}
+    reads = {"x": 1, "d": 2, "p": 5}
+    made = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
+    for kind, function, result in made:
+        for name, argument in reads.items():
+            rows, columns = function.jac_sparsity(result, argument).get_triplet()
+            for i in range(function.size1_out(result)):
+                found.setdefault((kind, i), set())
+            for i, k in zip(rows, columns, strict=True):
+                found[kind, i].add((name, k))
+    return found

@@ -1,0 +1,96 @@
+"""What differs between two diagrams: blocks and wires that came or went, and numbers that changed."""
+
+from __future__ import annotations
+
+import attrs
+
+from tsmblocks.diagnosis.presentation import in_people_units, unit_of
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
+
+SAME = 1e-9
+"""Relative change of a number below which it counts as the same."""
+
+
+@attrs.frozen
+class Changed:
+    """A number that changed, in its own unit."""
+
+    name: str
+    before: float
+    after: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """``tsm.theta 3.94 -> 4.02 1/rad``, angles in degrees."""
+        before = in_people_units(self.before, self.unit)
+        after = in_people_units(self.after, self.unit)
+        return f"{self.name}  {before.split(' ')[0]} -> {after}"
+
+
+@attrs.frozen
+class Difference:
+    """Blocks in words by name, wires in wire notation, numbers: what turns one diagram into another."""
+
+    added: dict[str, str]
+    removed: dict[str, str]
+    wires_added: tuple[str, ...]
+    wires_removed: tuple[str, ...]
+    numbers: tuple[Changed, ...]
+
+    @property
+    def lines(self) -> list[tuple[str, str]]:
+        """What came (``+``), went (``-``) or changed (``~``), a line each."""
+        return [
+            *(("-", f"{name} = {words}") for name, words in self.removed.items()),
+            *(("+", f"{name} = {words}") for name, words in self.added.items()),
+            *(("-", wire) for wire in self.wires_removed),
+            *(("+", wire) for wire in self.wires_added),
+            *(("~", one.words) for one in self.numbers),
+        ]
+
+
+def difference(before: Diagram, after: Diagram) -> Difference:
+    """What turns ``before`` into ``after``."""
+    old, new = _wires(before), _wires(after)
+    known = before.parameters
+    numbers = tuple(
+        Changed(name, known[name], value, unit_of(after, name))
+        for name, value in after.parameters.items()
+        if name in known and abs(value - known[name]) > SAME * max(abs(value), abs(known[name]))
+    )
+    return Difference(
+        {k: in_code(b) for k, b in after.blocks.items() if k not in before.blocks},
+        {k: in_code(b) for k, b in before.blocks.items() if k not in after.blocks},
+        tuple(w for w in new if w not in old), tuple(w for w in old if w not in new), numbers,
+    )  # fmt: skip
+
+
+def in_code(block: Block | Diagram) -> str:
+    """A block as a script would make it, with the parameters that are not at their default."""
+    if isinstance(block, Diagram):
+        inside = ", ".join(f"{k}={in_code(b)}" for k, b in block.blocks.items())
+        return f"Diagram({inside})"
+    defaults = {f.name: f.default for f in attrs.fields(type(block))}  # type: ignore[arg-type]
+    shown = []
+    for name, value in block.parameters.items():
+        if name not in defaults or defaults[name] != value:
+            shown.append(f"{name}={_plain(value)}")
+    return f"{type(block).__name__}({', '.join(shown)})"
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (tuple, list)):
+        return "(" + ", ".join(map(_plain, value)) + ("," if len(value) == 1 else "") + ")"
+    return repr(value)
+
+
+def _wires(diagram: Diagram) -> list[str]:
+    """Every wire by itself, from inputs and to outputs too."""
+    made = [f"{name} -> {'.'.join(end)}" for name, ends in diagram.inlets.items() for end in ends]
+    made += [f"{diagram.short(link.source)} -> {'.'.join(link.target)}" for link in diagram.links]
+    made += [f"{diagram.short(end) if end[0] else end[1]} => {name}" for name, end in diagram.shown.items()]
+    return made

@@ -1,0 +1,185 @@
+"""A diagram cut at its measured signals: parts that are simulated from measurements and looked at by themselves."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import Record
+from tsmblocks.diagnosis.insertion_points import Site
+from tsmblocks.diagnosis.model import Asked, posed
+from tsmblocks.fitting.experiments import Window
+from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.model.wires import Link
+from tsmblocks.simulation.simulate import equations, parameter_vector
+
+PIECE = 1.0
+"""Length of a piece [s]: over longer ones the errors of an integrating plant grow and hide what they come from."""
+LEAD = 0.1
+"""Share of a piece that runs ahead of what is compared: what delays hold when it begins is not known, and has to go."""
+SURE = 2.0
+"""How many times the delays of the diagram a piece runs ahead at least: those of a fit may be found longer."""
+FEWEST = 100
+"""Samples of a piece at least."""
+KEPT = 0.3
+"""Share of a start value's first influence that is still there at the end of an experiment that remembers it."""
+SIGN = "#"
+"""Between the name of an experiment and the number of its piece."""
+
+
+@attrs.frozen(eq=False)
+class Part:
+    """A part of a diagram. ``cut`` maps its inputs that stand for a measured signal to the signal they replace."""
+
+    name: str
+    diagram: Diagram
+    outputs: tuple[str, ...]
+    cut: Mapping[str, str]
+
+
+def parted(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
+    """Cut a diagram at measured outputs, except where that would open a loop; parts in the order of the signals.
+
+    In a closed loop the loop is one part: its controller hides in the position what it shows in the drive.
+    """
+    reach = _reach(diagram)
+    cut: dict[str, list[Link]] = {}
+    for name in measured:
+        source = diagram.shown[name]
+        if not source[0] or name in diagram.inputs:
+            continue
+        away = [x for x in diagram.links if x.source == source and source[0] not in reach[x.target[0]]]
+        taken = {x for links in cut.values() for x in links}
+        if away and not taken & set(away):
+            cut[name] = away
+    gone = {x for links in cut.values() for x in links}
+    links = [x for x in diagram.links if x not in gone]
+    made = [_part(diagram, group, links, cut, measured) for group in _groups(diagram, links)]
+    kept = [part for part in made if part.outputs]
+    return sorted(kept, key=lambda part: min(list(measured).index(k) for k in part.outputs)) if len(kept) > 1 else kept
+
+
+def _reach(diagram: Diagram) -> dict[str, set[str]]:
+    """Blocks that each block drives, itself included, directly or through others."""
+    after: dict[str, set[str]] = {k: set() for k in diagram.blocks}
+    for link in diagram.links:
+        after[link.source[0]].add(link.target[0])
+    found = {}
+    for name in diagram.blocks:
+        seen, todo = {name}, [name]
+        while todo:
+            new = after[todo.pop()] - seen
+            seen |= new
+            todo += new
+        found[name] = seen
+    return found
+
+
+def _groups(diagram: Diagram, links: Sequence[Link]) -> list[list[str]]:
+    """Blocks that hang together, each group in the diagram's order."""
+    group = {k: k for k in diagram.blocks}
+
+    def head(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    for link in links:
+        group[head(link.source[0])] = head(link.target[0])
+    made: dict[str, list[str]] = {}
+    for name in diagram.blocks:
+        made.setdefault(head(name), []).append(name)
+    return list(made.values())
+
+
+def _part(
+    diagram: Diagram, blocks: Sequence[str], links: Sequence[Link], cut: Mapping[str, list[Link]],
+    measured: Sequence[str],
+) -> Part:  # fmt: skip
+    """One group of blocks as a diagram of its own."""
+    inside = set(blocks)
+    inputs: dict[str, Inlet] = {}
+    for name, inlet in diagram.inputs.items():
+        ports = [".".join(e) for e in diagram.inlets[name] if e[0] in inside]
+        if ports:
+            inputs[name] = attrs.evolve(inlet, ports=ports)
+    replaced = {}
+    for name, gone in cut.items():
+        ports = [".".join(x.target) for x in gone if x.target[0] in inside]
+        if ports:
+            inputs[name] = Inlet(ports, diagram.unit(name), f"measured {name}")
+            replaced[name] = ".".join(diagram.shown[name])
+    outputs = {k: v for k, v in diagram.outputs.items() if diagram.shown[k][0] in inside and k not in inputs}
+    sub = diagram._with(
+        blocks={k: diagram.blocks[k] for k in blocks}, wires=[x for x in links if x.source[0] in inside],
+        inputs=inputs, outputs=outputs,
+    )  # fmt: skip
+    own = tuple(k for k in measured if k in outputs)
+    return Part(f"{', '.join(inputs) or 'start'} -> {', '.join(own)}", sub, own, replaced)
+
+
+def in_whole(site: Site, part: Part) -> Site:
+    """A site of a part as a site of the whole diagram, where the cut input is a signal again."""
+    other = part.cut.get(site.other, site.other)
+    signal = part.cut.get(site.signal, site.signal)
+    if site.after not in part.cut:
+        return attrs.evolve(site, other=other, signal=signal)
+    ports = [".".join(e) for e in part.diagram.inlets[site.after]]
+    return attrs.evolve(site, after="", before=ports[0], other=other, signal=signal)
+
+
+def remembers(diagram: Diagram, records: Mapping[str, Record], asked: Asked) -> bool:
+    """Whether the start of every experiment still shows at its end, as in a plant that integrates."""
+    if not asked.start_states:
+        return False
+    problem, _ = posed(diagram, records, asked, asked.free)
+    _, J = problem.jacobian(problem.unknowns.start)
+    items, count = problem.unknowns.items, problem.trials[0].measured.shape[1]
+    if not any(item.experiment for item in items):
+        return False
+    kept = []
+    for e in range(len(problem.trials)):
+        own = [k for k in problem.unknowns.columns(e) if items[k].experiment]
+        shares = []
+        for i in range(count):
+            part = np.abs(J[problem.segments[e * count + i]][:, own])
+            tenth = max(len(part) // 10, 1)
+            first, last = part[:tenth].max(axis=0), part[-tenth:].mean(axis=0)
+            shares.append(float(np.max(np.where(first > 0, last / np.where(first > 0, first, 1.0), 0.0), initial=0.0)))
+        kept.append(max(shares, default=0.0))
+    return min(kept) > KEPT
+
+
+def delays(diagram: Diagram) -> float:
+    """All delays of a diagram together [s]: no signal is longer on its way."""
+    eq = equations(diagram)
+    return float(np.sum(np.asarray(eq.lag(parameter_vector(eq, diagram))))) if eq.q else 0.0
+
+
+def pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
+    """Every experiment in pieces named ``experiment#1`` and so on, and the window of each that is compared.
+
+    About ``PIECE`` seconds of each are compared. It begins ahead of them, where the piece before it is still compared,
+    by a share of its length or longer than signals are on their way (``late`` [s]), whichever is more.
+    """
+    made: dict[str, Record] = {}
+    windows: dict[str, Window] = {}
+    for name, record in records.items():
+        begin, end = float(record.t[0]), float(record.t[-1])
+        length = max(PIECE, FEWEST * record.step)
+        lead = min(max(LEAD * min(length, end - begin), SURE * late), (end - begin) / 2)
+        count = max(1, round((end - begin - lead) / length))
+        edges = np.linspace(begin + lead, end, count + 1).tolist()
+        for k, (first, last) in enumerate(itertools.pairwise(edges)):
+            stop = last - (record.step / 2 if k + 1 < count else 0.0)
+            one = f"{name}{SIGN}{k + 1}"
+            made[one], windows[one] = record.part(first - lead, stop), (first, None)
+    return made, windows
+
+
+def whole(name: str) -> str:
+    """The experiment that a piece belongs to."""
+    return name.rpartition(SIGN)[0] or name

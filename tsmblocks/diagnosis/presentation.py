@@ -1,0 +1,169 @@
+"""What text, page and figures of a diagnosis share: units for people, whole traces, errors along a coordinate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.units import for_people
+from tsmblocks.diagnosis.partition import whole
+from tsmblocks.diagnosis.residual_location import BINS, binned, coordinates
+from tsmblocks.diagnosis.result import Named, Quantity, Segment, Trace
+from tsmblocks.fitting.parameters import numbers, unknown
+from tsmblocks.model.diagram import Diagram
+
+FEWEST = 3
+"""Blocks of time that a bin needs before what they differ by says how sure its mean is."""
+COORDINATE_UNITS = {
+    "position": "{}", "direction": "", "direction x position": "{}", "speed": "{}/s", "acceleration": "{}/s^2",
+    "distance since reversal": "{}", "time since reversal": "s", "session time": "s", "experiment": "",
+}  # fmt: skip
+"""The unit of each coordinate, the motion's in the place of the braces."""
+
+
+def with_interval(q: Quantity) -> str:
+    """A number with half its interval, as many digits as that leaves: ``0.157 ± 0.011 deg``; said where it has none."""
+    k, unit = for_people(q.unit)
+    value, low, high = k * q.value, k * q.low, k * q.high
+    half = (high - low) / 2
+    if not np.isfinite(half):
+        return f"{value:.3g} {unit}".rstrip() + " (not determined)"
+    if half == 0:
+        return f"{value:.3g} {unit}".rstrip()
+    digits = 1 - int(np.floor(np.log10(half)))
+    if not 0 <= digits <= 6:
+        return f"{value:.3g} ± {half:.2g} {unit}".rstrip()
+    return f"{value:z.{digits}f} ± {half:.{digits}f} {unit}".rstrip()
+
+
+def digits(value: float) -> str:
+    """A number with three digits, zeros at its end too."""
+    return f"{value:#.3g}".rstrip(".")
+
+
+def in_people_units(value: float, unit: str) -> str:
+    """A number of a unit as people read it: three digits, angles in degrees."""
+    k, shown = for_people(unit)
+    return f"{k * value:.3g} {shown}".rstrip()
+
+
+def unit_of(diagram: Diagram, parameter: str) -> str:
+    """The unit of a parameter of a diagram, ``"tsm.theta"``; empty where none is known."""
+    fields = numbers(diagram).get(parameter)
+    return unknown(parameter, diagram, fields, None).unit if fields else ""
+
+
+def leading(effect: Named, segment: Segment) -> str:
+    """The parameter that an effect's size is told by: that of its limit, else the first."""
+    known = {m.name: m.parameter for m in segment.limits}
+    wanted = known.get(effect.name, "")
+    return wanted if wanted in effect.parameters else next(iter(effect.parameters), "")
+
+
+def histories(segment: Segment, output: str) -> tuple[Trace, ...]:
+    """The traces of one output, one for each experiment: pieces of an experiment are put together."""
+    groups: dict[str, list[Trace]] = {}
+    for trace in segment.traces:
+        if trace.output == output:
+            groups.setdefault(whole(trace.experiment), []).append(trace)
+    return tuple(parts[0] if len(parts) == 1 else _joined(name, parts) for name, parts in groups.items())
+
+
+def _joined(name: str, parts: Sequence[Trace]) -> Trace:
+    def put(key: str) -> np.ndarray:
+        return np.concatenate([getattr(one, key) for one in parts])
+
+    return attrs.evolve(parts[0], experiment=name, t=put("t"), measured=put("measured"), before=put("before"),
+                        after=put("after"), drive=put("drive"), excess=put("excess"))  # fmt: skip
+
+
+def fitted_rms(trace: Trace) -> tuple[float, float]:
+    """Rms of what base and final model leave where they were fitted, in the trace's unit."""
+    before, after = trace.before - trace.measured, trace.after - trace.measured
+    return float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
+
+
+def strips(trace: Trace) -> np.ndarray:
+    """Start, stop [s], and mean squares before and after in variances of the noise, shape (blocks, 4)."""
+    rows = []
+    for start, stop, square in trace.excess:
+        here = (trace.t >= start) & (trace.t <= stop)
+        before = np.mean((trace.before - trace.measured)[here] ** 2)
+        after = np.mean((trace.after - trace.measured)[here] ** 2)
+        rows.append((start, stop, square, square * after / before if before > 0 else 0.0))
+    return np.array(rows)
+
+
+def by_excess(traces: Sequence[Trace]) -> list[Trace]:
+    """Traces from the one with the largest error above the noise to the one with the smallest."""
+    return sorted(traces, key=lambda one: -float(np.mean(one.excess[:, 2])) if len(one.excess) else 0.0)
+
+
+@attrs.frozen(eq=False)
+class Profile:
+    """The error along a coordinate: in bins at ``x`` (bins,) the mean left before and after, and what it may be off by.
+
+    ``explained`` (bins,) is what the named effects add to the simulation there: where they are the right ones, the
+    error before lies on it. ``error_before`` and ``error_after`` are standard errors from the blocks of time.
+    """
+
+    coordinate: str
+    unit: str
+    error_unit: str
+    x: np.ndarray
+    before: np.ndarray
+    error_before: np.ndarray
+    after: np.ndarray
+    error_after: np.ndarray
+    explained: np.ndarray
+
+
+def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) -> Profile | None:
+    """The error of one output along a coordinate; None where it does not vary.
+
+    ``diagram`` knows the units of the inputs.
+    """
+    traces = histories(segment, output)
+    along, block, left, rest, made = [], [], [], [], list[np.ndarray]()
+    count = 0
+    for number, one in enumerate(traces):
+        motion = one.drive if len(one.drive) else one.measured
+        along.append(coordinates(one.t, motion, number)[coordinate])
+        place = np.searchsorted(one.excess[:, 0], one.t, side="right")
+        block.append(count + place)
+        count += len(one.excess) + 1
+        left.append(one.measured - one.before)
+        rest.append(one.measured - one.after)
+        made.append(one.after - one.before)
+    if not traces:
+        return None
+    x, blocks = np.concatenate(along), np.concatenate(block)
+    place = binned(x, BINS)
+    columns = [np.concatenate(c) for c in (left, rest, made)]
+    rows = []
+    for k in range(int(place.max()) + 1):
+        here = place == k
+        if here.any():
+            rows.append((x[here].mean(), *_mean(columns[0][here], blocks[here]), *_mean(columns[1][here], blocks[here]),
+                         columns[2][here].mean()))  # fmt: skip
+    if len(rows) < 2:
+        return None
+    table = np.array(rows).T
+    own = traces[0].unit if not len(traces[0].drive) else diagram.unit(traces[0].drive_name)
+    rate = COORDINATE_UNITS.get(coordinate, "")
+    unit = rate if "{}" not in rate else rate.format(own) if own else ""
+    return Profile(coordinate, unit, traces[0].unit, *table)
+
+
+def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
+    """Mean, and its standard error from what the blocks of time differ by; NaN where there are too few."""
+    _, place = np.unique(blocks, return_inverse=True)
+    total, number = np.bincount(place, values), np.bincount(place)
+    middle = float(values.mean())
+    off = total - middle * number
+    count = len(number)
+    if count < FEWEST:
+        return middle, float("nan")
+    return middle, float(np.sqrt(np.sum(off**2) * count / (count - 1)) / number.sum())

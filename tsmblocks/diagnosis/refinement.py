@@ -1,0 +1,58 @@
+"""The last model of a diagnosis simulated finely enough: its intervals shall cover the error of the step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsmblocks.common.errors import RunError, TsmError
+from tsmblocks.diagnosis.model import FINE, Model, searched
+from tsmblocks.fitting.optimizer import Found
+from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.setup import FINEST
+from tsmblocks.fitting.statistics import intervals, uncertainty
+from tsmblocks.fitting.step_size import COVERED, halved, shift_note, shifts
+from tsmblocks.fitting.summary import summed_up
+
+
+def finished(model: Model, given: bool) -> tuple[Model, list[str]]:
+    """A model searched once more at finer steps until halving the step moves no number beyond its interval, and words.
+
+    Candidates are compared at one step, chosen for the base; with an effect in front of a plant that answers to rates
+    the same step may bias the numbers. A step that was ``given`` stays; what it does to the numbers is told.
+    """
+    first = model.setup.trials[0].times.h
+    if len(model.r) <= len(model.theta):
+        return model, []
+    while True:
+        try:
+            problem, setup = halved(model.problem, model.setup)
+        except RunError:  # more steps than fit into memory
+            return model, []
+        seen = uncertainty(model.J, model.r, model.problem.segments, held=_held(model))
+        low, high = intervals(model.theta, seen.covariance, seen.freedom)
+        off = shifts(model.r, problem.residuals(model.theta), model.J, (high - low) / 2, held=_held(model))
+        step = model.setup.trials[0].times.h
+        if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():
+            return model, [*_told(first, step), *shift_note(model.problem.unknowns.names, off, step)]
+        model = searched(problem, setup, model.theta, FINE)
+
+
+def as_fit(model: Model) -> Fit | None:
+    """The model as ``tsm.fit`` would return it; None where its search ended at numbers that a fit refuses."""
+    found = Found(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
+    try:
+        return summed_up(model.problem, model.setup, "gauss-newton", [found])
+    except TsmError:
+        return None
+
+
+def _told(first: float, last: float) -> list[str]:
+    if last == first:
+        return []
+    return [f"the numbers were found anew at a step of {last:.3g} s, since they depended on that of {first:.3g} s with "
+            "which the candidates were compared."]  # fmt: skip
+
+
+def _held(model: Model) -> np.ndarray | None:
+    """Gradients (m, n) of the bounds that the model lies on."""
+    return np.eye(len(model.theta))[model.bound] if model.bound.any() else None

@@ -1,0 +1,97 @@
+"""Where a model and the data disagree: along which coordinate what is left can be foretold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tsmblocks.diagnosis.cross_validation import Parts
+from tsmblocks.diagnosis.result import Where
+
+BINS = 24
+"""Bins of a coordinate, each with as many samples."""
+FEW = 8
+"""Bins of each of two coordinates taken together."""
+SHOWN = 3
+"""Coordinates told."""
+LEAST = 0.05
+"""Share of the excess below which a coordinate is not worth telling."""
+WORDS = {
+    "position": "the error follows the position",
+    "direction": "the error has one sign forwards and the other backwards",
+    "direction x position": "the error grows with the position, with the sign of the direction",
+    "speed": "the error follows the speed",
+    "acceleration": "the error follows the acceleration",
+    "distance since reversal": "the error follows the distance since the last reversal, with the sign of the direction",
+    "time since reversal": "the error follows the time since the last reversal, with the sign of the direction",
+    "session time": "the error follows the clock",
+    "experiment": "the error differs from experiment to experiment",
+}
+
+
+def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.ndarray]:
+    """What may foretell an error, sample by sample, from the motion ``x`` (n,) at the instants ``t`` (n,) [s]."""
+    v = np.gradient(x, t)
+    a = np.gradient(v, t)
+    still = np.abs(v) < 0.02 * np.sqrt(np.mean(v**2)) if np.any(v) else np.ones(len(v), dtype=bool)
+    side = np.where(still, 0.0, np.sign(v))
+    moving = np.flatnonzero(side)
+    if len(moving):  # at rest the direction of the last motion stays
+        last = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), -1))
+        side = np.where(last >= 0, side[np.maximum(last, 0)], side[moving[0]])
+    begin = np.maximum.accumulate(np.where(np.diff(side, prepend=side[0]) != 0, np.arange(len(side)), 0))
+    return {
+        "position": x, "direction": side, "direction x position": side * x, "speed": v, "acceleration": a,
+        "distance since reversal": side * np.abs(x - x[begin]), "time since reversal": side * (t - t[begin]),
+        "session time": t, "experiment": np.full(len(t), float(experiment)),
+    }  # fmt: skip
+
+
+def located(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess: float) -> tuple[Where, ...]:
+    """The coordinates that foretell most of what is left ``r`` (N,), on blocks held out.
+
+    ``excess`` is the mean square of ``r`` above the noise's.
+    """
+    if excess <= 0:
+        return ()
+    found = []
+    for name, values in known.items():
+        share = _share(r, binned(values, BINS), parts.fold, excess)
+        found.append(Where(name, min(share, 1.0), WORDS[name]))
+    found.sort(key=lambda one: -one.share)
+    return tuple(one for one in found[:SHOWN] if one.share >= LEAST)
+
+
+def ceiling(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess: float) -> float:
+    """Share of the excess that any two coordinates together foretell on blocks held out, at best."""
+    if excess <= 0:
+        return 0.0
+    bins = {name: binned(values, FEW) for name, values in known.items()}
+    names = list(bins)
+    best = 0.0
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            best = max(best, _share(r, bins[one] * FEW + bins[other], parts.fold, excess))
+    return min(best, 1.0)
+
+
+def binned(values: np.ndarray, count: int) -> np.ndarray:
+    """The bin of each sample, all with about as many; a coordinate of few values has a bin for each."""
+    own = np.unique(values)
+    if len(own) <= count:
+        return np.searchsorted(own, values)
+    edges = np.quantile(values, np.linspace(0, 1, count + 1)[1:-1])
+    return np.searchsorted(np.unique(edges), values)
+
+
+def _share(r: np.ndarray, bins: np.ndarray, fold: np.ndarray, excess: float) -> float:
+    """Fall of the mean square, as a share of the excess, when each bin's mean of the other folds is taken off."""
+    count, folds = int(bins.max()) + 1, int(fold.max()) + 1
+    place = bins * folds + fold
+    total = np.bincount(place, r, count * folds).reshape(count, folds)
+    number = np.bincount(place, minlength=count * folds).reshape(count, folds)
+    others = number.sum(axis=1, keepdims=True) - number
+    mean = (total.sum(axis=1, keepdims=True) - total) / np.maximum(others, 1)
+    left = r - np.where(others > 10, mean, 0.0).ravel()[place]
+    return float((np.mean(r**2) - np.mean(left**2)) / excess)

@@ -1,0 +1,277 @@
+"""From rounds of search to what is said of a segment: effects with intervals, the gap, the ranking, the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.cross_validation import held_out
+from tsmblocks.diagnosis.decision import MATERIAL, Tried, mean, sizes_of, weights
+from tsmblocks.diagnosis.discrimination import proposed
+from tsmblocks.diagnosis.forward_selection import Round, Search
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.noise_floor import Floors
+from tsmblocks.diagnosis.partition import Part, in_whole, whole
+from tsmblocks.diagnosis.refinement import as_fit
+from tsmblocks.diagnosis.residual_location import ceiling, coordinates, located
+from tsmblocks.diagnosis.result import Gap, Limit, Named, Quantity, Ranked, Segment, Trace
+from tsmblocks.diagnosis.screening import Promise
+from tsmblocks.diagnosis.text import verdict as verdict_in_words
+from tsmblocks.fitting.experiments import Trial
+from tsmblocks.fitting.statistics import intervals, uncertainty
+from tsmblocks.model.diagram import Diagram
+
+BEYOND = 0.2
+"""Excess over the noise, as a share of it, that calls for an explanation."""
+SEEN = 0.3
+"""Share of the excess that coordinates must foretell where only fast noise is known, before it counts as misfit."""
+
+
+ADDED = 1e-3
+"""Share of the noise's variance that comes from the inputs, from which it is told."""
+PLAIN = 5.0
+"""Excess that is no noise, however the floor was found."""
+
+
+@attrs.frozen(eq=False)
+class Work:
+    """All that was done for one part of a diagram."""
+
+    part: Part
+    search: Search
+    floors: Floors
+    rounds: Sequence[Round]
+    count: int
+    final: Model
+    """The last model that counts, simulated finely enough."""
+
+    @property
+    def models(self) -> list[Model]:
+        """The base, and the model after each effect that counts."""
+        return [*(one.base for one in self.rounds[: self.count]), self.final]
+
+    @property
+    def named(self) -> list[Tried]:
+        """The effects that count."""
+        return [one.verdict.named for one in self.rounds[: self.count] if one.verdict.named is not None]
+
+
+def summed(work: Work, whole_diagram: Diagram) -> Segment:
+    """What is said of a segment."""
+    floor, search = work.search.floor, work.search
+    losses = [mean(one.losses, search.parts) for one in work.rounds[: work.count + 1]]
+    excess = losses[0] / floor - 1
+    base = work.models[0]
+    known = _coordinates(base, work.part)
+    left = max(float(np.mean(base.r**2)) - floor, 0.0)
+    where, top = located(base.r, known, search.parts, left), ceiling(base.r, known, search.parts, left)
+    sure = work.floors.known or top >= SEEN or excess > PLAIN
+    verdict = "named" if work.count else "unknown" if excess > BEYOND and sure else "none"
+    held = _held_out(work)
+    effects = tuple(_named(work, k, losses, whole_diagram) for k in range(work.count))
+    gaps = tuple(_gap(work, i, held) for i in range(len(base.setup.outputs)))
+    limits = _limits(work)
+    made = Segment(
+        work.part.name, tuple(work.part.diagram.inputs), work.part.outputs, verdict, float(excess),
+        {k: v * np.sqrt(floor) for k, v in work.floors.sigma.items()}, effects, gaps, where, _ranking(work), limits,
+        _traces(work), top, "", as_fit(work.final),
+    )  # fmt: skip
+    return attrs.evolve(made, sentence=verdict_in_words(made))
+
+
+def _known(work: Work, k: int) -> dict[str, tuple[float, float]]:
+    """Parameters of the effects in model ``k``."""
+    return {name: pair for one in work.named[:k] for name, pair in sizes_of(one.candidate).items()}
+
+
+def _held_out(work: Work) -> list[np.ndarray]:
+    """What each model leaves (N,) on blocks held out."""
+    made = []
+    for k, model in enumerate(work.models):
+        pull, null = weights(_known(work, k), model)
+        made.append(held_out(model, work.search.parts.fold, pull, null))
+    return made
+
+
+def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) -> Named:
+    """One effect, its numbers as they are in the final model."""
+    floor, parts = work.search.floor, work.search.parts
+    alike, candidate = work.rounds[k].alike, work.named[k].candidate
+    explainable = max(losses[0] - floor, 1e-12)
+    whole_losses = [mean(r.across, parts) for r in work.rounds[: work.count + 1]]
+    across = (whole_losses[k] - whole_losses[k + 1]) / max(whole_losses[0] - floor, 1e-12) if _several(work) else None
+    site = in_whole(candidate.site, work.part)
+    also = list(dict.fromkeys(o.candidate.effect.name for o in alike))
+    effect = candidate.effect
+    # Beside the others its more general form may come first; it is the effect named that is to be set apart.
+    same = next((one for one in alike if one.candidate.effect.name == effect.name), work.named[k])
+    return Named(
+        effect.name, effect.family, effect.words, work.part.name, site.words(_so_far(work, k, whole_diagram)),
+        candidate.block, _quantities(work.models[-1], candidate.block, candidate.free),
+        float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
+        None if across is None else float(min(across, 1.0)), tuple(name for name in also if name != effect.name),
+        proposed(same, alike, work.search.records, work.search.asked),
+        site.code(candidate.block, effect.block),
+    )  # fmt: skip
+
+
+def _so_far(work: Work, k: int, whole_diagram: Diagram) -> Diagram:
+    """The whole diagram with the first ``k`` effects in place."""
+    made = whole_diagram
+    for one in work.named[:k]:
+        c = one.candidate
+        made = in_whole(c.site, work.part).put(made, c.block, c.effect.block)
+    return made
+
+
+def _several(work: Work) -> bool:
+    """Whether there is more than one experiment, so that whole ones can be held out."""
+    return len({whole(t.name) for t in work.models[0].setup.trials}) > 1
+
+
+def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quantity]:
+    """The parameters of an effect with intervals robust to coloured residuals."""
+    unknowns = model.problem.unknowns
+    seen = uncertainty(model.J, model.r, model.problem.segments)
+    low, high = intervals(model.theta, seen.covariance, seen.freedom)
+    made = {}
+    for k, item in enumerate(unknowns.items):
+        if item.parameter in free:
+            short = item.parameter.removeprefix(f"{block}.")
+            made[short] = Quantity(float(model.theta[k]), float(low[k]), float(high[k]), item.unit)
+    return made
+
+
+def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
+    """How one output's error shrank, on what was fitted and on blocks held out."""
+    base = work.models[0]
+    name, problem = base.setup.outputs[i], base.problem
+    sigma, count = work.floors.sigma[name], len(base.setup.outputs)
+    rows = [problem.segments[e * count + i] for e in range(len(problem.trials))]
+    groups: dict[str, list[slice]] = {}
+    for trial, row in zip(problem.trials, rows, strict=True):
+        groups.setdefault(whole(trial.name), []).append(row)
+
+    def rms(r: np.ndarray, some: Sequence[slice]) -> float:
+        return sigma * float(np.sqrt(np.mean(np.concatenate([r[row] for row in some]) ** 2)))
+
+    each = {key: tuple(rms(r, some) for r in held) for key, some in groups.items()}
+    return Gap(
+        name, base.diagram.unit(name), sigma * float(np.sqrt(work.search.floor)), work.floors.method[name],
+        tuple(rms(m.r, rows) for m in work.models), tuple(rms(r, rows) for r in held), each,
+        _given(work, name),
+    )  # fmt: skip
+
+
+def _given(work: Work, output: str) -> str:
+    """The floor in the words it was given, and that more was added to it; empty where it was found."""
+    words = work.floors.given.get(output, "")
+    return words and f"{words} given{', and noise of the inputs' if work.search.floor > 1 + ADDED else ''}"
+
+
+def _ranking(work: Work) -> tuple[Ranked, ...]:
+    """Every candidate of every round that counts, and of the one after."""
+    made: list[Ranked] = []
+    for number, one in enumerate((r.widest for r in work.rounds[: work.count + 1]), 1):
+        before, parts, floor = mean(one.losses, work.search.parts), work.search.parts, work.search.floor
+        # Beside a base at the noise there is nothing left to explain, and a share of nothing says nothing.
+        blank = _Blank(number, one, work, max(before - floor, MATERIAL * floor))
+        seen = {tried.candidate.key for tried in one.verdict.ranking}
+        made += [blank.tried(tried, float(t), before, mean(one.across, parts), floor)
+                 for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)]  # fmt: skip
+        made += [blank.promised(p) for p in one.promises if p.candidate.key not in seen]
+    return tuple(made)
+
+
+@attrs.frozen(eq=False)
+class _Blank:
+    """What all candidates of a round share."""
+
+    number: int
+    round: Round
+    work: Work
+    excess: float
+
+    def promised(self, p: Promise) -> Ranked:
+        """A candidate that was not worth a fit."""
+        return self._made(p.candidate, p.gain / len(self.round.base.r))
+
+    def tried(self, one: Tried, t: float, before: float, across: float, floor: float) -> Ranked:
+        """A candidate that was fitted; ``across`` is what the round's base leaves of whole experiments held out."""
+        c, verdict, parts = one.candidate, self.round.verdict, self.work.search.parts
+        items = [i for i in one.model.problem.unknowns.items if i.parameter in c.free]
+        units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
+        values = {i.parameter.removeprefix(f"{c.block}."): one.model.values[i.name] for i in items}
+        added = verdict.named is not None and self.number <= self.work.count
+        gone = across - mean(one.across, parts) if _several(self.work) else float("nan")
+        return attrs.evolve(
+            self._made(c, before - one.loss), t=t, in_set=added and one in verdict.alike, fitted=True,
+            at_bound=one.at_bounds, named=added and one is verdict.named, parameters=values, units=units,
+            across=gone, new=gone / max(across - floor, MATERIAL * floor),
+        )  # fmt: skip
+
+    def _made(self, c: Candidate, gain: float) -> Ranked:
+        wire, nothing = c.site.words(self.round.base.diagram), float("nan")
+        return Ranked(
+            self.number, self.work.part.name, c.effect.name, c.effect.variant, c.effect.family, wire, gain,
+            gain / self.excess, nothing, nothing, self.round.verdict.line, False, False, False, (), {}, {},
+        )  # fmt: skip
+
+
+def _limits(work: Work) -> tuple[Limit, ...]:
+    """For each effect the smallest size that the base's experiments would have shown."""
+    found: dict[str, Limit] = {}
+    for p in work.rounds[0].promises:
+        effect, limit = p.candidate.effect, p.smallest
+        parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
+        unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
+        old = found.get(effect.name)
+        if old is None or (old.value is None and limit is not None):
+            found[effect.name] = Limit(effect.name, parameter, limit, unit, effect.excites)
+    for effect in work.search.effects:
+        found.setdefault(effect.name, Limit(effect.name, effect.free[0], None, "", effect.excites))
+    order = {effect.name: k for k, effect in enumerate(work.search.effects)}
+    return tuple(sorted(found.values(), key=lambda m: order[m.name]))
+
+
+def _coordinates(model: Model, part: Part) -> dict[str, np.ndarray]:
+    """Coordinates of the motion at every difference: of the first input, or of the output where there is none."""
+    trials, inputs = model.setup.trials, list(part.diagram.inputs)
+    number = {name: k for k, name in enumerate(dict.fromkeys(whole(t.name) for t in trials))}
+    made: dict[str, list[np.ndarray]] = {}
+    for trial in trials:
+        x = _drive(trial, model, inputs[0]) if inputs else trial.measured[:, 0]
+        for name, values in coordinates(trial.t, x, number[whole(trial.name)]).items():
+            made.setdefault(name, []).extend([values] * trial.measured.shape[1])
+    return {name: np.concatenate(values) for name, values in made.items()}
+
+
+def _drive(trial: Trial, model: Model, name: str) -> np.ndarray:
+    """An input at the instants compared, in the unit of the diagram."""
+    return np.interp(trial.t, trial.record.t, trial.record.values(name, model.diagram.unit(name)))
+
+
+def _traces(work: Work) -> tuple[Trace, ...]:
+    """Measured and simulated signals for pictures."""
+    base, final, inputs = work.models[0], work.models[-1], list(work.part.diagram.inputs)
+    count, made = len(base.setup.outputs), list[Trace]()
+    for e, trial in enumerate(base.setup.trials):
+        for i, name in enumerate(base.setup.outputs):
+            rows, sigma = base.problem.segments[e * count + i], work.floors.sigma[name]
+            drive = _drive(trial, base, inputs[0]) if inputs else np.empty(0)
+            made.append(Trace(
+                trial.name, name, base.diagram.unit(name), trial.t, trial.measured[:, i],
+                trial.measured[:, i] + sigma * base.r[rows], trial.measured[:, i] + sigma * final.r[rows], drive,
+                inputs[0] if inputs else "", _blocks(base.r[rows], work.search.parts.block[rows], trial.t),
+            ))  # fmt: skip
+    return tuple(made)
+
+
+def _blocks(r: np.ndarray, block: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Start, stop [s] and mean square of each block of an experiment, shape (blocks, 3)."""
+    edges = np.flatnonzero(np.diff(block)) + 1
+    groups = np.split(np.arange(len(r)), edges)
+    return np.array([[t[g[0]], t[g[-1]], np.mean(r[g] ** 2)] for g in groups])

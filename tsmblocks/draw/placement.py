@@ -1,0 +1,146 @@
+"""Heights: which side of a circle a wire enters, and how high each block stands. It knows no widths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tsmblocks.draw import simplex
+from tsmblocks.draw.graph import End, Graph
+from tsmblocks.draw.ordering import FLOOR, Link, Rows
+from tsmblocks.draw.picture import GRID
+from tsmblocks.draw.shapes import port_offset, size
+
+MAIN, PASSING, ALONE, BRANCH = 64, 24, 12, 4
+"""Cost of a step: in the main chain, in a wire past blocks, in a wire without branches, in a branch."""
+MOST = 2_000_000
+"""Work spent on heights, in rules times exchanges: one or two seconds; only huge diagrams need more."""
+
+
+def placed(graph: Graph, found: Rows) -> tuple[dict[End, str], dict[str, int]]:
+    """Sides and heights. The heights found first tell from where the circles are best entered."""
+    chosen = sides(graph, found, {})
+    better = sides(graph, found, heights(graph, found, chosen))
+    return better, heights(graph, found, better)
+
+
+def sides(graph: Graph, found: Rows, y: Mapping[str, int]) -> dict[End, str]:
+    """The side on which each input of a circle is entered: ``left``, ``top`` or ``bottom``.
+
+    Inputs of a tall sum get their rank as text instead, so that they can be sorted. What comes from
+    further up enters further up; feedback comes from below. ``y`` are heights as far as known.
+    """
+    place = {key: float(k) for column in found.columns for k, key in enumerate(column)}
+    chosen: dict[End, str] = {}
+    entering: dict[str, list[Link]] = {}
+    for link in (link for links in found.gaps for link in links):
+        node = graph.nodes.get(link.right[0])
+        if node is not None and node.shape in ("round", "tall"):
+            entering.setdefault(node.key, []).append(link)
+    for key, links in entering.items():
+        node = graph.nodes[key]
+        links.sort(key=lambda a: (place.get(a.left[0], 1e9), _out_rank(graph, a.left), a.right[1]))
+        if node.shape == "tall":
+            chosen |= {a.right: f"{k:03}" for k, a in enumerate(links)}
+        else:
+            chosen |= dict(zip((a.right for a in links), _around(links, y), strict=True))
+    for loop in graph.loops:  # a circle in a feedback path has no links; it is not drawn there
+        for key in loop.blocks:
+            chosen |= {(key, port): "left" for port in graph.nodes[key].ins}
+    return chosen
+
+
+def _out_rank(graph: Graph, end: End) -> int:
+    node = graph.nodes.get(end[0])
+    return node.outs.index(end[1]) if node is not None and end[1] in node.outs else 0
+
+
+def _around(links: list[Link], y: Mapping[str, int]) -> tuple[str, ...]:
+    """Sides for the inputs of a circle, from top to bottom."""
+    fed_back = [link.left[0] == FLOOR for link in links]
+    if len(links) == 1:
+        return ("left",)
+    if len(links) == 3:
+        return ("left", "bottom", "top") if fed_back[1] else ("top", "left", "bottom")
+    if fed_back[1] or links[0].main or links[1].main:
+        return ("top", "left") if links[1].main and not fed_back[1] else ("left", "bottom")
+    here = y.get(links[0].right[0], 0)
+    steps = [abs(y.get(link.left[0], 0) - here) for link in links]
+    return ("top", "left") if steps[1] < steps[0] else ("left", "bottom")
+
+
+def heights(graph: Graph, found: Rows, chosen: Mapping[End, str]) -> dict[str, int]:
+    """The middle of every key, in pixels on the grid, with as few bends as the order allows."""
+    keys = [key for column in found.columns for key in column]
+    number = {key: k for k, key in enumerate(keys, 1)}
+    rules, start = _columns(graph, found, chosen, number)
+    for links in found.gaps:
+        for link in links:
+            if FLOOR in (link.left[0], link.right[0]):
+                continue
+            a = round(_port(graph, link.left, "out", chosen) / GRID)
+            b = round(_port(graph, link.right, "in", chosen) / GRID)
+            u, v = number[link.left[0]], number[link.right[0]]
+            up, down = _costs(link, links, chosen)
+            middle = len(start)
+            start.append(min(start[u] + a, start[v] + b))
+            rules += [simplex.Rule(middle, u, -a, up), simplex.Rule(middle, v, -b, down)]
+    y = simplex.positions(len(start), rules, start, pivots=max(200, MOST // (1 + len(rules))))
+    top = min((y[number[k]] for k in keys), default=0)
+    return {key: (y[number[key]] - top) * GRID for key in keys}
+
+
+def _columns(
+    graph: Graph, found: Rows, chosen: Mapping[End, str], number: Mapping[str, int]
+) -> tuple[list[simplex.Rule], list[int]]:
+    """Distances within the columns, and the heights when every column is packed from the top."""
+    rules, start = [], [0] * (len(number) + 1)
+    for column in found.columns:
+        previous = ""
+        for key in column:
+            here = _room(graph, key, chosen)
+            if previous:
+                apart = _room(graph, previous, chosen)[1] + here[0] + _clear(previous, key)
+                start[number[key]] = start[number[previous]] + apart
+                rules.append(simplex.Rule(number[previous], number[key], apart, 0))
+            else:
+                rules.append(simplex.Rule(0, number[key], 0, 0))
+            previous = key
+    return rules, start
+
+
+def _clear(above: str, below: str) -> int:
+    """Grid steps between two neighbours in a column, beside the room each keeps for itself."""
+    if above.startswith("~"):
+        return 0
+    return 1 if below.startswith("~") else 2
+
+
+def _room(graph: Graph, key: str, chosen: Mapping[End, str]) -> tuple[int, int]:
+    if key.startswith("~"):
+        return 1, 1
+    whole = size(graph.nodes[key], chosen)
+    return -int(-whole.above // GRID), -int(-whole.below // GRID)
+
+
+def _port(graph: Graph, end: End, side: str, chosen: Mapping[End, str]) -> float:
+    node = graph.nodes.get(end[0])
+    return port_offset(node, end[1], side, chosen) if node is not None else 0.0
+
+
+def _costs(link: Link, links: list[Link], chosen: Mapping[End, str]) -> tuple[int, int]:
+    """Costs of a step upwards and of one downwards, from left to right.
+
+    A wire that enters a circle from above may start as high as it likes, so that costs little. Where
+    a long wire has to bend, it rather does so at its end than at its start.
+    """
+    side = chosen.get(link.right, "")
+    if side in ("top", "bottom"):
+        return (BRANCH, 1) if side == "top" else (1, BRANCH)
+    if link.main:
+        return MAIN, MAIN
+    onward, passed = link.right[0].startswith("~"), link.left[0].startswith("~")
+    if onward and passed:
+        return PASSING, PASSING
+    alone = sum(other.net is link.net for other in links) == 1
+    cost = (ALONE if alone else BRANCH) + (not passed) + onward
+    return cost, cost

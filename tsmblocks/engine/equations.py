@@ -1,0 +1,74 @@
+"""What compile hands to an engine: functions, names and numbers. No block and no diagram in sight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+
+from tsmblocks.common.tables import few
+
+KEPT = 4
+"""Instants of a delayed signal that are read at a time."""
+
+PER_DELAY = KEPT + 3
+"""Numbers in ``q`` for one delay: its values at four instants a step apart, oldest first; the newest of these
+instants [s]; steps per second; how many instants there have been up to that one. What lies before the start is void."""
+
+
+@attrs.frozen
+class Feed:
+    """One sampled input of the equations: an input of the diagram, a block's tape, or a slope of either.
+
+    ``block`` and ``tape`` name the tape's owner (``block`` is empty for an input of the diagram);
+    ``order`` is 0 for the signal itself, 1 for its time derivative, and so on.
+    """
+
+    name: str
+    block: str = ""
+    tape: str = ""
+    order: int = 0
+    unit: str = ""
+
+
+@attrs.frozen(eq=False)
+class Equations:
+    """A diagram as x' = f(t, x, d, u, q, p) with outputs y, ready for an engine that knows no blocks.
+
+    ``x`` continuous states, ``d`` memory and held outputs, ``u`` sampled inputs, ``q`` what is kept of delayed
+    signals (``PER_DELAY`` numbers each), ``p`` parameters. ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being
+    the signals that are delayed. ``update(t, x, d, u, q, p, hit)`` gives ``(d, x)`` after an instant at
+    which the rate groups with ``hit`` = 1 act (None when nothing is updated). ``start(p)`` gives
+    ``(x, d, s)`` before the run, ``lag(p)`` the delays in s, ``least`` the fewest steps each may take (1, or 0).
+    """
+
+    title: str
+    x: tuple[str, ...]
+    d: tuple[str, ...]
+    u: tuple[Feed, ...]
+    p: tuple[str, ...]
+    y: tuple[str, ...]
+    q: tuple[str, ...]
+    least: tuple[int, ...]
+    rhs: Any
+    update: Any
+    start: Any
+    lag: Any
+    periods: tuple[float, ...]
+    aliases: dict[str, str]
+    units: dict[str, str]
+    every_step: bool
+    tapes: dict[str, Callable[[float, float], dict[str, Any]]]
+    reads: dict[str, tuple[str, dict[str, str]]]
+    """For messages: block name -> (class name, {input port: signal it reads})."""
+    sampled: dict[str, float]
+    """For messages: sampled block name -> its period [s]."""
+
+    def __repr__(self) -> str:
+        return f"Equations({self.title!r}, {len(self.x)} states, {len(self.p)} parameters, outputs {few(self.aliases)})"
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the diagram's outputs."""
+        return tuple(self.aliases)

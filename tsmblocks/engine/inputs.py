@@ -1,0 +1,226 @@
+"""Sampled inputs as the rows a kernel reads: each signal at every instant of every step.
+
+How a signal is between its samples (its hold) is settled here, once, at the stages' own instants;
+the kernels know nothing of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.common.errors import DataError, in_words, near
+
+HOLDS = ("zero", "linear", "cubic")
+ORDERS = {"zero": 0, "linear": 1}
+"""Highest derivative of an input that a hold has; a cubic has any that a block takes."""
+SLACK = 1e-3
+"""Share of a step by which a sample may be late and still counts from that step on: clocks are printed rounded."""
+
+
+class Signal:
+    """A signal as a function of time, from the left or the right, with its slopes."""
+
+    def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str) -> None:
+        self.name = name
+        self.call: Callable[[np.ndarray], Any] | None = given if callable(given) else None
+        if self.call is not None:
+            self.hold, self.t = "exact", grid
+            return
+        if not hasattr(given, "t") and not isinstance(given, (list, tuple)) and np.ndim(given) == 0:
+            given = _Plain(grid[[0, -1]], np.full(2, _number(name, given)), "zero")
+        elif not hasattr(given, "t"):
+            given = _Plain(*_pair(name, given, grid), hold)
+        self.hold = given.hold
+        self.t, self.y = _numbers(name, given.t), _numbers(name, given.y)
+        self._check()
+        self._splines: dict[int, Any] = {}
+        self._grid: tuple[float, float, bool] | None = None
+        self._slopes: np.ndarray | None = None
+
+    def _check(self) -> None:
+        if self.hold not in HOLDS:
+            raise DataError(f"input '{self.name}': there is no hold '{self.hold}'.{near(self.hold, HOLDS)}")
+        if self.t.ndim != 1 or self.t.shape != self.y.shape or not len(self.t):
+            raise DataError(f"input '{self.name}': times and values must be two lists of one length, "
+                            f"got shapes {self.t.shape} and {self.y.shape}.")  # fmt: skip
+        bad = np.flatnonzero(~np.isfinite(self.y) | ~np.isfinite(self.t))
+        if len(bad):
+            raise DataError(f"input '{self.name}': sample {bad[0]} is not finite "
+                            f"(t = {self.t[bad[0]]:g} s, value = {self.y[bad[0]]:g}).")  # fmt: skip
+        back = np.flatnonzero(np.diff(self.t) <= 0)
+        if len(back):
+            k = back[0] + 1
+            raise DataError(f"input '{self.name}': time does not increase at sample {k} "
+                            f"({self.t[k - 1]:g} s, then {self.t[k]:g} s).")  # fmt: skip
+
+    def covers(self, start: float, stop: float, step: float) -> None:
+        """Raise DataError unless samples reach over the whole run."""
+        if self.hold == "exact":
+            return
+        late, short = self.t[0] > start + 1e-6 * step, self.t[-1] < stop - 1e-6 * step and self.hold != "zero"
+        if late or short:
+            begin = f"Begin the run there (start={self.t[0]:g})" if late and not short else "Shorten the run"
+            raise DataError(
+                f"input '{self.name}' is known from {self.t[0]:g} to {self.t[-1]:g} s, but the run goes "
+                f"from {start:g} to {stop:g} s. {begin}, or give more samples."
+            )
+
+    def at(self, t: np.ndarray, order: int, side: str, tiny: float) -> np.ndarray:
+        """Values (or slopes) at ``t``; where there is a jump, those of the given side."""
+        if self.call is not None:
+            return self._exact(t, order)
+        if self.hold == "cubic":
+            return np.asarray(self._spline()(np.clip(t, self.t[0], self.t[-1]), nu=order))
+        if order > ORDERS[self.hold]:
+            raise DataError(self._too_smooth(order))
+        if self.hold == "zero":
+            shifted = t + tiny if side == "right" else t - tiny
+            return self.y[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(self.t) - 1)]
+        if order == 0:
+            return np.interp(t, self.t, self.y)
+        if len(self.t) < 2:
+            return np.zeros_like(t)
+        shifted = t + tiny if side == "right" else t - tiny
+        slopes = np.diff(self.y) / np.diff(self.t)
+        return slopes[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(slopes) - 1)]
+
+    def _too_smooth(self, order: int) -> str:
+        """What is said where a derivative is needed that the hold does not have."""
+        if self.hold == "zero":
+            return (f"input '{self.name}' is held constant between samples, but its derivative is needed. "
+                    "Give it hold='linear' or hold='cubic'.")  # fmt: skip
+        return (f"input '{self.name}' is linear between samples, but its derivative of order {order} is needed. "
+                "Give it hold='cubic'.")  # fmt: skip
+
+    def stands_on(self, start: float, step: float) -> bool:
+        """Whether the samples are the values at the steps, linear in between; then nothing need be searched."""
+        if self.call is not None or self.hold != "linear" or len(self.t) < 2:
+            return False
+        if abs(self.t[0] - start) + abs(self.t[1] - self.t[0] - step) > 1e-9 * step:
+            return False
+        if self._grid is None or self._grid[:2] != (start, step):
+            steps = start + step * np.arange(len(self.t))
+            self._grid = start, step, bool(np.abs(self.t - steps).max() <= 1e-9 * step)
+        return self._grid[2]
+
+    def on_steps(self, first: int, count: int, offset: float, order: int) -> np.ndarray:
+        """Values at a fraction of the steps ``first`` ... ``first + count``, or the slopes of those steps."""
+        if self._slopes is None:
+            self._slopes = np.append(np.diff(self.y) / np.diff(self.t), 0.0)
+            self._slopes[-1] = self._slopes[-2]
+        if order:
+            return self._slopes[first : first + count + 1]
+        here = self.y[first : first + count + 1]
+        if offset == 0:
+            return here
+        ahead = self.y[first + 1 : first + count + 2]
+        ahead = ahead if len(ahead) == len(here) else np.append(ahead, here[-1])
+        return ahead if offset == 1 else here + offset * (ahead - here)
+
+    def _exact(self, t: np.ndarray, order: int) -> np.ndarray:
+        assert self.call is not None
+        if order:
+            raise DataError(f"input '{self.name}' is a Python function, but its derivative is needed. "
+                            "Give samples with hold='cubic', or make it a source block.")  # fmt: skip
+        try:
+            values = np.asarray(self.call(t), dtype=float)
+        except Exception as error:
+            raise DataError(
+                f"input '{self.name}': the function fails on an array of times, which it must take (use "
+                f"np.where in the place of if). {type(error).__name__}: {error}"
+            ) from error
+        if values.shape not in ((), t.shape):
+            raise DataError(
+                f"input '{self.name}': the function must give one value for each time, got shape "
+                f"{values.shape} for times of shape {t.shape}."
+            )
+        values = np.broadcast_to(values, t.shape)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise DataError(f"input '{self.name}': the function gives {values[bad[0]]:g} at t = {t[bad[0]]:g} s.")
+        return values
+
+    def _spline(self) -> Any:
+        if 0 not in self._splines:
+            from scipy.interpolate import CubicSpline
+
+            if len(self.t) < 4:
+                raise DataError(f"input '{self.name}': hold='cubic' needs at least 4 samples, got {len(self.t)}.")
+            self._splines[0] = CubicSpline(self.t, self.y)
+        return self._splines[0]
+
+
+class _Plain:
+    def __init__(self, t: Any, y: Any, hold: str) -> None:
+        self.t, self.y, self.hold = t, y, hold
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        number = float(_real(value))
+    except (TypeError, ValueError):
+        raise DataError(f"input '{name}' must be a number, samples or a function of time, "
+                        f"got {in_words(value)}.") from None  # fmt: skip
+    if not np.isfinite(number):
+        raise DataError(f"input '{name}' must be a finite number, got {number:g}.")
+    return number
+
+
+def _real(given: Any) -> np.ndarray:
+    """Numbers as floats, those that are masked as NaN. Raises TypeError for text, times of day, complex numbers."""
+    array = np.ma.asanyarray(given)
+    if array.dtype.kind in "cSUmM":
+        raise TypeError
+    return np.ma.filled(array.astype(float, copy=False), np.nan)
+
+
+def _numbers(name: str, given: Any) -> np.ndarray:
+    try:
+        return _real(given)
+    except (TypeError, ValueError):
+        what = f" of {given.dtype}" if np.ndim(given) and hasattr(given, "dtype") else ""
+        raise DataError(
+            f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}{what}."
+        ) from None
+
+
+def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
+    """(times, values) of a pair, or of values alone on the step grid."""
+    if isinstance(given, tuple) and len(given) == 2 and all(hasattr(v, "__len__") for v in given):
+        return _numbers(name, given[0]), _numbers(name, given[1])
+    values = _numbers(name, given)
+    if values.ndim != 1:
+        raise DataError(f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}.")
+    if len(values) not in (len(grid), len(grid) - 1):
+        raise DataError(f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "
+                        "Give (times, values) when they are not on the steps.")  # fmt: skip
+    return (grid[: len(values)] if len(values) == len(grid) else grid), (
+        values if len(values) == len(grid) else np.append(values, values[-1])
+    )
+
+
+def rows(
+    signals: list[tuple[Signal, int]],
+    start: float,
+    step: float,
+    first: int,
+    count: int,
+    offsets: tuple[float, ...],
+) -> np.ndarray:
+    """Inputs at each instant of steps ``first`` … ``first+count``, shape (count+1, instants, inputs)."""
+    made = np.empty((count + 1, len(offsets), len(signals)))
+    if not signals:
+        return made
+    k = np.arange(first, first + count + 1)
+    for i, offset in enumerate(offsets):
+        t = start + (k + offset) * step
+        side = "left" if offset == 1 else "right"
+        for j, (signal, order) in enumerate(signals):
+            if order <= 1 and signal.stands_on(start, step):
+                made[:, i, j] = signal.on_steps(first, count, offset, order)
+            else:
+                made[:, i, j] = signal.at(t, order, side, SLACK * step)
+    return made

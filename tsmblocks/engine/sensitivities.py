@@ -1,0 +1,107 @@
+"""Exact derivatives of a run with respect to parameters: one seed direction per SIMD lane.
+
+CasADi differentiates the equations, the emitter puts the directions side by side. Since a
+Runge-Kutta step commutes with linearisation, the result is the exact derivative of the discrete
+solution, not an approximation of the continuous one.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.common.frames import dataset
+from tsmblocks.common.tables import few
+from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
+from tsmblocks.engine.kernel import time_jumps
+from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.methods import Method
+from tsmblocks.engine.plan import Plan
+from tsmblocks.engine.program import Program
+from tsmblocks.engine.session import check_delays, spread
+
+
+def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
+    """A plan that carries each state and each logged signal together with its derivatives."""
+    f, n = eq.rhs, len(eq.y)
+    t, x, d, u, q, p = f.sx_in()
+    xs, ds, qs, ps = (ca.SX.sym(f"d{k}", v.shape[0]) for k, v in zip("xdqp", (x, d, q, p), strict=True))
+    # Of what is kept of a delayed signal only its values have derivatives, not the instants.
+    q_seed = ca.vertcat(*(qs[i] if i % PER_DELAY < KEPT else 0 for i in range(q.shape[0]))) if eq.q else qs
+    values = f.call([t, x, d, u, q, p])
+    moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, q_seed, ps)
+    tangents = [ca.jtimes(v, moving, along) for v in values]
+    inputs = [t, ca.vertcat(x, xs), ca.vertcat(d, ds), u, ca.vertcat(q, qs), ca.vertcat(p, ps)]
+    labels = ["t", "x", "d", "u", "q", "p"]
+    rhs = ca.Function("rhs", inputs, [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)],
+                      labels, ["dx", "y", "s"])  # fmt: skip
+    update = None
+    if eq.update is not None:
+        hit = ca.SX.sym("hit", len(eq.periods))
+        new = eq.update.call([t, x, d, u, q, p, hit])
+        pair = [ca.vertcat(v, ca.jtimes(v, moving, along)) for v in new]
+        update = ca.Function("update", [*inputs, hit], pair, [*labels, "hit"], ["d_next", "x_next"])
+    tau = eq.lag.call([p])[0]
+    lag = ca.Function("lag", [ca.vertcat(p, ps)], [ca.vertcat(tau, tau)], ["p"], ["tau"])
+
+    def both(count: int) -> tuple[bool, ...]:
+        return (False,) * count + (True,) * count
+
+    return Plan(rhs=rhs, update=update, lag=lag, method=method, y=(*y, *(n + k for k in y)), groups=len(eq.periods),
+                every_step=eq.every_step, lanes=lanes, wide_x=both(len(eq.x)), wide_d=both(len(eq.d)),
+                wide_p=both(len(eq.p)), wide_s=both(len(eq.q)), inputs=len(eq.u),
+                jumps=time_jumps(Program(eq.rhs)))  # fmt: skip
+
+
+@functools.lru_cache(maxsize=64)
+def _start_and_slopes(eq: Equations) -> Any:
+    """Start values and their derivatives by parameters (kept, as making the function takes longer than a call)."""
+    p = eq.start.sx_in()[0]
+    values = ca.vertcat(*eq.start.call([p]))
+    return ca.Function("start", [p], [ca.densify(values), ca.densify(ca.jacobian(values, p))])
+
+
+def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
+    """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
+    values, slopes = (np.asarray(v) for v in _start_and_slopes(eq)(p))
+    ends = np.cumsum([len(eq.x), len(eq.d)])
+    x, d, s = np.split(values.ravel(), ends)
+    dx, dd, dsd = np.split(slopes @ seeds, ends)
+    tau = check_delays(eq, p, h)
+    capacity = 1 << int(max(tau, default=0) + 8).bit_length()
+    ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in dsd]
+    return Memory(
+        spread([*x, *dx], kernel.layout_x),
+        spread([*d, *dd], kernel.layout_d),
+        spread([*p, *seeds], kernel.layout_p),
+        np.concatenate(ring) if ring else np.empty(0),
+        capacity - 1,
+    )
+
+
+@attrs.frozen(eq=False)
+class Sensitivities:
+    """Signals and their derivatives: ``y`` of shape (N, signals), ``jacobian`` of shape (N, signals, parameters)."""
+
+    t: np.ndarray
+    y: np.ndarray
+    jacobian: np.ndarray
+    signals: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+    def to_xarray(self) -> Any:
+        """A data set over ``t`` [s], ``signal`` and ``parameter``: signals ``y`` and their ``jacobian``.
+
+        Needs xarray.
+        """
+        coords = {"t": (("t",), self.t, "s"), "signal": (("signal",), list(self.signals), ""),
+                  "parameter": (("parameter",), list(self.parameters), "")}  # fmt: skip
+        found = {"y": (("t", "signal"), self.y, ""), "jacobian": (("t", "signal", "parameter"), self.jacobian, "")}
+        return dataset(found, coords, {})
+
+    def __repr__(self) -> str:
+        return f"Sensitivities({few(self.signals)} by {few(self.parameters)}, {len(self.t)} instants)"

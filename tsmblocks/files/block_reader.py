@@ -1,0 +1,211 @@
+"""One block of a diagram file: of a type, out of another file, or a diagram written in place.
+
+Types are looked up among the registered blocks and other files are read as text; no file can have
+anything imported or run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path, PureWindowsPath
+from typing import TYPE_CHECKING, Any
+
+from tsmblocks.common.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
+from tsmblocks.files.faults import KEYS, REFUSED, SURPRISES, KeyPath, Page, Part, meant, spoken
+from tsmblocks.files.shipped import names, shelf
+from tsmblocks.files.toml_text import read, tables
+from tsmblocks.model.aliases import called
+from tsmblocks.model.block import REGISTRY, Block, plain, validate
+from tsmblocks.model.diagram import DEEPEST, Diagram
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+FAULTY = Part(None, 1)
+OWN = " A block of your own is known once its module is imported (by a command: --with FILE.py)."
+"""What is said of a type that is near no other."""
+LONGEST_TEXT = 10_000
+"""Characters of one option; a sum with as many signs has as many inputs."""
+
+
+def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> Part:
+    """Return the block that ``spec`` describes; its faults are collected by the page."""
+    if not isinstance(spec, dict):
+        above = f" To give the diagram's {name}, move the line above the first [section]."
+        expected = f"block '{clip(name)}' must be a table such as {{ type = \"Gain\" }}"
+        page.wrong(path, expected, spec, above if name in KEYS else "")
+        return FAULTY
+    if "type" in spec:
+        return Part(_typed(page, spec, path), 1)
+    if "use" in spec:
+        return _used(page, spec, path, level)
+    if not spec.keys() & set(KEYS):
+        expected = 'Write { type = "Gain" }, or use = another diagram.'
+        page.fault(path, f"block '{spoken(path)}' has no type. {expected}{meant(spec, ('type', 'use'))}")
+        return FAULTY
+    if level >= DEEPEST:
+        page.fault(path, f"diagrams stand inside diagrams more than {DEEPEST} deep.")
+        return FAULTY
+    return page.diagram(spec, path, level + 1)
+
+
+# ---- a block of a type ------------------------------------------------------------------------
+
+
+def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
+    said, kind = f"block '{spoken(path)}'", spec["type"]
+    if not isinstance(kind, str):
+        page.wrong((*path, "type"), f'{said}: the type must be text such as "Gain"', kind)
+        return None
+    cls = REGISTRY.get(kind)
+    if cls is None:
+        hint = called(kind, REGISTRY, OWN)
+        page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}")
+        return None
+    values = {k: v for k, v in spec.items() if k != "type"}
+    sound = True
+    for key, value in values.items():
+        fault = "" if value is REFUSED else _fault_of(cls, key, value)
+        if fault:
+            page.fault((*path, key), f"{said}: {fault}")
+        sound = sound and not fault and value is not REFUSED
+    return _built(page, cls, values, path) if sound else None
+
+
+def _fault_of(cls: type[Block], key: str, value: Any) -> str:
+    """Return what is wrong with one value by itself."""
+    field = cls.fields().get(key)
+    if field is None:
+        return f"{cls.__name__} has no parameter '{clip(key)}'.{near(key, cls.fields())}"
+    if isinstance(value, str) and len(value) > LONGEST_TEXT:
+        return f"{cls.__name__}.{key} is a text of {len(value):,} characters; at most {LONGEST_TEXT:,} are read."
+    if _holds_table(value):
+        return f"{cls.__name__}.{key} cannot be a table, got {in_words(value)}. It is: {field.about}."
+    try:
+        validate(cls.__name__, key, field, plain(value))
+    except ParameterError as error:
+        return str(error)
+    return ""
+
+
+def _holds_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and any(map(_holds_table, value)))
+
+
+def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) -> Block | None:
+    """Return the block, or None if its values do not go together."""
+    try:
+        block = cls(**values)
+        _ = block.inports, block.outports, block.states  # these may read options that check() did not see
+    except TsmError as error:
+        page.fault(path, f"block '{spoken(path)}': {error}")
+    except SURPRISES as error:
+        page.fault(
+            path,
+            f"block '{spoken(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}.",
+        )
+    else:
+        return block
+    return None
+
+
+# ---- another file -----------------------------------------------------------------------------
+
+
+def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
+    page.known_keys(spec, ("use", "set"), path, f"block '{spoken(path)}', which uses another diagram")
+    name = spec["use"]
+    if not isinstance(name, str):
+        page.wrong((*path, "use"), f"block '{spoken(path)}': use must name a diagram", name)
+        return FAULTY
+    file = _find(page, name, path)
+    part = FAULTY if file is None else _read_other(page, file, path, level)
+    changes = spec.get("set", {})
+    if not isinstance(changes, dict):
+        expected = 'set must be a table such as { "drive.high" = 12.0 }'
+        page.wrong((*path, "set"), f"block '{spoken(path)}': {expected}", changes)
+        return FAULTY
+    if not isinstance(part.block, Diagram) or not changes:
+        return part
+    return Part(_with_changes(page, part.block, dict(_flat(changes)), path), part.size)
+
+
+def _find(page: Page, name: str, path: KeyPath) -> Path | None:
+    """Return the file that ``use`` means: next to this one, or below, or on the shelf."""
+    said = f"block '{spoken(path)}': use = '{clip(name)}'"
+    windows = PureWindowsPath(name)
+    if not name.strip() or name != name.strip() or "\\" in name or not name.isprintable():
+        page.fault((*path, "use"), f"{said} is not the name of a diagram.")
+        return None
+    if windows.drive or windows.root or ".." in windows.parts:
+        page.fault(
+            (*path, "use"),
+            f"{said} leads out of the folder of this file. Name a diagram next to it or below.",
+        )
+        return None
+    file = name if name.endswith(".toml") else f"{name}.toml"
+    folders = [page.folder] if "/" in name else [page.folder, shelf()]
+    try:
+        found = next((f / file for f in folders if f is not None and (f / file).is_file()), None)
+        beside = [p.stem for p in page.folder.glob("*.toml")] if page.folder is not None else []
+    except OSError as error:
+        page.fault((*path, "use"), f"{said} cannot be read: {(error.strerror or str(error)).lower()}.")
+        return None
+    if found is None:
+        page.fault((*path, "use"), f"{said} is neither next to this file nor among the ready-made diagrams."
+                   f"{near(name, [*beside, *names()])}")  # fmt: skip
+    return found
+
+
+def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
+    """Return the diagram in another file, read once however often it is used."""
+    reading, key = page.reading, file.resolve()
+    if key in reading.open:
+        ring = [*reading.open[reading.open.index(key) :], key]
+        page.fault((*path, "use"), f"block '{spoken(path)}': the files use each other in a ring: "
+                   f"{' -> '.join(p.name for p in ring)}.")  # fmt: skip
+        return FAULTY
+    if key in reading.done:
+        return reading.done[key]
+    if level >= DEEPEST:
+        page.fault((*path, "use"), f"diagrams stand inside diagrams more than {DEEPEST} deep.")
+        return FAULTY
+    reading.open.append(key)
+    part = FAULTY
+    try:
+        table, places = tables(read(file), str(file))
+        part = type(page)(reading, str(file), places, file.parent).whole(table, level + 1)
+    except FileError as error:
+        for problem in error.problems:
+            reading.add(problem)
+    reading.open.pop()
+    reading.done[key] = part
+    return part
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield ``drive.high`` and its value, whether written with dots, quotes or tables."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def _with_changes(page: Page, diagram: Diagram, changes: dict[str, Any], path: KeyPath) -> Diagram | None:
+    """Return a diagram with the numbers that ``set`` gives it."""
+    at, said = (*path, "set"), f"block '{spoken(path)}': set"
+    known = set(diagram.parameter_names())
+    strange = [name for name in changes if name not in known]
+    for name in strange:
+        page.fault((*at, name), f"{said}: there is no parameter '{clip(name)}'.{near(name, known)}")
+    if strange or REFUSED in changes.values():
+        return None
+    try:
+        return diagram.with_parameters(changes)
+    except DiagramError as error:
+        for problem in error.problems:
+            page.fault(at, f"{said}: {problem}")
+    except (TsmError, *SURPRISES) as error:
+        page.fault(at, f"{said}: {clip(str(error), 300)}")
+    return None

@@ -1,0 +1,154 @@
+"""The faults of a file: collected while it is read, each with its line; and what every reader of TOML tables shares."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tsmblocks.common.errors import clip, in_words, near
+from tsmblocks.files.positions import Places
+from tsmblocks.model.block import Block
+from tsmblocks.model.diagram import Diagram
+
+KEYS = ("title", "source", "wires", "blocks", "inputs", "outputs", "values")
+"""Keys of a diagram's table."""
+MOST_FAULTS = 200
+"""Faults after which the rest of a file is not looked at."""
+REFUSED: Any = type("Refused", (), {"__repr__": lambda _: "REFUSED"})()
+"""Stands for a value that has been refused already, so that nothing more is said about it."""
+SURPRISES = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What a block's own check may raise on values that its author did not think of."""
+
+KeyPath = tuple[str, ...]
+
+
+class Part(NamedTuple):
+    """A block or diagram that was read (None if it is faulty), and how many blocks it is made of."""
+
+    block: Block | Diagram | None
+    size: int
+
+
+class Enough(Exception):
+    """So many faults that looking for more is of no use."""
+
+
+class Reading:
+    """One load: the faults found so far, the files being read, and the files read already."""
+
+    def __init__(self) -> None:
+        self.problems: list[str] = []
+        self.only_wiring = True  # no fault but those that Diagram itself finds
+        self.open: list[Path] = []
+        self.done: dict[Path, Part] = {}
+
+    def add(self, problem: str, *, wiring: bool = False) -> None:
+        """Collect a fault, each once; raises Enough when there are many."""
+        if problem not in self.problems:
+            self.problems.append(problem)
+        self.only_wiring = self.only_wiring and wiring
+        if len(self.problems) >= MOST_FAULTS:
+            raise Enough
+
+    def in_order(self) -> list[str]:
+        """Return the faults file by file and line by line; those without a line come last."""
+        files: dict[str, int] = {}
+
+        def place(problem: str) -> tuple[int, float]:
+            found = re.match(r"(.*?):(\d+): ", problem, re.DOTALL)
+            name = found[1] if found else ""
+            return files.setdefault(name, len(files)) if found else 10**9, int(found[2]) if found else 0
+
+        return sorted(self.problems, key=place)
+
+
+class Page:
+    """One text that is being read: what it is called, where its keys stand, where its neighbours are."""
+
+    def __init__(self, reading: Reading, where: str, places: Places, folder: Path | None) -> None:
+        self.reading, self.where, self.places, self.folder = reading, where, places, folder
+
+    # ---- places and faults
+
+    def place(self, *path: str | int) -> str:
+        """Return ``file:line`` of a key."""
+        line = self.places.line(*path)
+        return f"{self.where}:{line}" if line else self.where
+
+    def fault(self, path: tuple[str | int, ...], text: str) -> None:
+        """Collect a fault of what stands at ``path``."""
+        self.reading.add(f"{self.place(*path)}: {text}")
+
+    def wrong(self, at: tuple[str | int, ...], expected: str, value: Any, hint: str = "") -> None:
+        """Collect a fault about the kind of a value, unless the value has been refused already."""
+        if value is REFUSED:
+            self.reading.only_wiring = False
+        else:
+            self.fault(at, f"{expected}, got {in_words(plain_value(value))}.{hint}")
+
+    def known_keys(self, table: Mapping[str, Any], known: tuple[str, ...], path: KeyPath, owner: str) -> set[str]:
+        """Report keys that nothing is known of; returns the absent keys that they seem to be meant for."""
+        for key in table:
+            if key not in known:
+                self.fault((*path, key), f"'{clip(key)}' is not a key of {owner}.{near(key, known)}")
+        return set(meant_keys(table, known).values()) - set(table)
+
+    def table(self, table: dict[str, Any], key: str, path: KeyPath) -> dict[str, Any]:
+        """Return the table under ``key``; an empty one where there is none or it is something else."""
+        value = table.get(key, {})
+        if isinstance(value, dict):
+            return value
+        self.wrong((*path, key), f"{key} must be a table, written [{'.'.join((*path, key))}]", value)
+        return {}
+
+    def text(self, table: Mapping[str, Any], key: str, path: KeyPath) -> str:
+        """Return the text under ``key``, ``""`` where there is none or it is something else."""
+        value = table.get(key, "")
+        if isinstance(value, str):
+            return value
+        self.wrong((*path, key), f"{key} must be text", value)
+        return ""
+
+    def whole(self, table: dict[str, Any], level: int) -> Part:
+        """Read a file's outermost table."""
+        raise NotImplementedError
+
+    def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
+        """Read a table with wires, blocks, inputs, outputs and values."""
+        raise NotImplementedError
+
+
+# ---- words --------------------------------------------------------------------------------------
+
+
+def spoken(path: tuple[str | int, ...]) -> str:
+    """Return a path as a name is said: ``blocks.motor.blocks.drive.high`` is ``motor.drive.high``."""
+    said: list[str] = []
+    while len(path) > 1 and path[0] == "blocks":
+        said.append(str(path[1]))
+        path = path[2:]
+    return clip(".".join([*said, *map(str, path)]))
+
+
+def plain_value(value: Any) -> Any:
+    """Return a value that a message may print: a whole number of a million digits may not."""
+    if isinstance(value, dict):
+        return dict.fromkeys(list(value)[:3], "…")
+    if isinstance(value, list):
+        return [plain_value(v) for v in value[:10]]
+    return "a huge number" if isinstance(value, int) and abs(value) > 2**53 else value
+
+
+def meant_keys(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """Return the keys that look like a misspelt known one, with that one."""
+    strange = [key for key in given if key not in known and len(key) < 50][:100]
+    close = {key: get_close_matches(key, known, n=1) for key in strange}
+    return {key: match[0] for key, match in close.items() if match}
+
+
+def meant(spec: Iterable[str], wanted: tuple[str, ...]) -> str:
+    """Return a sentence that asks whether a key was meant to be one of ``wanted``, if that may be."""
+    return next((f" Is '{key}' meant to be '{word}'?" for key, word in meant_keys(spec, wanted).items()), "")

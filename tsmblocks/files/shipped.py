@@ -1,0 +1,18 @@
+"""Where the ready-made diagrams are. It knows folders and file names, nothing of what is in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).parent.parent
+
+
+def shelf() -> Path:
+    """Return the folder of ready-made diagram files: in the installed package, or in the checkout."""
+    packed = _PACKAGE / "_diagrams"
+    return packed if packed.is_dir() else _PACKAGE.parent / "diagrams"
+
+
+def names() -> list[str]:
+    """Return the names by which ``load`` finds the ready-made diagrams."""
+    return sorted(path.stem for path in shelf().glob("*.toml"))

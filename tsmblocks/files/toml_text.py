@@ -1,0 +1,93 @@
+"""From a file to TOML tables: reading bytes, understanding characters, saying which line is wrong.
+
+It knows TOML and nothing of diagrams.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from tsmblocks.common.errors import FileError, clip, near
+from tsmblocks.files.positions import Places
+
+LARGEST = 20_000_000
+"""Bytes of one file. Recordings that need more belong in data files, not in a diagram."""
+
+
+def read(path: Path) -> str:
+    """Return the text of a file; raises FileError where it cannot be had."""
+    try:
+        if path.is_dir():
+            raise FileError(str(path), [f"{path}: this is a folder, and a file is needed."])
+        if not path.is_file():
+            beside = [p.name for p in path.parent.glob("*.toml")]
+            raise FileError(clip(str(path)), [
+                f"{clip(str(path))}: there is no such file.{near(path.name, beside) if beside else ''}"
+            ])  # fmt: skip
+        with path.open("rb") as file:
+            data = file.read(LARGEST + 1)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise FileError(clip(str(path)), [f"{clip(str(path))}: cannot be read: {reason}."]) from None
+    return decoded(data, str(path))
+
+
+def decoded(data: bytes, where: str) -> str:
+    """Return bytes as text; raises FileError with the line of the first byte that is not UTF-8."""
+    _check_size(len(data), where)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+        seems = "it seems to be UTF-16" if utf16 else f"byte 0x{data[error.start]:02x} has no place in it"
+        raise FileError(where, [f"{where}:{line}: the text is not UTF-8 ({seems}). Save it as UTF-8."]) from None
+
+
+def _check_size(size: int, where: str) -> None:
+    if size > LARGEST:
+        raise FileError(where, [
+            f"{where}: a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."
+        ])  # fmt: skip
+
+
+def tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
+    """Return the tables of a TOML text, and the lines of what is in them; raises FileError."""
+    _check_size(len(text), where)
+    text = text.removeprefix("\ufeff").replace("\r\n", "\n")
+    places = Places(text)
+    if places.trouble:
+        line, sentence = places.trouble
+        raise FileError(where, [f"{where}:{line}: {sentence}"])
+    try:
+        return tomllib.loads(text), places
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(where, [f"{where}:{_in_line(str(error), text, places)}"]) from None
+    except RecursionError:
+        raise FileError(where, [f"{where}: brackets stand inside each other too deep."]) from None
+    except ValueError:  # Python reads no whole number of more digits than these
+        digits = re.search(r"[0-9_]{4300}", text)
+        line = text.count("\n", 0, digits.start()) + 1 if digits else 1
+        raise FileError(where, [f"{where}:{line}: a whole number has thousands of digits."]) from None
+
+
+def _in_line(message: str, text: str, places: Places) -> str:
+    """Return ``line: sentence`` for what tomllib has to say."""
+    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", message, re.DOTALL)
+    if found is None:
+        return f"1: this is not TOML: {clip(message)}."
+    what, line, column = found[1], int(found[2] or text.count("\n") + 1), found[3]
+    if re.search("overwrite|twice|Duplicate|already", what):
+        again = [n for n in places.repeated if n <= line]
+        if again:
+            path, first = places.repeated[again[-1]]
+            name = clip(".".join(map(str, path)))
+            return f"{again[-1]}: '{name}' stands here a second time; the first is in line {first}."
+    if what.startswith("Illegal character '\\n'"):
+        what = "a text is not closed; it needs a quotation mark at its end"
+    shown = clip(text.split("\n")[line - 1].strip(), 60)
+    here = f" (column {column}: {shown})" if column else " (at the end)"
+    return f"{line}: this is not TOML: {what[:1].lower()}{clip(what[1:])}{here}."

@@ -1,0 +1,202 @@
+"""From a diagram to the text of a file that reads as if written by hand.
+
+Blocks stand on one line where they fit, wires one to a line, and what equals a default is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import tomli_w
+
+from tsmblocks.common.errors import FileError, clip, in_words
+from tsmblocks.files.reader import FORMAT
+from tsmblocks.files.toml_text import LARGEST
+from tsmblocks.model.block import REGISTRY, Block
+from tsmblocks.model.diagram import Diagram, Inlet
+
+WIDTH = 100
+
+
+class _Unwritable(Exception):
+    """One sentence about a value that a file cannot hold."""
+
+
+def text_of(diagram: Diagram) -> str:
+    """Return the text of a diagram's file; raises FileError with everything that a file cannot hold."""
+    writer = _Writer()
+    lines = [f"format = {FORMAT}", *writer.body(diagram, "")]
+    owner = f"diagram '{clip(str(diagram.title))}'"
+    if writer.problems:
+        raise FileError(owner, writer.problems)
+    text = "\n".join(lines) + "\n"
+    if len(text) > LARGEST:
+        raise FileError(
+            owner, [f"a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."]
+        )
+    return text
+
+
+Entry = tuple[str, list[tuple[str, str]]]
+"""A name with the keys and values of its table; a single key ``""`` stands for a bare value."""
+
+
+class _Writer:
+    """Makes the lines of a diagram, collecting what cannot be written."""
+
+    def __init__(self) -> None:
+        self.problems: list[str] = []
+
+    def body(self, diagram: Diagram, prefix: str) -> Iterator[str]:
+        """Yield the lines of a diagram whose sections begin with ``prefix``."""
+        for key in ("title", "source"):
+            if getattr(diagram, key) != "":
+                yield f"{key} = {self.value(getattr(diagram, key), key, str)}"
+        if not prefix:
+            yield ""
+        wires = [line for wire in diagram.wires for line in split_wire(wire)]
+        yield from ["wires = [", *(f"  {toml(line)}," for line in wires), "]"] if wires else ["wires = []"]
+        yield from _section(
+            f"{prefix}values", [(k, [("", self.value(v, k, float))]) for k, v in diagram.values.items()]
+        )
+        yield from self._blocks(diagram, prefix)
+        yield from _section(f"{prefix}inputs", [(k, self._inlet(k, v)) for k, v in diagram.inputs.items()])
+        yield from _section(f"{prefix}outputs", [(k, [("", toml(v))]) for k, v in diagram.outputs.items()])
+
+    def _blocks(self, diagram: Diagram, prefix: str) -> Iterator[str]:
+        plain = [(k, self._block(f"{prefix}{k}", b)) for k, b in diagram.blocks.items() if isinstance(b, Block)]
+        inner = {k: b for k, b in diagram.blocks.items() if isinstance(b, Diagram)}
+        yield from _section(f"{prefix}blocks", plain, always=not inner)
+        for name, block in inner.items():
+            yield from ["", f"[{prefix}blocks.{name}]", *self.body(block, f"{prefix}blocks.{name}.")]
+
+    def _block(self, name: str, block: Block) -> list[tuple[str, str]]:
+        kind, said = type(block), name.replace("blocks.", "")
+        known = REGISTRY.get(kind.__name__)
+        if known is None or (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
+            self.problems.append(f"block '{said}': {kind.__name__} is not registered, so no file can name it.")
+        if "type" in kind.fields():
+            self.problems.append(f"block '{said}': its parameter 'type' cannot be told from the block's type.")
+        pairs = [("type", toml(kind.__name__))]
+        for key, field in kind.fields().items():
+            given = getattr(block, key)
+            if repr(given) != repr(field.default):  # unlike ==, this tells -0.0 from 0.0
+                pairs.append((key, self.value(given, f"{said}.{key}")))
+        return pairs
+
+    def _inlet(self, name: str, inlet: Inlet) -> list[tuple[str, str]]:
+        ports = toml(inlet.ports[0] if len(inlet.ports) == 1 else inlet.ports)
+        words = {key: getattr(inlet, key) for key in ("unit", "about") if getattr(inlet, key) != ""}
+        if not words:
+            return [("", ports)]
+        return [("ports", ports), *((k, self.value(v, f"{name}.{k}", str)) for k, v in words.items())]
+
+    def value(self, value: Any, name: str, kind: type = object) -> str:
+        """Return a value as TOML; what cannot be written becomes a problem."""
+        try:
+            if not isinstance(value, kind):
+                raise _Unwritable(f"is {in_words(value)}")
+            return toml(value)
+        except _Unwritable as fault:
+            self.problems.append(f"{name} {fault}, which a file cannot hold.")
+            return '""'
+
+
+# ---- layout -----------------------------------------------------------------------------------
+
+
+def _section(header: str, entries: list[Entry], always: bool = False) -> Iterator[str]:
+    """Yield a section: tables that fit on one line stand in it, the others in sections of their own."""
+    inside: list[str] = []
+    apart: list[Entry] = []
+    for name, pairs in entries:
+        line = f"{name} = {{ {', '.join(f'{k} = {v}' for k, v in pairs)} }}"
+        if not pairs[0][0]:
+            inside += _folded(name, pairs[0][1])
+        elif len(line) <= WIDTH:
+            inside.append(line)
+        else:
+            apart.append((name, pairs))
+    if inside or (always and not apart):
+        yield from ["", f"[{header}]", *inside]
+    for name, pairs in apart:
+        yield from ["", f"[{header}.{name}]", *(line for k, v in pairs for line in _folded(k, v))]
+
+
+class _Array(str):
+    """The text of an array, which can also be had element by element."""
+
+    items: list[str]
+
+
+def _folded(key: str, value: str) -> list[str]:
+    """Return ``key = value``; an array that is too wide is spread over several lines."""
+    line = f"{key} = {value}"
+    if len(line) <= WIDTH or not isinstance(value, _Array):
+        return [line]
+    rows = _filled(value.items, ", ", WIDTH - 3)
+    return [f"{key} = [", *(f"  {row}," for row in rows), "]"]
+
+
+def _filled(items: Iterable[str], mark: str, width: int) -> list[str]:
+    """Return the items joined by ``mark``, in as few rows of at most ``width`` as they need."""
+    rows: list[list[str]] = []
+    used = 0
+    for item in items:
+        if not rows or used + len(mark) + len(item) > width:
+            rows.append([])
+            used = -len(mark)
+        rows[-1].append(item)
+        used += len(mark) + len(item)
+    return [mark.join(row) for row in rows]
+
+
+def split_wire(wire: str) -> list[str]:
+    """Return a chain as one or more of bearable width, joined at blocks that they share."""
+    if len(wire) + 5 <= WIDTH:
+        return [wire]
+    *stages, last = wire.split(" -> ")
+    lines: list[str] = []
+    line = stages[0]
+    for stage in stages[1:]:
+        if len(line) + len(stage) + 9 > WIDTH and " -> " in line:
+            lines.append(line)
+            line = line.rpartition(" -> ")[2].partition(".")[0]
+        line += f" -> {stage}"
+    if len(line) + len(last) + 9 > WIDTH and " -> " in line:
+        lines.append(line)
+        line = line.rpartition(" -> ")[2].partition(".")[0]
+    receivers = _filled(last.split(", "), ", ", max(20, WIDTH - len(line) - 9))
+    return [*lines, *(f"{line} -> {row}" for row in receivers)]
+
+
+# ---- values -----------------------------------------------------------------------------------
+
+
+def toml(value: Any) -> str:
+    """Return one value as TOML; raises _Unwritable."""
+    if isinstance(value, (bool, int)):
+        huge = not isinstance(value, bool) and abs(value) > 2**53
+        return tomli_w.dumps({"k": float(value) if huge else value})[4:-1]
+    if isinstance(value, float):
+        if math.isnan(value):
+            raise _Unwritable("is nan")
+        return tomli_w.dumps({"k": float(value)})[4:-1]
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, tuple):
+        items = [toml(v) for v in value]
+        array = _Array(f"[{', '.join(items)}]")
+        array.items = items
+        return array
+    raise _Unwritable(f"is {in_words(value)}")
+
+
+def _text(value: str) -> str:
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise _Unwritable(f"is {in_words(value)}, with half a character in it") from None
+    return tomli_w.dumps({"k": str(value)})[4:-1]

@@ -1,0 +1,286 @@
+"""One recording beside one diagram: simulated at the engine's steps, compared at the instants of measurement."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.errors import DataError, RunError, clip, near
+from tsmblocks.data import Record
+from tsmblocks.data.missing_units import how_to_map
+from tsmblocks.engine import inputs as feeds
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.methods import Method
+from tsmblocks.engine.sensitivities import tangent_memory
+from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
+from tsmblocks.model.block import Samples
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import Times
+from tsmblocks.simulation.batch import batch_kernel, directions, lane_memory, tangent_kernel
+
+FEWEST = 4
+"""Compared samples below which a recording says nothing."""
+MOST_STEPS = 10**8
+"""Steps of one run beyond which its inputs no longer fit into memory."""
+UNEVEN = 5e-3
+"""Deviation of sample times from an even grid, in steps, that rounding of printed times explains."""
+PIECE = 2000
+"""Samples that many lanes run for at a time: their rows then stay in the processor's cache."""
+
+Window = tuple[float | None, float | None]
+
+
+@attrs.frozen(eq=False)
+class Trial:
+    """A recording made ready: the inputs at every stage of every step, and what was measured when.
+
+    ``measured`` has shape (samples, outputs), in the units of the diagram's ports. Sample k lies
+    ``share[k]`` of a step after step ``place[k]``.
+    """
+
+    name: str
+    record: Record = attrs.field(repr=False)
+    eq: Equations = attrs.field(repr=False)
+    rule: Method
+    columns: tuple[int, ...]
+    times: Times
+    rows: np.ndarray = attrs.field(repr=False)
+    hits: tuple[int, ...]
+    t: np.ndarray = attrs.field(repr=False)
+    measured: np.ndarray = attrs.field(repr=False)
+    place: np.ndarray = attrs.field(repr=False)
+    share: np.ndarray | None = attrs.field(repr=False)
+    hold: str = "linear"
+    backend: str = ""
+
+    def outputs(self, p: np.ndarray) -> np.ndarray:
+        """Simulated outputs at the instants of measurement, shape (samples, outputs)."""
+        kernel = single_kernel(self.eq, self.rule, self.columns, self.backend)
+        y = self._run(kernel, start_memory(self.eq, kernel, p, self.times.h))
+        return np.stack([y[:, kernel.layout_y.offset[k]] for k in range(len(self.columns))], axis=1)
+
+    def slopes(self, p: np.ndarray, seeds: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Outputs, and their derivatives along ``seeds`` (parameters, directions).
+
+        Shapes (samples, outputs), and (samples, directions) for each output.
+        """
+        count, width, parts = len(self.columns), seeds.shape[1], list[list[np.ndarray]]()
+        lanes = directions(width)
+        kernel = tangent_kernel(self.eq, self.rule, self.columns, lanes, self.backend)
+        for first in range(0, max(width, 1), lanes):
+            part = seeds[:, first : first + lanes]
+            padded = np.zeros((len(seeds), lanes))
+            padded[:, : part.shape[1]] = part
+            y = self._run(kernel, tangent_memory(self.eq, kernel, p, padded, self.times.h))
+            spans = (kernel.layout_y.span(count + i) for i in range(count))
+            parts.append([np.broadcast_to(y[:, span], (len(y), lanes))[:, : part.shape[1]] for span in spans])
+        begin = kernel.layout_y.offset[0]  # the signals stand before their derivatives, one number each
+        joined = [np.hstack(wide) if len(wide) > 1 else wide[0] for wide in zip(*parts, strict=True)]
+        return y[:, begin : begin + count], joined
+
+    def many(self, p: np.ndarray, vary: frozenset[int]) -> np.ndarray:
+        """Outputs for many parameter sets at once: ``p`` (parameters, lanes) gives (samples, outputs, lanes).
+
+        For a few runs of a model that is looked at in passing: its code is made in a hurry.
+        """
+        kernel, memory = self.lanes(p, vary, quick=True)
+        y = self._run(kernel, memory)
+        wide = [y[:, kernel.layout_y.span(i)] for i in range(len(self.columns))]
+        return np.stack([np.broadcast_to(v, (len(y), p.shape[1])) for v in wide], axis=1)
+
+    def lanes(self, p: np.ndarray, vary: frozenset[int], *, quick: bool = False) -> tuple[Kernel, Memory]:
+        """What it takes to run many parameter sets ``p`` (parameters, lanes), places ``vary`` differing.
+
+        ``quick`` as for ``kernel_for``.
+        """
+        kernel = batch_kernel(self.eq, self.rule, self.columns, p.shape[1], vary, self.backend, quick)
+        return kernel, lane_memory(self.eq, kernel, p, self.times.h)
+
+    def squares(self, kernel: Kernel, memory: Memory, weights: np.ndarray) -> np.ndarray:
+        """Sum of squared weighted differences for each parameter set of ``lanes``, shape (lanes,).
+
+        ``weights`` has shape (outputs,). Nothing symbolic is touched, so this may run in a thread.
+        """
+        total = np.zeros(kernel.plan.lanes)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for y, measured in self._pieces(kernel, memory):
+                for i, weight in enumerate(weights):
+                    off = y[:, kernel.layout_y.span(i)]
+                    np.subtract(off, measured[:, i, None], out=off)
+                    total = total + weight**2 * np.einsum("kl,kl->l", off, off)
+        return total
+
+    def _pieces(self, kernel: Kernel, memory: Memory) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Rows at the instants of measurement, and what was measured, a few at a time: many lanes fill the caches."""
+        if self.share is not None:
+            yield self._run(kernel, memory), self.measured
+            return
+        every, kept, first = self.times.every, self.times.kept, int(self.place[0])
+        pieces = max((kept - 1) // PIECE, 1)
+        y = np.empty((kept - (pieces - 1) * PIECE, kernel.layout_y.size))
+        for piece in range(pieces):
+            final, a = piece == pieces - 1, piece * PIECE
+            b = kept if final else a + PIECE
+            n = (kept - 1 - a if final else PIECE) * every
+            rows = self.rows[a * every : a * every + n + 1]
+            kernel.advance(memory, rows, t0=self.times.start, h=self.times.h, k0=a * every, n=n, final=final,
+                           every=every, skip=0, hits=self.hits, y=y[: b - a])  # fmt: skip
+            if b > first:
+                lead = max(first - a, 0)
+                yield y[lead : b - a], self.measured[a + lead - first : b - first]
+
+    def _run(self, kernel: Kernel, memory: Memory) -> np.ndarray:
+        """Rows at the instants of measurement, whatever a row of this kernel holds."""
+        times = self.times
+        y = np.empty((times.kept, kernel.layout_y.size))
+        kernel.advance(memory, self.rows, t0=times.start, h=times.h, k0=0, n=times.steps, final=True,
+                       every=times.every, skip=0, hits=self.hits, y=y)  # fmt: skip
+        if self.share is not None:
+            with np.errstate(over="ignore", invalid="ignore"):
+                return (1 - self.share)[:, None] * y[self.place] + self.share[:, None] * y[self.place + 1]
+        first, last = self.place[0], self.place[-1] + 1
+        return y[first:last] if last - first == len(self.place) else y[self.place]
+
+
+def prepare(
+    name: str, record: Record, diagram: Diagram, eq: Equations, *, outputs: Sequence[str], rule: Method, step: float,
+    hold: str, window: Window, backend: str,
+) -> Trial:  # fmt: skip
+    """Make a recording ready for a diagram. Raises DataError for signals or samples that are missing."""
+    cut, start = span(name, record, window), float(record.t[0])
+    t, own = record.t[cut], median_step(record.t)
+    every = max(1, round(own / step))
+    even = is_even(record.t, own) and abs(own / step / every - 1) < UNEVEN
+    h = own / every if even else step
+    steps = (cut.stop - 1) * every if even else math.ceil((t[-1] - start) / h - UNEVEN)
+    times = Times(start, h, max(steps, 1), every if even else 1)
+    if times.steps > MOST_STEPS:
+        raise RunError(f"experiment '{name}': a step of {h:g} s makes {times.steps:.3g} steps of its {t[-1] - start:g} "
+                       f"s; {MOST_STEPS:.0e} are the most.")  # fmt: skip
+    if h > t[-1] - start:
+        raise RunError(f"experiment '{name}': the step of {h:g} s is longer than the run of {t[-1] - start:g} s.")
+    exact = (t - start) / h
+    place = np.arange(cut.start, cut.stop) if even else np.minimum(exact.astype(int), times.steps - 1)
+    ordered = gather_signals(eq, inputs(record, diagram, hold, times.grid[-1]), times.grid, hold)
+    return Trial(
+        name, record, eq, rule, tuple(eq.y.index(eq.aliases[k]) for k in outputs), times,
+        feeds.rows(ordered, start, h, 0, times.steps, rule.instants), steps_per_period(eq, h), t,
+        np.stack([signal_of(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1), place,
+        None if even else exact - place, hold, backend,
+    )  # fmt: skip
+
+
+def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf) -> dict[str, Any]:
+    """The diagram's inputs out of a recording, led on to the end of a step at ``until`` [s] as they went.
+
+    Raises DataError for one that is not there.
+    """
+    wanted = diagram.inports
+    missing = [k for k in wanted if k not in record]
+    if missing:
+        raise DataError(
+            f"{record.called}: '{diagram.title}' needs its input '{missing[0]}', and the "
+            f"recording has no such signal.{near(missing[0], record.names)} "
+            f"If it has another name there, map it when reading: {how_to_map(missing[0], bare=not record.units)}."
+        )
+    own = median_step(record.t)  # times kept with few digits: a held value must not come a step late
+    t = record.t[0] + own * np.arange(len(record)) if is_even(record.t, own) else record.t
+    beyond = until - float(t[-1]) if until > t[-1] + 1e-9 * own else 0.0
+    made = {}
+    for k, port in wanted.items():
+        y = signal_of(record.name, record, k, port.unit)
+        if not beyond:
+            made[k] = Samples(t, y, hold)
+            continue
+        more = 0.0 if hold == "zero" else beyond * (y[-1] - y[-2]) / (t[-1] - t[-2])
+        made[k] = Samples(np.append(t, until), np.append(y, y[-1] + more), hold)
+    return made
+
+
+def signal_of(name: str, record: Record, k: str, unit: str) -> np.ndarray:
+    """A signal in a unit. Raises DataError for samples that are not finite."""
+    y = record.values(k, unit)
+    bad = np.flatnonzero(~np.isfinite(y))
+    if len(bad):
+        raise DataError(f"experiment '{name}': sample {bad[0]} of {k} is not finite (t = {record.t[bad[0]]:g} s, "
+                        f"value = {y[bad[0]]:g}).")  # fmt: skip
+    return y
+
+
+def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[str] | None) -> tuple[str, ...]:
+    """Outputs that are compared: those asked for, or all that every recording has. Raises DataError for none."""
+    for name in asked or ():
+        if name not in diagram.outputs:
+            raise DataError(f"diagram '{diagram.title}' has no output '{name}'.{near(name, diagram.outputs)}")
+    for record in records.values():
+        gone = [k for k in asked or () if k not in record]
+        if gone:
+            raise DataError(f"{record.called}: there is no signal '{gone[0]}' to compare with."
+                            f"{near(gone[0], record.names)}")  # fmt: skip
+    found = tuple(asked or (k for k in diagram.outputs if all(k in r for r in records.values())))
+    if not found:
+        bare = [r for r in records.values() if not any(k in r for k in diagram.outputs)]
+        if diagram.outputs and not bare:
+            each = "; ".join(
+                f"{name}: {', '.join(k for k in diagram.outputs if k in r)}" for name, r in records.items()
+            )
+            raise DataError(f"no output of '{diagram.title}' was measured in all experiments ({clip(each)}). Give "
+                            "those together that have an output in common.")  # fmt: skip
+        some = next(iter(bare or records.values()))
+        known, way = ", ".join(some.names), how_to_map("x_out", bare=not some.units)
+        raise DataError(f"{some.called}: none of the outputs of '{diagram.title}' "
+                        f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {known}. "
+                        f"Map one when reading: {way}; or give the diagram an output of that name.")  # fmt: skip
+    return found
+
+
+def span(name: str, record: Record, window: Window) -> slice:
+    """The samples from ``window[0]`` to ``window[1]`` [s]. Raises DataError when next to none are left."""
+    low, high = (-math.inf if window[0] is None else window[0]), (math.inf if window[1] is None else window[1])
+    first, last = np.searchsorted(record.t, low), int(np.searchsorted(record.t, high, side="right"))
+    if last - first < FEWEST:
+        count = max(last - int(first), 0)
+        raise DataError(f"experiment '{name}': the window{_ends(window)} holds {count} "
+                        f"sample{'s' if count != 1 else ''}, and at least {FEWEST} are needed; it was recorded from "
+                        f"{record.t[0]:g} to {record.t[-1]:g} s.")  # fmt: skip
+    return slice(int(first), last)
+
+
+def _ends(window: Window) -> str:
+    """`` from 1 to 5 s``; ends that are open are left out."""
+    words = [f" {word} {end:g}" for word, end in zip(("from", "to"), window, strict=True) if end is not None]
+    return f"{''.join(words)} s{' on' if window[1] is None else ''}" if words else ""
+
+
+def median_step(t: np.ndarray) -> float:
+    """The step of an even grid as exactly as its ends tell it, else the median step [s]."""
+    mean = float((t[-1] - t[0]) / (len(t) - 1))
+    return _roundest(t, mean) if is_even(t, mean) else float(np.median(np.diff(t)))
+
+
+def _roundest(t: np.ndarray, step: float) -> float:
+    """The step of fewest digits on whose grid the instants lie as closely: rounded times blur the mean step.
+
+    A sample period must divide the step exactly, and 0.001 s in single precision has a mean of 0.00100000001 s.
+    """
+    most = 2 * _off(t, step) + 4 * np.finfo(float).eps * float(np.abs(t[[0, -1]]).max())
+    for digits in range(1, 13):
+        rounded = float(f"{step:.{digits}g}")
+        if abs(rounded - step) * (len(t) - 1) <= most and _off(t, rounded) <= most:
+            return rounded
+    return step
+
+
+def _off(t: np.ndarray, step: float) -> float:
+    """How far the instants lie from an even grid at most [s]."""
+    return float(np.abs(t - t[0] - step * np.arange(len(t))).max())
+
+
+def is_even(t: np.ndarray, step: float) -> bool:
+    """Whether the instants lie on an even grid, up to rounding."""
+    return _off(t, step) <= UNEVEN * step

@@ -1,0 +1,71 @@
+"""Outputs that run ahead of the input: where no model does so, columns were exchanged, or one was recorded late."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from tsmblocks.data import Record
+
+PLAIN = 0.25
+"""Share of what a signal in proportion to the input leaves, from which its rate explains it plainly."""
+MOSTLY = 0.5
+"""Share of an output that has to be in proportion to the input, and of the lead that a model has to show."""
+PARTS = 4
+"""Parts of a recording that have to show the same lead."""
+SAME = 2.0
+"""Ratio of two leads up to which they are the same."""
+STILL = 0.5
+"""Share of the steps between samples that leave the input where it is."""
+JUMP = 0.05
+"""Size of its largest step, as a share of all that it moves: less is a quantised motion."""
+
+
+def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarray, simulated: np.ndarray) -> str:
+    """Say that a measured output ``y`` runs ahead of the input ``x``, and ``simulated`` does not; ``""`` where not so.
+
+    ``names`` are those of input and output; all arrays have one value for each of the times ``t`` [s].
+    """
+    if len(t) < 4 or not np.ptp(x) > 0:
+        return ""
+    lead = _lead(t, x, y)
+    if lead <= 0 or _lead(t, x, simulated) > MOSTLY * lead or not _throughout(lead, t, x, y):
+        return ""
+    return (f"{names[1]} runs {lead:.2g} s ahead of {names[0]}, which the model does not: were the two exchanged, or "
+            "was one recorded late?")  # fmt: skip
+
+
+def _throughout(lead: float, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether every part in which the input moves shows the same lead: where it integrates, each has its own."""
+    cuts = np.array_split(np.arange(len(t)), PARTS)
+    shown = [_lead(t[k], x[k], y[k]) for k in cuts if len(k) >= 4 and np.std(x[k]) >= MOSTLY * np.std(x)]
+    return all(lead / SAME <= one <= SAME * lead for one in shown)
+
+
+def _lead(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
+    """Time [s] by which ``y`` runs ahead of ``x``, as its rate and its value explain ``y``; 0.0 where unclear."""
+    x, y = x - x.mean(), y - y.mean()
+    rate = np.gradient(x, t)
+    rate = rate - rate.mean()
+    slope = float(x @ y) / float(x @ x)
+    along = rate - x * (float(x @ rate) / float(x @ x))
+    rest = y - slope * x
+    size, left = float(along @ along), float(rest @ rest)
+    if not (size > 0 and left > 0):
+        return 0.0
+    gain = float(along @ rest) / size
+    plain = gain**2 * size >= PLAIN * left and abs(slope) * float(np.std(x)) >= MOSTLY * float(np.std(y))
+    proportion = slope - gain * float(x @ rate) / float(x @ x)
+    return gain / proportion if plain and proportion != 0 else 0.0
+
+
+def standing(record: Record, inputs: Iterable[str], hold: str) -> Iterator[str]:
+    """What to mind of inputs that stand still and jump, unless they are taken as held from sample to sample."""
+    for name in (k for k in inputs if k in record and hold != "zero"):
+        steps = np.abs(np.diff(record[name]))
+        size = float(np.ptp(record[name]))
+        if size > 0 and np.mean(steps == 0) >= STILL and steps.max() >= JUMP * size:
+            yield (f"the input {name} stands still and jumps, and between two samples a jump is drawn out "
+                   f"(hold='{hold}'). If it was held from sample to sample, as a controller holds its command, say "
+                   "hold='zero', or --hold zero.")  # fmt: skip

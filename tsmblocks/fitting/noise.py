@@ -1,0 +1,149 @@
+"""Noise of outputs as people give it: a number, a number with its unit, for every output or by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.common import units
+from tsmblocks.common.errors import ParameterError, in_words, near
+from tsmblocks.data import Record, fast_noise, noise
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import is_number
+
+FORM = "VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg"
+"""What a floor looks like that is written as text."""
+_TEXT = re.compile(
+    r"(?:(?P<name>[A-Za-z_]\w*)\s*=)?\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*)"
+)
+WEAK = "high frequencies"
+"""The way of finding a floor that misses slow noise: no model may be called wrong by it alone."""
+
+
+@attrs.frozen
+class Floor:
+    """A noise floor for one output (``""``: for all that it measures), in ``unit`` (``""``: none was said)."""
+
+    output: str
+    value: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """The floor as it was given."""
+        return f"{self.value:g} {self.unit}".rstrip()
+
+    @property
+    def text(self) -> str:
+        """The floor as it is written in an argument."""
+        return f"{self.value:g}{self.unit}"
+
+
+def parsed(text: str, what: str = "noise_floor") -> Floor:
+    """A floor out of ``0.05``, ``0.05deg`` or ``x_out = 0.05 deg``. Raises ParameterError for anything else."""
+    found = _TEXT.fullmatch(text.strip())
+    if not found:
+        raise ParameterError(f"{what}: {in_words(text)} is not {FORM}.")
+    one = Floor(found["name"] or "", float(found["value"]), found["unit"].strip())
+    if not 0 < one.value < np.inf:
+        raise ParameterError(f"{what}: {in_words(text)} is not more than 0, and finite.")
+    try:
+        units.parse(one.unit)
+    except units.UnitError as error:
+        raise ParameterError(f"{what}={one.text}: {error}") from None
+    return one
+
+
+def asked_floors(
+    given: Any, diagram: Diagram, records: Mapping[str, Record], outputs: Sequence[str], what: str = "noise_floor"
+) -> dict[str, tuple[float, str]]:  # fmt: skip
+    """The floors that were given, by output: in the diagram's unit (the recording's where it has none), and in words.
+
+    Raises ParameterError for one that is none, and for a number without a unit where it could be in two.
+    """
+    made: dict[str, tuple[float, str]] = {}
+    for one in _each(given, what):
+        if one.output and one.output not in outputs:
+            raise ParameterError(f"{what}: '{one.output}' is not compared here.{near(one.output, outputs)}")
+        names = [one.output] if one.output else list(outputs)
+        found = {k: size for k in names if (size := _size(one, k, diagram, records, what)) is not None}
+        if not found:
+            wanted = ", ".join(f"{k} [{_unit(k, diagram, records)}]" for k in names)
+            raise ParameterError(f"{what}={one.text}: '{one.unit}' does not convert to that of {wanted}.")
+        twice = [k for k in found if k in made]
+        if twice:
+            raise ParameterError(f"{what} gives {twice[0]} two values; name each output once.")
+        made |= found
+    return made
+
+
+def _each(given: Any, what: str) -> Iterator[Floor]:
+    """The floors one by one, out of a number, a text, a list of them, or a mapping by output."""
+    if isinstance(given, Mapping):
+        for name, value in given.items():
+            yield attrs.evolve(_one(value, what, f" of '{name}'"), output=str(name))
+    elif given is not None:
+        for value in given if isinstance(given, (list, tuple)) else [given]:
+            yield _one(value, what, "")
+
+
+def _one(value: Any, what: str, whose: str) -> Floor:
+    if isinstance(value, Floor):
+        return value
+    if isinstance(value, str):
+        return parsed(value, what)
+    if not is_number(value) or not value > 0:
+        raise ParameterError(f"{what}{whose} must be a positive number, or one with its unit such as '0.05deg', "
+                             f"got {in_words(value)}.")  # fmt: skip
+    return Floor("", float(value), "")
+
+
+def _unit(name: str, diagram: Diagram, records: Mapping[str, Record]) -> str:
+    """The unit that an output is compared in."""
+    return diagram.unit(name) or next((r.unit(name) for r in records.values() if name in r), "")
+
+
+def _size(
+    one: Floor, name: str, diagram: Diagram, records: Mapping[str, Record], what: str
+) -> tuple[float, str] | None:  # fmt: skip
+    """A floor in the unit an output is compared in, and in words; None where it measures something else."""
+    unit = _unit(name, diagram, records)
+    if not one.unit:
+        _refuse_two_meanings(one, name, unit, records, what)
+        return one.value, f"{one.words} {unit}".rstrip()
+    try:
+        return one.value * (units.factor(one.unit, unit) if unit else 1.0), one.words
+    except units.UnitError:
+        return None
+
+
+def _refuse_two_meanings(one: Floor, name: str, unit: str, records: Mapping[str, Record], what: str) -> None:
+    """A number without a unit must mean the same in the recordings and in the diagram."""
+    for experiment, record in records.items():
+        own = record.unit(name) if name in record else ""
+        if own and unit and not units.same(own, unit):
+            raise ParameterError(f"{what}={one.text} has no unit, and {name} is in {own} in the recording "
+                                 f"'{experiment}' but compared in {unit}: write '{one.text}{own}' or "
+                                 f"'{one.text}{unit}'.")  # fmt: skip
+
+
+def noise_of(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
+    """The noise of an output [unit of the diagram] and how it was found.
+
+    It is the middle of what the experiments say, those before others that show more than fast noise.
+    """
+    inputs = [k for k in diagram.inports if all(k in r for r in records.values())]
+    found = [(noise(r, name, inputs=inputs or None), r) for r in records.values()]
+    sound = [one for one in found if one[0].method != WEAK] or found
+    values = [n.floor * r.factor(name, diagram.unit(name)) for n, r in sound]
+    methods = [n.method for n, _ in sound]
+    return float(np.median(values)), max(sorted(set(methods)), key=methods.count)
+
+
+def fast_noise_of(records: Mapping[str, Record], diagram: Diagram, name: str) -> float:
+    """What changes from sample to sample in an output [unit of the diagram]: the middle of what the experiments say."""
+    return float(np.median([fast_noise(r, name) * r.factor(name, diagram.unit(name)) for r in records.values()]))

@@ -1,0 +1,277 @@
+"""The colour of residuals: an autoregressive model of each segment, not fooled by what the fit has removed.
+
+A fit takes out of the noise whatever its parameters can follow, above all slow noise, so the
+residuals look whiter and smaller than the noise is. The model of the noise is therefore found by
+restricted maximum likelihood: of the part of the noise that the fit cannot follow.
+
+Sources: Patterson and Thompson, Biometrika 58 (1971), on restricted likelihood; Cheang and Reinsel,
+J. Amer. Statist. Assoc. 95 (2000), on its use for regressions with autoregressive noise; Hurvich
+and Tsai, Biometrika 76 (1989), on the choice of the order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.fitting.inner_products import product, square
+
+LONGEST = 10_000
+"""Numbers of one dot product, for the same reason."""
+FEWEST = 40
+"""Samples below which a segment cannot tell the colour of its own noise."""
+ROUNDS = 10
+"""Rounds, at most, in which noise and parameters are told apart."""
+ENOUGH = 2e-3
+"""Change of a round, beside the uncertainty of the parameters, that ends them."""
+RIDGE = 1e-7
+"""White noise, as a share of the whole, without which the noise left by a filter would count as predictable."""
+
+
+@attrs.frozen(eq=False)
+class Colour:
+    r"""Noise as white noise e, of ``variance``, that rings on.
+
+    .. math:: n_t = \sum_i a_i n_{t-i} + e_t
+
+    ``coefficients`` holds the a_i (order,); with none, the noise is white.
+    """
+
+    coefficients: np.ndarray
+    variance: float
+
+    @property
+    def order(self) -> int:
+        """Number of coefficients."""
+        return len(self.coefficients)
+
+    def autocovariance(self, count: int) -> np.ndarray:
+        """Covariance of two samples 0, 1, … ``count - 1`` samples apart, shape (count,).
+
+        From the spectrum where the noise dies out within the time asked for, which is exact however the roots lie;
+        else by recursion, which is off by some 1e-4 of the variance where many roots lie close together.
+        """
+        k = self.order
+        if k == 0:
+            return self.variance * np.eye(1, count)[0]
+        if k > 2:
+            size = fast_length(max(2 * count, 4096))
+            A = np.fft.rfft(np.concatenate([[1.0], -self.coefficients]), size)
+            g = np.fft.irfft(self.variance / (A.real**2 + A.imag**2), size)
+            if np.abs(g[3 * size // 8 : size // 2]).max() < 1e-9 * g[0]:
+                return g[:count]
+        return self._stepped(count)
+
+    def _stepped(self, count: int) -> np.ndarray:
+        """Continue the first covariances as the noise itself goes on, the stretch doubling each time."""
+        k = self.order
+        g = np.empty(max(count, k + 1))
+        g[: k + 1] = _first_covariances(self.coefficients, self.variance)
+        have, step = k + 1, np.eye(1, k)[0]  # g[i + shift] = step · (g[i], g[i - 1], …)
+        companion = np.vstack([self.coefficients, np.eye(k - 1, k)])
+        power, shift = companion, 1
+        while have < len(g):
+            while 2 * shift <= have - k + 1:
+                power, shift = power @ power, 2 * shift
+            step = power[0]
+            take = min(shift, len(g) - have)
+            past = g[have - shift - k + 1 : have - shift + take]
+            g[have : have + take] = np.convolve(past, step, "valid")
+            have += take
+        return g[:count]
+
+
+def _first_covariances(a: np.ndarray, variance: float) -> np.ndarray:
+    """Covariances at the lags 0 to order, from the Yule-Walker equations."""
+    k = len(a)
+    c, lags = np.r_[1.0, -a], np.arange(k + 1)
+    matrix = np.zeros((k + 1, k + 1))
+    np.add.at(matrix, (np.repeat(lags, k + 1), np.abs(lags[:, None] - lags).ravel()), np.tile(c, k + 1))
+    return np.linalg.solve(matrix, variance * np.eye(1, k + 1)[0])
+
+
+def fast_length(n: int) -> int:
+    """An even length of at least ``n`` whose Fourier transform is quick."""
+    return min(f << max(math.ceil(math.log2(n / f)), 1) for f in (1, 3, 5, 9, 15))
+
+
+def lag_products(rows: np.ndarray, order: int) -> np.ndarray:
+    r"""Return :math:`G_{ij} = \sum_{t \ge k} z_{t-i} z_{t-j}^T`, shape (order + 1, order + 1, m, m).
+
+    ``rows`` (m, samples) is z. No sample before the first or after the last is made up, so a slow signal is
+    not taken for one that jumps at its ends.
+    """
+    (m, n), k = rows.shape, order
+    made = np.zeros((k + 1, k + 1, m, m))
+    if n <= k:
+        return made
+    if m == 1:
+        made[0, :, 0, 0] = _lagged(rows[0], k)
+    else:
+        for j in range(k + 1):
+            made[0, j] = product(rows[:, k:], rows[:, k - j : n - j].T)
+    if k:
+        head, tail = rows[:, :k].T[::-1], rows[:, n - k :].T[::-1]
+        ends = head[:, None, :, None] * head[None, :, None, :] - tail[:, None, :, None] * tail[None, :, None, :]
+        for i in range(k):
+            made[i + 1, 0] = made[0, i + 1].T
+            made[i + 1, 1:] = made[i, :-1] + ends[i]
+    return made
+
+
+def _lagged(row: np.ndarray, k: int) -> np.ndarray:
+    """Sums of a row times itself 0 to k samples before, a part of it at a time."""
+    made = np.zeros(k + 1)
+    for first in range(k, len(row), LONGEST):
+        part = row[first : first + LONGEST]
+        made += np.correlate(row[first - k : first + len(part)], part, "valid")[::-1]
+    return made
+
+
+def best_order(products: np.ndarray, samples: int) -> int:
+    """Order with the least corrected information criterion (AICc), all orders judged on the same ``samples``.
+
+    ``products`` (most + 1, most + 1) are lag products of a signal. One factorisation gives every order.
+    """
+    most = len(products) - 1
+    turned = np.r_[1 : most + 1, 0]
+    factor = np.linalg.cholesky(_ridged(products)[np.ix_(turned, turned)])
+    left = np.cumsum(factor[-1, ::-1] ** 2)[::-1]
+    k = np.arange(most + 1)
+    return int(np.argmin(samples * np.log(left) + 2 * (k + 1) * samples / np.maximum(samples - k - 2, 1)))
+
+
+def _ridged(matrix: np.ndarray) -> np.ndarray:
+    return matrix + (RIDGE * np.trace(matrix) / len(matrix) + 1e-300) * np.eye(len(matrix))
+
+
+@attrs.define(eq=False)
+class _Source:
+    """What the noise of some segments is estimated from."""
+
+    users: list[int]  # segments that have this noise
+    learnt: np.ndarray  # lag products of [basis, r] over the segments it is learnt from
+    used: np.ndarray  # the same, over its users
+    samples: int
+    colour: Any = None
+    inverse: Any = None  # information on the coefficients, inverted
+
+    def update(self, outer: np.ndarray) -> None:
+        """Fit the model again, given the mean of ``[-d, 1][-d, 1]'`` for the parameters' error d."""
+        k = len(self.learnt) - 1
+        size = outer.size
+        c = _ridged((self.learnt.reshape(-1, size) @ outer.ravel()).reshape(k + 1, k + 1))
+        normal = c[1:, 1:]
+        a = np.linalg.solve(normal, c[1:, 0])
+        ahead = np.r_[1.0, -a]
+        variance = max(float(ahead @ c @ ahead), 0.0) / max(self.samples - 2 * k, 1)
+        self.colour = Colour(a, variance)
+        self.inverse = variance * np.linalg.inv(normal) if k else normal
+
+    def whitened(self) -> np.ndarray:
+        """Products of [basis, r] after the filter that makes this noise white with unit variance."""
+        ahead = np.r_[1.0, -self.colour.coefficients]
+        half = np.tensordot(ahead, self.used, 1)
+        return np.tensordot(ahead, half, 1) / self.colour.variance
+
+
+@attrs.frozen(eq=False)
+class Coloured:
+    """Colour of the noise of each segment.
+
+    ``uncertain`` holds the covariances of the coefficients, ``samples`` how many they were learnt from,
+    ``source`` which estimate each segment shares with others.
+    """
+
+    colours: tuple[Colour, ...]
+    uncertain: tuple[np.ndarray, ...]
+    samples: tuple[int, ...]
+    source: tuple[int, ...]
+
+
+def coloured(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> Coloured:
+    """Colour of the noise in residuals ``r`` (N,) of a fit along ``basis`` (q, N), whose rows are orthonormal.
+
+    The order is the best by AICc up to 10 log10(n) or an eighth of the samples. Noise and the error of the
+    parameters are estimated in turn (the expectation-maximisation form of restricted likelihood). Segments
+    of fewer than ``FEWEST`` samples take the colour of all segments together.
+    """
+    sources = _sources(np.vstack([basis, r]), segments)
+    q = len(basis)
+    error, spread = np.zeros(q), square(r) / max(len(r) - q, 1) * np.eye(q)  # as if the noise were white
+    for turn in range(ROUNDS + 1):
+        outer = np.zeros((q + 1, q + 1))
+        outer[:q, :q] = spread
+        outer += np.outer(np.r_[-error, 1.0], np.r_[-error, 1.0])
+        for source in sources:
+            source.update(outer)
+        if turn == ROUNDS or q == 0 or any(source.colour.variance <= 0 for source in sources):
+            break
+        known = np.sum([source.whitened() for source in sources], axis=0)
+        before = error, spread
+        spread = np.linalg.inv(_ridged(known[:q, :q]))
+        error = spread @ known[:q, q]
+        if _settled(before[0], error, np.sqrt(max(np.trace(spread), 0.0))) and _settled(
+            before[1], spread, np.trace(spread)
+        ):
+            break
+    of = {s: source for source in sources for s in source.users}
+    order = [of[s] for s in range(len(segments))]
+    return Coloured(
+        tuple(_tamed(o.colour, o.samples) for o in order), tuple(o.inverse for o in order),
+        tuple(o.samples for o in order), tuple(sources.index(o) for o in order),
+    )  # fmt: skip
+
+
+def _settled(before: np.ndarray, now: np.ndarray, size: float) -> bool:
+    return bool(np.abs(now - before).max() <= ENOUGH * size)
+
+
+def _sources(rows: np.ndarray, segments: Sequence[slice]) -> list[_Source]:
+    lengths = [s.stop - s.start for s in segments]
+    fewest = max(FEWEST, 4 * len(rows))
+    made = []
+    for i, s in enumerate(segments):
+        if lengths[i] >= fewest:
+            products = lag_products(rows[:, s], _order([rows[-1:, s]], lengths[i]))
+            made.append(_Source([i], products, products, lengths[i]))
+    short = [i for i, n in enumerate(lengths) if n < fewest]
+    if short:
+        k = _order([rows[-1:, s] for s in segments], max(lengths))
+        every = [lag_products(rows[:, s], k) for s in segments]
+        learnt, used = np.sum(every, axis=0), np.sum([every[i] for i in short], axis=0)
+        made.append(_Source(short, learnt, used, sum(n for n in lengths if n > k)))
+    return made
+
+
+def _order(parts: Sequence[np.ndarray], longest: int) -> int:
+    """Best order for one signal in several parts (1, samples)."""
+    most = int(min(10 * np.log10(max(longest, 1)), longest / 8))
+    products = np.sum([lag_products(part, most)[:, :, 0, 0] for part in parts], axis=0)
+    if most == 0 or not products[0, 0] > 0:
+        return 0
+    return best_order(products, sum(max(part.shape[1] - most, 0) for part in parts))
+
+
+def _tamed(colour: Colour, samples: int) -> Colour:
+    """The same noise, dying out within four times its record: a record cannot tell slower noise from growing one."""
+    limit = 1 - 0.25 / max(samples, 1)
+    a = colour.coefficients
+    if _dies_out(a / limit ** np.arange(1, len(a) + 1)):
+        return colour
+    largest = float(np.abs(np.linalg.eigvals(np.vstack([a, np.eye(len(a) - 1, len(a))]))).max())
+    return Colour(a * (limit / largest) ** np.arange(1, len(a) + 1), colour.variance)
+
+
+def _dies_out(a: np.ndarray) -> bool:
+    """Whether an autoregression is stable: all its reflection coefficients are below one (step-down recursion)."""
+    while len(a):
+        last = a[-1]
+        if not abs(last) < 1:
+            return False
+        a = (a[:-1] + last * a[-2::-1]) / (1 - last * last) if len(a) > 1 else a[:0]
+    return True

@@ -1,0 +1,102 @@
+"""What every method of search shares: its outcome, and a place to begin that meets the constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
+from tsmblocks.fitting.residuals import Problem
+
+Tell = Callable[[str, int, float], None]
+"""Told as a search goes on: the stage, how many evaluations it has made, the cost reached."""
+
+MISSED = 1e-9
+"""Sum of missed constraints that counts as none."""
+
+
+@attrs.frozen(eq=False)
+class Found:
+    """Where a search ended.
+
+    ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no direction led down, though the
+    slope is not zero: a kink, or rounding) or ``interrupted`` (by Ctrl-C). ``history`` holds the cost after
+    each iteration, ``evaluations`` how many simulations of all experiments were asked for. ``reach`` is how far
+    derivatives had to be taken over, where the outputs jump or bend and those at a point led nowhere; ``blur``
+    how far each unknown may go to either side without any change of the outputs.
+    """
+
+    theta: np.ndarray
+    cost: float
+    status: str
+    iterations: int
+    evaluations: int
+    history: tuple[float, ...] = attrs.field(default=(), repr=False)
+    reach: np.ndarray | None = attrs.field(default=None, repr=False)
+    blur: np.ndarray | None = attrs.field(default=None, repr=False)
+
+
+def rows_of(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bounds and linearised constraints on a step d from ``theta``: rows (m, n) with rows d >= b, equal (m,)."""
+    low, high, n = problem.unknowns.low - theta, problem.unknowns.high - theta, len(theta)
+    below, above, eye = np.isfinite(low), np.isfinite(high), np.eye(n)
+    rows = [eye[below], -eye[above]]
+    bounds = [low[below], -high[above]]
+    if problem.limits.names:
+        rows.append(problem.limits.slopes(theta))
+        bounds.append(-problem.limits.values(theta))
+    equal = np.zeros(sum(len(b) for b in bounds), dtype=bool)
+    if problem.limits.names:
+        equal[-len(problem.limits.names) :] = problem.limits.equal
+    return np.concatenate(rows), np.concatenate(bounds), equal
+
+
+def held(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """``theta`` put back inside its bounds, which rounding may leave."""
+    return np.clip(theta, problem.unknowns.low, problem.unknowns.high)
+
+
+def feasible_start(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """The nearest point found that meets bounds and constraints.
+
+    Raises ParameterError, naming the constraints, when there seems to be none.
+    """
+    if problem.violation(theta) <= MISSED:
+        return theta
+    made = projected(problem, theta)
+    if made is None:
+        values = problem.limits.values(theta)
+        bad = ~np.where(problem.limits.equal, np.abs(values) <= MISSED, values >= -MISSED)
+        missed = zip(np.array(problem.limits.names)[bad], values[bad], strict=True)
+        said = "; ".join(f"{name} is {f'missed by {abs(v):.3g}' if np.isfinite(v) else 'no number'}"
+                         for name, v in missed)  # fmt: skip
+        raise ParameterError("no values of the free parameters within their bounds meet all constraints. Where the "
+                             f"search came from, {said}. Relax a constraint or a bound, or free more "
+                             "parameters.")  # fmt: skip
+    return made
+
+
+def projected(problem: Problem, start: np.ndarray) -> np.ndarray | None:
+    """Step by step to the nearest point, constraints linearised at each; None when that leads nowhere."""
+    size = np.maximum(np.abs(start), 1e-2)
+    theta, weight = start, np.diag(1 / size**2)
+    for _ in range(60):
+        rows, bounds, equal = rows_of(problem, theta)
+        if not (np.isfinite(rows).all() and np.isfinite(bounds).all()):
+            return None
+        try:
+            step, _ = quadratic_step(weight, weight @ (theta - start), rows, bounds, equal)
+        except Infeasible:
+            return None
+        share = 1.0
+        while share > 1e-4 and problem.violation(held(problem, theta + share * step)) > (1 - 0.1 * share) * max(
+            problem.violation(theta), MISSED
+        ):
+            share /= 2
+        theta = held(problem, theta + share * step)
+        if problem.violation(theta) <= MISSED:
+            return theta
+    return None

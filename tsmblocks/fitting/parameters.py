@@ -1,0 +1,351 @@
+"""What a fit may change: the free parameters, their bounds, and how they make the numbers of each experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.errors import ParameterError, in_words
+from tsmblocks.fitting import arguments as asking
+from tsmblocks.fitting.constraints import Constraint, Ties
+from tsmblocks.model.block import Field, is_reference, leaves
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.edits import near_path
+from tsmblocks.model.unit_inference import SHARED
+
+FAR = 1e100
+"""A bound beyond this is as good as none."""
+MARGIN = 1e-9
+"""How far inside an excluded bound a fit stays, as a share of the parameter's size."""
+
+
+@attrs.frozen
+class Unknown:
+    """One number to be found: a parameter of the diagram, in all experiments or (``experiment``) in one.
+
+    ``start`` is where the search begins, ``low`` and ``high`` the bounds, all in ``unit``.
+    """
+
+    parameter: str
+    start: float
+    low: float
+    high: float
+    unit: str = ""
+    about: str = ""
+    experiment: str = ""
+
+    @property
+    def name(self) -> str:
+        """The parameter's name, with ``@experiment`` where it belongs to one alone."""
+        return f"{self.parameter}@{self.experiment}" if self.experiment else self.parameter
+
+
+@attrs.frozen(eq=False)
+class Unknowns:
+    """All numbers to be found, and the map from them to the parameters ``p`` of each experiment.
+
+    ``order`` lists the names of ``p``; ``base`` holds the numbers that stay.
+    """
+
+    items: tuple[Unknown, ...]
+    order: tuple[str, ...]
+    base: np.ndarray
+    experiments: tuple[str, ...]
+    tied: tuple[int, ...] = ()
+    tie: Any = None  # p -> (tied numbers, their derivatives), a CasADi function
+    _columns: tuple[np.ndarray, ...] = attrs.field(init=False)
+    _places: tuple[np.ndarray, ...] = attrs.field(init=False)  # in ``p``, of the unknowns of ``columns(e)``
+
+    @_columns.default
+    def _found_columns(self) -> tuple[np.ndarray, ...]:
+        return tuple(
+            np.array([k for k, item in enumerate(self.items) if item.experiment in ("", name)], dtype=int)
+            for name in self.experiments
+        )
+
+    @_places.default
+    def _found_places(self) -> tuple[np.ndarray, ...]:
+        at = {name: k for k, name in enumerate(self.order)}
+        return tuple(np.array([at[self.items[k].parameter] for k in c], dtype=int) for c in self._columns)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each unknown."""
+        return tuple(item.name for item in self.items)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Where the search begins, shape (unknowns,)."""
+        return np.array([item.start for item in self.items])
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lower bounds, shape (unknowns,)."""
+        return np.array([item.low for item in self.items])
+
+    @property
+    def high(self) -> np.ndarray:
+        """Upper bounds, shape (unknowns,)."""
+        return np.array([item.high for item in self.items])
+
+    def columns(self, e: int) -> np.ndarray:
+        """Which unknowns matter to experiment ``e``."""
+        return self._columns[e]
+
+    def changed(self, e: int) -> list[int]:
+        """Places in ``p`` that differ from ``base`` in experiment ``e``."""
+        return sorted({*self._places[e].tolist(), *self.tied})
+
+    def parameters(self, theta: np.ndarray, e: int) -> np.ndarray:
+        """Parameters ``p`` of experiment ``e``, shape (parameters,)."""
+        p = self.base.copy()
+        p[self._places[e]] = theta[self.columns(e)]
+        if self.tie is not None:
+            p[list(self.tied)] = np.asarray(self.tie(p)[0]).ravel()
+        return p
+
+    def sets(self, thetas: np.ndarray, e: int) -> np.ndarray:
+        """Parameters of experiment ``e`` for ``thetas`` (sets, unknowns), shape (parameters, sets)."""
+        if self.tie is not None:
+            return np.stack([self.parameters(theta, e) for theta in thetas], axis=1)
+        p = np.repeat(self.base[:, None], len(thetas), axis=1)
+        p[self._places[e]] = thetas[:, self.columns(e)].T
+        return p
+
+    def slopes(self, p: np.ndarray, e: int) -> np.ndarray:
+        """Derivatives of ``p`` with respect to the unknowns of ``columns(e)``, shape (parameters, columns)."""
+        places = self._places[e]
+        made = np.zeros((len(p), len(places)))
+        made[places, np.arange(len(places))] = 1.0
+        if self.tie is not None:
+            made[list(self.tied)] = np.asarray(self.tie(p)[1]) @ made
+        return made
+
+    def symbolic(self, theta: Any, e: int) -> Any:
+        """Parameters ``p`` of experiment ``e`` as CasADi expressions of the unknowns."""
+        import casadi as ca
+
+        p = ca.SX(self.base)
+        for k, place in zip(self.columns(e), self._places[e], strict=True):
+            p[int(place)] = theta[int(k)]
+        if self.tie is not None:
+            tied = self.tie.call([p])[0]
+            for i, place in enumerate(self.tied):
+                p[place] = tied[i]
+        return p
+
+    def settings(self, theta: np.ndarray, e: int) -> dict[str, float]:
+        """Numbers of experiment ``e`` by parameter name, ties included."""
+        p = self.parameters(theta, e)
+        return {self.order[k]: float(p[k]) for k in self.changed(e)}
+
+
+def with_ties(unknowns: Unknowns, ties: Ties) -> Unknowns:
+    """The same unknowns with some parameters following others."""
+    if not ties.items:
+        return unknowns
+    import casadi as ca
+
+    p = ca.SX.sym("p", len(unknowns.order))
+    symbols = {name: p[k] for k, name in enumerate(unknowns.order)}
+    for name, expression in ties.items:
+        symbols[name] = expression.symbolic(symbols)
+    tied = tuple(unknowns.order.index(name) for name, _ in ties.items)
+    values = ca.vertcat(*(symbols[name] for name, _ in ties.items))
+    function = ca.Function("tie", [p], [values, ca.densify(ca.jacobian(values, p))])
+    return attrs.evolve(unknowns, tied=tied, tie=function)
+
+
+@attrs.frozen(eq=False)
+class Limits:
+    """Constraints as functions of the unknowns: ``values`` >= 0, or = 0 where ``equal``."""
+
+    constraints: tuple[Constraint, ...]
+    names: tuple[str, ...]
+    equal: np.ndarray
+    rows: tuple[tuple[int, np.ndarray], ...]  # (experiment, which constraints)
+    function: Any  # p -> (values, derivatives)
+    unknowns: Unknowns
+
+    def values(self, theta: np.ndarray) -> np.ndarray:
+        """How far inside each constraint ``theta`` is, shape (constraints,)."""
+        if not self.names:
+            return np.empty(0)
+        parts = [
+            np.asarray(self.function(self.unknowns.parameters(theta, e))[0]).ravel()[rows] for e, rows in self.rows
+        ]
+        return np.concatenate(parts)
+
+    def symbolic(self, theta: Any) -> Any:
+        """The values as CasADi expressions of the unknowns."""
+        import casadi as ca
+
+        parts = []
+        for e, rows in self.rows:
+            g = self.function.call([self.unknowns.symbolic(theta, e)])[0]
+            parts += [g[int(k)] for k in rows]
+        return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+    def slopes(self, theta: np.ndarray) -> np.ndarray:
+        """Derivatives of the values, shape (constraints, unknowns)."""
+        made = np.zeros((len(self.names), len(theta)))
+        first = 0
+        for e, rows in self.rows:
+            p = self.unknowns.parameters(theta, e)
+            with np.errstate(invalid="ignore"):  # a slope may be infinite, as that of a logarithm at zero
+                jacobian = np.asarray(self.function(p)[1])[rows] @ self.unknowns.slopes(p, e)
+            made[first : first + len(rows), self.unknowns.columns(e)] = jacobian
+            first += len(rows)
+        return made
+
+
+def limits(constraints: Sequence[Constraint], unknowns: Unknowns) -> Limits:
+    """Constraints on the unknowns; one on a parameter of one experiment alone counts in each of them."""
+    import casadi as ca
+
+    p = ca.SX.sym("p", len(unknowns.order))
+    symbols = {name: p[k] for k, name in enumerate(unknowns.order)}
+    g = ca.vertcat(*(c.expression.symbolic(symbols) for c in constraints)) if constraints else ca.SX(0, 1)
+    function = ca.Function("limits", [p], [g, ca.densify(ca.jacobian(g, p))])
+    own = {item.parameter for item in unknowns.items if item.experiment}
+    everywhere = [any(name in own for name in c.expression.names) for c in constraints]
+    rows, names, equal = [], list[str](), list[bool]()
+    for e, experiment in enumerate(unknowns.experiments):
+        here = [k for k in range(len(constraints)) if e == 0 or everywhere[k]]
+        rows.append((e, np.array(here, dtype=int)))
+        names += [f"{constraints[k].name}@{experiment}" if everywhere[k] else constraints[k].name for k in here]
+        equal += [constraints[k].equality for k in here]
+    return Limits(tuple(constraints), tuple(names), np.array(equal, dtype=bool), tuple(rows), function, unknowns)
+
+
+# ---- which parameters, between which bounds --------------------------------------------------------
+
+
+def declarations(diagram: Diagram, prefix: str = "") -> Iterator[tuple[str, Field, str]]:
+    """Every single number of a diagram: its full name, its declaration, and the shared number it refers to."""
+    for name, block in diagram.blocks.items():
+        if isinstance(block, Diagram):
+            yield from declarations(block, f"{prefix}{name}.")
+            continue
+        known = block.fields()
+        for key, value in block.parameters.items():
+            for leaf, number in leaves(value, f"{prefix}{name}.{key}"):
+                yield leaf, known[key], prefix + number[1:] if is_reference(number) else ""
+
+
+def numbers(diagram: Diagram) -> dict[str, list[Field]]:
+    """Names that may be freed, each with the declarations that bind it (a shared number has several)."""
+    found: dict[str, list[Field]] = {}
+    for name, field, shared in declarations(diagram):
+        found[name] = [field]
+        if shared:
+            found.setdefault(shared, []).append(field)
+    for name in diagram.parameters:
+        found.setdefault(name, [])
+    return found
+
+
+def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free") -> list[str]:
+    """Parameters named by patterns (``tsm.*``, ``offset.bias``), in the diagram's order.
+
+    Without patterns: all but start values, and what is ``known`` by its declaration. Raises ParameterError for a
+    pattern that matches nothing.
+    """
+    known = numbers(diagram)
+    endless = {name for name, value in diagram.parameters.items() if not math.isfinite(value)}  # limits that never act
+    if patterns is None:
+        return [name for name in diagram.parameters if name not in endless and not _is_set(known[name])]
+    found: set[str] = set()
+    for pattern in asking.names(what, patterns, "tsm.*"):
+        hits = [k for k in known if k == pattern]
+        if hits and pattern in endless:
+            raise ParameterError(f"{what} '{pattern}': it is infinite, so there is no number to find; set it first.")
+        hits = hits or [k for k in known if fnmatchcase(k, pattern) and not _is_set(known[k]) and k not in endless]
+        if not hits:
+            hint = near_path(pattern, known)
+            raise ParameterError(f"{what} '{pattern}' names no parameter of '{diagram.title}'.{hint}")
+        found.update(hits)
+    return [name for name in known if name in found]
+
+
+def is_start(fields: list[Field]) -> bool:
+    """Whether a number is the start value of a state: patterns leave those out, names do not."""
+    return bool(fields) and all(f.kind == "state" for f in fields)
+
+
+def _is_set(fields: list[Field]) -> bool:
+    """Whether a number is free only where it is named: a start value, or one that is known."""
+    return bool(fields) and all(f.kind == "state" or f.known for f in fields)
+
+
+def bounds_of(fields: list[Field], value: float) -> tuple[float, float]:
+    """Bounds by declaration; an excluded bound is kept off by a margin, since steps may land on it."""
+    size = MARGIN * max(abs(value), 1e-3)
+    low = max((max(f.at_least, f.above + size) for f in fields), default=-math.inf)
+    high = min((min(f.at_most, f.below - size) for f in fields), default=math.inf)
+    return low, high
+
+
+def given_bounds(
+    given: Mapping[str, Any] | None, free: Sequence[str], known: Iterable[str]
+) -> dict[str, tuple[float, float]]:
+    """Bounds given by name or pattern. Raises ParameterError for what is none, or names nothing free."""
+    made: dict[str, tuple[float, float]] = {}
+    for pattern, pair in asking.by_name("bounds", given, "'tsm.theta': (0.1, 50.0)").items():
+        hits = [k for k in free if k == pattern] or [k for k in free if fnmatchcase(k, pattern)]
+        if not hits:
+            why = "is not free in this fit" if pattern in known else "names no parameter that is free"
+            raise ParameterError(f"bounds: '{pattern}' {why}.{near_path(pattern, free)}")
+        made.update(dict.fromkeys(hits, _pair(pattern, pair)))
+    return made
+
+
+def _pair(name: str, pair: Any) -> tuple[float, float]:
+    try:
+        ends = (math.copysign(math.inf, s) if v is None else float(v) for v, s in zip(pair, (-1, 1), strict=True))
+        low, high = (math.copysign(math.inf, v) if abs(v) > FAR else v for v in ends)
+    except (TypeError, ValueError, OverflowError):
+        raise ParameterError(f"bounds of '{name}' must be a pair (low, high), None for no bound, "
+                             f"got {in_words(pair)}.") from None  # fmt: skip
+    if not low < high:
+        raise ParameterError(f"bounds of '{name}': the lower one must be below the upper one, got ({low:g}, {high:g}).")
+    return low, high
+
+
+def unknown(name: str, diagram: Diagram, fields: list[Field], own: tuple[float, float] | None) -> Unknown:
+    """One parameter with its bounds. Raises ParameterError when it starts outside them."""
+    value = diagram.parameters[name]
+    low, high = bounds_of(fields, value)
+    if own is not None:
+        asked, (low, high) = own, (max(low, own[0]), min(high, own[1]))
+        if not low < high:
+            raise ParameterError(f"bounds of '{name}': ({asked[0]:g}, {asked[1]:g}) leave nothing of what its block "
+                                 f"allows, {fields[0].bounds() if fields else 'any number'}.")  # fmt: skip
+    if not low <= value <= high:
+        raise ParameterError(f"'{name}' starts at {value:g}, outside its bounds of {low:g} to {high:g}. Start inside: "
+                             f"start={{'{name}': …}}, or other bounds.")  # fmt: skip
+    unit = next((f.unit for f in fields if f.unit and "?" not in f.unit), "") or _unit_of_port(name, diagram, fields)
+    about = fields[0].about if fields else "shared number"
+    return Unknown(name, value, low, high, unit, about)
+
+
+def _unit_of_port(name: str, diagram: Diagram, fields: list[Field]) -> str:
+    """The unit of a number that shares it with a port of its block, as the wires tell it; ``""`` where none does."""
+    block: Any = diagram
+    *way, _ = name.split(".")
+    for part in way:
+        block = block.blocks.get(part) if isinstance(block, Diagram) else None
+    if not way or isinstance(block, Diagram | None) or not fields:
+        return ""
+    ports = {**block.inports, **block.outports}
+    shared = SHARED.fullmatch(fields[0].unit)
+    if shared is None:
+        return ""
+    alike = [port for port, spec in ports.items() if spec.unit == f"?{shared[1]}"]
+    unit = next((unit for port in alike if (unit := diagram.unit(".".join([*way, port])))), "")
+    return unit + shared[2] if unit else ""

@@ -1,0 +1,216 @@
+"""A fit as mathematics: differences between simulation and measurement as functions of the unknowns.
+
+Every method of search sees a fit through this class and knows nothing of diagrams or engines.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import attrs
+import numpy as np
+
+from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.fitting.experiments import Trial
+from tsmblocks.fitting.inner_products import products, square
+from tsmblocks.fitting.parameters import Limits, Unknowns
+
+LANES = 32
+"""Parameter sets side by side in one run."""
+ROUNDING = 1e-12
+"""Rounding of simulated outputs, as a share of what was measured."""
+
+
+@attrs.frozen(eq=False)
+class Priors:
+    """What was known before: ``mean`` and ``deviation`` of some unknowns (``which``, places)."""
+
+    which: np.ndarray
+    mean: np.ndarray
+    deviation: np.ndarray
+
+
+@attrs.frozen(eq=False)
+class Problem:
+    """Least squares of weighted differences, in bounds and under constraints.
+
+    ``weights`` has one factor per output; ``noise`` is the deviation of one weighted difference, which
+    sets what a prior weighs beside the samples.
+    """
+
+    unknowns: Unknowns
+    limits: Limits
+    trials: tuple[Trial, ...]
+    weights: np.ndarray
+    priors: Priors
+    noise: float = 1.0
+    size: float = attrs.field(init=False)
+    """Root mean square of what was measured, weighted."""
+
+    @size.default
+    def _measured_size(self) -> float:
+        total = sum(square((trial.measured * self.weights).ravel()) for trial in self.trials)
+        return float(np.sqrt(total / max(self.samples, 1)))
+
+    @property
+    def rounding(self) -> float:
+        """A cost so small that rounding of the outputs may be all there is in it."""
+        return 0.5 * self.samples * (ROUNDING * self.size) ** 2
+
+    @property
+    def samples(self) -> int:
+        """Number of differences."""
+        return sum(trial.measured.size for trial in self.trials)
+
+    @property
+    def segments(self) -> list[slice]:
+        """Where the differences of each experiment and output lie, in that order."""
+        made, first = [], 0
+        for trial in self.trials:
+            for _ in range(trial.measured.shape[1]):
+                made.append(slice(first, first + len(trial.t)))
+                first += len(trial.t)
+        return made
+
+    def residuals(self, theta: np.ndarray) -> np.ndarray:
+        """Weighted differences, simulation less measurement, shape (samples,)."""
+        parts = []
+        for e, trial in enumerate(self.trials):
+            y = trial.outputs(self.unknowns.parameters(theta, e))
+            parts.append(((y - trial.measured) * self.weights).ravel(order="F"))
+        return np.concatenate(parts)
+
+    def jacobian(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted differences (samples,) and their derivatives (samples, unknowns)."""
+        r, made, first = np.empty(self.samples), np.zeros((self.samples, len(theta))), 0
+        for columns, off, slopes in self._blocks(theta):
+            rows = slice(first, first + len(off))
+            r[rows] = off
+            made[rows, columns] = slopes
+            first = rows.stop
+        return r, made
+
+    def _blocks(self, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """For each experiment and output: which unknowns matter, the differences, their derivatives."""
+        for e, trial in enumerate(self.trials):
+            p, columns = self.unknowns.parameters(theta, e), self.unknowns.columns(e)
+            y, slopes = trial.slopes(p, self.unknowns.slopes(p, e))
+            for i, weight in enumerate(self.weights):
+                off = y[:, i] - trial.measured[:, i]
+                yield (columns, off, slopes[i]) if weight == 1 else (columns, weight * off, weight * slopes[i])
+
+    def secants(self, theta: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As ``jacobian``, by central differences over ``reach`` (unknowns,) to each side, in lanes.
+
+        Where the outputs jump (an encoder in a loop) or bend (a stop), this is the slope that a search can use.
+        """
+        low = np.maximum(theta - reach, self.unknowns.low)
+        high = np.minimum(theta + reach, self.unknowns.high)
+        made, first = np.zeros((self.samples, len(theta))), 0
+        for e, trial in enumerate(self.trials):
+            columns = self.unknowns.columns(e)  # another experiment's start values change nothing here
+            many = self.outputs([np.where(np.arange(len(theta)) == k, side, theta)
+                                 for k in columns for side in (low, high)], e)  # fmt: skip
+            for i, weight in enumerate(self.weights):
+                rows = slice(first, first + len(trial.t))
+                for n, k in enumerate(columns):
+                    rise = many[:, i, 2 * n + 1] - many[:, i, 2 * n]
+                    made[rows, k] = weight * rise / (high[k] - low[k])
+                first = rows.stop
+        return self.residuals(theta), made
+
+    def outputs(self, sets: list[np.ndarray], e: int) -> np.ndarray:
+        """Outputs of an experiment for several sets, shape (samples, outputs, sets)."""
+        p = np.stack([self.unknowns.parameters(theta, e) for theta in sets], axis=1)
+        vary, parts = frozenset(self.unknowns.changed(e)), []
+        for k in range(0, len(sets), LANES):
+            part = p[:, k : k + LANES]
+            lanes = lanes_for(part.shape[1])
+            padded = np.pad(part, ((0, 0), (0, lanes - part.shape[1])), mode="edge")
+            parts.append(self.trials[e].many(padded, vary)[:, :, : part.shape[1]])
+        return np.concatenate(parts, axis=2)
+
+    def cost(self, theta: np.ndarray) -> float:
+        """Half the sum of squares, priors included; infinite where the simulation is not finite."""
+        r = self.residuals(theta)
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = 0.5 * square(r) + self.prior_cost(theta)
+        return total if np.isfinite(total) else np.inf
+
+    def normal(self, theta: np.ndarray, reach: np.ndarray | None = None) -> tuple[float, np.ndarray, np.ndarray]:
+        """Cost, its gradient (unknowns,), and the Gauss-Newton matrix (unknowns, unknowns).
+
+        With ``reach`` the derivatives are differences over that far (``secants``).
+        """
+        n = len(theta)
+        squares, gradient, matrix = 0.0, np.zeros(n), np.zeros((n, n))
+        with np.errstate(over="ignore", invalid="ignore"):
+            if reach is not None:
+                off, slopes = self.secants(theta, reach)
+                squares, (gradient, matrix) = square(off), products(slopes, off)
+            else:
+                for columns, off, slopes in self._blocks(theta):
+                    squares += square(off)
+                    part, whole = products(slopes, off)
+                    gradient[columns] += part
+                    matrix[np.ix_(columns, columns)] += whole
+        slope, curve = self.prior_slopes(theta)
+        cost = 0.5 * squares + self.prior_cost(theta)
+        return cost if np.isfinite(cost) else np.inf, gradient + slope, matrix + np.diag(curve)
+
+    def costs(self, thetas: np.ndarray) -> np.ndarray:
+        """Cost of many sets at once, shape (sets,), run side by side in lanes and threads."""
+        count = len(thetas)
+        lanes = lanes_for(count)
+        groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
+        jobs = [(trial, *trial.lanes(self.unknowns.sets(group, e), frozenset(self.unknowns.changed(e))))
+                for group in groups for e, trial in enumerate(self.trials)]  # fmt: skip
+
+        def squares(job: tuple[Trial, Kernel, Memory]) -> np.ndarray:
+            return job[0].squares(job[1], job[2], self.weights)
+
+        found = map(squares, jobs) if len(jobs) == 1 else _threads(os.getpid()).map(squares, jobs)
+        each = np.array(list(found)).reshape(len(groups), len(self.trials), lanes)
+        total = 0.5 * each.sum(axis=1).ravel()[:count]
+        if len(self.priors.which):
+            total = total + np.array([self.prior_cost(theta) for theta in thetas])
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def prior_slopes(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient and curvature that the priors add, both of shape (unknowns,)."""
+        slope, curve, priors = np.zeros(len(theta)), np.zeros(len(theta)), self.priors
+        stiff = (self.noise / priors.deviation) ** 2
+        np.add.at(slope, priors.which, stiff * (theta[priors.which] - priors.mean))
+        np.add.at(curve, priors.which, stiff)
+        return slope, curve
+
+    def prior_cost(self, theta: np.ndarray) -> float:
+        """What the priors add to the cost."""
+        priors = self.priors
+        off = (theta[priors.which] - priors.mean) / priors.deviation
+        return 0.5 * self.noise**2 * float(off @ off)
+
+    def inside(self, theta: np.ndarray) -> bool:
+        """Whether bounds and inequalities hold."""
+        unknowns = self.unknowns
+        return bool((theta >= unknowns.low).all() and (theta <= unknowns.high).all()) and not self.violation(theta) > 0
+
+    def violation(self, theta: np.ndarray) -> float:
+        """Sum of what the constraints are missed by; infinite where one is no number."""
+        values = self.limits.values(theta)
+        missed = np.abs(np.where(self.limits.equal, values, np.minimum(values, 0.0)))
+        return float(np.where(np.isnan(missed), np.inf, missed).sum())
+
+
+@functools.lru_cache(maxsize=1)
+def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001 - what the one kept belongs to
+    """Threads kept from call to call; a forked process has none of its parent's, so it gets its own."""
+    return ThreadPoolExecutor(os.cpu_count() or 1)
+
+
+def lanes_for(count: int) -> int:
+    """Lanes for so many parameter sets; beyond ``LANES`` they take several runs."""
+    return next((few for few in (8, 16) if count <= few), LANES)

@@ -1,0 +1,235 @@
+"""How far simulations stay from recordings: one row of figures per experiment and output."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, near
+from tsmblocks.common.frames import frame
+from tsmblocks.common.tables import few
+from tsmblocks.common.views import view
+from tsmblocks.data import Record
+from tsmblocks.fitting.divergence import raise_cause
+from tsmblocks.fitting.experiments import signal_of, span
+from tsmblocks.fitting.inner_products import square
+from tsmblocks.fitting.setup import Setup, recordings, set_up
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import prepared
+from tsmblocks.simulation.run import Run
+from tsmblocks.simulation.simulate import parameter_vector
+
+
+@attrs.frozen(eq=False)
+class Difference:
+    """One output of one experiment, simulated and measured at the instants ``t`` [s], in ``unit``.
+
+    ``inputs`` holds what drove it: values at ``t`` and their unit, by name.
+    """
+
+    experiment: str
+    output: str
+    unit: str
+    t: np.ndarray = attrs.field(repr=False)
+    measured: np.ndarray = attrs.field(repr=False)
+    simulated: np.ndarray = attrs.field(repr=False)
+    inputs: Mapping[str, tuple[np.ndarray, str]] = attrs.field(factory=dict, repr=False)
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Measured less simulated, in ``unit``."""
+        return self.measured - self.simulated
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residual."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    @property
+    def peak_to_peak(self) -> float:
+        """Greatest less least value of the residual."""
+        return float(np.ptp(self.residual))
+
+    @property
+    def largest(self) -> float:
+        """Greatest magnitude of the residual."""
+        return float(np.abs(self.residual).max())
+
+    @property
+    def relative(self) -> float:
+        """Norm of the residual over the norm of what was measured."""
+        return self.rms / float(np.sqrt(np.mean(self.measured**2)) or np.nan)
+
+    @property
+    def fit_percent(self) -> float:
+        r"""Share of the measured variation that is explained, in percent.
+
+        .. math:: 100\left(1 - \frac{\|y - \hat y\|}{\|y - \bar y\|}\right)
+        """
+        return 100 * (1 - self.rms / float(self.measured.std() or np.nan))
+
+    def to(self, unit: str) -> Difference:
+        """Return the same in another unit, such as ``"deg"``. Raises UnitError when it does not fit."""
+        k = units.factor(self.unit, unit)
+        return attrs.evolve(self, unit=unit, measured=k * self.measured, simulated=k * self.simulated)
+
+    def in_degrees(self) -> Difference:
+        """Return an angle in degrees, as people read it; anything else as it is."""
+        angle = bool(self.unit) and units.parse(self.unit).dimension == units.parse("rad").dimension
+        return self.to("deg") if angle else self
+
+    def to_pandas(self) -> Any:
+        """A frame indexed by time [s]: the inputs, ``measured``, ``simulated`` and ``residual``. Needs pandas.
+
+        ``attrs["units"]`` has their units.
+        """
+        driving = {name: values for name, (values, _) in self.inputs.items()}
+        own = {"measured": self.measured, "simulated": self.simulated, "residual": self.residual}
+        labels = {"t": "s", **{name: unit for name, (_, unit) in self.inputs.items()}, **dict.fromkeys(own, self.unit)}
+        return frame({**driving, **own}, self.t, "t", labels)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures as plain values."""
+        return {"experiment": self.experiment, "output": self.output, "unit": self.unit, "samples": len(self.t),
+                "rms": self.rms, "largest": self.largest, "relative": self.relative,
+                "fit_percent": self.fit_percent}  # fmt: skip
+
+
+@attrs.frozen(eq=False)
+class Differences:
+    """All differences between one diagram and some recordings; by name, ``differences["bend 60"]``."""
+
+    title: str
+    items: tuple[Difference, ...]
+
+    def __iter__(self) -> Any:
+        return iter(self.items)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __getitem__(self, name: str) -> Difference:
+        """Return the difference of an experiment (``"bend 60"``) or of one output of it (``"bend 60.x_out"``)."""
+        hits = [d for d in self.items if name in (d.experiment, f"{d.experiment}.{d.output}", d.output)]
+        if len(hits) != 1:
+            if hits:
+                names = " or ".join(f"{d.experiment}.{d.output}" for d in hits)
+                raise DataError(f"'{name}' may be the difference {names}. Say which.")
+            known = {k for d in self.items for k in (d.experiment, f"{d.experiment}.{d.output}")}
+            raise DataError(f"there is no difference '{name}'.{near(name, known)}")
+        return hits[0]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square over all experiments, when all outputs have one unit; else of shares of their spread."""
+        if self._alike:
+            return _rms([d.residual for d in self.items])
+        return _rms([d.residual / (d.measured.std() or 1.0) for d in self.items])
+
+    @property
+    def unit(self) -> str:
+        """Unit of ``rms``; ``""`` when it is a share."""
+        return self.items[0].unit if self._alike else ""
+
+    @property
+    def _alike(self) -> bool:
+        """Whether all are of one output in one unit, so that their residuals may be pooled as they are."""
+        return len({(d.unit, d.output) for d in self.items}) == 1
+
+    def plot(self, ax: Any = None) -> Any:
+        """Measured and simulated signals, what is left, its loop and its colour: a row for each. Needs matplotlib."""
+        return view("plot", self, ax=ax)
+
+    def in_degrees(self) -> Differences:
+        """Return the same with angles in degrees, as people read them."""
+        return Differences(self.title, tuple(d.in_degrees() for d in self.items))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures as plain values."""
+        return {"rms": self.rms, "unit": self.unit, "items": [d.to_dict() for d in self.items]}
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per experiment and output: unit, samples, rms, largest, relative, fit. Needs pandas."""
+        rows = [d.to_dict() for d in self.items]
+        return frame({k: [row[k] for row in rows] for k in rows[0]}).set_index(["experiment", "output"])
+
+    def __repr__(self) -> str:
+        names = few(f"{d.experiment}, {d.output}" for d in self.items)
+        shown = self.in_degrees()
+        return f"Differences({self.title!r}, {names}, {f'rms {shown.rms:.4g} {shown.unit}'.rstrip()})"
+
+    def _repr_html_(self) -> str:
+        return view("html", self)
+
+    def __str__(self) -> str:
+        return view("text", self)
+
+
+def _rms(parts: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(sum(square(p) for p in parts) / sum(len(p) for p in parts)))
+
+
+def score(
+    diagram: Diagram,
+    data: Any,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    outputs: Iterable[str] | None = None,
+    window: Any = None,
+    step: float | None = None,
+    integrator: str = "rk4",
+    hold: str = "linear",
+    backend: str = "",
+) -> Differences:
+    """Simulate a diagram beside recordings and say how far apart they are. Arguments as for ``fit``.
+
+    Each run starts where its recording does, whatever the ``window`` that counts. Raises DataError for
+    missing signals, and NotFinite when a simulation runs away.
+    """
+    diagram = prepared(diagram, parameters)
+    setup = set_up(diagram, recordings(data), outputs=outputs, window=window, step=step, integrator=integrator,
+                   hold=hold, backend=backend)  # fmt: skip
+    p = parameter_vector(setup.eq, diagram)
+    return between(setup, [p] * len(setup.trials))
+
+
+def between(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
+    """Differences of a set-up under parameters of each experiment. Raises NotFinite where a run goes away."""
+    made = []
+    for trial, p in zip(setup.trials, parameters, strict=True):
+        y, driven = trial.outputs(p), _driven(setup.diagram, trial.record, trial.t)
+        if not np.isfinite(y).all():
+            raise_cause(setup.diagram, trial, p)
+        made += [Difference(trial.name, name, setup.diagram.unit(name), trial.t, trial.measured[:, i], y[:, i],
+                            driven)
+                 for i, name in enumerate(setup.outputs)]  # fmt: skip
+    return Differences(setup.diagram.title, tuple(made))
+
+
+def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -> Differences:
+    """Differences between a run of a diagram and a recording of its outputs, at the instants that both have.
+
+    The run is read off between its steps. Raises DataError for measured samples that cannot be used, and for a
+    recording that has next to none within the run.
+    """
+    inside = (float(run.t[0]), float(run.t[-1]))
+    cut = span(record.name, record, inside)
+    t, made = record.t[cut], list[Difference]()
+    driven = _driven(diagram, record, t)
+    for name in outputs:
+        measured = signal_of(record.name, record, name, run.unit(name))[cut]
+        made.append(Difference(record.name, name, run.unit(name) or record.unit(name), t, measured,
+                               np.interp(t, run.t, run[name]), driven))  # fmt: skip
+    return Differences(run.title, tuple(made))
+
+
+def _driven(diagram: Diagram, record: Record, t: np.ndarray) -> dict[str, tuple[np.ndarray, str]]:
+    """The inputs of an experiment at the instants ``t`` [s], in the units of the diagram's ports."""
+    return {
+        name: (np.interp(t, record.t, record.values(name, port.unit)), port.unit or record.unit(name))
+        for name, port in diagram.inports.items()
+    }

@@ -1,0 +1,349 @@
+"""From a diagram and recordings to a problem: names read, experiments made ready, a step chosen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
+from tsmblocks.data import Record, read
+from tsmblocks.data.missing_units import refuse_doubtful, untold
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.methods import method_named
+from tsmblocks.fitting import arguments as asking
+from tsmblocks.fitting.constraints import constraints as read_constraints
+from tsmblocks.fitting.constraints import ties as read_ties
+from tsmblocks.fitting.experiments import FEWEST, Trial, Window, compared, is_even, median_step, prepare
+from tsmblocks.fitting.noise import asked_floors
+from tsmblocks.fitting.parameters import (
+    Unknown,
+    Unknowns,
+    chosen,
+    given_bounds,
+    is_start,
+    limits,
+    numbers,
+    unknown,
+    with_ties,
+)
+from tsmblocks.fitting.residuals import Priors, Problem
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.edits import near_path
+from tsmblocks.simulation.arguments import positive, prepared
+from tsmblocks.simulation.simulate import equations, parameter_vector
+
+FINEST = 64
+"""Simulation steps between two samples beyond which a step is no longer refined."""
+SETTLED = 1e-3
+"""Change of the outputs by halving the step, as a share of what was measured, that a fit puts up with."""
+
+Data = Any
+"""A recording (Record, file, pandas frame), a list of them, or a mapping from names to them."""
+
+
+@attrs.frozen(eq=False)
+class Setup:
+    """A diagram beside its recordings, ready to be simulated: what fits and scores have in common."""
+
+    diagram: Diagram
+    eq: Equations
+    trials: tuple[Trial, ...]
+    outputs: tuple[str, ...]
+    notes: tuple[str, ...]
+    finer: tuple[Trial | None, ...] = ()  # the same at half the step, where that was tried
+
+
+def recordings(data: Data) -> dict[str, Record]:
+    """Recordings by the name of their experiment. Raises DataError when there is none, or two share a name."""
+    if isinstance(data, Mapping):
+        given = {str(name) or "experiment": _record(one, str(name)) for name, one in data.items()}
+    else:
+        several = list(data) if isinstance(data, (list, tuple)) else [data]
+        records = [_record(one, f"experiment {k}") for k, one in enumerate(several, 1)]
+        twice = {r.name for r in records if sum(o.name == r.name for o in records) > 1}
+        named = [(f"{r.name}#{k}" if r.name in twice else r.name or "experiment", r)
+                 for k, r in enumerate(records, 1)]  # fmt: skip
+        given = dict(named)
+        if len(given) < len(named):
+            same = next(name for name, _ in named if sum(name == other for other, _ in named) > 1)
+            raise DataError(f"two experiments are named '{same}'; give a mapping with names of their own.")
+    if not given:
+        raise DataError("there are no recordings to compare with: give a Record (tsm.read), a list, or a mapping.")
+    return given
+
+
+def _record(one: Any, name: str) -> Record:
+    if isinstance(one, Record):
+        return _checked(one)
+    if isinstance(one, (str, Path)):
+        return _checked(read(one))
+    if hasattr(one, "columns") and hasattr(one, "index"):
+        from tsmblocks.data import from_pandas
+
+        return _checked(from_pandas(one, name=name))
+    raise DataError(f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}. "
+                    "Of arrays tsm.Record(name, t, signals, units) makes one.")  # fmt: skip
+
+
+def _checked(record: Record) -> Record:
+    """A record that has samples, and times in order; one made by a script may not."""
+    title = f"experiment '{record.name}'"
+    if len(record) < FEWEST:
+        raise DataError(f"{title} has {len(record)} sample{'s' if len(record) != 1 else ''}, and at least {FEWEST} "
+                        "are needed.")  # fmt: skip
+    late = np.flatnonzero(~(np.diff(record.t) > 0))
+    if len(late) or not np.isfinite(record.t[[0, -1]]).all():
+        k = int(late[0]) + 1 if len(late) else int(np.isinf(record.t[-1])) * (len(record) - 1)
+        raise DataError(f"{title}: times must be finite and increase, and sample {k} is at {record.t[k]:g} s "
+                        f"after one at {record.t[max(k - 1, 0)]:g} s.")  # fmt: skip
+    return record
+
+
+def windows(given: Any, names: Iterable[str], what: str = "window") -> dict[str, Window]:
+    """Which part of each experiment counts, in s. Raises DataError for what is no pair of times."""
+    names = list(names)
+    each = dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    for name in each:
+        if name not in names:
+            raise DataError(f"{what}: there is no experiment '{name}'.{near(name, names)}")
+    made: dict[str, Window] = {}
+    for name in names:
+        pair = each.get(name)
+        try:
+            start, stop = (None, None) if pair is None else pair
+            low, high = (None if v is None else float(v) for v in (start, stop))
+        except (TypeError, ValueError):
+            raise DataError(
+                f"{what} must be a pair (start, stop) in s, None for an end, got {in_words(pair)}."
+            ) from None
+        if low is not None and high is not None and not low < high:
+            raise DataError(f"{what} must be two times in order, got ({low:g}, {high:g}) s.")
+        made[name] = low, high
+    return made
+
+
+def set_up(
+    diagram: Diagram, records: Mapping[str, Record], *, outputs: Iterable[str] | None, window: Any,
+    step: float | None, integrator: str, hold: str, backend: str,
+) -> Setup:  # fmt: skip
+    """Every recording beside the diagram; without ``step``, one that resolves the diagram is found."""
+    for what, word in (("integrator", integrator), ("hold", hold), ("backend", backend)):
+        asking.text(what, word)
+    asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
+    eq, names, rule = equations(diagram), compared(records, diagram, asked), method_named(integrator)
+    parts = windows(window, records)
+    p, trials, finer = parameter_vector(eq, diagram), list[Trial](), list[Trial | None]()
+    notes = without_units(records, diagram, names)
+
+    for name, record in records.items():
+
+        def made(h: float, name: str = name, record: Record = record) -> Trial:
+            return prepare(name, record, diagram, eq, outputs=names, rule=rule, step=h, hold=hold,
+                           window=parts[name], backend=backend)  # fmt: skip
+
+        if step is None:
+            trial, half = _resolved(made, record, eq.periods, p, notes)
+        else:
+            trial, half = made(positive("step", step)), None
+        trials.append(trial)
+        finer.append(half)
+        if trials[-1].share is not None:
+            own = median_step(record.t)
+            why = (f"the samples, {own:.4g} s apart, are no multiples of the step of {trial.times.h:.4g} s"
+                   if is_even(record.t, own) else "the samples are unevenly spaced")  # fmt: skip
+            notes.append(f"{name}: {why}, so the simulation is read off between its steps.")
+    return Setup(diagram, eq, tuple(trials), names, tuple(notes), tuple(finer))
+
+
+def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
+    """Say which signals have no unit and what they are taken to be in, experiment by experiment.
+
+    Raises DataError where they are angles of so many turns that it can hardly be so.
+    """
+    wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
+    for name, record in records.items():
+        refuse_doubtful(name, record, wanted)
+    return [f"{name}: {text}" for name, record in records.items() for text in untold(record, wanted)]
+
+
+def _parts(own: float, periods: Sequence[float]) -> int:
+    """Into how many steps to cut the ``own`` s between samples at least, so that sample periods are whole steps.
+
+    1 where nothing up to ``FINEST`` does it.
+    """
+    shares = [Fraction(period / own).limit_denominator(FINEST) for period in periods]
+    whole = all(math.isclose(share * own, period, rel_tol=1e-9) for share, period in zip(shares, periods, strict=True))
+    parts = math.lcm(*(share.denominator for share in shares))
+    return parts if whole and parts <= FINEST else 1
+
+
+def _resolved(
+    made: Any, record: Record, periods: Sequence[float], p: np.ndarray, notes: list[str]
+) -> tuple[Trial, Trial | None]:  # fmt: skip
+    """A trial whose step is the sampling step, or that divided until dividing it further changes nothing.
+
+    With it, the trial at half that step, where there is one.
+    """
+    own, best = median_step(record.t), None
+    divide = _parts(own, periods)
+    fault: RunError | None = None
+    while divide <= FINEST:
+        try:
+            trial: Trial = made(own / divide)
+        except RunError as error:  # sample periods that this step does not divide, a delay shorter than it
+            fault, divide = error, 2 * divide
+            continue
+        if best is not None:
+            change = _change(best, trial, p)
+            if change < SETTLED:
+                return best, trial
+        best, divide = trial, 2 * divide
+    if best is None:
+        assert fault is not None
+        raise RunError(f"experiment '{record.name}': no step that divides the {own:g} s between samples suits the "
+                       f"diagram: {fault}") from None  # fmt: skip
+    if np.isfinite(best.outputs(p)).all():
+        notes.append(f"{best.name}: halving the step still changes the simulation by more than a thousandth of what "
+                     f"was measured at {FINEST} steps between samples; a step can be given.")  # fmt: skip
+    return best, None
+
+
+def _change(coarse: Trial, fine: Trial, p: np.ndarray) -> float:
+    """How much outputs differ between two steps, as a share of the measured ones; infinite if not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        a, b = coarse.outputs(p), fine.outputs(p)
+        size = np.maximum(coarse.measured.std(axis=0), 1e-12 * np.abs(coarse.measured).max() + 1e-300)
+        change = np.sqrt(np.mean((a - b) ** 2, axis=0)) / size
+    return float(change.max()) if np.isfinite(change).all() else math.inf
+
+
+# ---- the problem --------------------------------------------------------------------------------
+
+
+def pose(
+    diagram: Diagram, data: Data, *, free: Iterable[str] | None, bounds: Mapping[str, Any] | None,
+    start: Mapping[str, float] | None, local: Iterable[str], start_states: bool, constraints: Any,
+    ties: Mapping[str, str] | None,
+    priors: Mapping[str, tuple[float, float]] | None, sigma: Any, outputs: Sequence[str] | None, window: Any,
+    step: float | None, integrator: str, hold: str, backend: str,
+) -> tuple[Problem, Setup]:  # fmt: skip
+    """The problem that a fit solves, every name checked. Arguments as for ``fit``."""
+    diagram = prepared(diagram).with_parameters(asking.by_name("start", start, "'tsm.theta': 3.0"))
+    records = recordings(data)
+    names = chosen(diagram, free)
+    own = [] if local is None else chosen(diagram, local, "local")
+    if asking.flag("start_states", start_states):
+        own += [name for name, fields in numbers(diagram).items() if is_start(fields) and name not in own]
+    names = [k for k in numbers(diagram) if k in {*names, *own}]
+    tie = read_ties({} if ties is None else ties, list(numbers(diagram)), _named_alone(names, free))
+    followers = [name for name, _ in tie.items]
+    names = [k for k in names if k not in followers]
+    diagram = diagram.untied([*names, *followers])
+    setup = set_up(diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold,
+                   backend=backend)  # fmt: skip
+    items = _items(diagram, names, own, bounds, tuple(records))
+    unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
+    unknowns = _delays_of_a_step(unknowns, setup)
+    checked = read_constraints([] if constraints is None else constraints, list(setup.eq.p))
+    weights = _weights(setup, sigma)
+    _in_range(setup, weights)
+    problem = Problem(unknowns, limits(checked, unknowns), setup.trials, weights, _priors(priors, unknowns),
+                      noise=1.0)  # fmt: skip
+    return problem, attrs.evolve(setup, diagram=diagram)
+
+
+def _named_alone(names: list[str], free: Any) -> list[str]:
+    """Names freed one by one: tying one of those is a contradiction, while a pattern may cover tied ones."""
+    exact = set() if free is None else set(asking.names("free", free, "tsm.*"))
+    return [k for k in names if k in exact]
+
+
+def _items(
+    diagram: Diagram, names: Sequence[str], own: Sequence[str], bounds: Mapping[str, Any] | None,
+    experiments: tuple[str, ...],
+) -> tuple[Unknown, ...]:  # fmt: skip
+    known = numbers(diagram)
+    if not names:
+        raise ParameterError(f"nothing is free in this fit of '{diagram.title}': name parameters (free=['block.*']).")
+    asked = given_bounds(bounds, names, known)
+    made: list[Unknown] = []
+    for name in names:
+        one = unknown(name, diagram, known[name], asked.get(name))
+        made += [attrs.evolve(one, experiment=e) for e in experiments] if name in own else [one]
+    return tuple(made)
+
+
+def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:
+    """Bounds that keep delays from being shorter than a step where they may not be: such places cannot be run.
+
+    A start that is too short stays as it is, so that the run says what is wrong with it.
+    """
+    items, begin, eq = list(unknowns.items), unknowns.start, setup.eq
+    for e, trial in enumerate(setup.trials if eq.q else ()):
+
+        def lags(theta: np.ndarray, e: int = e) -> np.ndarray:
+            return np.asarray(eq.lag(unknowns.parameters(theta, e))).ravel()
+
+        now, shortest = lags(begin), np.array(eq.least) * trial.times.h
+        for k in unknowns.columns(e):
+            longer = begin.copy()
+            longer[k] = 2 * begin[k]
+            then = lags(longer)
+            follows = (now > 0) & (shortest > 0) & (np.abs(then - 2 * now) <= 1e-12 * np.abs(now))
+            low = float(np.max(shortest[follows] * begin[k] / now[follows], initial=-math.inf))
+            if items[k].low < low <= min(begin[k], items[k].high):
+                items[k] = attrs.evolve(items[k], low=low)
+    return attrs.evolve(unknowns, items=tuple(items))
+
+
+def _weights(setup: Setup, sigma: Any) -> np.ndarray:
+    """One over the deviation of each output: given, or what was measured where several outputs are to be weighed."""
+    if sigma is not None:
+        records = {trial.name: trial.record for trial in setup.trials}
+        given = asked_floors(sigma, setup.diagram, records, setup.outputs, "sigma")
+        missing = [k for k in setup.outputs if k not in given]
+        if missing:
+            raise ParameterError(f"sigma is given for some outputs, but not for '{missing[0]}'.")
+        return np.array([1 / given[k][0] for k in setup.outputs])
+    if len(setup.outputs) == 1:
+        return np.ones(1)
+    spread = np.sqrt(np.mean([trial.measured.var(axis=0) for trial in setup.trials], axis=0))
+    return 1 / np.where(spread > 0, spread, 1.0)
+
+
+def _in_range(setup: Setup, weights: np.ndarray) -> None:
+    """Refuse measurements whose weighted squares leave the range of numbers."""
+    for trial in setup.trials:
+        for name, size, weight in zip(setup.outputs, np.abs(trial.measured).max(axis=0), weights, strict=True):
+            if size > 0 and not 1e-140 < float(size) * float(weight) < 1e140:
+                raise DataError(f"experiment '{trial.name}': {name} reaches {size:.3g}, {size * weight:.3g} after "
+                                "weighing, and the square of that is no number to work with. Choose another unit"
+                                f"{' or sigma' if weight != 1 else ''}.")  # fmt: skip
+
+
+def _priors(given: Mapping[str, tuple[float, float]] | None, unknowns: Unknowns) -> Priors:
+    which, mean, deviation = list[int](), list[float](), list[float]()
+    own = [item.parameter for item in unknowns.items]
+    for name, pair in asking.by_name("priors", given, "'tsm.theta': (5.0, 0.5)").items():
+        hits = [k for k, item in enumerate(unknowns.items) if name in (item.parameter, item.name)]
+        if not hits:
+            raise ParameterError(f"priors: '{name}' is not free in this fit.{near_path(name, own)}")
+        try:
+            middle, width = (float(v) for v in pair)
+        except (TypeError, ValueError, OverflowError):
+            raise ParameterError(f"the prior of '{name}' must be a pair (mean, standard deviation), "
+                                 f"got {in_words(pair)}.") from None  # fmt: skip
+        if not (math.isfinite(middle) and 0 < width < math.inf):
+            raise ParameterError(f"the prior of '{name}' needs a finite mean and a positive standard deviation, "
+                                 f"got ({middle:g}, {width:g}).")  # fmt: skip
+        if width < 1e-12 * max(abs(middle), 1e-100):
+            raise ParameterError(f"the prior of '{name}' is so narrow ({width:g}) that nothing is left to find. "
+                                 "Set the number, and do not free it.")  # fmt: skip
+        which, mean, deviation = [*which, *hits], [*mean, *[middle] * len(hits)], [*deviation, *[width] * len(hits)]
+    return Priors(np.array(which, dtype=int), np.array(mean), np.array(deviation))

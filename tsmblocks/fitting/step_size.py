@@ -1,0 +1,61 @@
+"""What the step of the simulation does to a fit: how far the numbers move when it is halved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.fitting.experiments import prepare
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.setup import Setup
+from tsmblocks.fitting.statistics import moved
+
+COVERED = 0.5
+"""Change of a number by halving the step, in half widths of its interval, that the interval does not cover any more.
+
+At a kink the error falls in proportion to the step, so what is left of it then is as large again.
+"""
+FAR = 100.0
+"""Such a change that is told in words only."""
+
+
+def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
+    """The same problem simulated at half its step. Raises RunError where that makes too many steps."""
+    made = []
+    for e, trial in enumerate(setup.trials):
+        fine = setup.finer[e] if setup.finer else None
+        made.append(fine or prepare(
+            trial.name, trial.record, setup.diagram, setup.eq, outputs=setup.outputs, rule=trial.rule,
+            step=trial.times.h / 2, hold=trial.hold, window=(trial.t[0], trial.t[-1]), backend=trial.backend,
+        ))  # fmt: skip
+    trials = tuple(made)
+    return attrs.evolve(problem, trials=trials), attrs.evolve(setup, trials=trials, finer=())
+
+
+def shifts(
+    coarse: np.ndarray, fine: np.ndarray, J: np.ndarray, half_widths: np.ndarray, *, prior: np.ndarray | None = None,
+    held: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
+    """How far each number moves by halving the step, in half widths of its interval, shape (p,); 0 without interval.
+
+    ``coarse`` and ``fine`` (N,) are the residuals with the same numbers, ``J`` (N, p) their derivatives. ``prior`` and
+    ``held`` as for ``uncertainty``. What runs away at half the step moves infinitely far.
+    """
+    known = np.isfinite(half_widths) & (half_widths > 0)
+    if not np.isfinite(fine).all():
+        return np.where(known, np.inf, 0.0)
+    change = moved(J, fine - coarse, prior=prior, held=held)
+    return np.where(known, np.abs(change) / np.where(known, half_widths, 1.0), 0.0)
+
+
+def shift_note(names: Sequence[str], found: np.ndarray, step: float) -> list[str]:
+    """Words of warning where intervals do not cover the error of the step [s]; ``found`` as of ``shifts``."""
+    if not len(found) or not found.max() > COVERED:
+        return []
+    worst, others = int(np.argmax(found)), int(np.sum(found > COVERED)) - 1
+    size = f"{found[worst]:.2g} times" if found[worst] < FAR else f"more than {FAR:g} times"
+    rest = f" and {others} other{'s' if others > 1 else ''} by more than half of theirs" if others else ""
+    return [f"halving the step of {step:.3g} s moves {names[worst]} by {size} the half width of its interval{rest}: "
+            "the intervals do not cover the error of the step; give a smaller step."]  # fmt: skip

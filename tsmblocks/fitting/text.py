@@ -1,0 +1,264 @@
+"""Fits and comparisons in words: tables of numbers, what is left of the gap, and what to beware of."""
+
+from __future__ import annotations
+
+import functools
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from tsmblocks.common import units
+from tsmblocks.common.tables import WIDTH, columns, in_parts, listed
+from tsmblocks.common.views import no_view
+from tsmblocks.fitting.compare import Comparison, Row, overall
+from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
+from tsmblocks.fitting.result import STATUS, Estimate, Fit
+from tsmblocks.fitting.score import Differences
+
+CLOSE = 0.95
+"""Correlation from which two parameters are told as hard to tell apart."""
+FAR = 1.5
+"""Error beside the noise from which it is told what to do about it."""
+MOST = 5
+"""Pairs of parameters that are told; the rest is counted."""
+LEAST, EXACT = 3, 7
+"""Significant digits that are shown of every number, and of the best known one."""
+
+
+# ---- a fit ---------------------------------------------------------------------------------------
+
+
+def in_words(fit: Fit) -> str:
+    """The whole result as a terminal shows it."""
+    tried = len(fit.searches)
+    agree = f"; {fit.agreeing} of {tried} starts ended at this optimum" if tried > 1 else ""
+    head = [fit.diagram.title] if fit.diagram.title else []
+    head.append(textwrap.fill(f"{fit.method}: {STATUS[fit.status]}{agree}", WIDTH))
+    parts = ["\n".join(head), numbers(fit), left(fit.differences)]
+    warnings = cautions(fit)
+    if warnings:
+        parts.append("\n".join(["beware:", *map(_bullet, warnings)]))
+    return "\n\n".join(parts)
+
+
+def numbers(fit: Fit) -> str:
+    """The table of estimates: as many digits as the intervals leave, angles in degrees too."""
+    return columns(estimate_rows(fit), left=(0, 4, 6))
+
+
+def estimate_rows(fit: Fit, some: Iterable[Estimate] | None = None) -> list[tuple[str, ...]]:
+    """The rows of the table of estimates (all, or some), the heading first.
+
+    They hold name, value, interval, unit, in degrees, verdict.
+    """
+    rows: list[tuple[str, ...]] = [("parameter", "value", "95 % from", "to", "unit", "", "")]
+    for e in fit.estimates if some is None else some:
+        show = _digits(e.value, e.low, e.high)
+        span = (show(e.low), show(e.high)) if np.isfinite(e.low) else ("", "")
+        rows.append((e.name, show(e.value), *span, e.unit, _in_degrees(e), e.verdict))
+    return rows
+
+
+def left(differences: Differences) -> str:
+    """The table of what is left between simulation and measurement, angles in degrees."""
+    return columns(left_rows(differences), left=(0, 3))
+
+
+def left_rows(differences: Differences) -> list[tuple[str, ...]]:
+    """The rows of the table of what is left, the heading first: signal, rms, largest, unit, fit, samples."""
+    rows: list[tuple[str, ...]] = [("what is left", "rms", "largest", "unit", "fit", "samples")]
+    shown = [d.in_degrees() for d in differences]
+    rows += [(f"{d.experiment}, {d.output}", f"{d.rms:.4g}", f"{d.largest:.4g}", d.unit, _share(d.fit_percent),
+              str(len(d.t))) for d in shown]  # fmt: skip
+    if len(shown) > 1 and len({(d.output, d.unit) for d in shown}) == 1:
+        n = np.array([len(d.t) for d in shown])
+        rms = np.sqrt(n @ np.array([d.rms**2 for d in shown]) / n.sum())
+        rows.append((f"all, {shown[0].output}", f"{rms:.4g}", f"{max(d.largest for d in shown):.4g}", shown[0].unit,
+                     "", str(n.sum())))  # fmt: skip
+    return rows
+
+
+def _share(percent: float) -> str:
+    return f"{percent:.2f} %" if np.isfinite(percent) else ""
+
+
+def cautions(fit: Fit) -> list[str]:
+    """What to know before the numbers are believed, a sentence each."""
+    said = []
+    if fit.agreeing == 1 and len(fit.searches) > 1:
+        said.append(f"Only one of {len(fit.searches)} starts ended at this optimum: more starts may find a better one.")
+    silent = [name for u in fit.undetermined if u.kind == NO_INFLUENCE for name in u.names]
+    if silent:
+        told = [*dict.fromkeys(_gathered([(name,) for name in silent]))]
+        where = "there" if all(name not in silent for name in told) else "in these experiments"
+        said.append(f"{listed(told, len(told))} {'has' if len(told) == 1 else 'have'} no influence on the outputs "
+                    f"{where}.")  # fmt: skip
+    said += [u.words for u in fit.undetermined if u.kind != NO_INFLUENCE]
+    said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
+    together = [set(u.names) for u in fit.undetermined]
+    pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= names for names in together)]
+    strongest: dict[str, float] = {}
+    for words, (*_, c) in zip(_gathered([(a, b) for a, b, _ in pairs]), pairs, strict=True):
+        strongest.setdefault(words, c)
+    said += [f"{words} are hard to tell apart (correlation {c:+.3f})." for words, c in [*strongest.items()][:MOST]]
+    if len(strongest) > MOST:
+        said.append(f"So are {len(strongest) - MOST} more pairs, above a correlation of {CLOSE:g}.")
+    return [*said, *fit.notes]
+
+
+def _gathered(groups: Sequence[tuple[str, ...]]) -> list[str]:
+    """Each group of names in words: start values of many experiments as one, which several groups then share."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    split = [[name.partition("@") for name in group] for group in groups]
+    own = [tuple(sorted(p for p, *_ in parts)) if len({e for *_, e in parts}) == 1 else () for parts in split]
+    for key, parts in zip(own, split, strict=True):
+        found.setdefault(key, []).append(parts[0][2])
+    return [f"{listed(key)} in {len(found[key])} experiments ({listed(found[key], 2)})"
+            if key and all(found[key]) and len(found[key]) > 2 else listed(group)
+            for key, group in zip(own, groups, strict=True)]  # fmt: skip
+
+
+def tangled(fit: Fit) -> list[tuple[str, str, float]]:
+    """Pairs of parameters whose estimates move together, strongest first."""
+    c, n = fit.correlation, len(fit.names)
+    pairs = [(fit.names[j], fit.names[i], float(c[i, j])) for i in range(n) for j in range(i) if abs(c[i, j]) > CLOSE]
+    return sorted(pairs, key=lambda p: -abs(p[2]))
+
+
+def _digits(value: float, low: float, high: float) -> Callable[[float], str]:
+    """How to show an estimate and its interval: with two digits of the half width; four digits without interval."""
+    size, half = float(np.nanmax(np.abs([value, low, high]))), (high - low) / 2
+    if not (np.isfinite(half) and half > 0 and size > 0):
+        return lambda value: f"{value:.{LEAST + 1}g}"
+    first = int(np.floor(np.log10(size)))
+    digits = int(np.clip(first - np.floor(np.log10(half)) + 2, LEAST, EXACT))
+    if not -4 <= first < 6:
+        return lambda value: f"{value:.{digits - 1}e}"
+    return lambda value: f"{value:z.{max(digits - 1 - first, 0)}f}"
+
+
+def _in_degrees(e: Estimate) -> str:
+    """An angle in degrees, as many digits as in its own unit; nothing for anything else."""
+    if not e.unit or units.parse(e.unit) != units.parse("rad"):
+        return ""
+    value, low, high = np.degrees([e.value, e.low, e.high])
+    return f"{_digits(value, low, high)(value)} deg"
+
+
+# ---- a comparison --------------------------------------------------------------------------------
+
+
+def ranking(comparison: Comparison) -> str:
+    """The table of models from best to worst, what could not be fitted, and what to beware of."""
+    rows = ranking_rows(comparison)
+    faults = [_bullet(f"{row.name}: {row.fault}") for row in comparison if row.fit is None]
+    warnings = [_bullet(f"{row.name}: {text}") for row in comparison for text in row_doubts(row)]
+    flush = (0, len(rows[0]) - 1) if rows[0][-1] == "" else (0,)
+    parts = ["\n".join(map(_bullet, comparison.notes))] if comparison.notes else []
+    parts += [columns(rows, left=flush)] if len(rows) > 1 else []
+    parts += beside_noise(comparison)
+    parts += ["\n".join(["could not be fitted:", *faults])] if faults else []
+    parts += ["\n".join(["beware:", *warnings])] if warnings else []
+    return "\n\n".join(parts)
+
+
+def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """The rows of the table of models that could be fitted, the heading first: model, parameters, errors."""
+    k, unit = for_people(comparison.unit)
+    whole = all(row.held_out is None for row in comparison)
+    head = ("model", "parameters", f"rms held out [{unit}]", f"rms fitted [{unit}]")
+    rows: list[tuple[str, ...]] = [(*head[:2], head[3]) if whole else head]
+    vague = any(open_numbers(row.fit) for row in comparison if row.fit is not None)
+    rows[0] += ("",) * vague
+    for row in comparison:
+        if row.train is not None and row.fit is not None:
+            figure = f"{k * row.figure:.4g}" if np.isfinite(row.figure) else "-"
+            held, fitted = [] if whole else [figure], f"{k * row.train.rms:.4g}"
+            said = ("not determined" if open_numbers(row.fit) else "",) * vague
+            rows.append((row.name, str(row.parameters), *held, fitted, *said))
+    return rows
+
+
+def beside_noise(comparison: Comparison) -> list[str]:
+    """How far from the noise the best model stays, and what to do where that is far; nothing where it is not known."""
+    ratio = comparison.above_noise
+    if not np.isfinite(ratio):
+        return []
+    k, unit = for_people(comparison.unit)
+    noise = f"The noise of the recordings is {k * comparison.noise:.3g} {unit} rms ({comparison.noise_from})"
+    if ratio < FAR:
+        return [textwrap.fill(f"{noise}; {comparison.best.name} leaves {ratio:.2g} times that.", WIDTH)]
+    return [textwrap.fill(f"{noise}, and {comparison.best.name} leaves {ratio:.2g} times that: something is missing in "
+                          f"every one. `tsmblocks diagnose {comparison.best.name} --data …` (tsm.diagnose) looks for "
+                          "what it is.", WIDTH, break_on_hyphens=False)]  # fmt: skip
+
+
+def open_numbers(fit: Fit) -> list[str]:
+    """Numbers of a fit that its data do not determine, start values last."""
+    open_ = {name for u in fit.undetermined if u.kind != UNCERTAIN for name in u.names}
+    return [e.name for e in sorted(fit.estimates, key=lambda e: e.is_start) if e.name in open_]
+
+
+def by_file(found: Mapping[str, Comparison]) -> str:
+    """A table of models and files, each fitted by itself; the best of a file has a star."""
+    k, unit = for_people(next(iter(found.values())).unit)
+    ranked = overall(found)
+    least = [*(min(row.figure for row in one) for one in found.values()), ranked[0][1]]
+    rows: list[Sequence[str]] = [("model", *(f"{name} " for name in (*found, "all")))]
+    for model, rms in ranked:
+        figures = [next((row.figure for row in one if row.name == model), np.inf) for one in found.values()]
+        rows.append((model, *(f"{k * y:.4g}{'*' if y == best else ' '}" if np.isfinite(y) else "- "
+                              for y, best in zip((*figures, rms), least, strict=True))))  # fmt: skip
+    text = columns(rows)
+    if sum(2 + max(len(row[j]) for row in rows) for j in range(len(rows[0]))) > WIDTH:
+        text = in_parts([["file", *(f"{row[0]} " for row in rows[1:])], *(
+            [rows[0][j].strip(), *(row[j] for row in rows[1:])] for j in range(1, len(rows[0])))])  # fmt: skip
+    what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held out"
+    parts = [f"{what} [{unit}], every file fitted by itself; * is the best", text]
+    best = ranked[0][0]
+    said = [_bullet(f"{best}, {name}: {words}") for name, one in found.items() for row in one if row.name == best
+            for words in ([row.fault] if row.fit is None else row_doubts(row))]  # fmt: skip
+    return "\n\n".join([*parts, *(["\n".join(["beware:", *said])] if said else [])])
+
+
+def row_doubts(row: Row) -> list[str]:
+    """What to know of a model of a comparison that was fitted, briefly; nothing of one that was not."""
+    return [] if row.fit is None else [*([row.fault] if row.fault else []), *doubts(row.fit)]
+
+
+def doubts(fit: Fit) -> list[str]:
+    """What to know of one fit among several before its figure is believed, briefly."""
+    said = [] if fit.status == "converged" else [f"{STATUS[fit.status]}."]
+    names = open_numbers(fit)
+    if names:
+        said.append(f"the data do not determine {listed(names)}.")
+    return said
+
+
+def for_people(unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read an error: angles in degrees; no unit at all is a share."""
+    k, shown = units.for_people(unit)
+    return k, shown or "of the spread"
+
+
+# ---- sentences and tables ------------------------------------------------------------------------
+
+
+def _bullet(text: str) -> str:
+    """A sentence in lines that fit a terminal, after a dash; no percent sign stands alone."""
+    lines = textwrap.fill(text.replace(" %", "\xa0%"), WIDTH, initial_indent="- ", subsequent_indent="  ",
+                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return lines.replace("\xa0", " ")
+
+
+# ---- views ---------------------------------------------------------------------------------------
+
+view = functools.singledispatch(no_view)
+view.register(Comparison, ranking)
+view.register(Fit, in_words)
+
+
+@view.register
+def _(differences: Differences) -> str:
+    return "\n\n".join(filter(None, [differences.title, left(differences)]))

@@ -1,0 +1,1 @@
+"""HTML without scripts or network: notebook cards, charts, formulas, and the report of a diagnosis."""

@@ -1,0 +1,48 @@
+"""The card of a block: what it is, its equation, its ports and its numbers."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+from tsmblocks.common.tables import few
+from tsmblocks.html.block_facts import words
+from tsmblocks.html.card import card, rows
+from tsmblocks.model.block import Block
+
+NAMESPACE = ' xmlns="http://www.w3.org/1998/Math/MathML"'
+"""What a page of HTML need not be told of a formula."""
+LONGEST = 60
+"""Characters of a value at most."""
+
+
+def block_card(block: Block) -> str:
+    """A block: its first sentence, equation, ports, and the numbers it has, those of its own in bold."""
+    ports = [("in", k, p.unit or "any", p.about) for k, p in block.inports.items()]
+    ports += [("out", k, p.unit or "any", p.about) for k, p in block.outports.items()]
+    fields = type(block).fields()
+    cells = [(k, _value(getattr(block, k)), f.unit, f.about) for k, f in fields.items()]
+    own = ["named" if getattr(block, k) != f.default else "" for k, f in fields.items()]
+    sentence, equation, _ = words(type(block))
+    parts = [_formula(equation)] if equation else []
+    parts += [rows(["l:", "l:port", "l:unit", "l:what it is"], ports)] if ports else []
+    parts += [rows(["l:parameter", "value", "l:unit", "l:what it is"], cells, own, most=30)] if cells else []
+    parts += [f'<p class="soft">Source: {escape(block.source)}</p>'] if block.source else []
+    return card(type(block).__name__, sentence, *parts)
+
+
+def _formula(latex: str) -> str:
+    """A formula as the browser typesets it by itself, or as it is written where nothing is there to convert it."""
+    try:
+        from tsmblocks.html.mathml import mathml
+
+        return f"<p>{mathml(latex, block=True).replace(NAMESPACE, '')}</p>"
+    except ImportError:
+        return f"<pre>{escape(latex)}</pre>"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{few([_value(v) for v in value], 4)}]"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

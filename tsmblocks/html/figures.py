@@ -1,0 +1,180 @@
+"""The figures of a report: gap bars, what was measured and simulated, what is left over time and along a coordinate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsmblocks.data import heading
+from tsmblocks.diagnosis.presentation import Profile, digits, fitted_rms, for_people, histories, strips
+from tsmblocks.diagnosis.result import Gap, Segment, Trace
+from tsmblocks.diagnosis.text import steps
+from tsmblocks.html import charts
+from tsmblocks.html.charts import WIDTH, Frame
+from tsmblocks.model.diagram import Diagram
+
+BAR, SPACE = 9, 9
+"""Height of a bar, and space between the bars of experiments."""
+DARKEST = 4.0
+"""Excess, in variances of the noise, at which a strip is as dark as it gets."""
+KINDS = ("measured", "before", "after")
+"""What lines show, which is also their colour."""
+CORNERS = 4
+"""Corners of a loop for each point that a line over time has."""
+LEFT, RIGHT = 46, WIDTH - 10
+
+
+# ---- the gap -------------------------------------------------------------------------------------
+
+
+def gap_bars(segment: Segment, gap: Gap) -> str:
+    """Rms held out of each experiment before and after each effect, fitted as hollow bars, the noise as a line."""
+    k, unit = for_people(gap.unit)
+    fitted = {t.experiment: fitted_rms(t) for t in histories(segment, gap.output)}
+    rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
+    if len(gap.experiments) > 1:
+        rows += [(name, values, fitted[name]) for name, values in gap.experiments.items()]
+    count = len(gap.held_out)
+    names = min(max(charts.width_of(name) for name, _, _ in rows) + 8, 112)
+    tall = count * BAR + SPACE
+    top, bottom = 24.0, 24.0 + tall * len(rows)
+    largest = max(max(*values, *train) for _, values, train in rows)
+    frame = Frame(names, top, RIGHT - 40, bottom, (0.0, k * max(largest, gap.noise_floor) * 1.02), (0.0, 1.0))
+    parts = [_grid(frame, heading(f"rms of {gap.output}", unit))]
+    for place, (name, values, train) in enumerate(rows):
+        y = top + tall * place + SPACE / 2
+        parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, charts.cut(name, names - 8), "end",
+                                 "strong" if not place else ""))  # fmt: skip
+        parts += _bars(frame, y, k, values, train)
+    x = float(frame.across(np.array(k * gap.noise_floor)))
+    parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
+    parts.append(charts.text(x, top - 9, f"noise {digits(k * gap.noise_floor)}", "middle", "floor"))
+    words = f"rms of {gap.output} on data held out, {' then '.join(steps(segment))}"
+    return charts.chart(parts, bottom + 34, words)
+
+
+def _bars(frame: Frame, y: float, k: float, values: tuple[float, ...], train: tuple[float, float]) -> list[str]:
+    """The bars of one experiment: base first, a hollow one where the same model was fitted."""
+    parts, count = [], len(values)
+    for step, value in enumerate(values):
+        end = float(frame.across(np.array(k * value)))
+        kind = step_class(step, count)
+        parts.append(charts.box(frame.left, y + step * BAR, end - frame.left, BAR - 1.5, f"fill {kind}"))
+        own = train[0] if step == 0 else train[1] if step == count - 1 else None
+        edge = end
+        if own is not None:
+            edge = float(frame.across(np.array(k * own)))
+            parts.append(charts.box(frame.left, y + step * BAR + 0.5, edge - frame.left, BAR - 2.5, "hollow"))
+        parts.append(charts.text(max(end, edge) + 4, y + step * BAR + BAR - 1.5, digits(k * value), kind="small"))
+    return parts
+
+
+def step_class(step: int, count: int) -> str:
+    """The colour of a model: the base, the last one, or one between."""
+    return "before" if step == 0 else "after" if step == count - 1 else "between"
+
+
+def _grid(frame: Frame, label: str) -> str:
+    parts = []
+    for value in charts.ticks(*frame.x):
+        x = float(frame.across(np.array(value)))
+        parts.append(charts.rule(x, frame.top, x, frame.bottom, "grid"))
+        parts.append(charts.text(x, frame.bottom + 14, charts.number(value), "middle"))
+    parts.append(charts.text(frame.right, frame.bottom + 28, label, "end"))
+    return "".join(parts)
+
+
+# ---- one experiment ------------------------------------------------------------------------------
+
+
+def history(trace: Trace, count: int) -> str:
+    """What was measured and what the base and the final model make of it, over time."""
+    k, unit = for_people(trace.unit)
+    signals = [k * trace.measured, *(k * y for y in _models(trace))]
+    frame = Frame(LEFT, 22, RIGHT, 150, _ends(trace.t), charts.spread(*signals))
+    parts = [charts.axes(frame, "t [s]", heading(trace.output, unit))]
+    for kind, y in zip(KINDS, signals, strict=False):
+        parts.append(charts.line(frame, *charts.thinned(trace.t, y, count), kind))
+    return charts.chart(parts, 184, f"{trace.output} of {trace.experiment} over time, measured and simulated")
+
+
+def left_over(trace: Trace, noise: float, count: int) -> str:
+    """What is left over time before and after, within the noise or not, and the excess of each block as a strip."""
+    k, unit = for_people(trace.unit)
+    left = [k * (trace.measured - y) for y in _models(trace)]
+    frame = Frame(LEFT, 46, RIGHT, 150, _ends(trace.t), charts.spread(*left, zero=True))
+    parts = [charts.axes(frame, "t [s]", ""), charts.band(frame, -2 * k * noise, 2 * k * noise, "noise")]
+    parts.append(charts.text(2, 12, heading(f"{trace.output} measured less simulated", unit)))
+    for kind, y in zip(KINDS[1:], left, strict=False):
+        parts.append(charts.line(frame, *charts.thinned(trace.t, y, count), f"{kind} thin"))
+    parts += _strip(trace, frame)
+    return charts.chart(parts, 184, f"what is left of {trace.output} in {trace.experiment} over time")
+
+
+def _strip(trace: Trace, frame: Frame) -> list[str]:
+    """A row of blocks before, and one after if anything was named: the darker, the further above the noise."""
+    parts, rows = [], list(zip((20, 31), KINDS[1:], _models(trace), strict=False))
+    for start, stop, *squares in strips(trace):
+        x, end = (float(v) for v in np.clip(frame.across(np.array([start, stop])), frame.left, frame.right))
+        for (y, kind, _), square in zip(rows, squares, strict=False):
+            dark = min(max((square - 1) / (DARKEST - 1), 0.0), 1.0)
+            parts.append(charts.box(x, y, end - x - 0.5, 9, f"fill {kind}", f' fill-opacity="{dark:.2f}"'))
+            parts.append(charts.box(x, y, end - x - 0.5, 9, "cell"))
+    for y, kind, _ in rows:
+        parts.append(charts.text(LEFT - 4, y + 8, kind, "end", "small"))
+    return parts
+
+
+def loop(trace: Trace, diagram: Diagram, count: int) -> str:
+    """The output over the input, measured and simulated."""
+    k, unit = for_people(trace.unit)
+    k_in, unit_in = for_people(diagram.unit(trace.drive_name))
+    x, signals = k_in * trace.drive, [k * trace.measured, *(k * y for y in _models(trace))]
+    frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*signals))
+    parts = [charts.axes(frame, heading(trace.drive_name, unit_in), heading(trace.output, unit))]
+    for kind, y in zip(KINDS, signals, strict=False):
+        parts.append(charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), kind))
+    return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}")
+
+
+def left_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) -> str:
+    """What is left over the input, before and after: a loop here is a loop that the model lacks."""
+    k, unit = for_people(trace.unit)
+    k_in, unit_in = for_people(diagram.unit(trace.drive_name))
+    x, left = k_in * trace.drive, [k * (trace.measured - y) for y in _models(trace)]
+    frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*left, zero=True))
+    parts = [charts.axes(frame, heading(trace.drive_name, unit_in), ""),
+             charts.band(frame, -2 * k * noise, 2 * k * noise, "noise"),
+             charts.text(2, 12, heading(f"{trace.output} measured less simulated", unit))]  # fmt: skip
+    parts += [charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), f"{kind} thin")
+              for kind, y in zip(KINDS[1:], left, strict=False)]  # fmt: skip
+    return charts.chart(parts, 184, f"what is left of {trace.output} over {trace.drive_name} in {trace.experiment}")
+
+
+def _models(trace: Trace) -> list[np.ndarray]:
+    """What the base makes of an experiment, and the final model where it is another."""
+    return [trace.before] if np.array_equal(trace.before, trace.after) else [trace.before, trace.after]
+
+
+def _ends(t: np.ndarray) -> tuple[float, float]:
+    return float(t[0]), float(t[-1]) if t[-1] > t[0] else float(t[0]) + 1.0
+
+
+# ---- along a coordinate --------------------------------------------------------------------------
+
+
+def along(found: Profile, *, explained: bool) -> str:
+    """The error in bins of a coordinate with standard errors, before and after, and what the effects explain."""
+    k, unit = for_people(found.error_unit)
+    k_in, unit_in = for_people(found.unit)
+    x, before, after = k_in * found.x, k * found.before, k * found.after
+    wide = [before, before - k * found.error_before, before + k * found.error_before]
+    frame = Frame(LEFT, 22, RIGHT, 170, charts.spread(x), charts.spread(*wide, after, zero=True))
+    parts = [charts.axes(frame, heading(found.coordinate, unit_in), heading("mean error", unit))]
+    zero = float(frame.up(np.array(0.0)))
+    parts.append(charts.rule(LEFT, zero, RIGHT, zero, "zero"))
+    if explained:
+        parts.append(charts.line(frame, x, k * found.explained, "explained"))
+    parts.append(charts.points(frame, x, before, k * found.error_before, "before"))
+    if explained:
+        parts.append(charts.points(frame, x, after, k * found.error_after, "after"))
+    return charts.chart(parts, 204, f"mean error along {found.coordinate}")

@@ -1,0 +1,70 @@
+"""Cards of fits: numbers with their intervals, what is left between simulation and measurement, models ranked."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsmblocks.common import units
+from tsmblocks.data import heading
+from tsmblocks.fitting.compare import Comparison
+from tsmblocks.fitting.result import STATUS, Fit
+from tsmblocks.fitting.score import Difference, Differences
+from tsmblocks.fitting.text import cautions, estimate_rows, left_rows, ranking_rows, row_doubts
+from tsmblocks.html import charts
+from tsmblocks.html.card import LEFT, POINTS, RIGHT, card, ends, listed, table_of
+from tsmblocks.html.charts import Frame
+from tsmblocks.html.document import key
+
+MOST = 40
+"""Estimates that are shown."""
+
+
+def fit_card(fit: Fit) -> str:
+    """A fit: the numbers with intervals, the experiment that is left most of, and what to beware of."""
+    tried = len(fit.searches)
+    agree = f"; {fit.agreeing} of {tried} starts ended at this optimum" if tried > 1 else ""
+    return card(fit.diagram.title or "Fit", f"{fit.method}: {STATUS[fit.status]}{agree}",
+                table_of(estimate_rows(fit), {0, 4, 6}, MOST), *_left(fit.differences),
+                listed(cautions(fit), "beware"))  # fmt: skip
+
+
+def differences_card(differences: Differences) -> str:
+    """What is left between one diagram and some recordings."""
+    return card(differences.title, "", *_left(differences))
+
+
+def comparison_card(found: Comparison) -> str:
+    """Models from best to worst, what could not be fitted, and what the best one leaves."""
+    faults = [f"{row.name}: {row.fault}" for row in found if row.fit is None]
+    warnings = [f"{row.name}: {text}" for row in found for text in row_doubts(row)]
+    best = found.best.held_out or found.best.train
+    shown = _chart(_worst(best), f"{found.best.name}: ") if best is not None and len(best) else ""
+    about = "interrupted; these are the models that were reached" if found.interrupted else ""
+    return card(f"{len(found)} models compared", about, table_of(ranking_rows(found), {0}, MOST), shown,
+                listed(faults, "could not be fitted"), listed(warnings, "beware"))  # fmt: skip
+
+
+def _left(differences: Differences) -> tuple[str, str]:
+    if not len(differences):
+        return "", ""
+    return table_of(left_rows(differences), {0, 3}, MOST), _chart(_worst(differences))
+
+
+def _worst(differences: Differences) -> Difference:
+    return max(differences, key=lambda one: one.rms)
+
+
+def _chart(one: Difference, before: str = "") -> str:
+    """Measured and simulated over time, and what is left, of one output of one experiment."""
+    k, unit = units.for_people(one.unit)
+    measured, simulated, left = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
+    above = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(measured, simulated))
+    below = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(left, zero=True))
+    first = [charts.axes(above, "t [s]", heading(f"{before}{one.experiment}, {one.output}", unit)),
+             charts.line(above, *charts.thinned(one.t, measured, POINTS), "measured"),
+             charts.line(above, *charts.thinned(one.t, simulated, POINTS), "c0")]  # fmt: skip
+    second = [charts.axes(below, "t [s]", heading("measured less simulated", unit)),
+              charts.line(below, *charts.thinned(one.t, left, POINTS), "c1")]  # fmt: skip
+    both = (charts.chart(first, 152, f"{one.output} of {one.experiment} over time, measured and simulated")
+            + charts.chart(second, 152, f"what is left of {one.output} in {one.experiment} over time"))  # fmt: skip
+    return f'<div class="charts">{both}</div>{key([("--measured", "measured"), ("--c0", "simulated")])}'

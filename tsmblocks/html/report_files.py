@@ -1,0 +1,50 @@
+"""The report of a diagnosis: one page that needs nothing else, beside its numbers and the augmented diagram."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+from tsmblocks.common.errors import TsmError
+from tsmblocks.common.tables import listed
+from tsmblocks.common.views import no_view
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.files import save
+from tsmblocks.html.report import page
+
+NAMES = ("diagnosis.json", "augmented.toml", "report.html")
+"""The files that are written, in this order."""
+FILES = (".html", ".htm", ".json", ".toml", ".pdf", ".txt", ".md", ".csv")
+"""Endings of what is no folder."""
+
+
+def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
+    """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder, which is made; the folder.
+
+    Raises TsmError where the folder is a file, or has the name of one.
+    """
+    place = folder_for(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    (place / NAMES[0]).write_text(diagnosis.to_json(), encoding="utf-8", newline="\n")
+    save(diagnosis.augmented, place / NAMES[1])
+    (place / NAMES[2]).write_text(page(diagnosis), encoding="utf-8", newline="\n")
+    return place
+
+
+def folder_for(named: str | Path) -> Path:
+    """The folder that a diagnosis is written into. Raises TsmError where it is a file, or has the name of one."""
+    place = Path(named)
+    if place.is_dir():
+        return place
+    if place.exists():
+        raise TsmError(f"'{place}' is a file; name a folder for {listed(NAMES)}.")
+    if place.suffix.lower() in FILES:
+        raise TsmError(f"'{place}' is the name of a file; name a folder for {listed(NAMES)}, such as "
+                       f"'{place.with_suffix('')}'.")  # fmt: skip
+    return place
+
+
+view = functools.singledispatch(no_view)
+view.register(Diagnosis, written)
+
+__all__ = ["NAMES", "folder_for", "page", "view", "written"]

@@ -1,0 +1,326 @@
+"""Numbers that say how good a run is, written as people write them: ``"peak_to_peak(x_ref - x_out, after=10)"``.
+
+A metric is arithmetic of reductions, and each reduction makes one number of an expression of signals. Nothing in a
+text is ever run.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, ParameterError, RunError, clip, in_words, near
+from tsmblocks.metrics.expressions import FUNCTIONS, Expression, Reader, name_in, number, reader
+from tsmblocks.metrics.reductions import NONE, OTHER_NAMES, REDUCTIONS
+
+EXAMPLE = "Write for example 'rms(x_ref - x_out)'."
+USUAL = {
+    "peak-to-peak error": "peak_to_peak(x_ref - x_out)",
+    "rms error": "rms(x_ref - x_out)",
+    "largest error": "largest(x_ref - x_out)",
+    "effort": "rms(u)",
+}
+"""Metrics of tracking where none are named, those whose signals are there."""
+
+
+@attrs.frozen
+class Part:
+    """One reduction in a metric: of ``of``, at instants from ``after`` up to ``before`` [s]."""
+
+    reduction: str
+    of: Expression
+    numbers: tuple[float, ...] = ()
+    after: float = -np.inf
+    before: float = np.inf
+
+    def value(self, name: str, t: np.ndarray, signals: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The number for each run, shape (runs,), from signals (N, runs); NaN where the signal is not finite."""
+        inside = (t >= self.after - 1e-9) & (t <= self.before + 1e-9)
+        if not inside.any():
+            raise DataError(f"metric '{clip(name)}': no instant of the run lies between {self.after:g} and "
+                            f"{self.before:g} s; it goes from {t[0]:g} to {t[-1]:g} s.")  # fmt: skip
+        if not inside.all():
+            t, signals = t[inside], {k: v[inside] for k, v in signals.items()}
+        runs = np.shape(next(iter(signals.values())))[1]
+        e = np.broadcast_to(self.of.of_arrays(signals), (len(t), runs))
+        with np.errstate(all="ignore"):
+            return np.where(np.isfinite(e).all(axis=0), REDUCTIONS[self.reduction].run(e, t, *self.numbers), np.nan)
+
+
+@attrs.frozen
+class Metric:
+    """One number of a run, as it was written in ``text``, shown as ``name`` in ``unit`` (``""`` where none is known).
+
+    ``outer`` is arithmetic of the ``parts``, which it knows as ``#0``, ``#1``, …; ``factor`` turns what it gives into
+    ``unit``. ``asked`` is the name as it was asked for: ``"error [deg]"`` of a metric called ``"error"``.
+    """
+
+    name: str
+    text: str
+    unit: str
+    outer: Expression
+    parts: tuple[Part, ...]
+    factor: float = 1.0
+    asked: str = ""
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals it needs."""
+        return tuple(dict.fromkeys(name for part in self.parts for name in part.of.names))
+
+    def __call__(self, t: np.ndarray, signals: Mapping[str, Any]) -> Any:
+        """The number for signals of shape (N,), or one for each run, shape (runs,), for signals of shape (N, runs).
+
+        ``t`` (N,) are the instants [s]. NaN where a signal is not finite. Raises DataError where no instant counts.
+        """
+        given = {k: np.asarray(signals[k], dtype=float) for k in self.signals}
+        alone = all(v.ndim == 1 for v in given.values())
+        wide = {k: v.reshape(len(t), -1) for k, v in given.items()}
+        found = {f"#{k}": part.value(self.name, np.asarray(t), wide) for k, part in enumerate(self.parts)}
+        made = self.factor * self.outer.of_arrays(found)
+        return float(made[0]) if alone else made
+
+
+def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
+    """Read a metric such as ``"rms(x_ref - x_out)"`` or ``"share(abs(u) > 23.9)"``.
+
+    ``signals`` maps the signals that may be named to their units (``""`` where unknown). Every reduction takes
+    ``after=`` and ``before=`` [s]; which there are is in ``reductions.REDUCTIONS``. A ``name`` such as
+    ``"error [deg]"`` says the unit of the result as well. Raises ParameterError for what is no metric, for unknown
+    names, and for signals added up in different units; UnitError for a unit that does not fit.
+    """
+    asked = name
+    name, wanted = named(name)
+    if not name.isprintable() or name == "run":
+        why = "the number of a run has that name" if name == "run" else "it cannot be printed"
+        raise ParameterError(f"no metric can be called {in_words(name)}: {why}.")
+    read = reader(f"metric '{clip(name, 40)}'" if name else "metric", text, list(signals), "signal")
+    lift = _Lift(read, signals)
+    tree = lift.lifted(read.tree)
+    if not lift.parts:
+        read.refuse(f"this makes no number of a signal. {EXAMPLE}")
+    inner = attrs.evolve(read, known=list(lift.units))
+    unit = _unit(inner, tree, lift.units)
+    outer, factor = inner.read(tree), 1.0
+    if wanted:
+        if not unit:
+            raise units.UnitError(
+                f"{read.what}: the unit of '{clip(read.text)}' is not known, so it cannot be in {wanted}."
+            )
+        try:
+            factor = units.factor(unit, wanted)
+        except units.UnitError as error:
+            raise units.UnitError(f"{read.what}: {error}") from None
+    return Metric(name or read.text, read.text, wanted or unit, outer, tuple(lift.parts), factor, asked or read.text)
+
+
+def named(text: str) -> tuple[str, str]:
+    """Name and unit of ``"error [deg]"``; the unit is ``""`` when none is given. Brackets of other kinds are names'."""
+    match = re.fullmatch(r"(.*\S) \[([^\[\]]+)\]", text, re.DOTALL)
+    return (match[1], match[2].strip()) if match else (text, "")
+
+
+def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
+    """Read metrics: one text, a list of texts, or a mapping from names to texts; None for the usual ones.
+
+    Raises as ``metric`` does, and ParameterError for none at all.
+    """
+    if given is None:
+        given = {name: text for name, text in USUAL.items() if _reads(text, signals)}
+        if not given:
+            raise ParameterError("say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
+                                 f"example 'rms({next(iter(signals), 'y')})'.")  # fmt: skip
+    if isinstance(given, str):
+        given = [given]
+    if isinstance(given, Mapping) and given:
+        made = tuple(metric(text, signals, str(name)) for name, text in given.items())
+    elif isinstance(given, Sequence) and given:
+        made = tuple(metric(text, signals) for text in given)
+    else:
+        raise ParameterError("metrics must be texts such as 'rms(x_ref - x_out)', a list or a mapping of them, "
+                             f"got {in_words(given)}.")  # fmt: skip
+    for one in made:
+        if sum(one.name == other.name for other in made) > 1:
+            raise ParameterError(f"two metrics have the name '{clip(one.name)}'.")
+    return made
+
+
+def measure(run: Any, wanted: Any = None) -> dict[str, float]:
+    """Metrics of a run, by the names they were asked by: ``measure(run, {"error [deg]": "rms(x_ref - x_out)"})``.
+
+    ``wanted`` is one text, a list, or a mapping from names to texts, as for ``metric``; by default the tracking
+    errors. A name may say the unit. Raises as ``metric`` does, and RunError for what is no run.
+    """
+    if not all(hasattr(run, part) for part in ("t", "unit", "keys")):
+        raise RunError(f"only a run can be measured, got {in_words(run)}.")
+    found = metrics(wanted, {name: run.unit(name) for name in run})
+    return {one.asked: one(run.t, {k: run[k] for k in one.signals}) for one in found}
+
+
+def formed(run: Any, text: str) -> tuple[np.ndarray, str]:
+    """Samples and unit of a signal of a run, or of an expression of signals such as ``"x_ref - x_out"``.
+
+    The unit is ``""`` where it is not known. Raises RunError for an unknown signal; ParameterError for what is no
+    expression, for unknown names in one, and for a sum of different units.
+    """
+    if text in run or re.fullmatch(r"[\w.\[\]]*", text):
+        return run[text], run.unit(text)
+    signals = {name: run.unit(name) for name in run}
+    read = reader("signal", text, list(signals), "signal")
+    if isinstance(read.tree, (ast.Compare, ast.BoolOp)):
+        read.refuse("this compares, and has no curve.")
+    made = read.read(read.tree)
+    values = made.of_arrays({name: run[name] for name in made.names})
+    return np.broadcast_to(np.asarray(values, dtype=float), run.t.shape), _unit(read, read.tree, signals)
+
+
+def _reads(text: str, signals: Mapping[str, str]) -> bool:
+    try:
+        metric(text, signals)
+    except ParameterError:
+        return False
+    return True
+
+
+class _Lift:
+    """Takes the reductions out of a tree, and leaves a name ``#k`` where each stood."""
+
+    def __init__(self, read: Reader, signals: Mapping[str, str]) -> None:
+        self.read, self.signals = read, signals
+        self.parts: list[Part] = []
+        self.units: dict[str, str] = {}
+
+    def lifted(self, node: ast.expr) -> ast.expr:
+        """The tree with its reductions taken out. Raises ParameterError."""
+        written = name_in(node)
+        if written is not None and written != "pi":
+            full = self.read.full(written, node)
+            self.read.refuse(f"'{clip(full)}' is a signal over time; make one number of it: rms({clip(full)}), "
+                             "for example.", node)  # fmt: skip
+        if isinstance(node, (ast.Compare, ast.BoolOp)):
+            self.read.refuse("this compares, but a number is wanted here. The share of the time at which it holds is "
+                             "share(…).", node)  # fmt: skip
+        if isinstance(node, ast.Call):
+            return self._call(node)
+        if isinstance(node, ast.UnaryOp):
+            return ast.copy_location(ast.UnaryOp(node.op, self.lifted(node.operand)), node)
+        if isinstance(node, ast.BinOp):
+            return ast.copy_location(ast.BinOp(self.lifted(node.left), node.op, self.lifted(node.right)), node)
+        return node
+
+    def _call(self, node: ast.Call) -> ast.expr:
+        name = name_in(node.func) or ""
+        if name in REDUCTIONS:
+            self.parts.append(_part(self.read, node, name))
+            mark = f"#{len(self.parts) - 1}"
+            inside = _unit(self.read, self.parts[-1].of.tree, self.signals)
+            self.units[mark] = REDUCTIONS[name].unit(inside) if inside or name in _OWN_UNIT else ""
+            return ast.copy_location(ast.Name(mark, ast.Load()), node)
+        if name not in FUNCTIONS:
+            hint = near(OTHER_NAMES.get(name, name), [*REDUCTIONS, *FUNCTIONS], 20)
+            self.read.refuse(f"there is nothing called '{clip(name, 40)}'.{hint}", node.func)
+        return ast.copy_location(ast.Call(node.func, [self.lifted(a) for a in node.args], node.keywords), node)
+
+
+_OWN_UNIT = {name for name, one in REDUCTIONS.items() if one.unit("m") in (NONE, "s")}
+"""Reductions whose unit does not depend on that of the signal."""
+
+
+def _part(read: Reader, node: ast.Call, name: str) -> Part:
+    reduction = REDUCTIONS[name]
+    first = "comparison" if name == "share" else "signal"
+    wanted = ", ".join([first, *reduction.numbers, "after=", "before="])
+    given = {k.arg: k.value for k in node.keywords}
+    once = len(given) == len(node.keywords)
+    if len(node.args) != 1 + len(reduction.numbers) or not given.keys() <= {"after", "before"} or not once:
+        read.refuse(f"{name} takes ({wanted}), the last two being optional.", node)
+    signal, *others = node.args
+    compares = isinstance(signal, ast.Compare)
+    if compares != (name == "share"):
+        read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
+    of = read.read(_held(read, signal) if isinstance(signal, ast.Compare) else signal)
+    if not of.names:
+        read.refuse(f"there is no signal in this. {EXAMPLE}", signal)
+    window = {k: _plain(read, value) for k, value in given.items() if k}
+    return Part(name, of, tuple(_plain(read, one) for one in others), **window)
+
+
+def _held(read: Reader, node: ast.Compare) -> ast.expr:
+    """What is above zero where a comparison holds."""
+    sides, made = [node.left, *node.comparators], list[ast.expr]()
+    for left, sign, right in zip(sides, node.ops, sides[1:], strict=False):
+        if not isinstance(sign, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)):
+            read.refuse("signals are compared by <, <=, > or >=.", node)
+        low, high = (left, right) if isinstance(sign, (ast.Lt, ast.LtE)) else (right, left)
+        above = ast.copy_location(ast.BinOp(high, ast.Sub(), low), node)
+        if isinstance(sign, (ast.LtE, ast.GtE)):  # equal counts too: nothing but zero is lifted by so little
+            least = ast.copy_location(ast.Constant(sys.float_info.min), node)
+            above = ast.copy_location(ast.BinOp(above, ast.Add(), least), node)
+        made.append(above)
+    if len(made) == 1:
+        return made[0]
+    return ast.copy_location(ast.Call(ast.copy_location(ast.Name("min", ast.Load()), node), made, []), node)
+
+
+def _plain(read: Reader, node: ast.expr) -> float:
+    """A number written out, such as ``0.02`` or ``2 * pi``."""
+    for one in ast.walk(node):
+        if isinstance(one, (ast.Name, ast.Attribute)) and name_in(one) not in ("pi", *FUNCTIONS):
+            read.refuse("a plain number is wanted here.", node)
+    value = number(read.read(node).of_arrays({}))
+    if value is None:
+        read.refuse("this is no finite number.", node)
+    return value
+
+
+def _unit(read: Reader, node: ast.expr, labels: Mapping[str, str]) -> str:
+    """The unit of an expression, ``""`` where it is not known. Raises ParameterError for a sum of different ones."""
+    return _Units(read, labels).of(node) or ""
+
+
+@attrs.frozen
+class _Units:
+    """Finds units: a label, ``""`` where it is unknown, None for a plain number, which takes any."""
+
+    read: Reader
+    labels: Mapping[str, str]
+
+    def of(self, node: ast.AST) -> str | None:
+        written = name_in(node)
+        if written is not None:
+            return None if written == "pi" else self.labels[self.read.full(written, node)]  # type: ignore[arg-type]
+        if isinstance(node, ast.UnaryOp):
+            return self.of(node.operand)
+        if isinstance(node, ast.BinOp):
+            return self._operation(node, self.of(node.left), self.of(node.right))
+        if isinstance(node, ast.Call):
+            found = [self.of(a) for a in node.args]
+            if name_in(node.func) in ("abs", "min", "max"):
+                return self._common(node, found)
+            return None if all(one is None for one in found) else NONE if NONE in found else ""
+        return None
+
+    def _operation(self, node: ast.BinOp, left: str | None, right: str | None) -> str | None:
+        if isinstance(node.op, (ast.Add, ast.Sub)):
+            return self._common(node, [left, right])
+        if left is None and right is None:
+            return None
+        if isinstance(node.op, ast.Div) and left and right and units.same(left, right):
+            return NONE
+        if isinstance(node.op, (ast.Mult, ast.Div)) and right == NONE:
+            return left
+        return right if isinstance(node.op, ast.Mult) and left == NONE else ""
+
+    def _common(self, node: ast.expr, found: Sequence[str | None]) -> str | None:
+        known = [one for one in found if one]
+        for one in known[1:]:
+            if not units.same(known[0], one):
+                self.read.refuse(f"this mixes {known[0]} and {one}.", node)
+        return "" if "" in found else known[0] if known else None

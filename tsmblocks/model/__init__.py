@@ -1,0 +1,1 @@
+"""Blocks and diagrams as values. Read ``fields``, ``block``, ``wires``, ``diagram``."""

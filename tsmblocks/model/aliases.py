@@ -1,0 +1,48 @@
+"""What blocks are called in other programs, for those who come from there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from tsmblocks.common.errors import near
+
+CALLED: dict[str, tuple[str, ...]] = {
+    "Play": ("Backlash", "Gear backlash", "Hysteresis"),
+    "Delay": ("Transport delay", "Time delay", "Pure delay"),
+    "DeadTime": ("Variable transport delay", "Totzeit"),
+    "UnitDelay": ("Memory", "One sample delay", "Register"),
+    "DeadZone": ("Dead band", "Deadspace"),
+    "Gain": ("Gear", "Gear ratio", "Gearbox", "Scale", "Proportional"),
+    "Sum": ("Add", "Adder", "Subtract", "Difference", "Summing junction", "Comparator"),
+    "Product": ("Multiply", "Multiplier"),
+    "FirstOrderLag": ("PT1", "Low pass", "Low pass filter"),
+    "SecondOrderLag": ("PT2", "Mass spring damper"),
+    "FilteredDerivative": ("DT1", "High pass", "High pass filter"),
+    "Saturation": ("Limiter", "Limit", "Clip", "Clamp"),
+    "RateLimit": ("Slew rate", "Slew rate limiter"),
+    "Quantiser": ("ADC", "Rounding"),
+    "SensorNoise": ("White noise", "Band limited white noise", "Random number"),
+    "LookupTable": ("Lookup", "1-D lookup table", "Interpolation table", "Characteristic"),
+    "TransferFunction": ("Transfer fcn", "tf"),
+    "DiscreteTransferFunction": ("Discrete transfer fcn", "Discrete filter"),
+    "StateSpace": ("ss", "LTI system"),
+    "ZeroPoleGain": ("zpk", "Zero pole"),
+    "Recorded": ("From workspace", "From file", "Signal from file"),
+    "Sine": ("Sine wave", "Signal generator"),
+    "Ramp": ("Clock", "Time"),
+    "StribeckFriction": ("Joint friction",),
+}
+"""Names elsewhere, for each block."""
+
+
+def _plain(name: str) -> str:
+    return "".join(c for c in name.casefold() if c.isalnum())
+
+
+HERE = {_plain(name): block for block, names in CALLED.items() for name in names}
+
+
+def called(name: str, known: Collection[str], otherwise: str = "") -> str:
+    """What a block is called here that is called ``name`` elsewhere; else what is near, as ``errors.near`` says it."""
+    here = HERE.get(_plain(name))
+    return f" Here that is '{here}'." if here and here in known else near(name, known, otherwise=otherwise)

@@ -1,0 +1,306 @@
+"""What a block is: a frozen value with ports, states, parameters and pure equations.
+
+It knows nothing of diagrams, of CasADi or of running; those read what is declared here.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections import namedtuple
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, TypeVar, dataclass_transform
+
+import attrs
+
+from tsmblocks.common.errors import BlockError, EquationError, ParameterError, in_words, near
+from tsmblocks.common.units import UnitError, parse
+from tsmblocks.common.views import view
+from tsmblocks.model.fields import (
+    Field,
+    Input,
+    Output,
+    Past,
+    Samples,
+    State,
+    Tape,
+    is_reference,
+    leaves,
+    map_leaves,
+    option,
+    parameter,
+    plain,
+    state,
+    validate,
+)
+
+# ---- signals by name and by position ------------------------------------------------------------
+
+
+@functools.cache
+def _signal_type(names: tuple[str, ...]) -> Any:
+    return namedtuple("Signals", names)  # type: ignore[misc]
+
+
+def signals(names: tuple[str, ...] | list[str], values: Any) -> Any:
+    """Values by name and by position, as equations receive their states and inputs."""
+    return _signal_type(tuple(names))(*values)
+
+
+# ---- the block --------------------------------------------------------------------------------
+
+REGISTRY: dict[str, type[Block]] = {}
+"""Every block that files may name, by class name."""
+
+
+class Block:
+    """Base of all blocks, and the only one: no block inherits from another.
+
+    A block declares fields (``parameter``, ``option``, ``state``) and ports (``Input``, ``Output``,
+    ``Tape``, ``Past``), and gives its equations with CasADi operations:
+
+    - ``outputs(t, x, u)``: the outputs, by name;
+    - ``derivatives(t, x, u)``: rates of the continuous states;
+    - ``updates(t, x, u)``: new values of the memory states. A block with ``sampled = True`` (and an
+      option ``period``) is updated as the run starts and every period after, its outputs held in between;
+      any other block is updated once at the start of each step. A continuous state named by
+      ``updates`` is set to that value there (a reset).
+
+    ``t`` is the time in s; ``x`` and ``u`` hold states and inputs (with tapes and past values) by name.
+    ``source`` names the equation, paper or book; ``symbol`` is what the picture shows.
+    """
+
+    source: ClassVar[str] = ""
+    symbol: ClassVar[str] = ""
+    sampled: ClassVar[bool] = False
+    _fields: ClassVar[dict[str, Field]] = {}
+    _declared: ClassVar[dict[str, Any]] = {}
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        # A class that @block has made a block has a constructor of its own.
+        owner = type(self).__name__
+        raise BlockError(f"{owner} is not a block yet: write @block above class {owner}(Block).")
+
+    # -- equations, to be written by the block
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        """Outputs by name."""
+        if self.outports:
+            raise EquationError(
+                f"{type(self).__name__} has no method outputs(self, t, x, u), which should give "
+                f"{', '.join(self.outports)}."
+            )
+        return {}
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        """Rates of the continuous states by name, per second."""
+        return {}
+
+    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        """New values of the memory states by name."""
+        return {}
+
+    def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
+        """Samples of each Tape that cover ``start`` to ``stop`` [s].
+
+        ``name`` is the block's name in its diagram, so that two noises with one seed differ.
+        """
+        return {}
+
+    def check(self) -> None:
+        """Raise ParameterError when parameters do not go together. Never called with symbols."""
+
+    # -- what is declared, for readers of blocks
+
+    @property
+    def inports(self) -> dict[str, Input]:
+        """Input ports by name, in order. A block whose ports depend on an option overrides this."""
+        return {k: self._in_unit(p) for k, p in self._declared.items() if isinstance(p, Input)}
+
+    @property
+    def outports(self) -> dict[str, Output]:
+        """Output ports by name, in order."""
+        return {k: self._in_unit(p) for k, p in self._declared.items() if isinstance(p, Output)}
+
+    def _in_unit(self, port: Any) -> Any:
+        """A port in the unit that an option says, where one does."""
+        unit = getattr(self, port.told) if port.told else ""
+        return attrs.evolve(port, unit=unit) if unit else port
+
+    @property
+    def states(self) -> dict[str, State]:
+        """States by name, in order, with their start values."""
+        return {k: State(getattr(self, k), f.about, f.unit) for k, f in self._fields.items() if f.kind == "state"}
+
+    @property
+    def tape_ports(self) -> dict[str, Tape]:
+        """Signals supplied by ``tapes``."""
+        return {k: p for k, p in self._declared.items() if isinstance(p, Tape)}
+
+    @property
+    def past_ports(self) -> dict[str, Past]:
+        """Delayed values that the equations read."""
+        return {k: p for k, p in self._declared.items() if isinstance(p, Past)}
+
+    @property
+    def read_names(self) -> tuple[str, ...]:
+        """Names of everything ``u`` holds, in order: inputs, tapes, past values."""
+        return (*self.inports, *self.tape_ports, *self.past_ports)
+
+    @classmethod
+    def fields(cls) -> Mapping[str, Field]:
+        """What is declared of each field: meaning, unit, bounds, default."""
+        return cls._fields
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Values that stay symbols until the run: parameters and start values."""
+        return {k: getattr(self, k) for k, f in self._fields.items() if f.kind != "option"}
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Values that shape the equations."""
+        return {k: getattr(self, k) for k, f in self._fields.items() if f.kind == "option"}
+
+    def replace(self, **changes: Any) -> Block:
+        """The same block with some fields changed; raises ParameterError for an unknown name."""
+        values = {k: getattr(self, k) for k in self._fields}
+        return type(self)(**{**values, **changes})
+
+    def twin(self, symbol: Callable[[str, Any], Any]) -> Block:
+        """The same block with each parameter's numbers replaced by ``symbol(name, value)``."""
+        other = object.__new__(type(self))
+        for k, f in self._fields.items():
+            value = getattr(self, k)
+            object.__setattr__(other, k, value if f.kind == "option" else map_leaves(symbol, value, k))
+        return other
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={_short(getattr(self, name))}" for name in self._fields)
+        return f"{type(self).__name__}({values})"
+
+    def _repr_html_(self) -> str:
+        return view("html", self)
+
+    def __attrs_post_init__(self) -> None:
+        for name, field in self._fields.items():
+            value = plain(getattr(self, name))
+            validate(type(self).__name__, name, field, value)
+            whole = isinstance(value, float) and type(field.default) is int
+            object.__setattr__(self, name, int(value) if whole else value)
+        if not any(is_reference(v) for k in self.parameters for _, v in leaves(getattr(self, k))):
+            self._check_units()
+            self.check()
+
+    def _check_units(self) -> None:
+        """Raise ParameterError where an option that says the unit of a port is no unit."""
+        for name in (port.told for port in self._declared.values() if isinstance(port, (Input, Output))):
+            try:
+                parse(getattr(self, name) if name else "")
+            except UnitError as error:
+                raise ParameterError(f"{type(self).__name__}.{name}: {error}") from None
+
+
+def _short(value: Any) -> str:
+    """A value as it is typed, of a long list its begin."""
+    if isinstance(value, tuple) and len(value) > 8:
+        return f"({', '.join(map(repr, value[:3]))}, … {len(value)} in all)"
+    return repr(value)
+
+
+B = TypeVar("B", bound=type[Block])
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(parameter, option, state))
+def block(cls: B | None = None, *, register: bool = True) -> Any:
+    """Make a class a block: frozen, compared by value, checked, and known to files by its name.
+
+    ``register=False`` keeps it out of the registry (a block for one script). Raises BlockError when
+    the class does not derive from Block itself, or when its name is taken by another block.
+    """
+    if cls is None:
+        return functools.partial(block, register=register)
+    if cls.__bases__ != (Block,):
+        base = cls.__bases__[0].__name__
+        raise BlockError(
+            f"{cls.__name__} must derive from Block itself, not from {base}. Write class {cls.__name__}(Block)."
+        )
+    own = frozenset(vars(cls))
+    specs = {k: v for k, v in vars(cls).items() if isinstance(v, (Input, Output, Tape, Past))}
+    made: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(cls)
+    made._declared = specs
+    made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
+    _check_declarations(made, own)
+    type.__setattr__(made, "__init__", _guarded(made.__init__, made))
+    type.__setattr__(made, "__setattr__", _unchanging)
+    if register:
+        _register(made)
+    return made
+
+
+def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
+    """Raise BlockError for a name no block can use, ParameterError for a default out of its bounds.
+
+    ``own`` are the names that the class was written with.
+    """
+    owner = cls.__name__
+    if "__init__" in own:
+        raise BlockError(f"{owner} must not have __init__: it is made from what is declared. Numbers that must go "
+                         "together are for check().")  # fmt: skip
+    for name, annotation in vars(cls).get("__annotations__", {}).items():
+        if name in cls._declared:
+            raise BlockError(f"{owner}.{name} is a port and takes no annotation: {name} = Input(…) or Output(…).")
+        if name not in cls._fields and "ClassVar" not in str(annotation):
+            raise BlockError(f"{owner}.{name} must be made by parameter, option or state (or be a ClassVar).")
+    for name in (*cls._declared, *cls._fields):
+        if hasattr(Block, name) or name.startswith("_"):
+            raise BlockError(f"{owner}: '{name}' cannot name a port or a parameter. Choose another name.")
+    for name, field in cls._fields.items():
+        try:
+            validate(owner, name, field, plain(field.default))
+        except ParameterError as error:
+            raise ParameterError(f"the default of {error}") from None
+
+
+def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]:
+    """The constructor with this package's message for a name or a position it does not know."""
+
+    @functools.wraps(init)
+    def made(self: Block, *args: Any, **values: Any) -> None:
+        if args:
+            first = next(iter(cls._fields), "gain")
+            raise ParameterError(f"{cls.__name__} takes its parameters by name: {first}={in_words(args[0])}.")
+        for name in values:
+            if name not in cls._fields:
+                raise ParameterError(f"{cls.__name__} has no parameter '{name}'.{near(name, cls._fields)}")
+        init(self, **values)
+
+    return made
+
+
+class Unchanging(AttributeError):
+    """An attribute of a block was to be set."""
+
+
+def _unchanging(self: Block, name: str, value: Any) -> None:
+    """What setting an attribute of a block does: say how a changed block, or diagram, is had."""
+    raise Unchanging(
+        f"a block does not change. A {type(self).__name__} with another {name} is block.replace({name}="
+        f"{in_words(value)}); a diagram with it is diagram.with_parameters({{'NAME.{name}': {in_words(value)}}}), NAME "
+        "being the block's.",
+        name=name,
+    )
+
+
+def _register(cls: type[Block]) -> None:
+    known = REGISTRY.get(cls.__name__)
+    if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+        raise BlockError(
+            f"A block named {cls.__name__} exists already, in {known.__module__}. "
+            "Choose another name, or use @block(register=False)."
+        )
+    REGISTRY[cls.__name__] = cls
+
+
+__all__ = ["REGISTRY", "Block", "Field", "Input", "Output", "Past", "Samples", "State", "Tape", "block",
+           "is_reference", "leaves", "map_leaves", "option", "parameter", "plain", "signals", "state",
+           "validate"]  # fmt: skip

@@ -1,0 +1,190 @@
+"""The one wire notation: ``"error -> pid -> drive.u, scope"``. It knows text, ports and names, no equations.
+
+Arrow for flow, dot for port, comma for several receivers; a port is left out where a block has
+only one. The same text stands in scripts, files, messages and log names.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+import attrs
+
+from tsmblocks.common.errors import clip, in_words, near
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+class Ported(Protocol):
+    """Anything with ports: a block, or a diagram standing as one."""
+
+    @property
+    def inports(self) -> Mapping[str, Any]: ...
+
+    @property
+    def outports(self) -> Mapping[str, Any]: ...
+
+
+class Located(str):
+    """Text that remembers where it was written (``place`` is ``"file:line"``)."""
+
+    place: str = ""
+
+    @classmethod
+    def at(cls, text: str, place: str) -> Located:
+        """The text with its place."""
+        made = cls(text)
+        made.place = place
+        return made
+
+
+@attrs.frozen
+class Link:
+    """One connection between two ports; ``place`` is where it was written."""
+
+    source: tuple[str, str]
+    target: tuple[str, str]
+    place: str = attrs.field(default="", eq=False)
+
+    def __str__(self) -> str:
+        return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
+
+
+def located(text: str, place: str) -> str:
+    """The sentence with its ``file:line`` in front, where one is known."""
+    return f"{place}: {text}" if place else text
+
+
+def place_of(text: Any) -> str:
+    """``file:line`` of a name or wire text, or ``""`` where it is not known."""
+    return getattr(text, "place", "")
+
+
+class Fault(Exception):
+    """One sentence about one piece of wire text; collected by the caller."""
+
+
+def kind(block: Ported) -> str:
+    """What a message calls a block: its class."""
+    return type(block).__name__
+
+
+def not_a_block(name: str, given: object) -> str:
+    """A sentence about something that stands where a block should."""
+    hint = f" Write {given.__name__}()." if isinstance(given, type) else ""
+    return f"{name} must be a block or a diagram, got {in_words(given)}.{hint}"
+
+
+def _choose(name: str, block: Ported, port: str, side: str) -> str:
+    """The port meant by ``name`` or ``name.port`` on one side of a block; raises Fault."""
+    ports = block.inports if side == "input" else block.outports
+    other = block.outports if side == "input" else block.inports
+    if port:
+        if port in ports:
+            return port
+        if port in other:
+            turned = "output" if side == "input" else "input"
+            raise Fault(
+                f"{name}.{port} is an {turned} of {name} ({kind(block)}), and an {side} is needed here."
+                f" Its {side}s: {', '.join(ports) or 'none'}."
+            )
+        raise Fault(f"{name} ({kind(block)}) has no {side} '{clip(port)}'.{near(port, ports)}")
+    usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
+    if len(usual) == 1:
+        return usual[0]
+    if not usual:
+        raise Fault(f"{name} ({kind(block)}) has no {side}.")
+    raise Fault(f"{name} ({kind(block)}) has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
+
+
+def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, str]:
+    """``"tsm"`` or ``"tsm.y"`` as (block, port), the port being an ``input`` or ``output``; raises Fault."""
+    if not isinstance(text, str):
+        raise Fault(f"a port must be text such as 'motor.y', got {in_words(text)}.")
+    name, _, port = text.strip().partition(".")
+    name, port = name.strip(), port.strip()
+    numbered = re.fullmatch(r"(\w+)\[\d+\]", name) or (port.isdigit() and re.fullmatch(r"(\w+)", name))
+    if numbered and numbered[1] in blocks:
+        block = blocks[numbered[1]]
+        ports = block.inports if side == "input" else block.outports
+        raise Fault(f"the ports of {numbered[1]} ({kind(block)}) go by name, not by number."
+                    f" Its {side}s: {', '.join(ports) or 'none'}.")  # fmt: skip
+    if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
+        raise Fault(f"'{clip(text.strip())}' is not a name. Write block or block.port.")
+    if name not in blocks:
+        raise Fault(f"names block '{clip(name)}', which is not in blocks.{near(name, blocks)}")
+    return name, _choose(name, blocks[name], port, side)
+
+
+def parse(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str]]:
+    """The links of one chain, and a sentence for each fault found in it."""
+    place = getattr(text, "place", "")
+    stages = [[part.strip() for part in stage.split(",")] for stage in text.split("->")]
+    links: list[Link] = []
+    faults: list[str] = []
+    text = clip(text)
+    if len(stages) < 2 or any(not part for stage in stages for part in stage):
+        return [], [f"wire '{text}' is not a chain. Write source -> target, for example error -> pid.e."]
+    if any(len(stage) > 1 for stage in stages[:-1]):
+        return [], [f"wire '{text}' has a comma before its last arrow; only the last place may list several."]
+    for (source,), targets in itertools.pairwise(stages):
+        try:
+            # In the middle of a chain a port names where the wire goes in; out there must be one way.
+            first = source is stages[0][0]
+            start = resolve(source if first else source.partition(".")[0], blocks, "output")
+        except Fault as fault:
+            faults.append(str(fault))
+            start = None
+        for target in targets:
+            try:
+                end = resolve(target, blocks, "input")
+                if start is not None:
+                    links.append(Link(start, end, place))
+            except Fault as fault:
+                faults.append(str(fault))
+    return links, [sentence(f"wire '{text}'", fault) for fault in dict.fromkeys(faults)]
+
+
+def sentence(place: str, fault: object) -> str:
+    """A fault with the piece of text it was found in: ``wire 'a -> b' names block 'a', …``."""
+    return f"{place} {fault}" if str(fault).startswith("names ") else f"{place}: {fault}"
+
+
+def short(end: tuple[str, str], blocks: Mapping[str, Ported], side: str) -> str:
+    """``block`` where its only port is meant, else ``block.port``."""
+    name, port = end
+    try:
+        plain = _choose(name, blocks[name], "", side)
+    except Fault:
+        return f"{name}.{port}"
+    return name if plain == port else f"{name}.{port}"
+
+
+def chains(links: Iterable[Link], blocks: Mapping[str, Ported]) -> list[str]:
+    """The links written as few chains as read well, in the order in which they were given.
+
+    A chain goes on through a block when it leaves by the only output and that signal has not been
+    written yet; several receivers of one signal share a line.
+    """
+    targets: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for link in links:
+        targets.setdefault(link.source, []).append(link.target)
+    fed = {end[0] for ends in targets.values() for end in ends}
+    heads = sorted(targets, key=lambda source: source[0] in fed)  # stable: sources nobody feeds come first
+    lines: list[str] = []
+    for head in heads:
+        if head not in targets:
+            continue
+        line, here = short(head, blocks, "output"), head
+        while True:
+            ends = targets.pop(here)
+            line += " -> " + ", ".join(short(end, blocks, "input") for end in ends)
+            outs = list(blocks[ends[0][0]].outports) if len(ends) == 1 else []
+            here = (ends[0][0], outs[0]) if len(outs) == 1 else here
+            if here not in targets:
+                break
+        lines.append(line)
+    return lines

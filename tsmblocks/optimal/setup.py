@@ -1,0 +1,189 @@
+"""What is asked of an optimal control, read and checked before anything is searched."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
+from tsmblocks.engine.equations import Equations
+from tsmblocks.fitting.constraints import constraints
+from tsmblocks.metrics.expressions import expression
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.optimal.transcription import Given, Interval, Task
+from tsmblocks.simulation.arguments import ends_of, number, resolve_stop, whole, whole_steps
+from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.stability import poles
+
+REACH = 2.0
+"""Step times fastest pole, at most, of one Runge-Kutta step."""
+LEAST = 2
+"""Runge-Kutta steps of an interval at least, so that the error is looked at between samples too."""
+GOALS = ("peak", "rms")
+
+Tell = Callable[[str, int, int], Any]
+
+
+def asked(
+    diagram: Diagram, commands: Mapping[str, Any], error: str, limits: Sequence[str] | str,
+    rates: Mapping[str, Any] | None, references: Sequence[str],
+) -> Task:  # fmt: skip
+    """The task. Raises ParameterError and RunError."""
+    eq = equations(diagram)
+    inputs = [f.name for f in eq.u if not f.block and not f.order]
+    low_high = _ranges("commands", commands, inputs, eq.title)
+    if not low_high:
+        raise RunError("name at least one input of the diagram as a command, with its limits: "
+                       "commands={'u': (-24, 24)}.")  # fmt: skip
+    _smooth(eq)
+    slow_fast = _ranges("rates", {} if rates is None else rates, tuple(low_high), eq.title)
+    names = {**{name: name for name in eq.y}, **eq.aliases}
+    taken = next((name for name in references if name in names), "")
+    if taken:
+        raise ParameterError(f"references give '{taken}', which is a signal of '{eq.title}' already.")
+    known = [*names, *references]
+    needed = expression(error, known, what="error", kind="signal")
+    held = constraints(limits, known, what="limit", kind="signal") if limits else ()
+    equal = next((one.text for one in held if one.equality), "")
+    if equal:
+        raise ParameterError(f"limit '{equal}': an equality at every instant leaves nothing to choose. Make it the "
+                             "error, or write two limits.")  # fmt: skip
+    paces = [slow_fast.get(name, (-np.inf, np.inf)) for name in low_high]
+    used = {name for one in (needed, *(h.expression for h in held)) for name in one.names}
+    task = Task(eq, parameter_vector(eq, diagram), tuple(low_high), np.array(list(low_high.values())).T,
+                np.array(paces).T, needed, held, {k: v for k, v in names.items() if k in used},
+                tuple(references))  # fmt: skip
+    _searchable(task)
+    return task
+
+
+def _searchable(task: Task) -> None:
+    """Raise RunError for what a search by slopes cannot see past, and what commands cannot give."""
+    if task.rounded.steps:
+        raise RunError(f"'{task.eq.title}' rounds a signal to steps, and a search by slopes cannot see from one step "
+                       "to the next. Leave the block that rounds out of the model.")  # fmt: skip
+    bent = [task.commands[command] for _, command, order in task.places if order > 1]
+    if bent:
+        raise RunError(f"'{task.eq.title}' needs the second derivative of '{bent[0]}', and a command that is linear "
+                       "between its samples has none. Put a lag or an integrator behind it.")  # fmt: skip
+
+
+def _smooth(eq: Equations) -> None:
+    """Raise RunError for memory that jumps, and for delays."""
+    if eq.d or eq.periods:
+        owner = next(iter(eq.sampled), eq.d[0] if eq.d else "")
+        raise RunError(f"'{eq.title}' has a part that works in jumps ({owner}); optimal control needs states that move "
+                       "smoothly. Put a continuous block in its place.")  # fmt: skip
+    if eq.q:
+        raise RunError(f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
+                       "give the references that much earlier.")  # fmt: skip
+
+
+def _ranges(what: str, given: Any, known: Sequence[str], title: str) -> dict[str, tuple[float, float]]:
+    """Limits by name; None or an infinity is none."""
+    if not isinstance(given, Mapping):
+        raise ParameterError(f"{what} must map inputs to (low, high), got {in_words(given)}.")
+    made = {}
+    for name, pair in given.items():
+        if name not in known:
+            kind = "input" if what == "commands" else "command"
+            raise ParameterError(f"{what}: '{title}' has no {kind} '{name}'.{near(str(name), known)}")
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+            raise ParameterError(f"{what} of '{name}' must be a pair (low, high), None for no limit, "
+                                 f"got {in_words(pair)}.")  # fmt: skip
+        low, high = (end if one is None or (isinstance(one, float) and one == end)
+                     else number(f"{what} of '{name}'", one, ParameterError)
+                     for one, end in zip(pair, (-np.inf, np.inf), strict=True))  # fmt: skip
+        if not low < high:
+            raise ParameterError(f"{what} of '{name}': the lower limit must be below the upper one, "
+                                 f"got ({low:g}, {high:g}).")  # fmt: skip
+        made[str(name)] = (low, high)
+    return made
+
+
+def goal_of(smallest: Any) -> str:
+    """What is to be small. Raises ParameterError."""
+    if smallest not in GOALS:
+        raise ParameterError(f"smallest is 'peak' or 'rms', got {in_words(smallest)}.{near(str(smallest), GOALS)}")
+    return str(smallest)
+
+
+def teller(progress: Any) -> Tell:
+    """The function that is told how far it is. Raises RunError."""
+    if progress is not None and not callable(progress):
+        raise RunError(f"progress is a function of a stage, how much of it is done and of how much, "
+                       f"got {in_words(progress)}.")  # fmt: skip
+    return progress or (lambda *_: None)
+
+
+def given_of(title: str, commands: Any, inputs: Any, references: Any, hold: str) -> Given:
+    """Everything that is known beforehand. Raises DataError where it is no mapping, or gives a command."""
+    for what, given in (("inputs", inputs), ("references", references)):
+        if given is not None and not (isinstance(given, Mapping) and all(isinstance(k, str) for k in given)):
+            raise DataError(f"{what} must map names to signals, such as {{'x_ref': (t, values)}}, "
+                            f"got {in_words(given)}.")  # fmt: skip
+    named = commands if isinstance(commands, (Mapping, tuple)) else ()  # anything else is refused where it is read
+    both = [name for name in inputs or () if name in named]
+    if both:
+        raise DataError(f"'{both[0]}' is a command of '{title}'; it cannot be given as an input too.")
+    return Given(dict(inputs or {}), dict(references or {}), hold)
+
+
+def ending(given: Given, start: float, step: float) -> float:
+    """The end of what is given, where no stop is. Raises RunError."""
+    signals = {**given.references, **given.inputs}
+    if not ends_of(signals, start, step):
+        raise RunError("say when it ends: stop=… [s], or references as (times, values).")
+    return resolve_stop(signals, start, step)
+
+
+def count_of(begin: float, end: float, h: float) -> int:
+    """How many samples of ``h`` s there are from ``begin`` to ``end`` [s]. Raises RunError where that is not whole."""
+    count = whole_steps(begin, end, h)
+    if abs(begin + count * h - end) > 1e-6 * h:
+        raise RunError(f"stop={end:g} s is no whole number of steps of {h:g} s after start={begin:g} s.")
+    return count
+
+
+def pieces_of(task: Task, given: int | None, h: float) -> int:
+    """Runge-Kutta steps of an interval: as many as the fastest pole at the start asks for. Raises RunError."""
+    if given is not None:
+        return whole("pieces", given, 1)
+    fastest = max((abs(p) for p in poles(task.eq, task.p)), default=0.0)
+    return max(LEAST, math.ceil(h * fastest / REACH))
+
+
+def guessed(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
+    """Commands (c, N + 1) to begin a search from. Raises ParameterError."""
+    if not isinstance(guess, Mapping):
+        raise ParameterError(f"guess must map commands to samples, got {in_words(guess)}.")
+    commands = np.zeros((len(task.commands), len(t)))
+    for name, given in guess.items():
+        if name not in task.commands:
+            raise ParameterError(f"guess: there is no command '{name}'.{near(str(name), task.commands)}")
+        pair = given if isinstance(given, tuple) and len(given) == 2 else (t, given)
+        try:
+            times, values = (np.asarray(part, dtype=float) for part in pair)
+        except (TypeError, ValueError):
+            times = values = np.full(1, np.nan)
+        right = values.ndim == 1 and values.shape == times.shape and len(values) > 0
+        if not right or not np.isfinite([times, values]).all() or np.any(np.diff(times) <= 0):
+            raise ParameterError(f"guess of '{name}' must be {len(t)} finite numbers, one for each sample, or a pair "
+                                 "(times, values) with times that increase.")  # fmt: skip
+        commands[task.commands.index(name)] = np.interp(t, times, values)
+    return task.within(commands)
+
+
+def begins(task: Task, guess: Any, t: np.ndarray, interval: Interval, table: np.ndarray) -> list[np.ndarray]:
+    """Commands to begin searches from: the guess, or else standing still, and a copy of the reference."""
+    if guess is not None:
+        return [guessed(task, guess, t)]
+    still = task.within(np.zeros((len(task.commands), len(t))))
+    if len(task.commands) > 1 or not task.references:
+        return [still]
+    first = table[:: interval.pieces, 0, len(task.eq.u)]
+    copied = np.append(first, table[-1, -1, len(task.eq.u)])[None, :]
+    return [still, task.within(copied)]

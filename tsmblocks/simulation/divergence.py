@@ -1,0 +1,78 @@
+"""Finding where a run stopped being finite: the block, the time, and what it was given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.session import Session
+
+ORDINARY = 1e20
+"""States below this did not run away."""
+
+
+def explain(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:
+    """Run again from the last safe instant with everything logged; (message, block, time [s])."""
+    first = session.k
+    y = session.rows_for(steps, True)
+    session.advance(steps, True, y)
+    bad = np.flatnonzero(~np.isfinite(y).all(axis=1))
+    row = int(bad[0]) if len(bad) else len(y) - 1
+    time = session.start + (first + row) * session.h
+    values = dict(zip(eq.y, y[row], strict=True))
+    before = dict(zip(eq.y, y[row - 1], strict=True)) if row else {}
+    block = _born(eq, values)
+    if block:
+        return _output_message(eq, values, block, time), block, time
+    states = [k for k in eq.x if not math.isfinite(values.get(k, 0.0))]
+    block = (states[0] if states else next(iter(values))).rpartition(".")[0]
+    return _state_message(eq, values, before, states, block, time), block, time
+
+
+def _born(eq: Equations, values: dict[str, float]) -> str:
+    """The first block whose output is not finite though its inputs and states are."""
+    for name, value in values.items():
+        block, _, _ = name.rpartition(".")
+        if math.isfinite(value) or block not in eq.reads or name in eq.x:
+            continue
+        given = [*eq.reads[block][1].values(), *(s for s in (*eq.x, *eq.d) if s.rpartition(".")[0] == block)]
+        if all(math.isfinite(values.get(s, 0.0)) for s in given):
+            return block
+    return ""
+
+
+def _list(pairs: Iterable[tuple[str, float]]) -> str:
+    return ", ".join(f"{k} = {v:.6g}" for k, v in pairs)
+
+
+def _output_message(eq: Equations, values: dict[str, float], block: str, time: float) -> str:
+    kind, reads = eq.reads[block]
+    outputs = [(k, v) for k, v in values.items() if k.rpartition(".")[0] == block and not math.isfinite(v)]
+    inputs = [(f"{port} (from {signal})", values.get(signal, math.nan)) for port, signal in reads.items()]
+    states = [
+        (k.rpartition(".")[2], values[k]) for k in (*eq.x, *eq.d) if k.rpartition(".")[0] == block and k in values
+    ]
+    text = f"{_list(outputs)} at t = {time:g} s, born in {block} ({kind})."
+    text += f" Its inputs: {_list(inputs)}." if inputs else ""
+    return text + (f" Its states: {_list(states)}." if states else "")
+
+
+def _state_message(
+    eq: Equations,
+    values: dict[str, float],
+    before: dict[str, float],
+    states: list[str],
+    block: str,
+    time: float,
+) -> str:
+    kind = eq.reads[block][0] if block in eq.reads else "?"
+    now = [(k, values[k]) for k in states[:4]]
+    text = f"{_list(now)} at t = {time:g} s: a state of {block} ({kind}) left the finite numbers."
+    if before:
+        text += f" One step before: {_list((k, before[k]) for k in states[:4])}."
+    if before and all(abs(before[k]) < ORDINARY for k in states):
+        return text + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
+    return text + " The loop may be unstable, or the step too long for it; try a smaller step."

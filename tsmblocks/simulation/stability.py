@@ -1,0 +1,138 @@
+"""Fastest poles of the equations at the start of a run, to judge the step by; and the warning of a step too long."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.common.tables import few
+from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
+from tsmblocks.engine.inputs import Signal
+from tsmblocks.engine.kernel_interface import Memory
+from tsmblocks.engine.methods import Method
+
+DENSE = 120
+"""Up to so many states all eigenvalues are found; above, the diagonal of the Jacobian is looked at."""
+LOOKED_AT = 16
+"""Sets of parameters, of many that are run, whose poles are looked at."""
+
+_JACOBIANS: dict[int, tuple[Equations, Any]] = {}
+_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+class StepWarning(UserWarning):
+    """The step is too long for the fastest pole of the diagram."""
+
+
+@attrs.frozen(eq=False)
+class Beginning:
+    """Where a run begins: ``start`` [s], and states and memory, those of the diagram unless given.
+
+    ``signals`` are the inputs with the order of their derivatives, all zero where there are none. ``words`` say which
+    set of parameters it is, where there are several.
+    """
+
+    eq: Equations
+    p: np.ndarray
+    start: float = 0.0
+    signals: Sequence[tuple[Signal, int]] = ()
+    memory: Memory | None = None
+    words: str = ""
+
+
+def warn_of_fast_poles(beginnings: Sequence[Beginning], rule: Method, h: float) -> None:
+    """Warn when a mode that decays would grow under this method at this step of ``h`` [s].
+
+    The warning is of the worst of some beginnings, and stands where the caller of the caller is.
+    """
+    if _QUIET.get():
+        return
+    looked = [(fastest_unstable(one, rule, h), one) for one in beginnings]
+    grown = [(*found, one) for found, one in looked if found is not None]
+    if not grown:
+        return
+    pole, state, worst = max(grown, key=lambda one: abs(one[0]))
+    concerned = f"Of {len(looked)} sets of parameters looked at this concerns {len(grown)}, most of all"
+    which = f" {concerned if len(looked) > 1 else 'This is with'} {worst.words}." if worst.words else ""
+    warnings.warn(
+        f"diagram '{worst.eq.title}': the step of {h:g} s is too long for the fastest pole "
+        f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
+        f"{rule.real_limit / abs(pole):.2g} s there.{which}",
+        StepWarning,
+        stacklevel=3,
+    )
+
+
+@contextmanager
+def no_more_of_steps() -> Iterator[None]:
+    """Within this nothing is said of steps: the call that does many runs has said it once for all."""
+    before = _QUIET.set(True)
+    try:
+        yield
+    finally:
+        _QUIET.reset(before)
+
+
+def extremes(columns: Mapping[str, np.ndarray]) -> list[int]:
+    """Positions of the first set, and of those with the smallest and largest value of each number; a few at most."""
+    numbers = [values for values in columns.values() if values.dtype.kind == "f"]
+    ends = (int(end(values)) for values in numbers for end in (np.argmin, np.argmax))
+    return list(dict.fromkeys([0, *ends]))[:LOOKED_AT]
+
+
+def set_in_words(numbers: Mapping[str, Any]) -> str:
+    """One set of parameters in a line."""
+    return few(f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value!r}"
+               for name, value in numbers.items())  # fmt: skip
+
+
+def fastest_unstable(begin: Beginning, rule: Method, h: float) -> tuple[complex, str] | None:
+    """The fastest decaying pole that grows under the method, with the state it belongs to; None if all is well."""
+    eq, p, start = begin.eq, begin.p, begin.start
+    if not eq.x:
+        return None
+    q = np.tile([*np.zeros(KEPT), start, 1 / h, 0.0], len(eq.q))  # nothing is kept yet
+    u = np.array([s.at(np.array([start]), order, "right", 1e-6 * h)[0] for s, order in begin.signals])
+    x, d = (begin.memory.x, begin.memory.d) if begin.memory else (np.asarray(v).ravel() for v in eq.start(p)[:2])
+    jacobian = _jacobian(eq)(start, x, d, u if len(u) else np.zeros(len(eq.u)), q, p)
+    if len(eq.x) <= DENSE:
+        a = np.asarray(jacobian)
+        if not np.isfinite(a).all():
+            return None  # the run itself will say what is not finite, and where
+        values, vectors = np.linalg.eig(a)
+        owners = [int(np.argmax(np.abs(v))) for v in vectors.T]
+    else:
+        values = np.asarray(ca.diag(jacobian)).ravel().astype(complex)
+        owners = list(range(len(values)))
+    grown = [k for k, z in enumerate(values) if z.real < 0 and np.isfinite(z) and rule.grows(h * complex(z))]
+    if not grown:
+        return None
+    worst = max(grown, key=lambda k: abs(values[k]))
+    return complex(values[worst]), eq.x[owners[worst]]
+
+
+def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
+    """Poles of the equations around their start values, with inputs of zero; none where they are not finite."""
+    x, d, _ = (np.asarray(v).ravel() for v in eq.start(p))
+    a = np.asarray(_jacobian(eq)(0.0, x, d, np.zeros(len(eq.u)), np.zeros(PER_DELAY * len(eq.q)), p))
+    return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
+
+
+def _jacobian(eq: Equations) -> Any:
+    """d(dx)/dx as a function, made once for each set of equations."""
+    known = _JACOBIANS.get(id(eq))
+    if known is None or known[0] is not eq:
+        symbols = eq.rhs.sx_in()
+        dx = eq.rhs.call(symbols)[0]
+        known = (eq, ca.Function("slopes", symbols, [ca.jacobian(dx, symbols[1])]))
+        if len(_JACOBIANS) > 64:
+            _JACOBIANS.clear()
+        _JACOBIANS[id(eq)] = known
+    return known[1]

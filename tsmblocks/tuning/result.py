@@ -1,0 +1,182 @@
+"""What tuning returns: the parameters found, and what they do in each case before and after."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from tsmblocks.common import units
+from tsmblocks.common.frames import frame, need
+from tsmblocks.common.tables import WIDTH, columns, few
+from tsmblocks.common.views import view
+from tsmblocks.data import heading
+from tsmblocks.metrics.metrics import named
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.tuning.constraints import MET, Limit
+
+TOUCHING = 1e-6
+"""Distance from a bound, as a share of the way between the bounds, that counts as none."""
+CASES = 12
+"""Cases that are shown: those where the objective is largest."""
+
+
+@attrs.frozen(eq=False)
+class Tuned:
+    """Parameters found. ``before`` and ``after`` map cases to metrics by name, with the diagrams' numbers and these.
+
+    ``diagrams`` are the diagrams with the numbers, by case as they were given; ``met`` whether all limits hold
+    everywhere, ``objective`` the name of the metric that was to be small, in ``units`` as all others. ``own`` are the
+    diagrams' own numbers, ``bounds`` what was searched. Of ``starts`` searches ``agreeing`` ended about as low as the
+    best; ``idle`` are numbers that change nothing, and ``hunting`` says in words which signals go to and fro far more
+    than before. ``remarks`` say all that is to be known of the numbers before they are taken.
+    """
+
+    values: Mapping[str, float]
+    diagrams: Mapping[str, Diagram] = attrs.field(repr=False)
+    objective: str
+    units: Mapping[str, str] = attrs.field(repr=False)
+    before: Mapping[str, Mapping[str, float]] = attrs.field(repr=False)
+    after: Mapping[str, Mapping[str, float]] = attrs.field(repr=False)
+    met: bool
+    status: str
+    own: Mapping[str, float]
+    bounds: Mapping[str, tuple[float, float]]
+    limits: Sequence[Limit] = attrs.field(repr=False)
+    starts: int
+    agreeing: int
+    idle: tuple[str, ...] = ()
+    hunting: tuple[str, ...] = ()
+
+    @property
+    def diagram(self) -> Diagram:
+        """The diagram, or the first of several."""
+        return next(iter(self.diagrams.values()))
+
+    @property
+    def worst(self) -> tuple[float, float]:
+        """The objective in the worst case, before and after."""
+        before, after = (max(case[self.objective] for case in side.values()) for side in (self.before, self.after))
+        return before, after
+
+    @property
+    def improved(self) -> bool:
+        """Whether these are other numbers than the diagrams' own."""
+        return dict(self.values) != dict(self.own)
+
+    @property
+    def at_bounds(self) -> dict[str, str]:
+        """Numbers at a bound, and at which side."""
+        made = {}
+        for name, (low, high) in self.bounds.items():
+            if name in self.idle:
+                continue
+            for bound, side in ((low, "lower"), (high, "upper")):
+                if abs(self.values[name] - bound) <= TOUCHING * (high - low):
+                    made[name] = side
+        return made
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader should know before taking these numbers, in words."""
+        made = [self._missed(one) for one in self.limits]
+        if self.status != "complete":
+            made.append("interrupted: these are the best numbers so far")
+        if not self.improved:
+            made.append("nothing better was found than the diagram's own numbers")
+        if self.starts > 1 and self.agreeing == 1:
+            made.append("no two starts ended here: more starts may find better numbers")
+        held = [f"{name} is at its {side} bound ({self.values[name]:.4g})" for name, side in self.at_bounds.items()]
+        if held and self.improved:
+            made.append(f"{', '.join(held)}: beyond it there may be better numbers")
+        made += [f"{name} changes nothing that was asked about" for name in self.idle]
+        return tuple(text for text in (*made, *self.hunting) if text)
+
+    def _missed(self, one: Limit) -> str:
+        """How far a limit is missed in the worst case; nothing where it holds."""
+        case, value = max(((c, v[one.name]) for c, v in self.after.items()), key=lambda pair: one.excess(pair[1]))
+        if not one.excess(value) > MET:
+            return ""
+        where = f" in case '{case}'" if len(self.after) > 1 else ""
+        shown = next((text for n in (4, 6, 9) if one.excess(float(text := f"{value:.{n}g}")) > MET), f"{value!r}")
+        return f"{one.text} is not met: it is {shown} {one.unit}".rstrip() + where
+
+    def title(self, name: str) -> str:
+        """A metric by name as tables and plots show it: its unit (degrees for angles) and the limits it is to keep."""
+        k, unit = units.for_people(self.units[name])
+        most = [f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}"
+                for one in self.limits if one.name == name]  # fmt: skip
+        return ", ".join([heading(named(name)[0], unit), *most])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain values."""
+        return {"values": dict(self.values), "objective": self.objective, "worst": self.worst, "met": self.met,
+                "status": self.status, "before": {k: dict(v) for k, v in self.before.items()},
+                "after": {k: dict(v) for k, v in self.after.items()}, "units": dict(self.units),
+                "own": dict(self.own), "bounds": {k: list(v) for k, v in self.bounds.items()},
+                "starts": {"tried": self.starts, "agreeing": self.agreeing}, "remarks": list(self.remarks)}  # fmt: skip
+
+    def to_pandas(self) -> Any:
+        """A frame with a row per case and side (``"before"``, ``"tuned"``): metrics, their units in ``attrs``.
+
+        Needs pandas.
+        """
+        pd = need("pandas")
+        sides = {"before": self.before, "tuned": self.after}
+        rows = [(case, side) for case in self.after for side in sides]
+        index = pd.MultiIndex.from_tuples(rows, names=["case", "numbers"])
+        names = next(iter(self.after.values()))
+        return frame({name: [sides[side][case][name] for case, side in rows] for name in names}, index,
+                     units=self.units)  # fmt: skip
+
+    def plot(self, *metrics: str, ax: Any = None) -> Any:
+        """Each metric in each case, before and tuned; see ``plots.plot_tuned``. Needs matplotlib."""
+        return view("plot", self, metrics=metrics, ax=ax)
+
+    def __repr__(self) -> str:
+        found = few(f"{k} {v:.4g}" for k, v in self.values.items())
+        k, unit = units.for_people(self.units[self.objective])
+        before, after = (f"{k * v:.4g}" for v in self.worst)
+        ends = "" if self.met else ", not every limit is met"
+        ends += ", it hunts" if self.hunting else ""
+        return f"Tuned({found}; {heading(named(self.objective)[0], unit)} {before} -> {after}{ends})"
+
+    def _repr_html_(self) -> str:
+        return view("html", self)
+
+    def __str__(self) -> str:
+        k, unit = units.for_people(self.units[self.objective])
+        before, after = (f"{k * v:.4g}" for v in self.worst)
+        cases = f", the worst of {len(self.after)} cases" if len(self.after) > 1 else ""
+        agree = f"; {self.agreeing} of {self.starts} starts ended there" if self.starts > 1 else ""
+        head = textwrap.fill(f"{heading(named(self.objective)[0], unit)} {before} -> {after}{cases}{agree}", WIDTH)
+        numbers: list[Sequence[str]] = [("parameter", "before", "tuned", "from", "to", "")]
+        at = self.at_bounds
+        for name, value in self.values.items():
+            shown = (f"{v:.4g}" for v in (self.own[name], value, *self.bounds[name]))
+            numbers.append((name, *shown, f"at its {at[name]} bound" if name in at else ""))
+        parts = [head, columns(numbers, left=(0, 5)), columns(self._measured())]
+        if self.remarks:
+            parts.append("\n".join(["beware:", *map(_bullet, self.remarks)]))
+        return "\n\n".join(parts)
+
+    def _measured(self) -> list[tuple[str, str, str]]:
+        """Rows of all metrics, before and tuned, in degrees where they are angles; an empty row between two."""
+        worst = sorted(self.after, key=lambda case: -self.after[case][self.objective])[:CASES]
+        shown, rows = [case for case in self.after if case in worst], list[tuple[str, str, str]]()
+        more = [(f"… ({len(self.after)} in all, the worst shown)", "", "")] if len(self.after) > len(shown) else []
+        for name in next(iter(self.after.values())):
+            k, _ = units.for_people(self.units[name])
+            rows += [("", "", "")] if rows else []
+            rows.append((self.title(name), "before", "tuned"))
+            rows += [(case, f"{k * self.before[case][name]:.4g}", f"{k * self.after[case][name]:.4g}")
+                     for case in shown]  # fmt: skip
+            rows += more
+        return rows
+
+
+def _bullet(text: str) -> str:
+    return textwrap.fill(text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False,
+                         break_on_hyphens=False)  # fmt: skip
