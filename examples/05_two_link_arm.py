@@ -52,8 +52,9 @@ class TwoLinkArm(tsm.Block):
         (m11, m12, m22), (n1, n2) = dynamics(*x)
         f1, f2 = u.u1 - n1, u.u2 - n2
         det = m11 * m22 - m12 * m12
-        return dict(angle1=x.speed1, angle2=x.speed2, speed1=(m22 * f1 - m12 * f2) / det,
-                    speed2=(m11 * f2 - m12 * f1) / det)  # fmt: skip
+        return dict(
+            angle1=x.speed1, angle2=x.speed2, speed1=(m22 * f1 - m12 * f2) / det, speed2=(m11 * f2 - m12 * f1) / det
+        )
 
     def outputs(self, t, x, u):
         (m11, m12, m22), _ = dynamics(*x)

@@ -11,8 +11,11 @@ import numpy as np
 
 import tsmblocks as tsm
 
-SIGNALS = {"55 deg at 0.2 Hz": (55, [0.2], 27), "28 deg at 0.2 and 0.5 Hz": (28, [0.2, 0.5], 27),
-           "28 deg at 0.25 and 0.43 Hz": (28, [0.25, 0.25 * 3**0.5], 28)}  # fmt: skip
+SIGNALS = {
+    "55 deg at 0.2 Hz": (55, [0.2], 27),
+    "28 deg at 0.2 and 0.5 Hz": (28, [0.2, 0.5], 27),
+    "28 deg at 0.25 and 0.43 Hz": (28, [0.25, 0.25 * 3**0.5], 28),
+}
 MODELS = {"symmetric": "Fig 5 left", "generalized": "Fig 5 right", "asymmetric": "Fig 6"}
 t = np.linspace(0.0, 40.0, 40001)
 late = t >= 20.0  # the start is over

@@ -41,8 +41,12 @@ for figure, (size, tones, *paper) in SIGNALS.items():
     plain, forward, *_ = runs.values()
     e = np.rad2deg(forward["x_ref"] - forward["x_out"])[forward.t >= 20.0]
     inside = 100 * np.mean(np.abs(e) <= paper[1] / 2)
-    why = ["a model, no machine", f"{inside:.0f} % of time within ±{paper[1] / 2:g} deg",
-           "it is not the motor", "nor that model"]  # fmt: skip
+    why = [
+        "a model, no machine",
+        f"{inside:.0f} % of time within ±{paper[1] / 2:g} deg",
+        "it is not the motor",
+        "nor that model",
+    ]
     for (name, run), said, because in zip(runs.items(), [*paper, "", ""], why, strict=True):
         error = tsm.tracking_error(run, after=20.0).to("deg").peak_to_peak
         print(f"  {name:32} {said:>6} {error:6.1f}  {because}")

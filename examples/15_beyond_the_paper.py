@@ -73,18 +73,38 @@ print("the smallest peak-to-peak error, 55 deg at 0.2 Hz for ever, motor without
 period = np.linspace(0.0, 5.0, 501)
 sine = WHOLE * np.sin(0.4 * np.pi * period)
 for fastest in (1.5, 3.0, 6.0):
-    found = tsm.optimal_control(sheath, {"x_in": (None, None)}, ERROR, rates={"x_in": (-fastest, fastest)},
-                                references={"x_ref": (period, sine)}, guess={"x_in": 1.25 * sine},
-                                step=STEP, periodic=True)  # fmt: skip
+    found = tsm.optimal_control(
+        sheath,
+        {"x_in": (None, None)},
+        ERROR,
+        rates={"x_in": (-fastest, fastest)},
+        references={"x_ref": (period, sine)},
+        guess={"x_in": 1.25 * sine},
+        step=STEP,
+        periodic=True,
+    )
     print(f"{fastest:5.1f} rad/s: {np.rad2deg(found.peak_to_peak):.2f} deg")
 
 tables = {}
 for signal, x_ref in SIGNALS.items():
     asked = dict(error=f"counts * ({ERROR})", references={"x_ref": (t, x_ref), "counts": (t, counts)}, stop=STOP)
-    receding = tsm.receding_horizon(turned, {"v": (-3.0, 3.0)}, rates={"v": (-120.0, 120.0)}, smallest="peak",
-                                    preview=round(PREVIEW / (2 * STEP)), step=2 * STEP, **asked)  # fmt: skip
-    optimal = tsm.optimal_control(sheath, {"x_in": (None, None)}, rates={"x_in": (-3.0, 3.0)}, step=STEP,
-                                  guess={"x_in": 1.25 * x_ref[: round(STOP / STEP) + 1]}, **asked)  # fmt: skip
+    receding = tsm.receding_horizon(
+        turned,
+        {"v": (-3.0, 3.0)},
+        rates={"v": (-120.0, 120.0)},
+        smallest="peak",
+        preview=round(PREVIEW / (2 * STEP)),
+        step=2 * STEP,
+        **asked,
+    )
+    optimal = tsm.optimal_control(
+        sheath,
+        {"x_in": (None, None)},
+        rates={"x_in": (-3.0, 3.0)},
+        step=STEP,
+        guess={"x_in": 1.25 * x_ref[: round(STOP / STEP) + 1]},
+        **asked,
+    )
     print(f"{signal}: {1e3 * np.median(receding.seconds):.0f} ms to plan each {2e3 * STEP:.0f} ms")
     for plant, changed in PLANTS.items():
         loops = {name: driven(changed(loop), t, x_ref, "cubic") for name, loop in LOOPS.items()}

@@ -80,5 +80,7 @@ linear = ["mass.gain", "forwards.gain", "dry.gain", "offset.bias"]
 row("by terms", one_level, linear, tsm.score(one_level.diagram, thin))
 row("simulated", simulated, names, tsm.score(simulated.diagram, raw, **sampled))
 forth, back = two_levels["forwards.gain"].value, two_levels["backwards.gain"].value
-print(f"with two viscous levels, {forth:.1f} and {back:.1f} N s/m, the error is\n"
-      f"{100 * two_levels.differences['force'].relative:.2f} % (published: 3.11 %)")  # fmt: skip
+print(
+    f"with two viscous levels, {forth:.1f} and {back:.1f} N s/m, the error is\n"
+    f"{100 * two_levels.differences['force'].relative:.2f} % (published: 3.11 %)"
+)

@@ -37,8 +37,11 @@ class Warming(tsm.Block):
 def worth_trying(scales):
     """A loss of some percent, over times that the recording can show."""
     times = [share * scales.shortest for share in (0.02, 0.1, 0.3)]
-    return Trials({"softening": 0.05 / scales.wire.rms**2}, tuple({"time": time} for time in times),
-                  bounds={"time": (10 * scales.step, scales.shortest)})  # fmt: skip
+    return Trials(
+        {"softening": 0.05 / scales.wire.rms**2},
+        tuple({"time": time} for time in times),
+        bounds={"time": (10 * scales.step, scales.shortest)},
+    )
 
 
 warming = Effect(

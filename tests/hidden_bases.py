@@ -33,22 +33,14 @@ def _dry(dry):
     blocks = {"motor": MotorTransferFunction()}
     if not dry:
         return blocks, [], "motor.u"
-    blocks |= {
-        "push": Sum(signs="+-"),
-        "rate": Derivative(),
-        "friction": CoulombFriction(level=0.3, smoothing=SLIDING),
-    }
+    blocks |= {"push": Sum(signs="+-"), "rate": Derivative(), "friction": CoulombFriction(level=0.3, smoothing=SLIDING)}
     return blocks, ["push -> motor", "motor.y -> rate -> friction -> push.minus"], "push.plus"
 
 
 def _motor(dry):
     blocks, wires, into = _dry(dry)
     return tsm.Diagram(
-        title="motor",
-        blocks=blocks,
-        wires=wires,
-        inputs={"u": tsm.Inlet(into, unit="V")},
-        outputs={"x_in": "motor.y"},
+        title="motor", blocks=blocks, wires=wires, inputs={"u": tsm.Inlet(into, unit="V")}, outputs={"x_in": "motor.y"}
     )
 
 

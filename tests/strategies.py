@@ -31,9 +31,7 @@ SMALL = st.floats(-2.0, 2.0).map(lambda v: round(v, 3))
 POSITIVE = st.floats(0.05, 2.0).map(lambda v: round(v, 3))
 
 SOURCES = st.one_of(
-    st.builds(Constant, value=SMALL),
-    st.builds(Ramp, slope=SMALL),
-    st.builds(Sine, amplitude=SMALL, frequency=POSITIVE),
+    st.builds(Constant, value=SMALL), st.builds(Ramp, slope=SMALL), st.builds(Sine, amplitude=SMALL, frequency=POSITIVE)
 )
 LAGS = st.one_of(
     st.builds(FirstOrderLag, gain=SMALL, time_constant=POSITIVE, value=SMALL),
@@ -89,12 +87,7 @@ def diagrams(draw, depth=2, inputs=0, title="random"):
     shown = draw(st.lists(st.sampled_from(signals), min_size=1, max_size=3))
     outputs = {f"out{k}": s for k, s in enumerate(shown)}
     return Diagram(
-        title=title,
-        blocks=blocks,
-        wires=wires,
-        inputs=driven,
-        outputs=outputs,
-        values={"shared": draw(SMALL)},
+        title=title, blocks=blocks, wires=wires, inputs=driven, outputs=outputs, values={"shared": draw(SMALL)}
     )
 
 

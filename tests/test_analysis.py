@@ -1,5 +1,4 @@
 """Points, linear models and frequency responses against python-control, closed forms and describing functions."""
-# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import attrs
 import control
@@ -59,12 +58,16 @@ def line(block, **outputs):
 @given(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3), st.integers(0, 10_000))
 def test_a_state_space_comes_back(states, ins, outs, seed):
     rng = np.random.default_rng(seed)
-    A, B, C, D = (rng.standard_normal(shape).round(3) for shape in
-                  ((states, states), (states, ins), (outs, states), (outs, ins)))  # fmt: skip
+    A, B, C, D = (
+        rng.standard_normal(shape).round(3) for shape in ((states, states), (states, ins), (outs, states), (outs, ins))
+    )
     block = StateSpace(A=A.tolist(), B=B.tolist(), C=C.tolist(), D=D.tolist())
-    diagram = tsm.Diagram(title="ss", blocks={"s": block},
-                          inputs={f"i{k}": f"s.{p}" for k, p in enumerate(block.inports)},
-                          outputs={f"o{k}": f"s.{p}" for k, p in enumerate(block.outports)})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="ss",
+        blocks={"s": block},
+        inputs={f"i{k}": f"s.{p}" for k, p in enumerate(block.inports)},
+        outputs={f"o{k}": f"s.{p}" for k, p in enumerate(block.outports)},
+    )
     made = linearize(diagram)
     for name, wanted in zip("ABCD", (A, B, C, D), strict=True):
         assert getattr(made, name) == pytest.approx(wanted, abs=1e-12)
@@ -98,8 +101,13 @@ def test_the_papers_position_loop_has_the_margins_of_its_transfer_functions():
 
 
 def test_a_curve_has_the_slope_of_its_point():
-    diagram = tsm.Diagram(title="square", blocks={"p": Power(exponent=3.0), "g": Gain(gain=2.0)}, wires=["p -> g"],
-                          inputs={"u": "p"}, outputs={"y": "g"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="square",
+        blocks={"p": Power(exponent=3.0), "g": Gain(gain=2.0)},
+        wires=["p -> g"],
+        inputs={"u": "p"},
+        outputs={"y": "g"},
+    )
     point = trim(diagram, outputs={"y": 16.0}, start={"u": 1.0})
     assert point["u"] == pytest.approx(2.0)
     assert linearize(diagram, at=point).D[0, 0] == pytest.approx(2 * 3 * 4.0)
@@ -110,16 +118,25 @@ def test_inputs_that_enter_by_their_slope():
     block = AsymmetricBoucWen(alpha1=0.9, alpha2=0.95, A=-0.8, theta=4.0, delta=0.1)
     diagram = tsm.Diagram(title="tsm", blocks={"tsm": block}, inputs={"x_in": "tsm"}, outputs={"x_out": "tsm"})
     assert answer(linearize(diagram)) == pytest.approx(0.925 - 0.8, rel=1e-9)
-    lagged = tsm.Diagram(title="tsm", blocks={"tsm": block, "lag": FirstOrderLag(time_constant=0.2)},
-                         wires=["tsm -> lag"], inputs={"x_in": "tsm"}, outputs={"x_out": "lag"})  # fmt: skip
+    lagged = tsm.Diagram(
+        title="tsm",
+        blocks={"tsm": block, "lag": FirstOrderLag(time_constant=0.2)},
+        wires=["tsm -> lag"],
+        inputs={"x_in": "tsm"},
+        outputs={"x_out": "lag"},
+    )
     assert answer(linearize(lagged)).ravel() == pytest.approx(0.125 / (0.2j * W + 1), rel=1e-9)
 
 
 @pytest.mark.parametrize("order", [1, 3, 5])
 def test_dead_time_is_a_pade_approximation(order):
-    diagram = tsm.Diagram(title="late", blocks={"g": FirstOrderLag(gain=2.0, time_constant=0.5),
-                                                "d": DeadTime(time=0.2)}, wires=["g -> d"], inputs={"u": "g"},
-                          outputs={"y": "d", "z": "g"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="late",
+        blocks={"g": FirstOrderLag(gain=2.0, time_constant=0.5), "d": DeadTime(time=0.2)},
+        wires=["g -> d"],
+        inputs={"u": "g"},
+        outputs={"y": "d", "z": "g"},
+    )
     made = linearize(diagram, pade=order)
     g, late = control.tf([2], [0.5, 1]), control.tf(*control.pade(0.2, order))
     assert answer(made)[0, 0] == pytest.approx(answer(g * late).ravel(), rel=1e-6)
@@ -141,8 +158,9 @@ def test_a_linear_model_is_what_a_small_motion_does():
     """A pendulum pushed a little off a point where gravity is held by the input."""
     blocks = {"sum": Sum(signs="++-"), "v": Integrator(), "x": Integrator(), "g": Product(), "k": Gain(gain=9.81)}
     wires = ["sum -> v -> x", "x -> k, g.u1", "k -> g.u2", "g -> sum.minus"]
-    ports = tsm.Diagram(title="p", blocks=blocks, wires=[*wires, "v -> sum.plus2"], inputs={"u": "sum.plus1"},
-                        outputs={"x": "x"})  # fmt: skip
+    ports = tsm.Diagram(
+        title="p", blocks=blocks, wires=[*wires, "v -> sum.plus2"], inputs={"u": "sum.plus1"}, outputs={"x": "x"}
+    )
     point = trim(ports, outputs={"x": 0.5})
     assert point["u"] == pytest.approx(9.81 * 0.25)
     made, t = linearize(ports, at=point), np.linspace(0, 0.5, 501)
@@ -168,8 +186,9 @@ def test_a_loop_with_an_integrator_finds_its_place():
 def test_hysteresis_at_rest_stays_where_it_is(angle, zeta):
     """Any value of its state will do at rest; the one given stays, and so does a motor under its integrator."""
     blocks = {"motor": MotorTransferFunction(), "tsm": AsymmetricBoucWen()}
-    diagram = tsm.Diagram(title="chain", blocks=blocks, wires=["motor.y -> tsm"], inputs={"u": "motor"},
-                          outputs={"x_out": "tsm"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="chain", blocks=blocks, wires=["motor.y -> tsm"], inputs={"u": "motor"}, outputs={"x_out": "tsm"}
+    )
     start = {"motor.angle": angle, "tsm.zeta": zeta}
     point = trim(diagram, start=start)
     assert {k: point.states[k] for k in start} == pytest.approx(start, abs=1e-12)
@@ -177,9 +196,13 @@ def test_hysteresis_at_rest_stays_where_it_is(angle, zeta):
 
 
 def test_a_point_is_found_through_a_bend_and_a_limit():
-    diagram = tsm.Diagram(title="bent", blocks={"p": Power(exponent=3.0), "s": Saturation(low=-50.0, high=50.0),
-                                                "lag": FirstOrderLag(gain=2.0)}, wires=["p -> s -> lag"],
-                          inputs={"u": "p"}, outputs={"y": "lag"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="bent",
+        blocks={"p": Power(exponent=3.0), "s": Saturation(low=-50.0, high=50.0), "lag": FirstOrderLag(gain=2.0)},
+        wires=["p -> s -> lag"],
+        inputs={"u": "p"},
+        outputs={"y": "lag"},
+    )
     assert trim(diagram, outputs={"y": 54.0}, start={"u": 1.0})["u"] == pytest.approx(3.0)
     with pytest.raises(RunError, match=r"'bent' does not stand still here: .* stays .* away"):
         trim(diagram, outputs={"y": 1000.0}, start={"u": 1.0})
@@ -226,8 +249,12 @@ def test_backlash_has_its_describing_function():
 
 
 def test_a_sine_in_the_diagram_can_be_the_source():
-    inside = tsm.Diagram(title="own", blocks={"ref": Sine(offset=3.0), "g": FirstOrderLag(time_constant=0.1)},
-                         wires=["ref -> g"], outputs={"y": "g"})  # fmt: skip
+    inside = tsm.Diagram(
+        title="own",
+        blocks={"ref": Sine(offset=3.0), "g": FirstOrderLag(time_constant=0.1)},
+        wires=["ref -> g"],
+        outputs={"y": "g"},
+    )
     found = frequency_response(inside, [1.0], [1.0], settle=6)
     assert found.response[0, 0] == pytest.approx(1 / (0.2j * np.pi + 1), rel=1e-4)
     assert (found.driven, found.output) == ("ref", "y")
@@ -289,8 +316,10 @@ def test_an_output_that_stands_still_has_no_phase_and_spoils_no_other():
     latched = tsm.Diagram(
         title="latched",
         blocks={"e": Sum(), "k": Gain(gain=-3.0), "lim": Saturation(), "p": FirstOrderLag(gain=5.0, time_constant=0.5)},
-        wires=["e -> k -> lim -> p -> e.minus"], inputs={"r": "e.plus"}, outputs={"y": "p"},
-    )  # fmt: skip
+        wires=["e -> k -> lim -> p -> e.minus"],
+        inputs={"r": "e.plus"},
+        outputs={"y": "p"},
+    )
     held = frequency_response(latched.with_parameters({"p.value": -5.0}), [0.5, 1.0, 4.0], [0.1])
     assert held.gain.tolist() == [[0.0, 0.0, 0.0]]
     answers = np.array([[np.exp(-3.0j), np.nan, 0.0, np.exp(-4.0j)]])
@@ -303,16 +332,26 @@ def test_sines_go_around_a_bias():
     square = line(Power(exponent=2.0))
     found = frequency_response(square, [1.0], [0.1], bias=3.0, settle=1)
     assert found.gain[0, 0] == pytest.approx(6.0, rel=1e-6)
-    inside = tsm.Diagram(title="own", blocks={"s": Sine(offset=3.0), "g": Power(exponent=2.0)}, wires=["s -> g"],
-                         outputs={"y": "g"})  # fmt: skip
+    inside = tsm.Diagram(
+        title="own", blocks={"s": Sine(offset=3.0), "g": Power(exponent=2.0)}, wires=["s -> g"], outputs={"y": "g"}
+    )
     assert frequency_response(inside, [1.0], [0.1], settle=1).gain[0, 0] == pytest.approx(6.0, rel=1e-6)
 
 
 def test_an_open_loop_stands_where_the_closed_one_does():
-    blocks = {"r": Constant(value=1.0), "e": Sum(signs="+-"), "k": Gain(gain=2.0), "sq": Power(exponent=2.0),
-              "lag": FirstOrderLag(time_constant=1.0)}  # fmt: skip
-    diagram = tsm.Diagram(title="bent", blocks=blocks, wires=["r -> e.plus", "e -> k -> sq -> lag", "lag -> e.minus"],
-                          outputs={"y": "lag"})  # fmt: skip
+    blocks = {
+        "r": Constant(value=1.0),
+        "e": Sum(signs="+-"),
+        "k": Gain(gain=2.0),
+        "sq": Power(exponent=2.0),
+        "lag": FirstOrderLag(time_constant=1.0),
+    }
+    diagram = tsm.Diagram(
+        title="bent",
+        blocks=blocks,
+        wires=["r -> e.plus", "e -> k -> sq -> lag", "lag -> e.minus"],
+        outputs={"y": "lag"},
+    )
     at_start = loop_gain(diagram, "k -> sq")
     assert control.dcgain(at_start) == pytest.approx(2 * 2.0 * 2.0)
     point = trim(diagram)
@@ -353,43 +392,91 @@ REFUSED = {
     "no input": (lambda: linearize(pi_loop(), inputs=["q"]), "diagram 'pi' has no input 'q'. Known here: r."),
     "no signal": (lambda: linearize(pi_loop(), outputs="g.z"), "diagram 'pi' has no signal 'g.z'. Did you mean 'g.y'?"),
     "no point": (lambda: linearize(pi_loop(), at={"r": 1}), "at is a point that trim has found, got {'r': 1}."),
-    "samples": (lambda: trim(line(UnitDelay(period=0.1))), "b of 'line' acts at instants of its own (samples, or "
-                "memory from step to step, as a backlash has it), so rates do not tell where it stands still. Replace or "
-                "remove it first: diagram.remove('b')."),
+    "samples": (
+        lambda: trim(line(UnitDelay(period=0.1))),
+        "b of 'line' acts at instants of its own (samples, or "
+        "memory from step to step, as a backlash has it), so rates do not tell where it stands still. Replace or "
+        "remove it first: diagram.remove('b').",
+    ),
     "memory": (lambda: trim(line(RateLimit())), "b of 'line' acts at instants of its own"),
-    "dead time": (lambda: linearize(line(DeadTime(time=0.2))), "'line' has dead times (0.2 s), which no state space "
-                  "holds. Say pade=3 for an approximation of third order."),
+    "dead time": (
+        lambda: linearize(line(DeadTime(time=0.2))),
+        "'line' has dead times (0.2 s), which no state space holds. Say pade=3 for an approximation of third order.",
+    ),
     "pade": (lambda: linearize(line(DeadTime(time=0.2)), pade=0), "pade must be a whole number of at least 1, got 0."),
-    "slope of what is late": (lambda: linearize(tsm.Diagram(title="l", blocks={"d": DeadTime(time=0.1), "v": tsm.blocks.Derivative(),
-                              "g": FirstOrderLag()}, wires=["d -> v -> g"], inputs={"u": "d"}, outputs={"y": "g"}), pade=3),
-                              "'l' follows the slope of a delayed signal, which no state space holds. Put a lag behind the delay."),
-    "another's point": (lambda: linearize(line(FirstOrderLag()), at=trim(scaled_point())), "the point is one of 'other': it has no 'b.value', as 'line' has."),
-    "no wire at all": (lambda: loop_gain(pi_loop(), None), "at is a wire such as 'controller -> drive', or a signal, got None."),
-    "a word to begin at": (lambda: trim(pi_loop(), start={"g.value": "z"}), "start: 'g.value' must be a finite number, got 'z'."),
-    "slowly moving": (lambda: trim(tsm.Diagram(title="two", blocks={"c": Constant(value=5.0), "i": Integrator(), "j": Integrator(integral=1e9)},
-                      wires=["c -> i"], inputs={"u": "j"}, outputs={"y": "i"})), "'two' does not stand still here: the rate of i.integral"),
+    "slope of what is late": (
+        lambda: linearize(
+            tsm.Diagram(
+                title="l",
+                blocks={"d": DeadTime(time=0.1), "v": tsm.blocks.Derivative(), "g": FirstOrderLag()},
+                wires=["d -> v -> g"],
+                inputs={"u": "d"},
+                outputs={"y": "g"},
+            ),
+            pade=3,
+        ),
+        "'l' follows the slope of a delayed signal, which no state space holds. Put a lag behind the delay.",
+    ),
+    "another's point": (
+        lambda: linearize(line(FirstOrderLag()), at=trim(scaled_point())),
+        "the point is one of 'other': it has no 'b.value', as 'line' has.",
+    ),
+    "no wire at all": (
+        lambda: loop_gain(pi_loop(), None),
+        "at is a wire such as 'controller -> drive', or a signal, got None.",
+    ),
+    "a word to begin at": (
+        lambda: trim(pi_loop(), start={"g.value": "z"}),
+        "start: 'g.value' must be a finite number, got 'z'.",
+    ),
+    "slowly moving": (
+        lambda: trim(
+            tsm.Diagram(
+                title="two",
+                blocks={"c": Constant(value=5.0), "i": Integrator(), "j": Integrator(integral=1e9)},
+                wires=["c -> i"],
+                inputs={"u": "j"},
+                outputs={"y": "i"},
+            )
+        ),
+        "'two' does not stand still here: the rate of i.integral",
+    ),
     "far too slow": (lambda: frequency_response(pi_loop(), [1e-9]), "a run at 1e-09 Hz would take"),
-    "slope": (lambda: linearize(line(tsm.blocks.Derivative())), "a signal of 'line' follows the slope of its input 'u' at "
-              "once, so there is no state space from there. Put a lag on the input, or ask for other outputs."),
+    "slope": (
+        lambda: linearize(line(tsm.blocks.Derivative())),
+        "a signal of 'line' follows the slope of its input 'u' at "
+        "once, so there is no state space from there. Put a lag on the input, or ask for other outputs.",
+    ),
     "no wire": (lambda: loop_gain(pi_loop(), "e -> g"), "at='e -> g': there is no wire 'e.y -> g.u'."),
     "no block": (lambda: loop_gain(pi_loop(), "f.y"), "at='f.y' names block 'f'"),
     "no listener": (lambda: opened(line(Gain()), "b"), "at='b': no wire begins there, so there is nothing to open."),
     "taken": (lambda: opened(opened(pi_loop(), "e"), "c"), "'pi' has an input 'cut' already."),
-    "moving": (lambda: trim(line(TransferFunction(num=(1.0,), den=(1.0, 0.0))), inputs={"u": 1.0}),
-               "'line' does not stand still here: the rate of b."),
-    "start": (lambda: trim(pi_loop(), start={"g.vale": 1.0}), "start: there is no state or free input 'g.vale'. "
-                                                              "Did you mean 'g.value'?"),
+    "moving": (
+        lambda: trim(line(TransferFunction(num=(1.0,), den=(1.0, 0.0))), inputs={"u": 1.0}),
+        "'line' does not stand still here: the rate of b.",
+    ),
+    "start": (
+        lambda: trim(pi_loop(), start={"g.vale": 1.0}),
+        "start: there is no state or free input 'g.vale'. Did you mean 'g.value'?",
+    ),
     "held": (lambda: trim(pi_loop(), inputs={"r": 1.0}, outputs={"y": 2.0}), "'pi' does not stand still here"),
     "output": (lambda: trim(pi_loop(), outputs={"z": 2.0}), "diagram 'pi' has no signal 'z'."),
     "a word": (lambda: trim(pi_loop(), inputs={"r": "much"}), "input 'r' must be a finite number, got 'much'."),
     "frequencies": (lambda: frequency_response(pi_loop(), [0.0]), "frequencies must be positive numbers, got [0.0]."),
-    "amplitudes": (lambda: frequency_response(pi_loop(), [1.0], "big"), "amplitudes must be positive numbers, got 'big'."),
-    "driven": (lambda: frequency_response(pi_loop(), [1.0], driven="s"), "'pi' has no input and no Sine block 's'. "
-                                                                         "Known here: r."),
+    "amplitudes": (
+        lambda: frequency_response(pi_loop(), [1.0], "big"),
+        "amplitudes must be positive numbers, got 'big'.",
+    ),
+    "driven": (
+        lambda: frequency_response(pi_loop(), [1.0], driven="s"),
+        "'pi' has no input and no Sine block 's'. Known here: r.",
+    ),
     "shown": (lambda: frequency_response(pi_loop(), [1.0], output="z"), "diagram 'pi' has no signal 'z'."),
-    "samples asked": (lambda: frequency_response(pi_loop(), [1.0], samples=3), "samples must be a whole number of at "
-                                                                               "least 20, got 3."),
-}  # fmt: skip
+    "samples asked": (
+        lambda: frequency_response(pi_loop(), [1.0], samples=3),
+        "samples must be a whole number of at least 20, got 3.",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -409,6 +496,9 @@ def test_friction_at_rest_has_a_slope():
 def test_a_point_is_shown_with_units():
     said = str(trim(tsm.load("motor_linear"))).splitlines()
     assert said[1:] == [
-        "state        value  unit", "motor.angle      0  rad", "motor.speed      0  rad/s", "input",
+        "state        value  unit",
+        "motor.angle      0  rad",
+        "motor.speed      0  rad/s",
+        "input",
         "u                0  V",
-    ]  # fmt: skip
+    ]

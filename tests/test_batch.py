@@ -26,7 +26,7 @@ SMOOTH = {
     "tendon_sheath_generalized": ["tsm.A", "tsm.n", "tsm.beta1", "tsm.beta5", "tsm.alpha_zeta", "offset.bias"],
     "tendon_sheath_prandtl_ishlinskii": ["tsm.weight0", "tsm.weights[1]", "tsm.radii[0]"],
     "tendon_sheath_elastic_backlash": [
-        *("tsm.alpha_x", "tsm.rho", "tsm.half_width", "tsm.roundness", "tsm.growth_up", "tsm.growth_down", "tsm.zeta"),
+        *("tsm.alpha_x", "tsm.rho", "tsm.half_width", "tsm.roundness", "tsm.growth_up", "tsm.growth_down", "tsm.zeta")
     ],
 }
 # the slope of a play jumps at each reversal, where a difference may catch one side and the tangent the other

@@ -178,10 +178,7 @@ def test_run_says_what_an_input_without_a_unit_is_taken_for(tsm, here):
 def test_run_without_its_data(tsm, here):
     (here / "lag.toml").write_text(LAG)
     (here / "m.csv").write_text("t,motor [deg]\n0,1\n1,2\n2,3\n3,4\n")
-    fails(
-        tsm("run", "lag.toml"),
-        "needs its input x_in. Give --data FILE with a column 'x_in [rad]', or with --map",
-    )
+    fails(tsm("run", "lag.toml"), "needs its input x_in. Give --data FILE with a column 'x_in [rad]', or with --map")
     fails(tsm("run", "lag.toml", "--data", "m.csv"), "m.csv: there is no column 'x_in'.", "--map 'x_in=COLUMN'.")
     fails(
         tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_inn=motor"),
@@ -189,10 +186,7 @@ def test_run_without_its_data(tsm, here):
     )
     fails(tsm("run", "lag.toml", "--data", "n.csv"), "there is no file n.csv. Did you mean 'm.csv'?")
     fails(tsm("run", "fig09b_feedforward", "--data", "m.csv"), "has no inputs, so there is nothing")
-    fails(
-        tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--hold", "linaer"),
-        "no hold 'linaer'",
-    )
+    fails(tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--hold", "linaer"), "no hold 'linaer'")
     fails(tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--stop", 9), "known from 0 to 3 s")
 
 
@@ -209,10 +203,7 @@ def test_run_without_its_data(tsm, here):
         (["fig09b_feedforward", "--backend", "gpu"], "there is no back end 'gpu'."),
         (["fig09b_feedforward", "--rows", "3"], "'3' is not FIRST:LAST, such as 1:26328"),
         (["fig09b_feedforward", "--out", "a.xlsx"], "'a.xlsx' must end in .csv, .npz or .mat."),
-        (
-            ["fig09b_feedforward", "--out", "nowhere/a.csv"],
-            "there is no folder 'nowhere' to write a.csv into.",
-        ),
+        (["fig09b_feedforward", "--out", "nowhere/a.csv"], "there is no folder 'nowhere' to write a.csv into."),
         (["fig09b_feedforward", "--plot", "a.gif"], "'a.gif' must end in .png, .svg or .pdf."),
         (["fig09b_feedforward", "extra"], "run takes no argument 'extra'.\n"),
         (
@@ -293,8 +284,10 @@ def test_draw_writes_what_the_ending_asks_for(tsm, here):
 
 
 def test_draw_with_other_numbers_and_blocks_marked(tsm, here):
-    (here / "gain.toml").write_text('format = 1\ntitle = "Gain"\n[blocks]\na = { type = "Gain", gain = 2.0 }\n'
-                                    '[inputs]\nu = "a"\n[outputs]\ny = "a"\n')  # fmt: skip
+    (here / "gain.toml").write_text(
+        'format = 1\ntitle = "Gain"\n[blocks]\na = { type = "Gain", gain = 2.0 }\n'
+        '[inputs]\nu = "a"\n[outputs]\ny = "a"\n'
+    )
     tsm("draw", "gain.toml", "--out", "plain.svg")
     said = tsm("draw", "gain.toml", "--set", "a.gain=17.25", "--highlight", "a", "--out", "marked.svg")
     assert said[:2] == (0, "wrote marked.svg\n")

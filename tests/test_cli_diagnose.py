@@ -194,27 +194,54 @@ def test_only_what_is_free_is_fitted(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((), "the following arguments are required: DIAGRAM. Name it before the options. 'tsmblocks diagnose --help' shows what it takes."),
+        (
+            (),
+            "the following arguments are required: DIAGRAM. Name it before the options. 'tsmblocks diagnose --help' shows what it takes.",
+        ),
         (("tendon_sheath_linear",), "give --data FILE with the signals x_in, x_out."),
         (("tendon_sheath_linaer", "--data", "full.csv"), None),
         ((*BASE, "--effects", "drfit"), "--effects: 'drfit' names no effect of the catalogue. Did you mean 'drift'?"),
         ((*BASE[:4], "--noise-floor", "0.2V"), "--noise-floor 0.2V: 'V' does not convert to that of x_out [rad]."),
-        ((*BASE[:4], "--noise-floor", "0.2dge"), "--noise-floor 0.2dge: 'dge' is not a unit known here. Did you mean 'deg'?"),
-        ((*BASE[:4], "--noise-floor", "x_uot=0.2deg"), "--noise-floor: 'x_uot' is not compared here. Did you mean 'x_out'?"),
+        (
+            (*BASE[:4], "--noise-floor", "0.2dge"),
+            "--noise-floor 0.2dge: 'dge' is not a unit known here. Did you mean 'deg'?",
+        ),
+        (
+            (*BASE[:4], "--noise-floor", "x_uot=0.2deg"),
+            "--noise-floor: 'x_uot' is not compared here. Did you mean 'x_out'?",
+        ),
         ((*BASE, "0.3deg"), "--noise-floor gives x_out two values; name each output once."),
-        ((*BASE[:4], "--noise-floor", "much"), "--noise-floor: 'much' is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg."),
+        (
+            (*BASE[:4], "--noise-floor", "much"),
+            "--noise-floor: 'much' is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg.",
+        ),
         ((*BASE[:4], "--noise-floor", "0"), "--noise-floor: '0' is not more than 0, and finite."),
         ((*BASE[:4], "--noise-floor", "1e999"), "--noise-floor: '1e999' is not more than 0, and finite."),
-        ((*BASE, "--seed", "-1"), "argument --seed: '-1' is not a whole number of at least 0. 'tsmblocks diagnose --help' shows what it takes."),
-        ((*BASE, "--out", "full.csv"), "--out: 'full.csv' is a file; name a folder for diagnosis.json, augmented.toml and report.html."),
-        ((*BASE, "--out", "found.html"), "--out: 'found.html' is the name of a file; name a folder for diagnosis.json, "
-         "augmented.toml and report.html, such as 'found'."),
+        (
+            (*BASE, "--seed", "-1"),
+            "argument --seed: '-1' is not a whole number of at least 0. 'tsmblocks diagnose --help' shows what it takes.",
+        ),
+        (
+            (*BASE, "--out", "full.csv"),
+            "--out: 'full.csv' is a file; name a folder for diagnosis.json, augmented.toml and report.html.",
+        ),
+        (
+            (*BASE, "--out", "found.html"),
+            "--out: 'found.html' is the name of a file; name a folder for diagnosis.json, "
+            "augmented.toml and report.html, such as 'found'.",
+        ),
         ((*BASE, "--plot", "found.gif"), "'found.gif' must end in .png, .svg or .pdf."),
-        ((*BASE, "--outputs", "x_uot"), "diagram 'Tendon sheath: a gain and an offset' has no output 'x_uot'. Did you mean 'x_out'?"),
-        ((*BASE, "--rows", "1:81"), "a diagnosis takes at least 200 samples of all experiments together, and there are 160: with fewer, no effect can be told from chance."),
+        (
+            (*BASE, "--outputs", "x_uot"),
+            "diagram 'Tendon sheath: a gain and an offset' has no output 'x_uot'. Did you mean 'x_out'?",
+        ),
+        (
+            (*BASE, "--rows", "1:81"),
+            "a diagnosis takes at least 200 samples of all experiments together, and there are 160: with fewer, no effect can be told from chance.",
+        ),
         ((*BASE, "--noise-flor", "1"), "diagnose takes no option '--noise-flor'. Did you mean '--noise-floor'?"),
     ],
-)  # fmt: skip
+)
 def test_refusals_say_what_to_do(run, words, message):
     status, out, err = run(*words)
     assert (status, out) == (2, "")

@@ -328,7 +328,10 @@ def test_every_file_by_itself(run):
 
 def test_each_has_no_held_out_files(run):
     assert run("compare", *MODELS, "--data", "sheath.csv", "--each", "--held-out", "sheath") == (
-        2, "", "tsmblocks: --each fits every file, so none can be held out; leave --held-out away.\n")  # fmt: skip
+        2,
+        "",
+        "tsmblocks: --each fits every file, so none can be held out; leave --held-out away.\n",
+    )
 
 
 def test_a_wide_table_of_files_stands_on_its_side():
@@ -364,8 +367,10 @@ def test_what_to_beware_of_is_told_once_and_in_lines_of_eighty():
 
 
 def test_pairs_that_move_together_are_told_unless_a_combination_says_it():
-    fit = tsm.fit(tsm.load("tendon_sheath_symmetric"), tsm.Record(
-        "r", T, {"x_in": np.radians(X), "x_out": np.radians(sheath())}, {"x_in": "rad", "x_out": "rad"}))  # fmt: skip
+    fit = tsm.fit(
+        tsm.load("tendon_sheath_symmetric"),
+        tsm.Record("r", T, {"x_in": np.radians(X), "x_out": np.radians(sheath())}, {"x_in": "rad", "x_out": "rad"}),
+    )
     together = [set(u.names) for u in fit.undetermined]
     assert any({"tsm.alpha_zeta", "tsm.A"} <= names for names in together)
     told = [text for text in telling.cautions(fit) if "hard to tell apart" in text]
@@ -382,8 +387,15 @@ def test_start_values_of_many_experiments_are_told_as_one():
     for k, u in enumerate(x):
         y[k] = at = min(max(at, u - 0.05), u + 0.05)
     draw = np.random.default_rng(1)
-    records = [tsm.Record(name, t, {"x_in": x, "x_out": 0.9 * y + 0.002 * draw.standard_normal(len(t))},
-                          {"x_in": "rad", "x_out": "rad"}) for name in "abcd"]  # fmt: skip
+    records = [
+        tsm.Record(
+            name,
+            t,
+            {"x_in": x, "x_out": 0.9 * y + 0.002 * draw.standard_normal(len(t))},
+            {"x_in": "rad", "x_out": "rad"},
+        )
+        for name in "abcd"
+    ]
     fit = tsm.fit(tsm.load("tendon_sheath_play"), records, start_states=True)
     silent = [e.name for e in fit.estimates if e.name.startswith("play.m@") and "no influence" in e.verdict]
     assert len(silent) > 2
@@ -449,9 +461,10 @@ def test_messages_are_folded_on_a_terminal_only(capsys, monkeypatch):
     assert all(line.startswith("  ") for line in lines[1:])
 
 
-@pytest.mark.parametrize(("command", "function"), [
-    ("run", tsm.simulate), ("fit", tsm.fit), ("compare", tsm.compare), ("diagnose", tsm.diagnose),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("command", "function"),
+    [("run", tsm.simulate), ("fit", tsm.fit), ("compare", tsm.compare), ("diagnose", tsm.diagnose)],
+)
 def test_a_command_holds_inputs_as_its_function_does(command, function):
     _, commands = parsers()
     assert commands[command].get_default("hold") == inspect.signature(function).parameters["hold"].default
@@ -460,15 +473,35 @@ def test_a_command_holds_inputs_as_its_function_does(command, function):
 def test_an_input_that_was_held_between_samples_is_held(tmp_path, capsys):
     """A delay is half a sample longer where the input is taken to run straight from one sample to the next."""
     t = 0.02 * np.arange(400)
-    late = tsm.Diagram(blocks={"late": tsm.blocks.Delay(time=0.05), "lag": tsm.blocks.FirstOrderLag()},
-                       wires=["late -> lag"], inputs={"u": "late"}, outputs={"y": "lag"})  # fmt: skip
+    late = tsm.Diagram(
+        blocks={"late": tsm.blocks.Delay(time=0.05), "lag": tsm.blocks.FirstOrderLag()},
+        wires=["late -> lag"],
+        inputs={"u": "late"},
+        outputs={"y": "lag"},
+    )
     y = tsm.simulate(late, inputs={"u": (t, np.sin(3 * t))}, hold="zero", stop=t[-1], step=1e-3)["y"][::20]
     tsm.Record("a", t, {"u": np.sin(3 * t), "y": y}, {"u": "", "y": ""}).save(tmp_path / "a.csv")
     tsm.save(late.with_parameters({"late.time": 0.08}), tmp_path / "late.toml")
     found = {}
     for hold in ("zero", "linear"):
-        assert main(["fit", str(tmp_path / "late.toml"), "--data", str(tmp_path / "a.csv"), "--free", "late.time",
-                     "--step", "0.001", "--hold", hold, "--json"]) == 0  # fmt: skip
+        assert (
+            main(
+                [
+                    "fit",
+                    str(tmp_path / "late.toml"),
+                    "--data",
+                    str(tmp_path / "a.csv"),
+                    "--free",
+                    "late.time",
+                    "--step",
+                    "0.001",
+                    "--hold",
+                    hold,
+                    "--json",
+                ]
+            )
+            == 0
+        )
         (one,) = json.loads(capsys.readouterr().out)["estimates"]
         found[hold] = one["value"]
     assert found["zero"] == pytest.approx(0.05, rel=1e-3)

@@ -64,8 +64,9 @@ def folder(tmp_path, monkeypatch):
 
 def typed(*words):
     """What a command printed on both streams, in a process of its own: blocks stay known to the one they are in."""
-    done = subprocess.run([sys.executable, "-m", "tsmblocks", *words], capture_output=True, text=True, timeout=120,
-                          check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-m", "tsmblocks", *words], capture_output=True, text=True, timeout=120, check=False
+    )
     return done.returncode, done.stdout + done.stderr
 
 
@@ -108,8 +109,9 @@ def test_machines_that_share_a_study_are_sent_it(folder):
     """Workers are in another folder, so they have nothing but what they are sent; and they may be sent it again."""
     pytest.importorskip("distributed", reason="needs Dask: pip install 'tsmblocks[dask]'")
     (folder / "cluster.py").write_text(CLUSTER, encoding="utf-8", newline="\n")
-    done = subprocess.run([sys.executable, "cluster.py", str(folder / "dask")], capture_output=True, text=True,
-                          timeout=120, check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "cluster.py", str(folder / "dask")], capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert [line.split()[:3] for line in done.stdout.splitlines() if "last" in line] == [["last", "6", "6.1"]] * 2
 
@@ -126,8 +128,10 @@ def test_its_effects_take_part(folder):
 def test_without_it_the_message_says_how(folder, capsys):
     assert main(["run", "loop.toml"]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert said.startswith("tsmblocks: loop.toml has 1 problem: 1. loop.toml:6: block 'spring': there is no block type "
-                           "'TestedSpring'. Known here:")  # fmt: skip
+    assert said.startswith(
+        "tsmblocks: loop.toml has 1 problem: 1. loop.toml:6: block 'spring': there is no block type "
+        "'TestedSpring'. Known here:"
+    )
     assert said.endswith("A block of your own is known once its module is imported (by a command: --with FILE.py).")
 
 
@@ -137,17 +141,22 @@ WRONG = {
     "my-own.py": ("", "--with my-own.py: 'my-own' is no name that Python could import. Rename the file."),
     "numpy.py": ("", "--with numpy.py: there is a module named 'numpy' already. Rename the file."),
     "syntax_own.py": ("x = 1\ndef f(:\n", "syntax_own.py:2: SyntaxError: invalid syntax."),
-    "near_own.py": ("import tsmblocks as tsm\ntsm.Blok\n",
-                    "near_own.py:2: AttributeError: tsmblocks has no 'Blok'. Did you mean 'Block'?"),
-    "deep_own.py": ("import json\ndef f():\n    return json.loads('{')\nf()\n",
-                    "deep_own.py:3: JSONDecodeError: Expecting property name enclosed in double quotes: line 1 column "
-                    "2 (char 1)."),
+    "near_own.py": (
+        "import tsmblocks as tsm\ntsm.Blok\n",
+        "near_own.py:2: AttributeError: tsmblocks has no 'Blok'. Did you mean 'Block'?",
+    ),
+    "deep_own.py": (
+        "import json\ndef f():\n    return json.loads('{')\nf()\n",
+        "deep_own.py:3: JSONDecodeError: Expecting property name enclosed in double quotes: line 1 column 2 (char 1).",
+    ),
     "helped_own.py": ("import helper_own\n", "helped_own.py:1: SyntaxError: invalid syntax (helper_own.py, line 2)."),
     "leaves_own.py": ("raise SystemExit\n", "leaves_own.py:1: SystemExit."),
-    "twice_own.py": ("import tsmblocks as tsm\n@tsm.block\nclass Gain(tsm.Block):\n    pass\n",
-                     "twice_own.py:2: A block named Gain exists already, in tsmblocks.blocks.arithmetic. Choose "
-                     "another name, or use @block(register=False)."),
-}  # fmt: skip
+    "twice_own.py": (
+        "import tsmblocks as tsm\n@tsm.block\nclass Gain(tsm.Block):\n    pass\n",
+        "twice_own.py:2: A block named Gain exists already, in tsmblocks.blocks.arithmetic. Choose "
+        "another name, or use @block(register=False).",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -174,8 +183,13 @@ def test_a_file_that_defines_nothing_is_told(tmp_path, monkeypatch, capsys):
 
 def test_what_a_file_prints_is_not_among_the_answers(folder):
     (folder / "loud_own.py").write_text("print('hello')\nimport tested_spring\n", encoding="utf-8", newline="\n")
-    done = subprocess.run([sys.executable, "-m", "tsmblocks", "run", "loop.toml", "--stop", "0.1", "--json", "--with",
-                           "loud_own.py"], capture_output=True, text=True, timeout=120, check=True)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-m", "tsmblocks", "run", "loop.toml", "--stop", "0.1", "--json", "--with", "loud_own.py"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
     assert json.loads(done.stdout)["title"] == "spring"
     assert done.stderr == "hello\n"
 

@@ -92,28 +92,27 @@ def test_a_map_the_wrong_way_round_is_told_the_right_way(run):
 def test_one_name_of_two_columns_is_refused_and_one_column_of_two_names_is_told(run):
     words = ("run", PLAY, "--data", "m.csv", "--map", "x_in [deg]=Motor pos")
     assert run(*words, "x_in=Tip pos") == (
-        2, "", "tsmblocks: --map names 'x_in' twice, for the columns 'Motor pos' and 'Tip pos'.\n"
-    )  # fmt: skip
+        2,
+        "",
+        "tsmblocks: --map names 'x_in' twice, for the columns 'Motor pos' and 'Tip pos'.\n",
+    )
     status, _, err = run(*words, "x_out [deg]=Motor pos")
     assert (status, err) == (0, "note: m.csv: x_in and x_out are the same column, 'Motor pos'.\n")
 
 
 def test_a_name_that_is_neither_input_nor_output_is_refused(run):
     assert run("run", PLAY, "--data", "m.csv", "--map", "x_in=Motor pos", "x_uot=Tip pos") == (
-        2, "", f"tsmblocks: --map x_uot=…: '{PLAY}' has no input or output 'x_uot'. Did you mean 'x_out'?\n"
-    )  # fmt: skip
+        2,
+        "",
+        f"tsmblocks: --map x_uot=…: '{PLAY}' has no input or output 'x_uot'. Did you mean 'x_out'?\n",
+    )
 
 
 UNTOLD = (
     "note: small.csv: x_in and x_out have no unit and are taken to be in rad. Where that is wrong, say the unit: "
     "--map 'x_in [deg]=Motor pos'.\n"
 )
-FOUR = [
-    ("run", PLAY),
-    ("fit", PLAY, "--starts", "1"),
-    ("compare", "play", "--starts", "1"),
-    ("diagnose", PLAY),
-]
+FOUR = [("run", PLAY), ("fit", PLAY, "--starts", "1"), ("compare", "play", "--starts", "1"), ("diagnose", PLAY)]
 BARE = ("--map", "x_in=Motor pos", "x_out=Tip pos")
 
 

@@ -1,5 +1,4 @@
 """The command ``study``: a file in, a table and results out; every fault of a file with its line."""
-# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import json
 import shutil
@@ -85,8 +84,13 @@ def test_the_same_in_processes(file):
     name = file(STUDY)
     assert main(["study", name, "--out", "a.csv"]) == 0
     command = [sys.executable, "-m", "tsmblocks", "study", name, "--workers", "2", "--out", "b.csv"]
-    subprocess.run(command, check=True, capture_output=True, cwd=Path.cwd(),
-                   env={"PYTHONPATH": str(Path(tsmblocks.__file__).parents[1]), "PATH": ""})  # fmt: skip
+    subprocess.run(
+        command,
+        check=True,
+        capture_output=True,
+        cwd=Path.cwd(),
+        env={"PYTHONPATH": str(Path(tsmblocks.__file__).parents[1]), "PATH": ""},
+    )
     assert Path("a.csv").read_bytes() == Path("b.csv").read_bytes()
 
 
@@ -118,35 +122,55 @@ def test_a_diagram_beside_the_file_and_measured_inputs(file, capsys):
 FAULTS = {
     "unknown key": (STUDY.replace("stop =", "stopp ="), "4: there is no 'stopp' in a study. Did you mean 'stop'?"),
     "no format": (STUDY.replace("format = 1\n", ""), " format = 1 is needed, got None."),
-    "no diagram": (STUDY.replace("diagram =", "diagramm ="), "3: there is no 'diagramm' in a study. Did you mean "
-                                                             "'diagram'?"),
-    "unknown diagram": (STUDY.replace("fig16_feedforward_feedback", "fig61"), "3: there is no file 'fig61', and no ready-made diagram of that name."),
+    "no diagram": (
+        STUDY.replace("diagram =", "diagramm ="),
+        "3: there is no 'diagramm' in a study. Did you mean 'diagram'?",
+    ),
+    "unknown diagram": (
+        STUDY.replace("fig16_feedforward_feedback", "fig61"),
+        "3: there is no file 'fig61', and no ready-made diagram of that name.",
+    ),
     "stop": (STUDY.replace("2.0", '"2"'), "4: 'stop' must be a number, got '2'."),
     "set": (STUDY.replace('"pid.kd"', '"pid.kdd"'), "8: pid: PID has no parameter 'kdd'. Did you mean 'kd'?"),
     "metric": (STUDY.replace("rms(u)", "rms(w)"), "12: metric 'effort': there is no signal 'w'."),
     "metric's unit": (STUDY.replace("[deg]", "[V]"), "11: metric 'error': 'rad' does not convert to 'V'."),
-    "plan": (STUDY.replace("latin_hypercube", "latin_cube"),
-             "15: there is no plan 'latin_cube'. Did you mean 'latin_hypercube'?"),
+    "plan": (
+        STUDY.replace("latin_hypercube", "latin_cube"),
+        "15: there is no plan 'latin_cube'. Did you mean 'latin_hypercube'?",
+    ),
     "plan's key": (STUDY.replace("seed", "sede"), "17: a latin_hypercube takes no 'sede'. Did you mean 'seed'?"),
     "no runs": (STUDY.replace("runs = 40\n", ""), "14: a latin_hypercube needs runs = …, how many."),
     "runs": (STUDY.replace("runs = 40", "runs = 0"), "14: runs must be a whole number of at least 1, got 0."),
-    "nothing varies": (STUDY.partition("[vary]")[0], " say what varies: [vary] with lines such as "
-                                                     '"pid.kp" = [1.0, 1.5, 2.0].'),
-    "parameter": (STUDY.replace('"pid.kp"', '"pid.pk"'), "20: diagram 'Feedforward plus PID feedback of the tip' has no "
-                                                         "parameter 'pid.pk'. Did you mean 'pid.kp'?"),
-    "belief": (STUDY.replace("relative", "relativ"), "22: 'theta' varies by low and high (and scale = \"log\"), by mean "
-                                                     "and deviation, by relative, a share; got {'relativ': 0.1}."),
-    "scale": (STUDY.replace('"log"', '"logarithmic"'), "21: scale is \"linear\" or \"log\", got 'logarithmic'."),
+    "nothing varies": (
+        STUDY.partition("[vary]")[0],
+        ' say what varies: [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].',
+    ),
+    "parameter": (
+        STUDY.replace('"pid.kp"', '"pid.pk"'),
+        "20: diagram 'Feedforward plus PID feedback of the tip' has no parameter 'pid.pk'. Did you mean 'pid.kp'?",
+    ),
+    "belief": (
+        STUDY.replace("relative", "relativ"),
+        "22: 'theta' varies by low and high (and scale = \"log\"), by mean "
+        "and deviation, by relative, a share; got {'relativ': 0.1}.",
+    ),
+    "scale": (STUDY.replace('"log"', '"logarithmic"'), '21: scale is "linear" or "log", got \'logarithmic\'.'),
     "upside down": (STUDY.replace("[0.5, 3.0]", "[3.0, 0.5]"), "20: low must be below high, got low=3, high=0.5."),
-    "share of nothing": (STUDY.replace("theta", '"pid.kd"').replace("0.001", "0.0"), "22: the diagram's own number is 0, "
-                         "so a share of it is nothing; say mean and deviation."),
-    "count": (GRID.replace("KIND", "grid").replace("count = 3", "count = 1"), "9: count must be a whole number from 2 "
- "to 10,000,000, got 1."),
-    "value": (GRID.replace("KIND", "grid").replace("[1.0, 1.5]", "1.5"), "8: 'pid.kp' needs a list of values, or "
-                                                                         "{ low = …, high = …, count = … }, got 1.5."),
+    "share of nothing": (
+        STUDY.replace("theta", '"pid.kd"').replace("0.001", "0.0"),
+        "22: the diagram's own number is 0, so a share of it is nothing; say mean and deviation.",
+    ),
+    "count": (
+        GRID.replace("KIND", "grid").replace("count = 3", "count = 1"),
+        "9: count must be a whole number from 2 to 10,000,000, got 1.",
+    ),
+    "value": (
+        GRID.replace("KIND", "grid").replace("[1.0, 1.5]", "1.5"),
+        "8: 'pid.kp' needs a list of values, or { low = …, high = …, count = … }, got 1.5.",
+    ),
     "not TOML": (STUDY.replace("[plan]", "[plan"), "14: this is not TOML"),
     "words": (STUDY.replace("mean = -0.81", 'mean = "low"'), "23: a number is wanted, got 'low'."),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", FAULTS)

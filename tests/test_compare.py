@@ -39,9 +39,11 @@ class Curve(Block):
 
 def curve(order):
     return tsm.Diagram(
-        title=f"order {order}", blocks=dict(map=Curve(k=tuple(0.1 * (i == 1) for i in range(order + 1)))),
-        inputs={"x_in": "map"}, outputs={"x_out": "map"},
-    )  # fmt: skip
+        title=f"order {order}",
+        blocks=dict(map=Curve(k=tuple(0.1 * (i == 1) for i in range(order + 1)))),
+        inputs={"x_in": "map"},
+        outputs={"x_out": "map"},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -140,8 +142,9 @@ def test_a_model_that_cannot_be_fitted_comes_last_with_its_reason():
 def test_a_model_that_escapes_where_it_is_held_out_was_fitted_and_comes_last():
     """1 / (4 - t) fits the first half without fault, and ends at 4 s."""
     blocks = dict(square=Square(), grows=Integrator(integral=0.25))
-    escapes = tsm.Diagram(title="escapes", blocks=blocks, wires=["grows -> square -> grows"],
-                          outputs={"x_out": "grows"})  # fmt: skip
+    escapes = tsm.Diagram(
+        title="escapes", blocks=blocks, wires=["grows -> square -> grows"], outputs={"x_out": "grows"}
+    )
     y = np.where(T < 3.0, 1 / (4.0 - np.minimum(T, 3.0)), np.cos(T - 3.0))
     data = record("rig", T, RAD, x_in=T, x_out=noisy(y, 0.003, 0))
     found = tsm.compare({"escapes": escapes, "line": LINEAR}, data, **QUICK)
@@ -163,9 +166,11 @@ def test_a_model_that_escapes_where_it_is_held_out_was_fitted_and_comes_last():
 def test_without_models_those_for_tendon_sheaths_are_compared():
     short = rig().part(stop=1.5)
     found = tsm.compare(None, short, starts=1, step=0.01)
-    assert {f"tendon_sheath_{row.name}" for row in found} == set(ready_made()) >= {
-        "tendon_sheath_linear", "tendon_sheath_symmetric", "tendon_sheath_asymmetric", "tendon_sheath_play",
-    }  # fmt: skip
+    assert (
+        {f"tendon_sheath_{row.name}" for row in found}
+        == set(ready_made())
+        >= {"tendon_sheath_linear", "tendon_sheath_symmetric", "tendon_sheath_asymmetric", "tendon_sheath_play"}
+    )
     figures = [row.figure for row in found]
     assert figures == sorted(figures)
 
@@ -259,8 +264,12 @@ def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
 
 
 def test_several_outputs_have_no_noise_in_common():
-    both = tsm.Diagram(title="both", blocks=dict(a=Gain(gain=0.5), b=Gain(gain=2.0)), inputs={"x_in": ["a.u", "b.u"]},
-                       outputs={"x_out": "a", "other": "b"})  # fmt: skip
+    both = tsm.Diagram(
+        title="both",
+        blocks=dict(a=Gain(gain=0.5), b=Gain(gain=2.0)),
+        inputs={"x_in": ["a.u", "b.u"]},
+        outputs={"x_out": "a", "other": "b"},
+    )
     data = record("two", T, {}, x_in=U, x_out=noisy(0.6 * U, 0.01, 1), other=noisy(1.7 * U, 0.05, 2))
     found = tsm.compare({"both": both}, data, **QUICK)
     assert np.isnan(found.noise)
@@ -269,8 +278,13 @@ def test_several_outputs_have_no_noise_in_common():
 
 
 def test_a_model_whose_numbers_the_data_leave_open_is_told_in_its_row():
-    twice = tsm.Diagram(title="twice", blocks=dict(a=Gain(gain=0.5), b=Gain(gain=2.0)), wires=["a -> b"],
-                        inputs={"x_in": tsm.Inlet("a.u", unit="rad")}, outputs={"x_out": "b"})  # fmt: skip
+    twice = tsm.Diagram(
+        title="twice",
+        blocks=dict(a=Gain(gain=0.5), b=Gain(gain=2.0)),
+        wires=["a -> b"],
+        inputs={"x_in": tsm.Inlet("a.u", unit="rad")},
+        outputs={"x_out": "b"},
+    )
     once = twice.replace("b", tsm.blocks.Bias())
     found = tsm.compare({"twice": twice, "once": once}, rig(), **QUICK)
     assert {row[0]: row[-1] for row in ranking_rows(found)[1:]} == {"twice": "not determined", "once": ""}

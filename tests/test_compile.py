@@ -68,9 +68,7 @@ def test_the_same_through_several_levels(depth):
     part = two_ways()
     for _ in range(depth):
         part = Diagram(
-            blocks=dict(inner=part),
-            inputs={"u": "inner.u"},
-            outputs={"now": "inner.now", "later": "inner.later"},
+            blocks=dict(inner=part), inputs={"u": "inner.u"}, outputs={"now": "inner.now", "later": "inner.later"}
         )
     run = simulate(around("later", part), stop=0.5, step=1e-3)
     assert run["later"] == pytest.approx(1 - np.exp(-run.t), abs=1e-12)
@@ -82,10 +80,7 @@ def test_the_same_through_several_levels(depth):
 def test_feedthrough_is_per_port_of_a_block_too():
     """A state space with one direct and one integrated output, as one block."""
     part = StateSpace(A=((0.0,),), B=((1.0,),), C=((1.0,), (0.0,)), D=((0.0,), (3.0,)))
-    assert structure_of(part).outputs == {
-        "y1": {"u"},
-        "y2": {"u"},
-    }  # a number given is a number that may change
+    assert structure_of(part).outputs == {"y1": {"u"}, "y2": {"u"}}  # a number given is a number that may change
 
 
 EXPECTED = [
@@ -174,12 +169,17 @@ def test_nesting_equals_flat():
     )
     flat = Diagram(
         blocks=dict(
-            ref=Sine(), e1=Sum(), l1=FirstOrderLag(gain=2.0), t1=Gain(gain=0.5),
-            e2=Sum(), l2=FirstOrderLag(gain=3.0), t2=Gain(gain=0.5),
+            ref=Sine(),
+            e1=Sum(),
+            l1=FirstOrderLag(gain=2.0),
+            t1=Gain(gain=0.5),
+            e2=Sum(),
+            l2=FirstOrderLag(gain=3.0),
+            t2=Gain(gain=0.5),
         ),
         wires=["ref -> e1.plus", "e1 -> l1 -> t1 -> e1.minus", "l1 -> e2.plus", "e2 -> l2 -> t2 -> e2.minus"],
         outputs={"y": "l2"},
-    )  # fmt: skip
+    )
     a, b = simulate(nested, stop=2.0), simulate(flat, stop=2.0)
     assert a["y"] == pytest.approx(b["y"], rel=0, abs=1e-13)
     assert a["first.lag.value"] == pytest.approx(b["l1.value"], rel=0, abs=1e-13)

@@ -126,8 +126,14 @@ def test_fish_offers_commands_options_and_diagrams(capsys, tmp_path):
     (tmp_path / "a.fish").write_text(script("fish", capsys), encoding="utf-8")
 
     def ask(line):
-        done = subprocess.run(["fish", "--no-config", "-c", f"source a.fish; complete -C '{line}'"], text=True,
-                              capture_output=True, timeout=120, check=True, cwd=tmp_path)  # fmt: skip
+        done = subprocess.run(
+            ["fish", "--no-config", "-c", f"source a.fish; complete -C '{line}'"],
+            text=True,
+            capture_output=True,
+            timeout=120,
+            check=True,
+            cwd=tmp_path,
+        )
         assert done.stderr == ""
         return [one.partition("\t")[0] for one in done.stdout.splitlines()]
 
@@ -165,7 +171,13 @@ def test_zsh_completes_commands_options_and_diagrams(capsys, tmp_path):
         "run x --method eul": "run x --method euler ",
         "blocks PIDC": "blocks PIDController ",
     }
-    done = subprocess.run(["zsh", "-f", "typed.zsh", *(f"tsmblocks {typed}" for typed in lines)], capture_output=True,
-                          text=True, timeout=120, check=True, cwd=tmp_path)  # fmt: skip
+    done = subprocess.run(
+        ["zsh", "-f", "typed.zsh", *(f"tsmblocks {typed}" for typed in lines)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+        cwd=tmp_path,
+    )
     shown = re.findall("<<(.*?)>>", done.stdout)
     assert (shown, done.stderr) == ([f"tsmblocks {line}" for line in lines.values()], "")

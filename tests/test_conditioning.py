@@ -196,11 +196,14 @@ def test_a_diagnosis_says_where_a_sample_is_missing(which, gap):
     assert str(caught.value) == f"experiment 'rig': sample 7 of {which} is not finite (t = 0.07 s, value = {gap})."
 
 
-@pytest.mark.parametrize(("what", "call"), [
-    ("filtering", lambda r: r.filtered(["x_in"])),
-    ("differentiating", lambda r: r.differentiated("x_in")),
-    ("resampling", lambda r: r.resampled(0.02)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("what", "call"),
+    [
+        ("filtering", lambda r: r.filtered(["x_in"])),
+        ("differentiating", lambda r: r.differentiated("x_in")),
+        ("resampling", lambda r: r.resampled(0.02)),
+    ],
+)
 def test_what_would_spread_a_missing_sample_says_where_it_is(what, call):
     gap = record(np.where(np.arange(len(T)) == 7, np.nan, SINE), x_out=SINE)
     with pytest.raises(DataError) as caught:

@@ -62,8 +62,9 @@ def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
 
 def test_what_cannot_be_tracked_says_why():
     base = tsm.load("tendon_sheath_linear")
-    volts = tsm.Diagram(title="v", blocks={"g": Gain()}, inputs={"x_in": tsm.Inlet("g.u", unit="V")},
-                        outputs={"x_out": "g"}).rewire(blocks={"g": Gain(unit="rad")})  # fmt: skip
+    volts = tsm.Diagram(
+        title="v", blocks={"g": Gain()}, inputs={"x_in": tsm.Inlet("g.u", unit="V")}, outputs={"x_out": "g"}
+    ).rewire(blocks={"g": Gain(unit="rad")})
     assert consequence(model(volts, "V"), model(volts, "V")) == (
         "It was not tracked in simulation: x_in and x_out are not one motion, since they are not in one unit."
     )

@@ -210,14 +210,28 @@ def test_check_gives_the_faults_of_each_file(here, capsys):
 
 
 def test_numbers_of_numpy_are_numbers_and_what_is_none_is_null(capsys):
-    console.give({
-        "nan": float("nan"), "inf": np.float64("-inf"), "whole": np.int64(3), "yes": np.bool_(True),
-        "array": np.array([[1.0, np.nan], [np.inf, 2.5]]), "path": Path("a"), "pair": (1, None), 1: np.float32(0.5),
-    })  # fmt: skip
+    console.give(
+        {
+            "nan": float("nan"),
+            "inf": np.float64("-inf"),
+            "whole": np.int64(3),
+            "yes": np.bool_(True),
+            "array": np.array([[1.0, np.nan], [np.inf, 2.5]]),
+            "path": Path("a"),
+            "pair": (1, None),
+            1: np.float32(0.5),
+        }
+    )
     assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == {
-        "nan": None, "inf": None, "whole": 3, "yes": True, "array": [[1.0, None], [None, 2.5]], "path": "a",
-        "pair": [1, None], "1": 0.5,
-    }  # fmt: skip
+        "nan": None,
+        "inf": None,
+        "whole": 3,
+        "yes": True,
+        "array": [[1.0, None], [None, 2.5]],
+        "path": "a",
+        "pair": [1, None],
+        "1": 0.5,
+    }
 
 
 def test_what_is_no_value_of_json_is_a_fault_of_ours():
@@ -230,8 +244,9 @@ def test_what_is_no_value_of_json_is_a_fault_of_ours():
 
 def tsmblocks(*words, encoding):
     place = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0", "COLUMNS": "80"}
-    done = subprocess.run([sys.executable, "-m", "tsmblocks", *words], capture_output=True, timeout=120, check=False,
-                          env=place)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-m", "tsmblocks", *words], capture_output=True, timeout=120, check=False, env=place
+    )
     assert b"Traceback" not in done.stderr
     return done.returncode, done.stdout.decode(encoding), done.stderr.decode(encoding)
 
@@ -239,10 +254,15 @@ def tsmblocks(*words, encoding):
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "cp437"])
 def test_no_letter_is_too_much_for_a_console(encoding, here):
     calls = (
-        ["blocks"], ["blocks", "DiscretePID"], ["study", "study.toml"], ["check", "study.toml", "höhe→.toml"],
-        ["run", "fig09b_feedforward", "--stop", "1"], ["rün"], ["diagnose", "--help"],
+        ["blocks"],
+        ["blocks", "DiscretePID"],
+        ["study", "study.toml"],
+        ["check", "study.toml", "höhe→.toml"],
+        ["run", "fig09b_feedforward", "--stop", "1"],
+        ["rün"],
+        ["diagnose", "--help"],
         ["fit", "tendon_sheath_linear", "--data", "bend.csv", "--starts", "1"],
-    )  # fmt: skip
+    )
     said = {" ".join(words): tsmblocks(*words, encoding=encoding) for words in calls}
     assert [status for status, *_ in said.values()] == [0, 0, 0, 2, 0, 2, 0, 0]
     card, study = said["blocks DiscretePID"][1], said["study study.toml"][1]
@@ -265,8 +285,21 @@ def test_json_is_json_in_every_encoding(encoding, here):
 
 
 def test_letters_are_told_by_likeness():
-    letters = {"→": "->", "θ": "theta", "Ω": "Omega", "é": "e", "½": "1/2", "漢": "?", "µ": "u", "²": "^2",
-               "⁴": "^4", "₂": "2", "∫": "int", "⌋": ")", "\udcff": "?"}  # fmt: skip
+    letters = {
+        "→": "->",
+        "θ": "theta",
+        "Ω": "Omega",
+        "é": "e",
+        "½": "1/2",
+        "漢": "?",
+        "µ": "u",
+        "²": "^2",
+        "⁴": "^4",
+        "₂": "2",
+        "∫": "int",
+        "⌋": ")",
+        "\udcff": "?",
+    }
     assert {one: console.plain_letter(one) for one in letters} == letters
 
 
@@ -295,9 +328,7 @@ def test_progress_is_one_line_that_is_gone_at_the_end(monkeypatch):
     with console.progress(console.searched("fitting")) as tell:
         tell("first", 100, 0.5)
         tell("b", 2, 0.25)
-    assert stream.seen() == [
-        "", "fitting: first, 100 runs, rms 0.5", "fitting: b, 2 runs, rms 0.25     ", " " * 28, ""
-    ]  # fmt: skip
+    assert stream.seen() == ["", "fitting: first, 100 runs, rms 0.5", "fitting: b, 2 runs, rms 0.25     ", " " * 28, ""]
     assert "\n" not in stream.getvalue()
     assert "\x1b" not in stream.getvalue()
 
@@ -340,8 +371,11 @@ def test_progress_is_shown_as_often_as_it_can_be_read(monkeypatch):
 @pytest.mark.parametrize("command", ["run", "fit", "study"])
 def test_commands_leave_nothing_of_it_on_a_terminal(command, here, monkeypatch, capsys):
     stream = watched(monkeypatch)
-    words = {"run": ["fig09b_feedforward", "--stop", "100"], "study": ["study.toml"],
-             "fit": ["tendon_sheath_linear", "--data", "bend.csv", "--starts", "2"]}  # fmt: skip
+    words = {
+        "run": ["fig09b_feedforward", "--stop", "100"],
+        "study": ["study.toml"],
+        "fit": ["tendon_sheath_linear", "--data", "bend.csv", "--starts", "2"],
+    }
     assert main([command, *words[command]]) == 0
     assert stream.seen()[-1] == stream.seen()[-2].strip() == ""
     assert any(part.strip() for part in stream.seen()), "something was told on the way"

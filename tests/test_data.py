@@ -136,12 +136,7 @@ def test_a_file_without_time_needs_a_step(file):
 
 @pytest.mark.parametrize(
     ("text", "parts"),
-    [
-        ("x_in [deg]", ("x_in", "deg")),
-        ("x_in", ("x_in", "")),
-        (" x ( rad/s ) ", ("x", "rad/s")),
-        ("", ("", "")),
-    ],
+    [("x_in [deg]", ("x_in", "deg")), ("x_in", ("x_in", "")), (" x ( rad/s ) ", ("x", "rad/s")), ("", ("", ""))],
 )
 def test_headings_are_taken_apart(text, parts):
     assert split_heading(text) == parts
@@ -201,10 +196,7 @@ def test_short_gaps_are_interpolated_in_time(file):
     ("cells", "words"),
     [
         ("1,,,,,6", "column 2 (x [deg]) has no number in rows 3 to 6. At most 3 samples are interpolated"),
-        (
-            ",2,3,4,5,6",
-            "column 2 (x [deg]) has no number in row 2. At the start there is nothing to interpolate from",
-        ),
+        (",2,3,4,5,6", "column 2 (x [deg]) has no number in row 2. At the start there is nothing to interpolate from"),
         ("1,2,3,4,5,inf", "column 2 (x [deg]) has no number in row 7. At the end there is nothing"),
         (",,,,,", "column 2 (x [deg]) has no number in rows 2 to 7. It is empty throughout"),
         ("1,2,abc,4,5,6", "row 4, column 2 (x [deg]) holds 'abc', which is not a number."),
@@ -228,10 +220,7 @@ def test_cells_that_hold_no_number(file, cells, words):
         (b"t,x\n", "only 0 samples found"),
         (b"t,x\n5,1\n5,2\n5,3\n5,4\n", "column 1 (t) is 5 s in all 4 rows, so it cannot be the time."),
         (b"t,x\n0,1\n,2\n2,3\n3,4\n4,5\n", "column 1 (t) has no number in row 3 (1 such row)."),
-        (
-            b"t,x\n0,1\n1,2\n2,3,4\n3,4\n4,5\n",
-            "row 4 has 3 cells, but there are 2 columns. Every row needs the same",
-        ),
+        (b"t,x\n0,1\n1,2\n2,3,4\n3,4\n4,5\n", "row 4 has 3 cells, but there are 2 columns. Every row needs the same"),
         (
             b"t,x\n0,1\n1,2\n2,3\n3,4\n4,5\n6\n",
             "row 7 has 1 cells, but there are 2 columns. The file seems to have been cut",
@@ -241,10 +230,7 @@ def test_cells_that_hold_no_number(file, cells, words):
         (b"\xff\xfet\0,", "this begins as UTF-16 text and goes on as none. Save it as UTF-8."),
         (b"t,x\n0,1\n\x00\x00", "this is not text (zero byte in row 3)."),
         (b"PK\x03\x04rest", "this is a spreadsheet or an archive. Export the sheet as CSV."),
-        (
-            b"t [furlong],x\n0,1\n1,2\n2,3\n3,4\n",
-            "the time is in 'furlong'. 'furlong' is not a unit known here.",
-        ),
+        (b"t [furlong],x\n0,1\n1,2\n2,3\n3,4\n", "the time is in 'furlong'. 'furlong' is not a unit known here."),
     ],
 )
 def test_files_that_are_no_measurement(file, content, words):
@@ -371,12 +357,21 @@ def test_text_of_windows_is_read_with_a_note(file):
 
 def test_dates_and_times_become_seconds(file):
     for begin, rows in (
-        ("2026-03-01T10:00:59.9", ["2026-03-01T10:00:59.9", "2026-03-01T10:01:00", "2026-03-01T10:01:00.100",
-                                   "2026-03-01T10:01:00.2"]),
-        ("2026-12-31 23:59:59.9+01:00", ["2026-12-31 23:59:59.9+01:00", '"2026-12-31T23:00:00Z"',
-                                         "2027-01-01 00:00:00.1+01:00", "2026-12-31T23:00:00.2+00:00"]),
+        (
+            "2026-03-01T10:00:59.9",
+            ["2026-03-01T10:00:59.9", "2026-03-01T10:01:00", "2026-03-01T10:01:00.100", "2026-03-01T10:01:00.2"],
+        ),
+        (
+            "2026-12-31 23:59:59.9+01:00",
+            [
+                "2026-12-31 23:59:59.9+01:00",
+                '"2026-12-31T23:00:00Z"',
+                "2027-01-01 00:00:00.1+01:00",
+                "2026-12-31T23:00:00.2+00:00",
+            ],
+        ),
         ("10:00:59.9", ["10:00:59.9", "10:01:00.0", "10:01:00.1", "10:01:00.20"]),
-    ):  # fmt: skip
+    ):
         text = "".join(f"{clock},{k}\n" for k, clock in enumerate(rows))
         seconds = re.escape(begin.replace("T", " ").replace(".9", ".900000"))
         for head, how in (("Time [ms],x\n", {"map": {"t": "Time"}}), ("", {"columns": ["t", "x"]})):
@@ -406,17 +401,27 @@ def test_dates_with_points_and_a_column_of_any_name(file):
     assert record.t == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
     assert (record.names, record["Weg"][-1]) == (("Weg",), 5.5)
     assert record.notes == (
-        "Decimal commas were read as points.", "Zeit was read as seconds since 2026-11-22 14:03:00.",
+        "Decimal commas were read as points.",
+        "Zeit was read as seconds since 2026-11-22 14:03:00.",
         "Column 3 (Bemerkung) holds no number and was left out.",
-    )  # fmt: skip
+    )
 
 
-@pytest.mark.parametrize(("cell", "said"), [
-    ("11/22/2026 02:03:07", "holds '11/22/2026 02:03:07', which is not a number (and 4 more such cells). Dates and "
-     "times are read as 2026-11-22 14:03:07.5, 22.11.2026 14:03:07.5 or 14:03:07.5."),
-    ("noon", "holds 'noon', which is not a number (and 4 more such cells). To leave that column out, name the "
-     "others: only=['t', 'x']."),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        (
+            "11/22/2026 02:03:07",
+            "holds '11/22/2026 02:03:07', which is not a number (and 4 more such cells). Dates and "
+            "times are read as 2026-11-22 14:03:07.5, 22.11.2026 14:03:07.5 or 14:03:07.5.",
+        ),
+        (
+            "noon",
+            "holds 'noon', which is not a number (and 4 more such cells). To leave that column out, name the "
+            "others: only=['t', 'x'].",
+        ),
+    ],
+)
 def test_text_in_a_column_is_told_with_what_would_be_read(file, cell, said):
     with pytest.raises(DataError, match=re.escape(said)):
         read(file("t,x,when\n" + "".join(f"{k},1,{cell}\n" for k in range(5))))
@@ -450,8 +455,10 @@ def test_the_newest_row_may_come_first(file):
 def test_seconds_that_may_be_milliseconds_are_doubted(file):
     rows = "".join(f"{2 * k},{k}\n" for k in range(60))
     (note,) = read(file("t,x\n" + rows)).notes
-    assert note == ("t has no unit and was taken to be in s, which makes 2 s from row to row. If it is in ms, say so: "
-                    "map={'t [ms]': 't'}, or --map 't [ms]=t'.")  # fmt: skip
+    assert note == (
+        "t has no unit and was taken to be in s, which makes 2 s from row to row. If it is in ms, say so: "
+        "map={'t [ms]': 't'}, or --map 't [ms]=t'."
+    )
     for head, named in (("Time,x\n", None), ("clock,x\n", {"t": "clock"})):
         column = head.partition(",")[0]
         (note,) = read(file(head + rows), map=named).notes

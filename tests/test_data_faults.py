@@ -102,11 +102,14 @@ def test_what_is_refused(file, text, message):
     [
         (dict(tail="cut"), "tail must be 'refuse' or 'drop', got 'cut'."),
         (dict(gaps=True), "gaps must be 'refuse' or 'keep', got True."),
-        (dict(only=["x_in"]), "there is no column 'x_in'. Known here: x. If it has another name there, map it: "
-         "map={'x_in [deg]': 'COLUMN'}, or --map 'x_in [deg]=COLUMN'."),
+        (
+            dict(only=["x_in"]),
+            "there is no column 'x_in'. Known here: x. If it has another name there, map it: "
+            "map={'x_in [deg]': 'COLUMN'}, or --map 'x_in [deg]=COLUMN'.",
+        ),
         (dict(group="run"), "a group was asked for, but text files have none."),
     ],
-)  # fmt: skip
+)
 def test_wishes_that_cannot_be_met(file, options, message):
     path = file(csv(STEPS, STEPS))
     assert refusal(path, **options) == f"{path}: {message}"
@@ -120,10 +123,10 @@ def test_a_few_late_rows_are_sorted(file):
     record = read(file(csv(STEPS[order], np.sin(STEPS[order]))))
     np.testing.assert_allclose(record.t, STEPS, atol=1e-9)
     np.testing.assert_allclose(record["x"], np.sin(STEPS), atol=1e-9)
-    assert record.notes == ()  or record.notes == (
+    assert record.notes == () or record.notes == (
         "4 rows stood out of order by up to 3 places, the first at row 13 (1 s after 1.1 s); the rows were sorted by "
         "time.",
-    )  # fmt: skip
+    )
 
 
 def test_rows_far_out_of_order_are_not_sorted(file):

@@ -211,10 +211,16 @@ def test_a_step_found_though_no_two_neighbouring_values_occur():
 @pytest.mark.parametrize(
     "x",
     [
-        np.sign(np.sin(T)), np.zeros(100), np.linspace(0, 1, 500), np.abs(np.mod(np.arange(900), 200) - 100.0),
-        np.sin(T), white(1.0), np.cumsum(white(1.0)), np.ones(3),
+        np.sign(np.sin(T)),
+        np.zeros(100),
+        np.linspace(0, 1, 500),
+        np.abs(np.mod(np.arange(900), 200) - 100.0),
+        np.sin(T),
+        white(1.0),
+        np.cumsum(white(1.0)),
+        np.ones(3),
     ],
-)  # fmt: skip
+)
 def test_what_is_not_quantised(x):
     assert quantum_of(x) is None
 

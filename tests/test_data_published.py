@@ -12,60 +12,122 @@ VERIFY = "t, x_ref [deg], v_ref [deg/s], vision [deg], vision_mean [deg], x_out 
 EVEN = "resampled() gives an even grid."
 BETWEEN = "signals are interpolated there."
 TENDON = {
-    "calib/0.txt": (CALIB, 510, [
-        "1816 rows repeated the time of the row before (rows 3, 4, 5, 7, 8, …), their values up to 0.436 N apart (f2, "
-        "row 48); each group was replaced by its mean, leaving 510 of 2326 samples."]),
-    "calib/60.txt": (CALIB, 516, [
-        "1811 rows repeated the time of the row before (rows 2, 3, 5, 6, 7, …), their values up to 0.475 N apart (f2, "
-        "row 43); each group was replaced by its mean, leaving 516 of 2327 samples."]),
-    "calib/120.txt": (CALIB, 513, [
-        "1813 rows repeated the time of the row before (rows 2, 3, 5, 6, 7, …), their values up to 2.97 deg apart "
-        "(x_out, row 688, 6 times what neighbouring samples differ by); each group was replaced by its mean, leaving "
-        "513 of 2326 samples."]),
-    "calib/180.txt": (CALIB, 511, [
-        "1814 rows repeated the time of the row before (rows 2, 3, 4, 6, 7, …), their values up to 2.03 deg apart "
-        "(x_out, row 1297, 5 times what neighbouring samples differ by); each group was replaced by its mean, leaving "
-        "511 of 2325 samples."]),
-    "calib/240.txt": (CALIB, 514, [
-        "1821 rows repeated the time of the row before (rows 2, 3, 4, 6, 7, …), their values up to 2.21 deg apart "
-        "(x_out, row 1871, 7 times what neighbouring samples differ by); each group was replaced by its mean, leaving "
-        "514 of 2335 samples."]),
-    "tracking/conf0_60.txt": (TRACKING, 31214, [
-        "7041 rows repeated the time of the row before (rows 2, 12, 23, 27, 35, …), their values up to 0.0325 apart "
-        "(f1, row 38207, 118 times what neighbouring samples differ by); each group was replaced by its mean, leaving "
-        "31214 of 38255 samples.",
-        "Samples are missing in 160 places. The longest lasts 3.0 usual steps, before row 29311 (from 16.3675 s to "
-        f"16.3705 s); {BETWEEN}",
-        f"The steps between samples are uneven: 0.0005 s to 0.0015 s around 0.0005 s (up to 200 % off). {EVEN}"]),
-    "tracking/conf90_60.txt": (TRACKING, 23268, [
-        "Time jumps back at row 26329, from 14.9995 s to 0 s; everything from there on (1099 rows, 4 %) was dropped, "
-        "as asked.",
-        "3060 rows repeated the time of the row before (rows 3, 17, 23, 28, 39, …), their values up to 2.08 deg apart "
-        "(x_out, row 22963, 20 times what neighbouring samples differ by); each group was replaced by its mean, leaving"
-        " 23268 of 26328 samples.",
-        f"Samples are missing in 128 places. The longest lasts 3.0 usual steps, before row 15398 (from 8.833 s to "
-        f"8.836 s); {BETWEEN}",
-        f"The steps between samples are uneven: 0.0005 s to 0.0015 s around 0.0005 s (up to 200 % off). {EVEN}"]),
-    "verify/ff.txt": (f"{VERIFY},,", 4659, [
-        f"Samples are missing in 374 places. The longest lasts 2.8 usual steps, before row 2259 (from 12.04 s to "
-        f"12.057 s); {BETWEEN}",
-        f"The steps between samples are uneven: 0.001 s to 0.009 s around 0.005 s (up to 80 % off). {EVEN}"]),
-    "verify/output.txt": (VERIFY, 4654, [
-        "1 row repeated the time of the row before (row 1530), with the same values; each group was replaced by its "
-        "mean, leaving 4654 of 4655 samples.",
-        f"Samples are missing in 376 places. The longest lasts 2.8 usual steps, before row 4165 (from 22.307 s to "
-        f"22.324 s); {BETWEEN}",
-        f"The steps between samples are uneven: 0.002 s to 0.009 s around 0.005 s (up to 80 % off). {EVEN}"]),
-    "verify/test0224.txt": (VERIFY, 8074, [
-        "11 rows repeated the time of the row before (rows 1111, 1298, 1441, 1468, 1634, …), with the same values; each"
-        " group was replaced by its mean, leaving 8074 of 8085 samples.",
-        f"Samples are missing in 195 places. The longest lasts 3.7 usual steps, before row 2184 (from 5.439 s to "
-        f"5.45 s); {BETWEEN}",
-        f"The steps between samples are uneven: 0.0005 s to 0.0045 s around 0.0025 s (up to 80 % off). {EVEN}",
-        "vision never changes (it is 0 throughout).",
-        "vision_mean never changes (it is 0 throughout).",
-        "u never changes (it is 0 throughout)."]),
-}  # fmt: skip
+    "calib/0.txt": (
+        CALIB,
+        510,
+        [
+            "1816 rows repeated the time of the row before (rows 3, 4, 5, 7, 8, …), their values up to 0.436 "
+            "N apart (f2, "
+            "row 48); each group was replaced by its mean, leaving 510 of 2326 samples."
+        ],
+    ),
+    "calib/60.txt": (
+        CALIB,
+        516,
+        [
+            "1811 rows repeated the time of the row before (rows 2, 3, 5, 6, 7, …), their values up to 0.475 "
+            "N apart (f2, "
+            "row 43); each group was replaced by its mean, leaving 516 of 2327 samples."
+        ],
+    ),
+    "calib/120.txt": (
+        CALIB,
+        513,
+        [
+            "1813 rows repeated the time of the row before (rows 2, 3, 5, 6, 7, …), their values up to 2.97 deg apart "
+            "(x_out, row 688, 6 times what neighbouring samples differ by); each group was replaced by its "
+            "mean, leaving "
+            "513 of 2326 samples."
+        ],
+    ),
+    "calib/180.txt": (
+        CALIB,
+        511,
+        [
+            "1814 rows repeated the time of the row before (rows 2, 3, 4, 6, 7, …), their values up to 2.03 deg apart "
+            "(x_out, row 1297, 5 times what neighbouring samples differ by); each group was replaced by its "
+            "mean, leaving "
+            "511 of 2325 samples."
+        ],
+    ),
+    "calib/240.txt": (
+        CALIB,
+        514,
+        [
+            "1821 rows repeated the time of the row before (rows 2, 3, 4, 6, 7, …), their values up to 2.21 deg apart "
+            "(x_out, row 1871, 7 times what neighbouring samples differ by); each group was replaced by its "
+            "mean, leaving "
+            "514 of 2335 samples."
+        ],
+    ),
+    "tracking/conf0_60.txt": (
+        TRACKING,
+        31214,
+        [
+            "7041 rows repeated the time of the row before (rows 2, 12, 23, 27, 35, …), their values up to "
+            "0.0325 apart "
+            "(f1, row 38207, 118 times what neighbouring samples differ by); each group was replaced by its "
+            "mean, leaving "
+            "31214 of 38255 samples.",
+            "Samples are missing in 160 places. The longest lasts 3.0 usual steps, before row 29311 (from 16.3675 s to "
+            f"16.3705 s); {BETWEEN}",
+            f"The steps between samples are uneven: 0.0005 s to 0.0015 s around 0.0005 s (up to 200 % off). {EVEN}",
+        ],
+    ),
+    "tracking/conf90_60.txt": (
+        TRACKING,
+        23268,
+        [
+            "Time jumps back at row 26329, from 14.9995 s to 0 s; everything from there on (1099 rows, 4 %) "
+            "was dropped, "
+            "as asked.",
+            "3060 rows repeated the time of the row before (rows 3, 17, 23, 28, 39, …), their values up to "
+            "2.08 deg apart "
+            "(x_out, row 22963, 20 times what neighbouring samples differ by); each group was replaced by its "
+            "mean, leaving"
+            " 23268 of 26328 samples.",
+            f"Samples are missing in 128 places. The longest lasts 3.0 usual steps, before row 15398 (from 8.833 s to "
+            f"8.836 s); {BETWEEN}",
+            f"The steps between samples are uneven: 0.0005 s to 0.0015 s around 0.0005 s (up to 200 % off). {EVEN}",
+        ],
+    ),
+    "verify/ff.txt": (
+        f"{VERIFY},,",
+        4659,
+        [
+            f"Samples are missing in 374 places. The longest lasts 2.8 usual steps, before row 2259 (from 12.04 s to "
+            f"12.057 s); {BETWEEN}",
+            f"The steps between samples are uneven: 0.001 s to 0.009 s around 0.005 s (up to 80 % off). {EVEN}",
+        ],
+    ),
+    "verify/output.txt": (
+        VERIFY,
+        4654,
+        [
+            "1 row repeated the time of the row before (row 1530), with the same values; each group was "
+            "replaced by its "
+            "mean, leaving 4654 of 4655 samples.",
+            f"Samples are missing in 376 places. The longest lasts 2.8 usual steps, before row 4165 (from 22.307 s to "
+            f"22.324 s); {BETWEEN}",
+            f"The steps between samples are uneven: 0.002 s to 0.009 s around 0.005 s (up to 80 % off). {EVEN}",
+        ],
+    ),
+    "verify/test0224.txt": (
+        VERIFY,
+        8074,
+        [
+            "11 rows repeated the time of the row before (rows 1111, 1298, 1441, 1468, 1634, …), with the "
+            "same values; each"
+            " group was replaced by its mean, leaving 8074 of 8085 samples.",
+            f"Samples are missing in 195 places. The longest lasts 3.7 usual steps, before row 2184 (from 5.439 s to "
+            f"5.45 s); {BETWEEN}",
+            f"The steps between samples are uneven: 0.0005 s to 0.0045 s around 0.0025 s (up to 80 % off). {EVEN}",
+            "vision never changes (it is 0 throughout).",
+            "vision_mean never changes (it is 0 throughout).",
+            "u never changes (it is 0 throughout).",
+        ],
+    ),
+}
 
 
 @pytest.mark.parametrize(("name", "columns", "samples", "notes"), [(k, *v) for k, v in TENDON.items()], ids=TENDON)
@@ -148,11 +210,8 @@ def test_silverbox(measured):
 
 @pytest.mark.parametrize(
     ("name", "group", "samples", "period"),
-    [
-        ("test", "multisine", 8192, None), ("test", "sinesweep", 153000, None),
-        ("train", "multisine", 40960, 8192 / 750),
-    ],
-)  # fmt: skip
+    [("test", "multisine", 8192, None), ("test", "sinesweep", 153000, None), ("train", "multisine", 40960, 8192 / 750)],
+)
 def test_bouc_wen(measured, name, group, samples, period):
     record = read(measured / f"bouc_wen/{name}.h5", group=group, step=1 / 750, units={"u": "N", "y": "m"})
     assert (record.names, len(record), record.notes) == (("u", "y"), samples, ())

@@ -88,11 +88,17 @@ def test_the_period_of_a_signal(period, sigma):
 @pytest.mark.parametrize(
     "x",
     [
-        np.ones(2000), T, T**2, np.random.default_rng(0).standard_normal(2000), np.sin(T**2),
-        np.cumsum(np.random.default_rng(1).standard_normal(2000)), np.exp(-T), T * np.sin(2 * np.pi * T),
+        np.ones(2000),
+        T,
+        T**2,
+        np.random.default_rng(0).standard_normal(2000),
+        np.sin(T**2),
+        np.cumsum(np.random.default_rng(1).standard_normal(2000)),
+        np.exp(-T),
+        T * np.sin(2 * np.pi * T),
         np.sin(2 * np.pi * T / 7),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_repeat_has_no_period(x):
     assert record(T, x=x).period() is None
 
@@ -247,16 +253,12 @@ REFUSED = {
         lambda: record(UNEVEN, x=UNEVEN).filtered(),
         "filtering needs evenly spaced samples, but steps are up to 40 % off 0.005 s. Call resampled() first.",
     ),
-    "short": (
-        lambda: record(T[:9], x=T[:9]).filtered(), "filtering needs at least 16 samples, there are 9.",
-    ),
+    "short": (lambda: record(T[:9], x=T[:9]).filtered(), "filtering needs at least 16 samples, there are 9."),
     "cut-off": (
         lambda: record(T, x=T).filtered(cutoff=120.0),
         "the cut-off must lie between 0 Hz and 100 Hz (half the sampling frequency), got 120 Hz.",
     ),
-    "order": (
-        lambda: record(T, x=T).filtered(order=0), "the order of a filter is a whole number from 1 to 12, got 0.",
-    ),
+    "order": (lambda: record(T, x=T).filtered(order=0), "the order of a filter is a whole number from 1 to 12, got 0."),
     "signal": (lambda: record(T, x=T).filtered("y"), "there is no signal 'y'. Known here: x."),
     "uneven derivative": (
         lambda: record(UNEVEN, x=UNEVEN).differentiated("x"),
@@ -282,18 +284,15 @@ REFUSED = {
         lambda: record(T, x=T).with_signal("y", np.where(np.arange(2000) == 7, np.nan, T)),
         "signal 'y' holds nan in sample 7.",
     ),
-    "rename": (
-        lambda: record(T, x_in=T).renamed({"x_inn": "x"}), "there is no signal 'x_inn'. Did you mean 'x_in'?",
-    ),
-    "name twice": (
-        lambda: record(T, x=T, y=T).renamed({"x": "y"}), "two signals would both be named 'y'.",
-    ),
+    "rename": (lambda: record(T, x_in=T).renamed({"x_inn": "x"}), "there is no signal 'x_inn'. Did you mean 'x_in'?"),
+    "name twice": (lambda: record(T, x=T, y=T).renamed({"x": "y"}), "two signals would both be named 'y'."),
     "unit": (
         lambda: record(T, {"x": "deg"}, x=T).converted({"x": "V"}),
         "signal 'x [deg]' is wanted in V. 'deg' does not convert to 'V'.",
     ),
     "unknown unit": (
-        lambda: record(T, x=T).converted({"x": "grad"}), "'grad' is not a unit known here. Did you mean 'rad'?",
+        lambda: record(T, x=T).converted({"x": "grad"}),
+        "'grad' is not a unit known here. Did you mean 'rad'?",
     ),
     "turn": (
         lambda: record(T, {"x": "mm"}, x=T).unwrapped("x"),
@@ -303,10 +302,8 @@ REFUSED = {
         lambda: record(T, x=T).unwrapped("x"),
         "one turn of 'x' is not known, because it has no unit. Give it: turn = 360.",
     ),
-    "negative turn": (
-        lambda: record(T, x=T).unwrapped("x", turn=-1.0), "a turn must be a positive number, got -1.",
-    ),
-}  # fmt: skip
+    "negative turn": (lambda: record(T, x=T).unwrapped("x", turn=-1.0), "a turn must be a positive number, got -1."),
+}
 
 
 @pytest.mark.parametrize(("call", "message"), REFUSED.values(), ids=REFUSED.keys())
@@ -454,13 +451,17 @@ def test_a_recording_is_not_saved_as_anything_else(tmp_path):
     ("t", "signals", "units", "said"),
     [
         (T, {"x": SLOW[:9]}, {}, "signal 'x' must have one number for each of the 2000 samples, got 9."),
-        (T, {"x": np.zeros((2000, 2))}, {}, "signal 'x' must have one number for each of the 2000 samples, got an "
-         "array of shape (2000, 2)."),
+        (
+            T,
+            {"x": np.zeros((2000, 2))},
+            {},
+            "signal 'x' must have one number for each of the 2000 samples, got an array of shape (2000, 2).",
+        ),
         (np.zeros((2000, 2)), {}, {}, "the times must be one row of numbers, got an array of shape (2000, 2)."),
         (T, {"x_in": SLOW}, {"x_inn": "deg"}, "a unit is given for 'x_inn', which is no signal. Did you mean 'x_in'?"),
     ],
     ids=["length", "matrix", "times", "unit"],
-)  # fmt: skip
+)
 def test_arrays_that_make_no_recording(t, signals, units, said):
     assert refusal(lambda: Record("bench", t, signals, units)) == f"bench: {said}"
 
@@ -471,8 +472,15 @@ def test_one_table_of_units_serves_many_recordings():
 
 def test_a_recording_without_a_file_is_called_by_its_name():
     one = Record("bench", T, {"x": SLOW}, {"x": "rad"})
-    for call in (lambda: one["y"], lambda: one.filtered("y"), lambda: one.periods("y"), lambda: one.renamed({"y": "z"}),
-                 lambda: one.values("x", "V"), lambda: one.part(50.0), lambda: one.resampled(-1.0)):  # fmt: skip
+    for call in (
+        lambda: one["y"],
+        lambda: one.filtered("y"),
+        lambda: one.periods("y"),
+        lambda: one.renamed({"y": "z"}),
+        lambda: one.values("x", "V"),
+        lambda: one.part(50.0),
+        lambda: one.resampled(-1.0),
+    ):
         assert refusal(call).startswith("bench: ")
 
 

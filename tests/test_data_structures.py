@@ -125,8 +125,10 @@ def test_a_recording_with_two_time_axes(mat):
     record = read(path)
     assert len(record.names) == 2
     assert record.notes == ("Left out, being on another time axis than rec: rec.",)
-    named = [{k: v for k, v in y.items() if k != "XIndex"} | {"Raster": r} for y, r in
-             zip([*whole["Y"], late], ("HostService", "slow", "HostService"), strict=True)]  # fmt: skip
+    named = [
+        {k: v for k, v in y.items() if k != "XIndex"} | {"Raster": r}
+        for y, r in zip([*whole["Y"], late], ("HostService", "slow", "HostService"), strict=True)
+    ]
     named[1]["Data"], named[2]["Data"] = Y[::2], X
     assert read(mat(rec=dict(X=[whole["X"], slow], Y=named))).names == ("Model Root/x_in/Out1", "temperature")
 

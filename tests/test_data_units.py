@@ -74,15 +74,22 @@ def test_the_heading_of_a_column_is_a_name_for_it(file):
     ("told", "message"),
     [
         (dict(map=NAMED, units={"x_in": "rad"}), "'x_in' is given two units, rad and deg."),
-        (dict(map={"x": "Motor pos", "x [deg]": "Tip pos"}),
-         "'x' is mapped to two columns, 'Motor pos' and 'Tip pos'."),
-        (dict(map=NAMED, units={"Motor": "deg"}),
-         "a unit is given for 'Motor', which is not read. Known here: Time, x_in, x_out."),
-        (dict(only=["x_in"]), "there is no column 'x_in'. Known here: Motor pos, Tip pos. If it has another name "
-         "there, map it: map={'x_in [deg]': 'COLUMN'}, or --map 'x_in [deg]=COLUMN'."),
+        (
+            dict(map={"x": "Motor pos", "x [deg]": "Tip pos"}),
+            "'x' is mapped to two columns, 'Motor pos' and 'Tip pos'.",
+        ),
+        (
+            dict(map=NAMED, units={"Motor": "deg"}),
+            "a unit is given for 'Motor', which is not read. Known here: Time, x_in, x_out.",
+        ),
+        (
+            dict(only=["x_in"]),
+            "there is no column 'x_in'. Known here: Motor pos, Tip pos. If it has another name "
+            "there, map it: map={'x_in [deg]': 'COLUMN'}, or --map 'x_in [deg]=COLUMN'.",
+        ),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_what_is_told_twice_or_of_nothing_is_refused(file, told, message):
     path = file(BARE)
     assert refused(path, **told) == f"{path}: {message}"

@@ -99,8 +99,10 @@ def test_less_is_left_of_the_reference_with_what_was_found():
 def test_a_gap_is_rounded_off_for_a_plan_and_hardly_moves_what_comes_out():
     sheath = truth(HIDDEN["backlash"])
     record = measured(sheath, 0)["large"]
-    ends = [tsm.simulate(d, inputs={"x_in": (record.t, record["x_in"])}, stop=STOP, step=1e-3)["x_out"]
-            for d in (sheath, plannable(sheath))]  # fmt: skip
+    ends = [
+        tsm.simulate(d, inputs={"x_in": (record.t, record["x_in"])}, stop=STOP, step=1e-3)["x_out"]
+        for d in (sheath, plannable(sheath))
+    ]
     assert np.abs(ends[0] - ends[1])[5000:].max() < 0.35 * DEG
     assert plannable(model()) == model()
 
@@ -176,8 +178,10 @@ def alike(shown, printed):
 def test_what_is_printed_fits_a_terminal():
     tale = story("position_ripple")
     chapters = [command._paper(cases())]
-    chapters += [tell(tale) for tell in (command._measured, command._identified, command._diagnosed, command._rebuilt,
-                                         command._revealed)]  # fmt: skip
+    chapters += [
+        tell(tale)
+        for tell in (command._measured, command._identified, command._diagnosed, command._rebuilt, command._revealed)
+    ]
     lines = "\n".join(chapters).splitlines()
     assert max(map(len, lines)) <= 80
     assert [line[0] for line in lines if re.match(r"\d\. ", line)] == list("123456")

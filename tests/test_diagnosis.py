@@ -66,9 +66,15 @@ def names(diagnosis):
 
 @pytest.mark.parametrize(
     ("name", "effect", "family"),
-    [("backlash", "backlash", "loop"), ("lag", "first_order_lag", "delay"), ("jump", "jump", "time"),
-     ("ripple", "position_ripple", "map"), ("line", "hysteresis", "loop"), ("another line", "hysteresis", "loop")],
-)  # fmt: skip
+    [
+        ("backlash", "backlash", "loop"),
+        ("lag", "first_order_lag", "delay"),
+        ("jump", "jump", "time"),
+        ("ripple", "position_ripple", "map"),
+        ("line", "hysteresis", "loop"),
+        ("another line", "hysteresis", "loop"),
+    ],
+)
 def test_one_effect_is_named(name, effect, family):
     said = found(name)
     assert said.verdict == "named"
@@ -146,8 +152,9 @@ def test_names_order_and_units_of_the_recordings_change_nothing():
     turned = {}
     for name, k in order.items():
         r = given[k]
-        turned[name] = tsm.Record(name, r.t, {s: np.deg2rad(r[s]) for s in ("x_out", "x_in")},
-                                  {"x_in": "rad", "x_out": "rad"})  # fmt: skip
+        turned[name] = tsm.Record(
+            name, r.t, {s: np.deg2rad(r[s]) for s in ("x_out", "x_in")}, {"x_in": "rad", "x_out": "rad"}
+        )
     said = tsm.diagnose(base_of(case), turned, noise_floor=floor_of(case))
     assert said.verdict == plain.verdict
     assert names(said) == names(plain)
@@ -223,9 +230,16 @@ def test_a_users_own_effect_takes_part_and_is_named():
         return Trials({"bias": 0.1 * scales.wire.reach})
 
     shift = Effect(
-        "loose_belt", "belt", "a belt that jumped", "input", Bias(bias=0.0), {"bias": 0.0}, ("bias",), trials,
+        "loose_belt",
+        "belt",
+        "a belt that jumped",
+        "input",
+        Bias(bias=0.0),
+        {"bias": 0.0},
+        ("bias",),
+        trials,
         excites="any motion",
-    )  # fmt: skip
+    )
     records = {}
     for name, r in recordings(hidden("nothing")).items():
         x = r["x_in"] + 8.0
@@ -309,44 +323,54 @@ def test_ctrl_c_before_anything_was_found_is_passed_on(stage):
 TITLE = "'Tendon sheath: symmetric Bouc-Wen and an offset'"
 FAULTS = {
     "too short": (
-        dict(short=True), DataError,
+        dict(short=True),
+        DataError,
         "a diagnosis takes at least 200 samples of all experiments together, and there are 51: with fewer, no effect "
         "can be told from chance.",
     ),
     "no output": (
-        dict(signals=("x_in",)), DataError,
+        dict(signals=("x_in",)),
+        DataError,
         f"sine: none of the outputs of {TITLE} (x_out) was measured; the recording has x_in. Map one when reading: "
         "map={'x_out': 'COLUMN'}, or --map 'x_out=COLUMN'; or give the diagram an output of that name.",
     ),
     "no input": (
-        dict(signals=("x_out",)), DataError,
+        dict(signals=("x_out",)),
+        DataError,
         f"sine: {TITLE} needs its input 'x_in', and the recording has no such signal. Known here: x_out. If it has "
         "another name there, map it when reading: map={'x_in': 'COLUMN'}, or --map 'x_in=COLUMN'.",
     ),
     "no recordings": (
-        dict(none=True), DataError,
+        dict(none=True),
+        DataError,
         "there are no recordings to compare with: give a Record (tsm.read), a list, or a mapping.",
     ),
     "floor of nan": (
-        dict(noise_floor=math.nan), ParameterError,
+        dict(noise_floor=math.nan),
+        ParameterError,
         "noise_floor must be a positive number, or one with its unit such as '0.05deg', got nan.",
     ),
     "floor of nothing measured": (
-        dict(noise_floor={"x_uot": 1.0}), ParameterError,
+        dict(noise_floor={"x_uot": 1.0}),
+        ParameterError,
         "noise_floor: 'x_uot' is not compared here. Did you mean 'x_out'?",
     ),
     "unknown effect": (
-        dict(effects=["baklash"]), ParameterError,
+        dict(effects=["baklash"]),
+        ParameterError,
         "effects: 'baklash' names no effect of the catalogue. Did you mean 'backlash'?",
     ),
     "unknown parameter": (
-        dict(free=["tsm.alpa"], noise_floor=1e-3), ParameterError,
+        dict(free=["tsm.alpa"], noise_floor=1e-3),
+        ParameterError,
         f"free 'tsm.alpa' names no parameter of {TITLE}. Did you mean 'tsm.alpha_x'?",
     ),
     "unknown output": (
-        dict(outputs=["x_uot"]), DataError, f"diagram {TITLE} has no output 'x_uot'. Did you mean 'x_out'?",
+        dict(outputs=["x_uot"]),
+        DataError,
+        f"diagram {TITLE} has no output 'x_uot'. Did you mean 'x_out'?",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("fault", FAULTS)

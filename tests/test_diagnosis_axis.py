@@ -31,18 +31,27 @@ RUNS = [measured(1), measured(2)]
 
 def diagnosed(more, free, runs=None, **how):
     blocks = dict(motor=FirstOrderLag(gain=18.0, time_constant=0.15), turn=Integrator(), screw=Gain(gain=PITCH), **more)
-    axis = tsm.Diagram(title="axis", blocks=blocks, wires=[" -> ".join(blocks)],
-                       inputs={"u": tsm.Inlet("motor.u", unit="V")}, outputs={"x": list(blocks)[-1]})  # fmt: skip
-    return tsm.diagnose(axis, runs or RUNS, free=["motor.*", *free], noise_floor=NOISE, hold="zero", condition=False,
-                        **how)  # fmt: skip
+    axis = tsm.Diagram(
+        title="axis",
+        blocks=blocks,
+        wires=[" -> ".join(blocks)],
+        inputs={"u": tsm.Inlet("motor.u", unit="V")},
+        outputs={"x": list(blocks)[-1]},
+    )
+    return tsm.diagnose(
+        axis, runs or RUNS, free=["motor.*", *free], noise_floor=NOISE, hold="zero", condition=False, **how
+    )
 
 
 @pytest.mark.parametrize("late", [LATE, 0.3])
 def test_nothing_is_missing_in_the_true_model(late):
     """What is on its way in the delay when a piece begins is no error, however long it is."""
-    found = diagnosed(dict(gear=Play(half_width=1.0), late=Delay(time=late)), ["gear.half_width", "late.time"],
-                      [measured(1, late), measured(2, late)],
-                      effects=["resonance", "coulomb_friction", "dead_time"])  # fmt: skip
+    found = diagnosed(
+        dict(gear=Play(half_width=1.0), late=Delay(time=late)),
+        ["gear.half_width", "late.time"],
+        [measured(1, late), measured(2, late)],
+        effects=["resonance", "coulomb_friction", "dead_time"],
+    )
     assert (found.verdict, found.effects) == ("none", ())
     assert found.segments[0].gaps[0].held_out[-1] == pytest.approx(NOISE, rel=0.02)
     values = found.base.parameters
@@ -51,8 +60,12 @@ def test_nothing_is_missing_in_the_true_model(late):
 
 
 def test_the_delay_that_is_missing_is_named():
-    found = diagnosed(dict(gear=Play(half_width=1.0)), ["gear.half_width"], RUNS[:1],
-                      effects=["dead_time", "resonance", "first_order_lag", "coulomb_friction"])  # fmt: skip
+    found = diagnosed(
+        dict(gear=Play(half_width=1.0)),
+        ["gear.half_width"],
+        RUNS[:1],
+        effects=["dead_time", "resonance", "first_order_lag", "coulomb_friction"],
+    )
     (effect,) = found.effects
     assert effect.name == "dead_time"
     assert effect.parameters["time"].value == pytest.approx(LATE, abs=0.0007)

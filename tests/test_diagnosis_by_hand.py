@@ -27,11 +27,17 @@ def spinning(level, slope=25.0, damping=2.0):
 def drive(unit):
     """The same without dry friction."""
     return tsm.Diagram(
-        title="drive", wires=["push -> net.plus", "net -> speed -> viscous -> net.minus"],
-        blocks=dict(push=Gain(gain=20.0), net=Sum(signs="+-"), speed=Integrator(unit=unit),
-                    viscous=ViscousFriction(coefficient=3.0)),
-        inputs={"u": tsm.Inlet("push.u", unit="V")}, outputs={"w": "speed"},
-    )  # fmt: skip
+        title="drive",
+        wires=["push -> net.plus", "net -> speed -> viscous -> net.minus"],
+        blocks=dict(
+            push=Gain(gain=20.0),
+            net=Sum(signs="+-"),
+            speed=Integrator(unit=unit),
+            viscous=ViscousFriction(coefficient=3.0),
+        ),
+        inputs={"u": tsm.Inlet("push.u", unit="V")},
+        outputs={"w": "speed"},
+    )
 
 
 def recording():

@@ -96,11 +96,13 @@ def effect(name, variant=""):
         (one(Lag()), "y", 0),
         (one(ZeroOrderHold(period=0.1)), "y", 1),
         (tsm.load("fig07_observer"), "zeta_hat", 1),
-        *((tsm.load(f"tendon_sheath_{k}"), "x_out", 0) for k in ("linear", "symmetric", "asymmetric", "generalized",
-                                                                 "play", "prandtl_ishlinskii")),
+        *(
+            (tsm.load(f"tendon_sheath_{k}"), "x_out", 0)
+            for k in ("linear", "symmetric", "asymmetric", "generalized", "play", "prandtl_ishlinskii")
+        ),
     ],
     ids=lambda value: getattr(value, "title", value),
-)  # fmt: skip
+)
 def test_integrations_by_hand(diagram, output, degree):
     (name,) = diagram.inputs
     assert reaches(diagram, output, before="", after=name) == degree
@@ -124,8 +126,10 @@ def test_integrations_against_markov_parameters(num, den):
 def test_a_chain_adds_up_and_what_does_not_reach_is_told():
     chain = Diagram(
         blocks={"a": Integrator(), "b": Gain(), "c": Integrator(), "d": Integrator()},
-        wires=["a -> b -> c", "b -> d"], inputs={"u": "a"}, outputs={"y": "c", "z": "d"},
-    )  # fmt: skip
+        wires=["a -> b -> c", "b -> d"],
+        inputs={"u": "a"},
+        outputs={"y": "c", "z": "d"},
+    )
     assert [reaches(chain, "y", before=port, after="") for port in ("a.u", "b.u", "c.u", "d.u")] == [2, 1, 1, -1]
     assert reaches(chain, "z", before="d", after="") == 1
     assert reaches(chain, "y", before="nothing.u", after="") == -1
@@ -197,8 +201,9 @@ def test_the_wire_that_drives_is_the_nearest_of_them():
     twice = Diagram(
         blocks={"amplifier": Gain(), "push": Sum(signs="+-"), "motor": DCMotor(), "load": Gain()},
         wires=["amplifier -> push.plus", "push -> motor", "motor.y -> load -> push.minus"],
-        inputs={"u": "amplifier"}, outputs={"x": "motor.y"},
-    )  # fmt: skip
+        inputs={"u": "amplifier"},
+        outputs={"x": "motor.y"},
+    )
     assert driven(twice, "x") == "motor.u"
     assert driven(tsm.load("tendon_sheath_linear"), "x_out") == ""
     assert [s.place for s in sites(tsm.load("tendon_sheath_linear"), ["x_out"])] == ["output", "across", "input"]
@@ -213,9 +218,10 @@ def test_wires_of_a_diagram_that_is_a_block():
     plant = tsm.load("motor_linear")
     outer = Diagram(
         blocks={"amplifier": Gain(unit="V"), "plant": plant, "tip": Gain(unit="rad")},
-        wires=["amplifier -> plant.u", "plant.x -> tip"], inputs={"u": "amplifier"},
+        wires=["amplifier -> plant.u", "plant.x -> tip"],
+        inputs={"u": "amplifier"},
         outputs={"x": "plant.x", "y": "tip"},
-    )  # fmt: skip
+    )
     assert where(outer, ["x"]) == [
         ("output", "x", "plant.x", "", "plant.x -> tip.u, x"),
         ("drive", "x", "amplifier.y", "", "amplifier.y -> plant.u"),
@@ -239,9 +245,16 @@ def test_a_block_that_reads_is_wired_to_what_it_reads():
 
 
 @pytest.mark.parametrize(
-    ("parameter", "unit"), [("limit.rising", "rad/s"), ("drift.rate", "rad/s"), ("drift.curve", "rad/s^2"),
-                            ("jump.size", "rad"), ("jump.time", "s"), ("drift.start", "")],
-)  # fmt: skip
+    ("parameter", "unit"),
+    [
+        ("limit.rising", "rad/s"),
+        ("drift.rate", "rad/s"),
+        ("drift.curve", "rad/s^2"),
+        ("jump.size", "rad"),
+        ("jump.time", "s"),
+        ("drift.start", ""),
+    ],
+)
 def test_numbers_have_the_unit_that_the_wire_gives_them(parameter, unit):
     diagram = tsm.load("tendon_sheath_linear")
     for name, block in (("limit", RateLimit()), ("drift", Drift()), ("jump", Jump())):
@@ -281,8 +294,16 @@ def test_start_values_keep_their_bounds_from_round_to_round():
 
 def test_a_candidate_that_makes_no_diagram_is_none():
     """An effect whose output is in another unit than the wire, or in none that is known; or that has nothing to try."""
-    volts = Effect("volts", "own", "volts", "output", Gain(unit="V"), {"gain": 1.0}, ("gain",),
-                   lambda scales: Trials({}, ({"gain": 1.1},)))  # fmt: skip
+    volts = Effect(
+        "volts",
+        "own",
+        "volts",
+        "output",
+        Gain(unit="V"),
+        {"gain": 1.0},
+        ("gain",),
+        lambda scales: Trials({}, ({"gain": 1.1},)),
+    )
     bare = Effect("bare", "own", "a gain", "output", Gain(), {"gain": 1.0}, ("gain",), volts.trials)
     silent = Effect("silent", "own", "silence", "output", Gain(), {"gain": 1.0}, ("gain",), lambda scales: None)
     records = recordings()
@@ -291,8 +312,13 @@ def test_a_candidate_that_makes_no_diagram_is_none():
 
 def test_an_input_that_rests_has_no_gap():
     """Bounds in proportion to it would be a point: once they were refused, and with them the whole diagnosis."""
-    diagram = Diagram(title="two", blocks={"sum": Sum(signs="++"), "lag": Lag(time_constant=0.1)}, wires=["sum -> lag"],
-                      inputs={"u": "sum.plus1", "v": "sum.plus2"}, outputs={"y": "lag"})  # fmt: skip
+    diagram = Diagram(
+        title="two",
+        blocks={"sum": Sum(signs="++"), "lag": Lag(time_constant=0.1)},
+        wires=["sum -> lag"],
+        inputs={"u": "sum.plus1", "v": "sum.plus2"},
+        outputs={"y": "lag"},
+    )
     records = {"one": tsm.Record("one", T, {"u": motion(0), "v": np.zeros_like(T), "y": motion(1)}, {})}
     model = calibrated(diagram, records, Asked(("lag.time_constant",), {"y": SIGMA}, ("y",)))
     found, _ = offered(model, records, [e for e in catalogue() if e.name == "backlash"], outputs=["y"])
@@ -300,8 +326,16 @@ def test_an_input_that_rests_has_no_gap():
 
 
 def test_an_effect_of_ones_own_is_among_the_candidates():
-    own = Effect("stuck", "own", "a sensor that sticks", "output", Play(half_width=0.0), {"half_width": 0.0},
-                 ("half_width",), lambda scales: Trials({}, ({"half_width": 0.1},)))  # fmt: skip
+    own = Effect(
+        "stuck",
+        "own",
+        "a sensor that sticks",
+        "output",
+        Play(half_width=0.0),
+        {"half_width": 0.0},
+        ("half_width",),
+        lambda scales: Trials({}, ({"half_width": 0.1},)),
+    )
     records = recordings()
     model = fitted(records=records)
     before, _ = offered(model, records, catalogue())
@@ -382,10 +416,12 @@ def test_held_out_is_close_to_the_refit_of_the_paper_model():
     for g in range(3):
         held = part.fold == g
         found = least_squares(
-            lambda theta, kept=~held: model.problem.residuals(theta)[kept], model.theta,
-            jac=lambda theta, kept=~held: model.problem.jacobian(theta)[1][kept], x_scale=np.abs(model.theta) + 0.01,
+            lambda theta, kept=~held: model.problem.residuals(theta)[kept],
+            model.theta,
+            jac=lambda theta, kept=~held: model.problem.jacobian(theta)[1][kept],
+            x_scale=np.abs(model.theta) + 0.01,
             xtol=1e-10,
-        )  # fmt: skip
+        )
         made[held] = model.problem.residuals(found.x)[held]
     some = np.isin(np.arange(len(part.sizes)) % FOLDS, range(3))
     assert got[some] == pytest.approx(part.losses(made)[some], rel=0.02)
@@ -437,8 +473,12 @@ def test_what_one_part_alone_determines_does_not_explode():
 
 
 def even(blocks, size=50):
-    return Parts(np.repeat(np.arange(blocks), size), np.repeat(np.arange(blocks) % 10, size),
-                 np.zeros(blocks * size, dtype=int), np.full(blocks, float(size)))  # fmt: skip
+    return Parts(
+        np.repeat(np.arange(blocks), size),
+        np.repeat(np.arange(blocks) % 10, size),
+        np.zeros(blocks * size, dtype=int),
+        np.full(blocks, float(size)),
+    )
 
 
 def uneven(sizes):
@@ -626,7 +666,7 @@ def exact_fall(model, columns):
         ("even_nonlinearity", lambda t, y: y + 0.05 * y**2, lambda t, y: [(y - y[1]) ** 2, (y - y[1]) ** 4]),
         ("odd_nonlinearity", lambda t, y: y + 0.05 * y**3, None),
     ],
-)  # fmt: skip
+)
 def test_what_an_effect_that_is_linear_in_its_size_promises(name, hidden, columns):
     records = recordings(more=hidden)
     model = fitted(records=records)
@@ -652,8 +692,16 @@ def test_what_the_base_absorbs_promises_nothing():
     """Another gain and another offset are the base's own."""
     records = recordings()
     model = fitted(records=records)
-    again = Effect("again", "own", "an offset", "output", Bias(bias=0.0), {"bias": 0.0}, ("bias",),
-                   lambda scales: Trials({"bias": 0.1}))  # fmt: skip
+    again = Effect(
+        "again",
+        "own",
+        "an offset",
+        "output",
+        Bias(bias=0.0),
+        {"bias": 0.0},
+        ("bias",),
+        lambda scales: Trials({"bias": 0.1}),
+    )
     (one_more,), around = offered(model, records, [again])
     got = promise(one_more, model, records, asked(), around, absorbing(model), 1.0)
     assert abs(got.gain) < 1e-3

@@ -71,9 +71,13 @@ def test_from_the_folder_and_the_recordings_alone_the_errors_are_found_again(fou
     diagram, how = tsm.load(folder / "augmented.toml"), facts["simulated"]
     for name, one in RECORDINGS.items():
         score = tsm.score(
-            diagram, {name: one.conditioned(how["conditioned"])}, parameters=facts["start_states"][name],
-            step=how["steps"][name], integrator=how["integrator"], hold=how["hold"],
-        )  # fmt: skip
+            diagram,
+            {name: one.conditioned(how["conditioned"])},
+            parameters=facts["start_states"][name],
+            step=how["steps"][name],
+            integrator=how["integrator"],
+            hold=how["hold"],
+        )
         assert score.rms == pytest.approx(told(found)[name], rel=1e-9)
         plain = tsm.score(diagram, {name: one}, hold=how["hold"])
         assert plain.rms > 1.02 * score.rms
@@ -99,8 +103,14 @@ def test_diagrams_have_the_start_states_of_their_experiment(found):
 
 
 def test_a_window_is_part_of_the_lines():
-    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), RECORDINGS, noise_floor="0.2deg", effects=EFFECTS,
-                         window={"full": (1.0, None)}, condition=False)  # fmt: skip
+    found = tsm.diagnose(
+        tsm.load("tendon_sheath_linear"),
+        RECORDINGS,
+        noise_floor="0.2deg",
+        effects=EFFECTS,
+        window={"full": (1.0, None)},
+        condition=False,
+    )
     names, scored = run(code(found), RECORDINGS)
     assert "conditioned" not in "\n".join(code(found))
     assert names["diagram"] == found.augmented
@@ -185,10 +195,12 @@ def test_every_place_has_been_tried():
 
 def test_a_block_of_several_outputs_is_put_there_by_the_same_expression():
     two = tsm.Diagram(
-        title="two", blocks={"a": Gain(gain=2.0), "b": Gain(), "both": tsm.blocks.Sum(signs="++")},
-        wires=["a -> both.plus1", "b -> both.plus2"], inputs={"u": "a.u", "x": "b.u"},
+        title="two",
+        blocks={"a": Gain(gain=2.0), "b": Gain(), "both": tsm.blocks.Sum(signs="++")},
+        wires=["a -> both.plus1", "b -> both.plus2"],
+        inputs={"u": "a.u", "x": "b.u"},
         outputs={"y": "both", "half": "a"},
-    )  # fmt: skip
+    )
     diagram = tsm.load("tendon_sheath_linear").insert("front", Gain(), before="gain.u")
     place = Site("across", "x_out", "offset.y", "front.y", after="offset.y")
     text = place.code("added", two).replace("…", literal(two), 1)
@@ -219,8 +231,15 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     ready = {name: one.conditioned(["x_in"]) for name, one in RECORDINGS.items()}
     free = [e.name for e in segment.fit if not e.is_start]
     assert free == ["gain.gain", "offset.bias", "again.gain", "backlash.half_width"]
-    own = tsm.fit(found.augmented, ready, free=free, starts=1, sigma="0.2deg",
-                  step=found.simulated.steps["full"], hold=found.simulated.hold)  # fmt: skip
+    own = tsm.fit(
+        found.augmented,
+        ready,
+        free=free,
+        starts=1,
+        sigma="0.2deg",
+        step=found.simulated.steps["full"],
+        hold=found.simulated.hold,
+    )
     assert [e.name for e in segment.fit] == [e.name for e in own]
     assert segment.cautions == tuple(text for text in cautions(own) if text not in own.notes)
     assert segment.cautions[0].startswith("gain.gain and again.gain only matter through a combination: raising ")

@@ -46,8 +46,9 @@ def test_only_what_lies_in_the_window_is_compared():
 
 def test_a_window_may_differ_by_experiment():
     records = touched()
-    said = tsm.diagnose(tsm.load("tendon_sheath_linear"), records, effects=["drift"], noise_floor=0.004,
-                        window={"small": (1.0, None)})  # fmt: skip
+    said = tsm.diagnose(
+        tsm.load("tendon_sheath_linear"), records, effects=["drift"], noise_floor=0.004, window={"small": (1.0, None)}
+    )
     assert said.windows == {"small": (1.0, 5.99)}
     assert [len(t.t) for t in said.segments[0].traces] == [600, 500]
 
@@ -56,8 +57,16 @@ def test_the_memory_before_the_window_counts():
     """What is compared begins inside the gap, and the motion before it has taken it to its side."""
     records = touched()
     record = {"large": records["large"].part(0.5, None)}
-    said = tsm.diagnose(tsm.load("tendon_sheath_play"), record, free=["play.half_width"], start_states=False,
-                        condition=False, effects=["drift"], noise_floor=0.004, window=(2.0, None))  # fmt: skip
+    said = tsm.diagnose(
+        tsm.load("tendon_sheath_play"),
+        record,
+        free=["play.half_width"],
+        start_states=False,
+        condition=False,
+        effects=["drift"],
+        noise_floor=0.004,
+        window=(2.0, None),
+    )
     fit = tsm.fit(tsm.load("tendon_sheath_play"), record, free=["play.half_width"], window=(2.0, None), hold="cubic")
     assert said.base.parameters["play.half_width"] == pytest.approx(fit.values["play.half_width"], rel=1e-3)
 
@@ -76,15 +85,21 @@ def test_a_window_of_a_plant_that_integrates_is_cut_into_pieces():
 @pytest.mark.parametrize(
     ("window", "message"),
     [
-        ((1.0, 1.5), "a diagnosis takes at least 200 samples of all experiments together, and there are 102: with "
-         "fewer, no effect can be told from chance."),
-        ((9.0, None), "experiment 'large': the window from 9 s on holds 0 samples, and at least 4 are needed; it "
-         "was recorded from 0 to 5.99 s."),
+        (
+            (1.0, 1.5),
+            "a diagnosis takes at least 200 samples of all experiments together, and there are 102: with "
+            "fewer, no effect can be told from chance.",
+        ),
+        (
+            (9.0, None),
+            "experiment 'large': the window from 9 s on holds 0 samples, and at least 4 are needed; it "
+            "was recorded from 0 to 5.99 s.",
+        ),
         ((3.0, 2.0), "window must be two times in order, got (3, 2) s."),
         ({"lrage": (0.0, 3.0)}, "window: there is no experiment 'lrage'. Did you mean 'large'?"),
         (2.0, "window must be a pair (start, stop) in s, None for an end, got 2."),
     ],
-)  # fmt: skip
+)
 def test_windows_that_are_none_are_refused(window, message):
     with pytest.raises(DataError) as caught:
         tsm.diagnose(tsm.load("tendon_sheath_linear"), touched(), window=window)

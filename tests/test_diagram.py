@@ -64,13 +64,7 @@ def test_equal_whatever_the_order():
     one = loop()
     turned = loop(blocks=dict(reversed(BLOCKS.items())), wires=WIRES[::-1])
     split = loop(
-        wires=[
-            "ref.y -> error.plus",
-            "error -> pid",
-            "pid.y -> drive",
-            "drive -> motor",
-            "motor -> error.minus",
-        ]
+        wires=["ref.y -> error.plus", "error -> pid", "pid.y -> drive", "drive -> motor", "motor -> error.minus"]
     )
     assert one == turned == split
     assert hash(one) == hash(turned) == hash(split)
@@ -197,19 +191,17 @@ def test_insert_after_an_input_that_is_shown():
 
 def test_insert_with_more_wires():
     diagram = plant().insert("model", AsymmetricBoucWen(), after="motor.y", wires=["motor.v -> model.v"])
-    assert {str(link) for link in diagram.links} == {
-        "motor.y -> model.x",
-        "motor.v -> model.v",
-        "model.y -> tsm.x",
-    }
+    assert {str(link) for link in diagram.links} == {"motor.y -> model.x", "motor.v -> model.v", "model.y -> tsm.x"}
 
 
 def reading():
     """A block on a wire, and an input of the diagram that it is to read besides."""
     return Diagram(
-        blocks=dict(a=Gain(), b=Gain()), wires=["a -> b"], inputs={"x": Inlet("a", unit="rad", about="angle")},
+        blocks=dict(a=Gain(), b=Gain()),
+        wires=["a -> b"],
+        inputs={"x": Inlet("a", unit="rad", about="angle")},
         outputs={"y": "b"},
-    )  # fmt: skip
+    )
 
 
 def test_insert_with_a_wire_from_an_input_of_the_diagram():
@@ -223,9 +215,11 @@ def test_insert_with_a_wire_from_an_input_of_the_diagram():
 
 def test_insert_with_a_wire_from_an_input_to_several_ports():
     three = Diagram(
-        title="three", blocks=dict(s=Sum(signs="+++")), inputs={"u": "s.plus1", "v": "s.plus2", "w": "s.plus3"},
+        title="three",
+        blocks=dict(s=Sum(signs="+++")),
+        inputs={"u": "s.plus1", "v": "s.plus2", "w": "s.plus3"},
         outputs={"y": "s"},
-    )  # fmt: skip
+    )
     diagram = reading().insert("more", three, after="a", wires=["x -> more.v, more.w"])
     assert diagram.inputs["x"].ports == ("a.u", "more.v", "more.w")
     assert {str(link) for link in diagram.links} == {"a.y -> more.u", "more.y -> b.u"}
@@ -359,13 +353,9 @@ def test_untied():
 
 def test_names_that_are_understood():
     names = list(Diagram(blocks=dict(inner=loop())).parameter_names())
-    assert {
-        "inner.stiffness",
-        "inner.pid.kp",
-        "inner.motor.den",
-        "inner.motor.den[2]",
-        "inner.error.signs",
-    } <= set(names)
+    assert {"inner.stiffness", "inner.pid.kp", "inner.motor.den", "inner.motor.den[2]", "inner.error.signs"} <= set(
+        names
+    )
 
 
 # ---- units
@@ -378,14 +368,18 @@ def test_units_run_through_blocks_that_take_anything():
         outputs={"v": "limit"},
     )
     assert [diagram.unit(s) for s in ("ref.y", "rate.y", "limit.y", "v", "sum.y", "twice.y")] == [
-        "rad", "rad/s", "rad/s", "rad/s", "rad*s", "rad*s^2",
-    ]  # fmt: skip
+        "rad",
+        "rad/s",
+        "rad/s",
+        "rad/s",
+        "rad*s",
+        "rad*s^2",
+    ]
 
 
 def test_units_run_against_the_flow():
     diagram = Diagram(
-        blocks=dict(ref=Sine(), limit=Saturation(), motor=MotorTransferFunction()),
-        wires=["ref -> limit -> motor"],
+        blocks=dict(ref=Sine(), limit=Saturation(), motor=MotorTransferFunction()), wires=["ref -> limit -> motor"]
     )
     assert diagram.unit("ref.y") == "V"
 

@@ -284,8 +284,11 @@ def loops_beside_each_other(draw):
         signs = "+-" + draw(st.sampled_from(["", "+", "-"]))
         sensor = [f"sensor{k}"] * draw(st.booleans())
         blocks |= {f"error{k}": Add(signs=signs), **{name: Plant() for name in chain + sensor}}
-        wires += [f"{draw(st.sampled_from(ends))} -> error{k}.u0", " -> ".join([f"error{k}", *chain]),
-                  " -> ".join([chain[-1], *sensor, f"error{k}.u1"])]  # fmt: skip
+        wires += [
+            f"{draw(st.sampled_from(ends))} -> error{k}.u0",
+            " -> ".join([f"error{k}", *chain]),
+            " -> ".join([chain[-1], *sensor, f"error{k}.u1"]),
+        ]
         wires += [f"{draw(st.sampled_from(ends + chain))} -> error{k}.u2"] * (len(signs) > 2)
         ends += chain
         outputs[f"y{k}"] = draw(st.sampled_from(chain))
@@ -382,13 +385,25 @@ def test_signals_that_go_on_are_read_off_the_wire_and_the_last_one_ends_in_a_ter
 def test_state_feedback_leaves_from_the_output_not_from_the_middle():
     observer = Diagram(
         title="Fig. 7",
-        blocks={"forward": Plant(), "abs": Plant(), "times": Times(), "theta": Plant(), "delta": Plant(),
-                "sum": Add(signs="+-+"), "zeta": Plant()},
-        wires=["forward -> sum.u0", "abs -> times.u1, delta", "times -> theta -> sum.u1", "delta -> sum.u2",
-               "sum -> zeta -> times.u2"],
+        blocks={
+            "forward": Plant(),
+            "abs": Plant(),
+            "times": Times(),
+            "theta": Plant(),
+            "delta": Plant(),
+            "sum": Add(signs="+-+"),
+            "zeta": Plant(),
+        },
+        wires=[
+            "forward -> sum.u0",
+            "abs -> times.u1, delta",
+            "times -> theta -> sum.u1",
+            "delta -> sum.u2",
+            "sum -> zeta -> times.u2",
+        ],
         inputs={"v": ["abs.u", "forward.u"]},
         outputs={"zeta_hat": "zeta"},
-    )  # fmt: skip
+    )
     picture = assert_lawful(observer)
     order = ["abs", "times", "theta", "sum", "zeta"]
     assert [middle(picture, n)[0] for n in order] == sorted(middle(picture, n)[0] for n in order)
@@ -418,8 +433,9 @@ def box_of(picture, name):
 
 
 def test_signs_stand_beside_the_inputs_of_a_sum():
-    tall = Diagram(blocks={"sum": Add(signs="+-+-")}, inputs={f"r{k}": f"sum.u{k}" for k in range(4)},
-                   outputs={"y": "sum"})  # fmt: skip
+    tall = Diagram(
+        blocks={"sum": Add(signs="+-+-")}, inputs={f"r{k}": f"sum.u{k}" for k in range(4)}, outputs={"y": "sum"}
+    )
     for diagram, signs in ((tall, "++−−"), (INNER, "+−")):
         picture = assert_lawful(diagram)
         assert sorted(t.text for t in box_of(picture, "sum").labels if t.kind == "sign") == sorted(signs)
@@ -479,8 +495,12 @@ print(hashlib.sha256("".join(to_svg(load(name)) for name in names()).encode()).h
 
 
 def test_the_same_diagram_gives_the_same_bytes_in_every_session():
-    made = {subprocess.run([sys.executable, "-c", DIGEST], env={**os.environ, "PYTHONHASHSEED": seed}, check=True,
-                           capture_output=True).stdout for seed in "0145"}  # fmt: skip
+    made = {
+        subprocess.run(
+            [sys.executable, "-c", DIGEST], env={**os.environ, "PYTHONHASHSEED": seed}, check=True, capture_output=True
+        ).stdout
+        for seed in "0145"
+    }
     assert len(made) == 1
 
 
@@ -583,8 +603,13 @@ def test_png_without_matplotlib_says_what_to_install(monkeypatch, tmp_path):
 
 
 def test_mermaid_codes_what_would_be_its_own_notation():
-    diagram = Diagram(title='the "best" one', blocks={"end": INNER, "sum": Add()}, wires=["end.y -> sum.u0"],
-                      inputs={"r": ["end.r", "sum.u1"]}, outputs={"y": "sum"})  # fmt: skip
+    diagram = Diagram(
+        title='the "best" one',
+        blocks={"end": INNER, "sum": Add()},
+        wires=["end.y -> sum.u0"],
+        inputs={"r": ["end.r", "sum.u1"]},
+        outputs={"y": "sum"},
+    )
     text = to_mermaid(diagram)
     assert text.startswith('---\ntitle: "the \\"best\\" one"\n---\nflowchart LR\n')
     assert '  b_end[["end<br/>Inner #60;loop#62; #38; more words than fit on a line"]]\n' in text
@@ -632,14 +657,7 @@ def test_text_widths_are_not_underestimated():
 
     font = FT2Font(findfont(FontProperties(family="DejaVu Sans")))
     font.set_size(100, 72)
-    for text in (
-        "Feedforward plus PID feedback",
-        "tip_error",
-        "αₓ(v)x + ζ",
-        "ζ̂ = 0.31 rad/s",
-        "W" * 9,
-        "il" * 9,
-    ):
+    for text in ("Feedforward plus PID feedback", "tip_error", "αₓ(v)x + ζ", "ζ̂ = 0.31 rad/s", "W" * 9, "il" * 9):
         font.set_text(text)
         assert text_width(text, 100) >= font.get_width_height()[0] / 64 * 0.99
 
@@ -647,8 +665,12 @@ def test_text_widths_are_not_underestimated():
 @pytest.mark.parametrize("count", [3, 12, 24])
 def test_signals_that_fan_into_one_block_do_not_cross(count):
     blocks = {"f": Many(count=count), **{f"c{k}": Plant() for k in range(count)}}
-    fan = Diagram(title="fan", blocks=blocks, wires=[f"c{k} -> f.in{k}" for k in range(count)],
-                  inputs={"u": [f"c{k}.u" for k in range(count)]})  # fmt: skip
+    fan = Diagram(
+        title="fan",
+        blocks=blocks,
+        wires=[f"c{k} -> f.in{k}" for k in range(count)],
+        inputs={"u": [f"c{k}.u" for k in range(count)]},
+    )
     into = [list(pieces(wire)) for wire in assert_lawful(fan).wires if wire.signal != "u"]
     assert len(into) == count
     for (_, one), (_, two) in itertools.permutations([(n, p) for n, parts in enumerate(into) for p in parts], 2):

@@ -46,14 +46,36 @@ def test_a_sensor_that_drops_out_is_told(value):
 @pytest.mark.parametrize(
     "x",
     [
-        NOISY, CLEAN, np.round(NOISY), np.clip(NOISY, -30, 30), np.where(T < 10, CLEAN, CLEAN[1000]), np.sign(CLEAN),
-        with_values(np.zeros(len(T)), k500=1.0, k900=1.0), np.random.default_rng(1).standard_normal(len(T)) ** 3,
-        NOISY + 300 * (np.abs(T - 10) < 2), 0 * T, with_values(NOISY, k0=9999.0), np.cumsum(NOISY),
+        NOISY,
+        CLEAN,
+        np.round(NOISY),
+        np.clip(NOISY, -30, 30),
+        np.where(T < 10, CLEAN, CLEAN[1000]),
+        np.sign(CLEAN),
+        with_values(np.zeros(len(T)), k500=1.0, k900=1.0),
+        np.random.default_rng(1).standard_normal(len(T)) ** 3,
+        NOISY + 300 * (np.abs(T - 10) < 2),
+        0 * T,
+        with_values(NOISY, k0=9999.0),
+        np.cumsum(NOISY),
         with_values(NOISY, k100_110=NOISY[100]),
     ],
-    ids=["noisy", "clean", "rounded", "clipped", "held", "relay", "pulses", "tails", "step", "still", "first", "walk",
-         "short"],
-)  # fmt: skip
+    ids=[
+        "noisy",
+        "clean",
+        "rounded",
+        "clipped",
+        "held",
+        "relay",
+        "pulses",
+        "tails",
+        "step",
+        "still",
+        "first",
+        "walk",
+        "short",
+    ],
+)
 def test_what_a_mechanism_does_is_no_fault(x):
     assert notes(x) == ()
 

@@ -25,20 +25,30 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import equations
 
 CONTRACT = {
-    "friction": {"coulomb_friction", "asymmetric_friction", "stribeck_friction", "presliding_friction",
-                 "quadratic_drag"},
+    "friction": {
+        "coulomb_friction",
+        "asymmetric_friction",
+        "stribeck_friction",
+        "presliding_friction",
+        "quadratic_drag",
+    },
     "loop": {"backlash", "hysteresis", "asymmetric_hysteresis", "nonlocal_memory", "position_dependent_friction"},
     "delay": {"dead_time", "first_order_lag", "resonance", "rate_dependence"},
     "map": {"dead_zone", "saturation", "even_nonlinearity", "odd_nonlinearity", "position_ripple"},
     "time": {"drift", "jump", "parameter_change", "creep", "periodic_disturbance"},
     "limit": {"rate_limit"},
     "load": {"load_offset"},
-}  # fmt: skip
+}
 SHEATHS = (
-    "tendon_sheath_linear", "tendon_sheath_symmetric", "tendon_sheath_asymmetric", "tendon_sheath_generalized",
-    "tendon_sheath_play", "tendon_sheath_backlash", "tendon_sheath_elastic_backlash",
+    "tendon_sheath_linear",
+    "tendon_sheath_symmetric",
+    "tendon_sheath_asymmetric",
+    "tendon_sheath_generalized",
+    "tendon_sheath_play",
+    "tendon_sheath_backlash",
+    "tendon_sheath_elastic_backlash",
     "tendon_sheath_prandtl_ishlinskii",
-)  # fmt: skip
+)
 LOOPS = ("fig09a_without_feedforward", "fig09b_elementary", "fig16_feedforward_feedback", "sampled_position_loop")
 BACKENDS = ("llvm", "casadi")
 STEP = 0.01
@@ -165,15 +175,24 @@ SPANS = st.builds(
     lambda middle, reach, rms, speed, fastest: Span(
         middle - reach, middle + reach, rms * reach, speed * reach, fastest * speed * reach
     ),
-    st.floats(-10, 10), st.floats(1e-3, 1e3), st.floats(0.2, 1.5), st.floats(0.1, 100), st.floats(1, 10),
-)  # fmt: skip
+    st.floats(-10, 10),
+    st.floats(1e-3, 1e3),
+    st.floats(0.2, 1.5),
+    st.floats(0.1, 100),
+    st.floats(1, 10),
+)
 SCALES = st.builds(
     lambda wire, other, start, length, step, share, lines: Scales(
         wire, other, start, start + length, step, share * length, tuple(lines)
     ),
-    SPANS, SPANS, st.floats(0, 100), st.floats(5, 1e4), st.floats(1e-3, 0.02), st.floats(0.3, 1),
+    SPANS,
+    SPANS,
+    st.floats(0, 100),
+    st.floats(5, 1e4),
+    st.floats(1e-3, 0.02),
+    st.floats(0.3, 1),
     st.lists(st.floats(0.3, 20), max_size=6),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name}-{e.variant}")
@@ -207,8 +226,9 @@ def test_what_is_tried_fits_the_block_and_its_bounds(effect, scales):
 
 
 def alone(block):
-    return Diagram(blocks={"effect": block}, inputs={k: f"effect.{k}" for k in block.inports
-                                                     if not block.inports[k].rate_of})  # fmt: skip
+    return Diagram(
+        blocks={"effect": block}, inputs={k: f"effect.{k}" for k in block.inports if not block.inports[k].rate_of}
+    )
 
 
 @pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name}-{e.variant}")
@@ -268,9 +288,7 @@ def test_at_null_the_rate_passes_too(name, backend):
 # ---- sizes of signals
 
 
-@given(
-    st.lists(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=20), min_size=1, max_size=4), st.floats(1e-3, 1),
-)  # fmt: skip
+@given(st.lists(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=20), min_size=1, max_size=4), st.floats(1e-3, 1))
 def test_the_span_of_signals(signals, step):
     span = span_of([np.array(y) for y in signals], [step] * len(signals))
     every = np.concatenate(signals)
@@ -299,9 +317,15 @@ def test_bounds_are_added():
 
 def own(**changes):
     given = dict(
-        name="louder", family="map", words="a gain that is off", place="output", block=Gain(), null={"gain": 1.0},
-        free=("gain",), trials=lambda scales: Trials({}, ({"gain": 1.1},)),
-    )  # fmt: skip
+        name="louder",
+        family="map",
+        words="a gain that is off",
+        place="output",
+        block=Gain(),
+        null={"gain": 1.0},
+        free=("gain",),
+        trials=lambda scales: Trials({}, ({"gain": 1.1},)),
+    )
     return Effect(**{**given, **changes})
 
 

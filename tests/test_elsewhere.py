@@ -14,12 +14,15 @@ def test_every_name_leads_to_a_block_and_is_none_itself():
     assert not {name.casefold() for name in REGISTRY} & set(HERE)
 
 
-@pytest.mark.parametrize(("name", "said"), [
-    ("Backlash", "there is no block type 'Backlash'. Here that is 'Play'."),
-    ("Transport Delay", "there is no block type 'Transport Delay'. Here that is 'Delay'."),
-    ("gear", "there is no block type 'gear'. Here that is 'Gain'."),
-    ("Gian", "there is no block type 'Gian'. Did you mean 'Gain'?"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Backlash", "there is no block type 'Backlash'. Here that is 'Play'."),
+        ("Transport Delay", "there is no block type 'Transport Delay'. Here that is 'Delay'."),
+        ("gear", "there is no block type 'gear'. Here that is 'Gain'."),
+        ("Gian", "there is no block type 'Gian'. Did you mean 'Gain'?"),
+    ],
+)
 def test_a_file_that_uses_them_is_told(name, said):
     with pytest.raises(TsmError) as caught:
         tsm.loads(f'format = 1\n[blocks.a]\ntype = "{name}"\n')

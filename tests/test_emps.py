@@ -108,8 +108,13 @@ def test_times_kept_in_single_precision_do_not_delay_a_held_input(step, samples)
     t = np.float32(1e-3 * np.arange(samples))
     assert np.abs(t - 1e-3 * np.arange(samples)).max() > 1e-9
     u = np.random.default_rng(0).normal(size=samples)
-    held = tsm.Diagram(title="held", blocks={"hold": ZeroOrderHold(period=1e-3), "gain": Gain(gain=2.0)},
-                       wires=["hold -> gain"], inputs={"u": "hold.u"}, outputs={"y": "gain"})  # fmt: skip
+    held = tsm.Diagram(
+        title="held",
+        blocks={"hold": ZeroOrderHold(period=1e-3), "gain": Gain(gain=2.0)},
+        wires=["hold -> gain"],
+        inputs={"u": "hold.u"},
+        outputs={"y": "gain"},
+    )
     record = tsm.Record("single precision", t.astype(float), {"u": u, "y": 2.0 * u}, {})
     assert tsm.score(held, record, hold="zero", step=step).rms < 1e-12
 

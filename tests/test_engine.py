@@ -548,16 +548,24 @@ def test_delayed_feedback_against_the_method_of_steps():
 @pytest.mark.parametrize("tau", [0.01, 0.05, 0.3])
 def test_a_jump_comes_out_of_a_delay_as_a_jump(source, jump, tau, backend):
     """What lies before the start ends with the step before, and a jump is not spread over one."""
-    d = tsm.Diagram(title="jump", blocks={"s": source, "late": Delay(time=tau), "i": Integrator()},
-                    wires=["s -> late -> i"], outputs={"y": "i"})  # fmt: skip
+    d = tsm.Diagram(
+        title="jump",
+        blocks={"s": source, "late": Delay(time=tau), "i": Integrator()},
+        wires=["s -> late -> i"],
+        outputs={"y": "i"},
+    )
     run = tsm.simulate(d, stop=1.0, step=0.01, backend=backend)
     assert np.abs(run["y"] - 2.0 * np.maximum(run.t - jump - tau, 0.0)).max() < EXACT
 
 
 def test_what_began_before_a_delay_costs_no_order():
     """A sine that is 0.84 as the run starts comes out of the delay with a jump there."""
-    d = tsm.Diagram(title="cut", blocks={"s": Sine(amplitude=1.0, frequency=0.5, phase=1.0), "late": Delay(time=0.3),
-                                         "i": Integrator()}, wires=["s -> late -> i"], outputs={"y": "i"})  # fmt: skip
+    d = tsm.Diagram(
+        title="cut",
+        blocks={"s": Sine(amplitude=1.0, frequency=0.5, phase=1.0), "late": Delay(time=0.3), "i": Integrator()},
+        wires=["s -> late -> i"],
+        outputs={"y": "i"},
+    )
     exact = (np.cos(1.0) - np.cos(1.0 + np.pi * 0.7)) / np.pi
     errors = [abs(tsm.simulate(d, stop=1.0, step=h)["y"][-1] - exact) for h in (0.02, 0.01)]
     assert errors[1] < 1e-8
@@ -570,11 +578,20 @@ def test_what_began_before_a_delay_costs_no_order():
 def test_a_sampled_controller_behind_a_delay_against_its_exact_sequence(tau, split, backend):
     """A lag of 0.05 s under a sampled PI controller whose command comes late by one delay, or by two in a row."""
     period, lag = 0.01, 0.05
-    blocks = {"one": Constant(value=1.0), "e": Sum(), "pi": DiscretePID(period=period, kp=2.0, ki=10.0),
-              "double": Gain(gain=2.0), "p": FirstOrderLag(gain=0.5, time_constant=lag)}  # fmt: skip
+    blocks = {
+        "one": Constant(value=1.0),
+        "e": Sum(),
+        "pi": DiscretePID(period=period, kp=2.0, ki=10.0),
+        "double": Gain(gain=2.0),
+        "p": FirstOrderLag(gain=0.5, time_constant=lag),
+    }
     late = {f"late{k}": Delay(time=tau if split == 1 else [tau - 0.001, 0.001][k]) for k in range(split)}
-    d = tsm.Diagram(title="late", blocks={**blocks, **late}, outputs={"y": "p"},
-                    wires=["one -> e.plus", f"e -> pi -> double -> {' -> '.join(late)} -> p -> e.minus"])  # fmt: skip
+    d = tsm.Diagram(
+        title="late",
+        blocks={**blocks, **late},
+        outputs={"y": "p"},
+        wires=["one -> e.plus", f"e -> pi -> double -> {' -> '.join(late)} -> p -> e.minus"],
+    )
     run = tsm.simulate(d, stop=0.5, step=1e-3, backend=backend)
     whole, part = divmod(round(tau * 1e3), 10)
     y, integral, given, expected = 0.0, 0.0, [0.0] * (whole + 1), []
@@ -919,8 +936,12 @@ def test_no_signal_takes_the_place_of_another(ending, outputs, names, taken, tmp
 
 def test_a_stepper_goes_on_from_a_run_that_began_elsewhere():
     """Time goes on with the state: what depends on it is the same as in one long run."""
-    d = tsm.Diagram(title="wave", blocks={"s": tsm.blocks.Sine(), "g": tsm.blocks.FirstOrderLag()}, wires=["s -> g"],
-                    outputs={"y": "g"})  # fmt: skip
+    d = tsm.Diagram(
+        title="wave",
+        blocks={"s": tsm.blocks.Sine(), "g": tsm.blocks.FirstOrderLag()},
+        wires=["s -> g"],
+        outputs={"y": "g"},
+    )
     whole = tsm.simulate(d, start=3.0, stop=5.0, step=0.01)
     first = tsm.simulate(d, start=3.0, stop=4.0, step=0.01)
     stepper = tsm.Stepper(d, step=0.01)
@@ -936,10 +957,16 @@ def test_samples_and_memory_act_once_where_a_run_is_gone_on_with(locate):
     """At the last instant of a run samples show what they become; who goes on from there lets them act, once."""
     d = tsm.Diagram(
         title="counts",
-        blocks={"s": Ramp(), "sum": DiscreteIntegrator(period=0.1), "late": UnitDelay(period=0.1), "i": Integrator(),
-                "gap": Play(half_width=0.05)},
-        wires=["s -> sum, late, gap", "late -> i"], outputs={"sum": "sum", "i": "i", "late": "late", "gap": "gap"},
-    )  # fmt: skip
+        blocks={
+            "s": Ramp(),
+            "sum": DiscreteIntegrator(period=0.1),
+            "late": UnitDelay(period=0.1),
+            "i": Integrator(),
+            "gap": Play(half_width=0.05),
+        },
+        wires=["s -> sum, late, gap", "late -> i"],
+        outputs={"sum": "sum", "i": "i", "late": "late", "gap": "gap"},
+    )
     whole = tsm.simulate(d, stop=2.0, step=0.05, locate=locate)
     first = tsm.simulate(d, stop=1.0, step=0.05, locate=locate)
     stepper = tsm.Stepper(d, step=0.05)
@@ -955,11 +982,22 @@ def test_samples_and_memory_act_once_where_a_run_is_gone_on_with(locate):
 @pytest.mark.parametrize("every", [1, 3])
 def test_a_run_goes_on_from_another(every, locate):
     """Time, samples, memory, noise, inputs and the instants that are kept go on as in one run."""
-    blocks = {"s": Sine(frequency=0.5), "noise": SensorNoise(interval=0.05), "z": MovingAverage(period=0.15),
-              "gap": Play(half_width=0.05), "add": Sum(signs="++"), "i": FirstOrderLag(time_constant=0.3)}  # fmt: skip
+    blocks = {
+        "s": Sine(frequency=0.5),
+        "noise": SensorNoise(interval=0.05),
+        "z": MovingAverage(period=0.15),
+        "gap": Play(half_width=0.05),
+        "add": Sum(signs="++"),
+        "i": FirstOrderLag(time_constant=0.3),
+    }
     late = {} if locate else {"late": Delay(time=0.37)}
-    d = tsm.Diagram(title="goes on", blocks={**blocks, **late}, inputs={"u": "add.plus2"}, outputs={"y": "i", "z": "z"},
-                    wires=["s -> noise -> z -> gap -> add.plus1", f"add {'-> late' if late else ''} -> i"])  # fmt: skip
+    d = tsm.Diagram(
+        title="goes on",
+        blocks={**blocks, **late},
+        inputs={"u": "add.plus2"},
+        outputs={"y": "i", "z": "z"},
+        wires=["s -> noise -> z -> gap -> add.plus1", f"add {'-> late' if late else ''} -> i"],
+    )
     t = 0.05 * np.arange(81)
     how = dict(inputs={"u": (t, np.cos(t))}, step=0.05, every=every, locate=locate)
     whole = tsm.simulate(d, start=1.0, stop=4.0, **how)
@@ -977,8 +1015,12 @@ def test_a_run_goes_on_from_another(every, locate):
 @pytest.mark.parametrize("typed", [0.1 - 0.2 / 3, 0.1 * (1 / 3) * (1 + 1e-12)])
 def test_steps_and_starts_that_differ_by_rounding_are_the_same_where_a_run_is_gone_on_with(typed):
     """Time is counted in steps of the first run, so that all that comes is the same to the bit."""
-    d = tsm.Diagram(title="lag", blocks={"g": FirstOrderLag(), "s": Sine(), "z": ZeroOrderHold(period=0.1)},
-                    wires=["s -> z -> g"], outputs={"y": "g"})  # fmt: skip
+    d = tsm.Diagram(
+        title="lag",
+        blocks={"g": FirstOrderLag(), "s": Sine(), "z": ZeroOrderHold(period=0.1)},
+        wires=["s -> z -> g"],
+        outputs={"y": "g"},
+    )
     step = 0.03333333333333333
     first = tsm.simulate(d, stop=3.0, step=step)
     plain = tsm.simulate(d, stop=6.0, step=step, initial=first.state)
@@ -996,9 +1038,18 @@ def test_steps_and_starts_that_differ_by_rounding_are_the_same_where_a_run_is_go
 def test_delays_keep_their_length_where_time_is_counted_from_1970(backend):
     """A time there is known to 2e-7 s, not to a step; recordings with such clocks are not shifted."""
     h, n = 1e-3, 60
-    d = tsm.Diagram(title="late", blocks={"z": ZeroOrderHold(period=5 * h), "held": Delay(time=7 * h, initial=-1.0),
-                    "smooth": Delay(time=7 * h, initial=-1.0), "i": Integrator()}, inputs={"u": ["z", "smooth"]},
-                    wires=["z -> held -> i"], outputs={"held": "held", "smooth": "smooth", "i": "i"})  # fmt: skip
+    d = tsm.Diagram(
+        title="late",
+        blocks={
+            "z": ZeroOrderHold(period=5 * h),
+            "held": Delay(time=7 * h, initial=-1.0),
+            "smooth": Delay(time=7 * h, initial=-1.0),
+            "i": Integrator(),
+        },
+        inputs={"u": ["z", "smooth"]},
+        wires=["z -> held -> i"],
+        outputs={"held": "held", "smooth": "smooth", "i": "i"},
+    )
     how = dict(inputs={"u": np.sin(0.1 * np.arange(n + 1))}, step=h, backend=backend)
     near = tsm.simulate(d, stop=n * h, **how)
     far = tsm.simulate(d, start=1.7e9, stop=1.7e9 + (n + 0.4) * h, **how)
@@ -1021,10 +1072,19 @@ def test_the_instants_that_are_kept_are_those_of_one_run_also_in_parts_shorter_t
 
 @pytest.mark.parametrize("at_fault", ["a state", "an output"])
 def test_no_run_goes_on_from_one_that_stopped_being_finite(at_fault):
-    away = tsm.Diagram(title="away", blocks={"i": TransferFunction(num=[1.0], den=[1.0, -900.0])},
-                       inputs={"u": "i"}, outputs={"y": "i"})  # fmt: skip
-    pole = tsm.Diagram(title="pole", blocks={"q": Divide(), "i": Integrator(), "one": Constant(value=1.0)},
-                       wires=["one -> q.num, i"], inputs={"u": "q.den"}, outputs={"y": "q"})  # fmt: skip
+    away = tsm.Diagram(
+        title="away",
+        blocks={"i": TransferFunction(num=[1.0], den=[1.0, -900.0])},
+        inputs={"u": "i"},
+        outputs={"y": "i"},
+    )
+    pole = tsm.Diagram(
+        title="pole",
+        blocks={"q": Divide(), "i": Integrator(), "one": Constant(value=1.0)},
+        wires=["one -> q.num, i"],
+        inputs={"u": "q.den"},
+        outputs={"y": "q"},
+    )
     d, u = (away, np.ones) if at_fault == "a state" else (pole, lambda n: np.arange(n) - n // 2)
     with pytest.raises(NotFinite) as caught:
         tsm.simulate(d, stop=2.0, inputs={"u": u(2001)})
@@ -1042,8 +1102,9 @@ def test_a_run_goes_on_with_other_numbers_and_tells_how_far_it_is():
     d = tsm.Diagram(title="lag", blocks={"g": FirstOrderLag(time_constant=1.0)}, inputs={"u": "g"}, outputs={"y": "g"})
     warm = tsm.simulate(d, inputs={"u": 1.0}, stop=10.0)
     seen = []
-    run = tsm.simulate(d, inputs={"u": 1.0}, stop=20.0, initial=warm.state, parameters={"g.gain": 3.0},
-                       progress=seen.append)  # fmt: skip
+    run = tsm.simulate(
+        d, inputs={"u": 1.0}, stop=20.0, initial=warm.state, parameters={"g.gain": 3.0}, progress=seen.append
+    )
     assert run["y"] == pytest.approx(3.0 + (warm["y"][-1] - 3.0) * np.exp(10.0 - run.t), abs=1e-9)
     assert run["y"][0] == warm["y"][-1]
     assert seen == sorted(seen)

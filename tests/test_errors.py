@@ -125,8 +125,7 @@ def test_a_loop_carries_its_path_in_the_direction_of_flow():
     inner = Diagram(blocks=dict(a=Gain(), b=Abs()), wires=["a -> b"], inputs={"i": "a.u"}, outputs={"o": "b"})
     outer = Diagram(blocks=dict(half=inner), inputs={"i": "half.i"}, outputs={"o": "half.o"})
     loop = Diagram(
-        blocks=dict(ref=Sine(), error=Sum(), deep=outer),
-        wires=["ref -> error.plus", "error -> deep -> error.minus"],
+        blocks=dict(ref=Sine(), error=Sum(), deep=outer), wires=["ref -> error.plus", "error -> deep -> error.minus"]
     )
     with pytest.raises(AlgebraicLoop) as caught:
         compile_diagram(loop)
@@ -173,10 +172,7 @@ def test_a_step_too_long_is_a_warning_where_the_run_was_asked_for():
 
 
 def test_a_batch_may_move_both_limits_at_once():
-    limits = {
-        "drive.low": [30.0, 40.0],
-        "drive.high": [50.0, 60.0],
-    }  # each alone would cross the other's default
+    limits = {"drive.low": [30.0, 40.0], "drive.high": [50.0, 60.0]}  # each alone would cross the other's default
     batch = simulate_batch(position_loop(), limits, stop=0.01)
     assert batch["angle"].shape == (2, 11)
 

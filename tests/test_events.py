@@ -122,10 +122,7 @@ def lag_into_limit():
     return Diagram(
         title="lag into a limit",
         blocks=dict(
-            one=Constant(),
-            lag=FirstOrderLag(time_constant=0.5),
-            limit=Saturation(low=-0.6, high=0.6),
-            sum=Integrator(),
+            one=Constant(), lag=FirstOrderLag(time_constant=0.5), limit=Saturation(low=-0.6, high=0.6), sum=Integrator()
         ),
         wires=["one -> lag -> limit -> sum"],
         outputs={"x": "sum"},
@@ -171,10 +168,7 @@ def test_a_sine_crosses_a_level_at_the_analytic_instants(level):
 def test_dry_friction_reverses_without_an_error_of_order_h():
     """Motion under constant force and dry friction is made of parabolas, which RK4 integrates exactly."""
     d = Diagram(
-        title="friction",
-        blocks=dict(f=Constant(value=-3.0), b=Body(speed=2.03)),
-        wires=["f -> b"],
-        outputs={"x": "b"},
+        title="friction", blocks=dict(f=Constant(value=-3.0), b=Body(speed=2.03)), wires=["f -> b"], outputs={"x": "b"}
     )
     run = simulate(d, stop=2.0, step=0.01, locate=True)
     turn = 2.03 / 4
@@ -295,7 +289,7 @@ def test_a_chain_of_relays_switches_at_once(source):
         blocks=dict(s=Sine(amplitude=1.0, frequency=0.5), source=source, **relays, one=Integrator(), all=Integrator()),
         wires=["source -> a -> b -> c -> all", "a -> one", *(["s -> source"] if source.inports else [])],
         outputs={"one": "one", "all": "all"},
-    )  # fmt: skip
+    )
     run = simulate(d, stop=2.0, step=0.01, locate=True)
     assert np.ptp(run["a.y"]) == (0 if isinstance(source, Constant) else 2)
     assert np.abs(run["one"] - run["all"]).max() < EXACT
@@ -365,8 +359,7 @@ def test_order_four_at_the_kink_of_a_hysteresis():
     d = Diagram(
         title="kink",
         blocks=dict(
-            r=Sine(amplitude=0.96, frequency=0.37, phase=0.3),
-            h=AsymmetricBoucWen(A=-0.8745, theta=8.0, delta=0.14522),
+            r=Sine(amplitude=0.96, frequency=0.37, phase=0.3), h=AsymmetricBoucWen(A=-0.8745, theta=8.0, delta=0.14522)
         ),
         wires=["r -> h"],
         outputs={"y": "h"},
@@ -475,10 +468,7 @@ def test_a_signal_that_rests_on_an_edge(level):
     d = Diagram(
         title="rest",
         blocks=dict(
-            s=Sine(amplitude=1.0, frequency=0.5),
-            k=DeadZone(low=-level, high=0.4),
-            sign=Sign(),
-            i=Integrator(),
+            s=Sine(amplitude=1.0, frequency=0.5), k=DeadZone(low=-level, high=0.4), sign=Sign(), i=Integrator()
         ),
         wires=["s -> k -> sign -> i"],
         outputs={"x": "i", "y": "sign"},
@@ -512,10 +502,7 @@ def test_a_relay_switched_by_a_jump_keeps_its_state_afterwards():
 
 def test_a_jump_on_the_grid_is_logged_with_the_value_after_it():
     d = Diagram(
-        title="jump",
-        blocks=dict(s=Step(time=0.3), i=Integrator()),
-        wires=["s -> i"],
-        outputs={"x": "i", "s": "s"},
+        title="jump", blocks=dict(s=Step(time=0.3), i=Integrator()), wires=["s -> i"], outputs={"x": "i", "s": "s"}
     )
     for h in (0.1, 0.01, 0.001):
         run = simulate(d, stop=1.0, step=h, locate=True)
@@ -555,11 +542,7 @@ def test_names_of_blocks_inside_diagrams():
     d = Diagram(
         title="outer",
         blocks=dict(
-            s=Sine(amplitude=1.0, frequency=0.5),
-            drive=inner,
-            m=Minimum(),
-            c=Constant(value=0.2),
-            i=Integrator(),
+            s=Sine(amplitude=1.0, frequency=0.5), drive=inner, m=Minimum(), c=Constant(value=0.2), i=Integrator()
         ),
         wires=["s -> drive -> m.u1", "c -> m.u2", "m -> i"],
         outputs={"x": "i"},
@@ -695,10 +678,7 @@ def test_a_body_that_starts_from_rest_moves_off_at_once():
     run = simulate(d, stop=1.0, step=0.01, locate=True)
     assert np.abs(run["x"] + run.t**2).max() < EXACT
     late = Diagram(
-        title="later",
-        blocks=dict(f=Step(time=0.5, after=3.0), b=Body()),
-        wires=["f -> b"],
-        outputs={"x": "b"},
+        title="later", blocks=dict(f=Step(time=0.5, after=3.0), b=Body()), wires=["f -> b"], outputs={"x": "b"}
     )
     run = simulate(late, stop=1.0, step=0.01, locate=True)
     assert np.abs(run["x"] - np.maximum(run.t - 0.5, 0) ** 2).max() < INSTANT

@@ -33,8 +33,14 @@ class Table:
         best = min(offered, key=lambda e: self.loss(model | {e.name}), default=None)
         passes = best is not None and self.loss(model) - self.loss(model | {best.name}) > WORTH
         named = self.named(best, model | {best.name}) if passes else None
-        verdict = SimpleNamespace(named=named, alike=(named,) if passes else (), ranking=(), t=(), line=0.0,
-                                  beyond=self.beyond.get(model, float("inf")))  # fmt: skip
+        verdict = SimpleNamespace(
+            named=named,
+            alike=(named,) if passes else (),
+            ranking=(),
+            t=(),
+            line=0.0,
+            beyond=self.beyond.get(model, float("inf")),
+        )
         return Round(model, np.array([self.loss(model)]), np.array([0.0]), (), verdict)
 
     @staticmethod

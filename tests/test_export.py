@@ -1,5 +1,4 @@
 """C code against the engine: compiled without warnings, the same numbers to rounding; and what cannot be written."""
-# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import re
 import shutil
@@ -100,23 +99,46 @@ def engine_rows(diagram, names, values, step, steps, method):
 
 def one(block, *, ins=None, **more):
     ins = ins or list(block.inports)
-    return tsm.Diagram(title="one", blocks={"b": block, **more}, inputs={f"i{k}": f"b.{p}" for k, p in enumerate(ins)},
-                       outputs={f"o{k}": f"b.{p}" for k, p in enumerate(block.outports)})  # fmt: skip
+    return tsm.Diagram(
+        title="one",
+        blocks={"b": block, **more},
+        inputs={f"i{k}": f"b.{p}" for k, p in enumerate(ins)},
+        outputs={f"o{k}": f"b.{p}" for k, p in enumerate(block.outports)},
+    )
 
 
 def sampled():
     """A sampled controller on a continuous plant, with a delay of the bus."""
-    blocks = {"e": Sum(signs="+-"), "pid": DiscretePID(period=0.01), "sat": Saturation(low=-2.0, high=2.0),
-              "bus": DeadTime(time=0.0234), "plant": FirstOrderLag(gain=2.0, time_constant=0.3)}  # fmt: skip
-    return tsm.Diagram(title="sampled", blocks=blocks, wires=["e -> pid -> sat -> bus -> plant", "plant -> e.minus"],
-                       inputs={"r": "e.plus"}, outputs={"y": "plant", "u": "sat"})  # fmt: skip
+    blocks = {
+        "e": Sum(signs="+-"),
+        "pid": DiscretePID(period=0.01),
+        "sat": Saturation(low=-2.0, high=2.0),
+        "bus": DeadTime(time=0.0234),
+        "plant": FirstOrderLag(gain=2.0, time_constant=0.3),
+    }
+    return tsm.Diagram(
+        title="sampled",
+        blocks=blocks,
+        wires=["e -> pid -> sat -> bus -> plant", "plant -> e.minus"],
+        inputs={"r": "e.plus"},
+        outputs={"y": "plant", "u": "sat"},
+    )
 
 
 def sources():
-    blocks = {"a": Sine(amplitude=2.0, frequency=0.7), "b": Step(time=0.5, after=0.3), "c": Constant(value=0.2),
-              "s": Sum(signs="+++"), "g": FirstOrderLag(time_constant=0.1)}  # fmt: skip
-    return tsm.Diagram(title="sources", blocks=blocks, wires=["a -> s.plus1", "b -> s.plus2", "c -> s.plus3", "s -> g"],
-                       outputs={"y": "g", "s": "s"})  # fmt: skip
+    blocks = {
+        "a": Sine(amplitude=2.0, frequency=0.7),
+        "b": Step(time=0.5, after=0.3),
+        "c": Constant(value=0.2),
+        "s": Sum(signs="+++"),
+        "g": FirstOrderLag(time_constant=0.1),
+    }
+    return tsm.Diagram(
+        title="sources",
+        blocks=blocks,
+        wires=["a -> s.plus1", "b -> s.plus2", "c -> s.plus3", "s -> g"],
+        outputs={"y": "g", "s": "s"},
+    )
 
 
 CASES = {
@@ -151,8 +173,9 @@ def test_c_gives_the_engines_numbers(name, method, tmp_path):
     diagram, step, steps = CASES[name](), 1e-3 if "fig" in name or "position" in name else 5e-3, 600
     names = list(diagram.inputs)
     t = step * np.arange(steps)
-    values = np.column_stack([np.sin((2 + k) * t) + 0.3 * np.sin(11 * t + k) for k in range(len(names))] or
-                             [np.empty((steps, 0))])  # fmt: skip
+    values = np.column_stack(
+        [np.sin((2 + k) * t) + 0.3 * np.sin(11 * t + k) for k in range(len(names))] or [np.empty((steps, 0))]
+    )
     found = c_rows(diagram, tmp_path, values, step, steps, method=method)
     expected = engine_rows(diagram, names, values, step, steps, method)
     assert np.ptp(expected) > 0.1
@@ -178,8 +201,10 @@ def test_the_compensator_takes_the_slope_as_an_input(tmp_path):
 @needs_compiler
 def test_numbers_may_be_changed_in_the_code(tmp_path):
     code = to_c(one(Gain(gain=2.0)), step=0.1, name="g")
-    main = ('#include <stdio.h>\n#include "g.h"\nint main(void)\n{\n    g c;\n    g_inputs u = {3.0};\n    g_outputs y;\n'
-            '    g_init(&c);\n    c.p.b_gain = 5.0;\n    g_step(&c, &u, &y);\n    printf("%g", y.o0);\n    return 0;\n}\n')  # fmt: skip
+    main = (
+        '#include <stdio.h>\n#include "g.h"\nint main(void)\n{\n    g c;\n    g_inputs u = {3.0};\n    g_outputs y;\n'
+        '    g_init(&c);\n    c.p.b_gain = 5.0;\n    g_step(&c, &u, &y);\n    printf("%g", y.o0);\n    return 0;\n}\n'
+    )
     code.save(tmp_path)
     (tmp_path / "main.c").write_text(main)
     subprocess.run([GCC, *FLAGS, "g.c", "main.c", "-lm", "-o", "run"], cwd=tmp_path, check=True)
@@ -200,8 +225,12 @@ def test_a_delay_made_longer_than_there_is_room_for_is_the_longest_there_is(bloc
 def test_steps_are_counted_for_years(tmp_path):
     """Of 32 bits 2**31 steps would be too many: those of 25 days at 1 ms."""
     begun, step = "c.k = 1LL << 31;", 0.5
-    diagram = tsm.Diagram(title="late", blocks={"s": Step(time=2.0**30 + 2, after=7.0), "z": UnitDelay(period=1.0)},
-                          wires=["s -> z"], outputs={"y": "s", "z": "z"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="late",
+        blocks={"s": Step(time=2.0**30 + 2, after=7.0), "z": UnitDelay(period=1.0)},
+        wires=["s -> z"],
+        outputs={"y": "s", "z": "z"},
+    )
     found = c_rows(diagram, tmp_path, np.empty((8, 0)), step, 8, begun=begun)
     assert found.tolist() == [[7.0 * (k >= 4), 7.0 * (k >= 6)] for k in range(8)]
     assert "long long k;" in to_c(diagram, step=step).header
@@ -217,8 +246,9 @@ def test_nothing_is_allocated_and_nothing_but_math_is_needed():
 
 def test_names_are_as_c_takes_them():
     blocks = {"int_": Gain(gain=1.0), "double": Gain(gain=2.0)}
-    diagram = tsm.Diagram(title="a */ b", blocks=blocks, wires=["int_ -> double"], inputs={"while": "int_"},
-                          outputs={"for": "double"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="a */ b", blocks=blocks, wires=["int_ -> double"], inputs={"while": "int_"}, outputs={"for": "double"}
+    )
     header = to_c(diagram, step=0.1).header
     assert "double v_while;" in header
     assert "double v_for;" in header
@@ -226,20 +256,39 @@ def test_names_are_as_c_takes_them():
 
 
 REFUSED = {
-    "noise": (lambda: to_c(one(SensorNoise(std=0.1)), step=0.1), RunError,
-              "diagram 'one' cannot be written in C: b is made for a whole run at once. Give its signal as an input instead."),
-    "name": (lambda: to_c(one(Gain()), step=0.1, name="my loop"), ParameterError,
-             "a name in C has letters, digits and underscores, and is none of C's own; got 'my loop'."),
-    "word": (lambda: to_c(one(Gain()), step=0.1, name="while"), ParameterError,
-             "a name in C has letters, digits and underscores, and is none of C's own; got 'while'."),
-    "function": (lambda: to_c(one(Gain()), step=0.1, name="sin"), ParameterError,
-                 "a name in C has letters, digits and underscores, and is none of C's own; got 'sin'."),
+    "noise": (
+        lambda: to_c(one(SensorNoise(std=0.1)), step=0.1),
+        RunError,
+        "diagram 'one' cannot be written in C: b is made for a whole run at once. Give its signal as an input instead.",
+    ),
+    "name": (
+        lambda: to_c(one(Gain()), step=0.1, name="my loop"),
+        ParameterError,
+        "a name in C has letters, digits and underscores, and is none of C's own; got 'my loop'.",
+    ),
+    "word": (
+        lambda: to_c(one(Gain()), step=0.1, name="while"),
+        ParameterError,
+        "a name in C has letters, digits and underscores, and is none of C's own; got 'while'.",
+    ),
+    "function": (
+        lambda: to_c(one(Gain()), step=0.1, name="sin"),
+        ParameterError,
+        "a name in C has letters, digits and underscores, and is none of C's own; got 'sin'.",
+    ),
     "step": (lambda: to_c(one(Gain()), step=-1), RunError, "step must be a positive number of seconds, got -1."),
-    "method": (lambda: to_c(one(Gain()), step=0.1, method="rk5"), RunError, "there is no method 'rk5'. Did you mean 'rk4'?"),
-    "period": (lambda: to_c(one(UnitDelay(period=0.1)), step=0.03), RunError,
-               "the sample period 0.1 s of b is not a multiple of the step 0.03 s."),
+    "method": (
+        lambda: to_c(one(Gain()), step=0.1, method="rk5"),
+        RunError,
+        "there is no method 'rk5'. Did you mean 'rk4'?",
+    ),
+    "period": (
+        lambda: to_c(one(UnitDelay(period=0.1)), step=0.03),
+        RunError,
+        "the sample period 0.1 s of b is not a multiple of the step 0.03 s.",
+    ),
     "diagram": (lambda: to_c("fig16", step=0.1), RunError, "only a diagram can be run, got 'fig16'."),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)

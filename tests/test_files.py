@@ -165,9 +165,7 @@ def test_a_diagram_inside_is_written_in_place():
         values={"most": 9.0},
     )
     outer = Diagram(
-        blocks=dict(drive=inner, one=Constant(unit="V")),
-        wires=["one -> drive.u"],
-        inputs={"s": "drive.spare"},
+        blocks=dict(drive=inner, one=Constant(unit="V")), wires=["one -> drive.u"], inputs={"s": "drive.spare"}
     )
     assert (
         dumps(outer)
@@ -269,9 +267,7 @@ def test_a_block_that_is_not_registered_is_refused():
         y = Output("out")
 
     diagram = Diagram(
-        title="t",
-        blocks=dict(a=Constant(), b=Diagram(blocks=dict(s=Secret()), inputs={"u": "s"})),
-        wires=["a -> b"],
+        title="t", blocks=dict(a=Constant(), b=Diagram(blocks=dict(s=Secret()), inputs={"u": "s"})), wires=["a -> b"]
     )
     with pytest.raises(FileError) as caught:
         dumps(diagram)
@@ -479,11 +475,7 @@ def test_a_neighbour_comes_before_the_shelf(tmp_path):
 
 def test_numbers_of_another_file_can_be_set(tmp_path):
     write(tmp_path, "part.toml", GAIN)
-    write(
-        tmp_path,
-        "outer.toml",
-        USER.format("use = 'part', set = { k = 7 }"),
-    )
+    write(tmp_path, "outer.toml", USER.format("use = 'part', set = { k = 7 }"))
     assert load(tmp_path / "outer.toml").parameters["part.k"] == 7.0
     for numbers_given in (
         "'part.k' = 3, 'one.value' = 4",
@@ -573,10 +565,7 @@ def test_the_schema_knows_every_block_and_field():
     assert json.loads(json.dumps(made, allow_nan=False)) == made
     for name, cls in REGISTRY.items():
         assert set(made["$defs"][name]["properties"]) == {"type", *cls.fields()}
-    assert made["$defs"]["PID"]["properties"]["tau"]["anyOf"][0] == {
-        "type": "number",
-        "exclusiveMinimum": 0.0,
-    }
+    assert made["$defs"]["PID"]["properties"]["tau"]["anyOf"][0] == {"type": "number", "exclusiveMinimum": 0.0}
     assert made["required"] == ["format", "blocks"]
 
 

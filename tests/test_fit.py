@@ -24,7 +24,7 @@ from tsmblocks.blocks import (
     Step,
     Sum,
     ZeroOrderHold,
-)  # fmt: skip
+)
 from tsmblocks.cli import console
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.fitting.residuals import Problem
@@ -149,8 +149,9 @@ def test_a_bound_that_a_block_excludes_is_not_reached():
 
 
 def test_bounds_that_block_and_user_give_go_together():
-    found = tsm.fit(LAG, record(u=U, y=0.7 * U), bounds={"lag.time_constant": (-5.0, 0.04)},
-                    start={"lag.time_constant": 0.03})  # fmt: skip
+    found = tsm.fit(
+        LAG, record(u=U, y=0.7 * U), bounds={"lag.time_constant": (-5.0, 0.04)}, start={"lag.time_constant": 0.03}
+    )
     assert 0 < found.values["lag.time_constant"] <= 0.04
 
 
@@ -194,9 +195,12 @@ def test_priors_give_the_posterior_of_bayes(mean, deviation, sigma):
 
 def test_a_prior_settles_what_the_data_leave_open():
     silent = tsm.Diagram(
-        title="two gains", blocks=dict(a=Gain(gain=1.2), b=Gain()), wires=["a -> b"],
-        inputs={"u": "a"}, outputs={"y": "b"},
-    )  # fmt: skip
+        title="two gains",
+        blocks=dict(a=Gain(gain=1.2), b=Gain()),
+        wires=["a -> b"],
+        inputs={"u": "a"},
+        outputs={"y": "b"},
+    )
     data = record(u=U, y=noisy(1.5 * U, 0.01))
     alone = tsm.fit(silent, data)
     known = tsm.fit(silent, data, priors={"a.gain": (2.0, 0.1)})
@@ -224,9 +228,12 @@ def test_sigma_has_a_unit_of_its_own():
 
 def test_sigma_says_what_outputs_count():
     diagram = tsm.Diagram(
-        title="twice", blocks=dict(k=Gain(), more=Gain(gain=10.0)), wires=["k -> more"],
-        inputs={"u": "k"}, outputs={"y": "k", "z": "more"},
-    )  # fmt: skip
+        title="twice",
+        blocks=dict(k=Gain(), more=Gain(gain=10.0)),
+        wires=["k -> more"],
+        inputs={"u": "k"},
+        outputs={"y": "k", "z": "more"},
+    )
     data = record(u=U, y=1.0 * U, z=13.0 * U)
     for sigma in ({"y": 0.1, "z": 5.0}, {"y": 0.3, "z": 0.1}):
         found = tsm.fit(diagram, data, free=["k.gain"], sigma=sigma)
@@ -302,8 +309,7 @@ def test_a_perfect_fit_has_converged():
 
 
 @pytest.mark.parametrize(
-    ("method", "stages"),
-    [("gauss-newton", {"gauss-newton"}), ("ipopt", {"ipopt"}), ("ga", {"genetic", "nelder-mead"})],
+    ("method", "stages"), [("gauss-newton", {"gauss-newton"}), ("ipopt", {"ipopt"}), ("ga", {"genetic", "nelder-mead"})]
 )
 def test_progress_is_told(method, stages):
     told = []
@@ -322,9 +328,11 @@ def hard():
     return record(units=RAD, x_in=U, x_out=0.7 * U + 0.1 * np.sign(np.gradient(U)) + 0.01 * rng.standard_normal(len(U)))
 
 
-@pytest.mark.parametrize("options", [
-    dict(method="gauss-newton"), dict(method="ipopt"), dict(method="ga"), dict(method="ipopt", segments=4),
-], ids=["gauss-newton", "ipopt", "ga", "pieces"])  # fmt: skip
+@pytest.mark.parametrize(
+    "options",
+    [dict(method="gauss-newton"), dict(method="ipopt"), dict(method="ga"), dict(method="ipopt", segments=4)],
+    ids=["gauss-newton", "ipopt", "ga", "pieces"],
+)
 @pytest.mark.parametrize("after", [1, 3])
 def test_stopping_in_progress_keeps_the_best(options, after):
     calls, told = 0, []
@@ -411,9 +419,12 @@ def test_a_fit_in_a_thread_leaves_signals_alone():
 
 def feedback():
     return tsm.Diagram(
-        title="loop", blocks=dict(error=Sum(signs="+-"), k=Gain(gain=2.0), i=Integrator()),
-        wires=["error -> k -> i -> error.minus"], inputs={"r": "error.plus"}, outputs={"y": "i"},
-    )  # fmt: skip
+        title="loop",
+        blocks=dict(error=Sum(signs="+-"), k=Gain(gain=2.0), i=Integrator()),
+        wires=["error -> k -> i -> error.minus"],
+        inputs={"r": "error.plus"},
+        outputs={"y": "i"},
+    )
 
 
 def loop_data():
@@ -429,22 +440,37 @@ def test_a_start_that_runs_away_names_experiment_and_block():
 
 
 def test_other_starts_survive_one_that_runs_away():
-    found = tsm.fit(feedback(), loop_data(), start={"k.gain": -5000.0}, bounds={"k.gain": (-5000.0, 250.0)}, starts=3,
-                    free=["k.gain"], step=STEP)  # fmt: skip
+    found = tsm.fit(
+        feedback(),
+        loop_data(),
+        start={"k.gain": -5000.0},
+        bounds={"k.gain": (-5000.0, 250.0)},
+        starts=3,
+        free=["k.gain"],
+        step=STEP,
+    )
     assert found.values["k.gain"] == pytest.approx(2.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_places_that_run_away_are_stepped_back_from(method):
-    found = tsm.fit(feedback(), loop_data(), free=["k.gain"], start={"k.gain": 0.1}, bounds={"k.gain": (-1e4, 1e4)},
-                    method=method, starts=1)  # fmt: skip
+    found = tsm.fit(
+        feedback(),
+        loop_data(),
+        free=["k.gain"],
+        start={"k.gain": 0.1},
+        bounds={"k.gain": (-1e4, 1e4)},
+        method=method,
+        starts=1,
+    )
     assert found.values["k.gain"] == pytest.approx(2.0, rel=1e-2)
 
 
 def pushed(time=1.0):
     """A lag behind a step, and what it gives for a step at 2.345 s with noise of 0.01, each 0.01 s."""
-    lag = tsm.Diagram(blocks={"push": Step(time=time), "lag": FirstOrderLag()}, wires=["push -> lag"],
-                      outputs={"y": "lag"})  # fmt: skip
+    lag = tsm.Diagram(
+        blocks={"push": Step(time=time), "lag": FirstOrderLag()}, wires=["push -> lag"], outputs={"y": "lag"}
+    )
     t = np.arange(0.0, 10.0, 0.01)
     y = np.where(t > 2.345, 1 - np.exp(-np.maximum(t - 2.345, 0.0) / 0.7), 0.0)
     return lag, record(t=t, units={"y": ""}, y=y + 0.01 * np.random.default_rng(0).standard_normal(len(t)))
@@ -496,8 +522,12 @@ def test_ctrl_c_while_values_are_tried_keeps_what_was_found():
 
 
 def test_a_delay_behind_samples_is_found_to_the_step():
-    wired = tsm.Diagram(blocks={"hold": ZeroOrderHold(period=0.1), "late": Delay(time=0.02), "lag": FirstOrderLag()},
-                        wires=["hold -> late -> lag"], inputs={"u": "hold"}, outputs={"y": "lag"})  # fmt: skip
+    wired = tsm.Diagram(
+        blocks={"hold": ZeroOrderHold(period=0.1), "late": Delay(time=0.02), "lag": FirstOrderLag()},
+        wires=["hold -> late -> lag"],
+        inputs={"u": "hold"},
+        outputs={"y": "lag"},
+    )
     truth = wired.with_parameters({"late.time": 0.054})
     y = tsm.simulate(truth, inputs={"u": (T, np.sin(3 * T))}, stop=T[-1], step=1e-3)["y"][
         :: round((T[1] - T[0]) / 1e-3)
@@ -508,8 +538,12 @@ def test_a_delay_behind_samples_is_found_to_the_step():
     assert not found.undetermined
 
 
-LATE = tsm.Diagram(blocks={"late": Delay(time=0.1), "lag": FirstOrderLag()}, wires=["late -> lag"],
-                   inputs={"u": "late"}, outputs={"y": "lag"})  # fmt: skip
+LATE = tsm.Diagram(
+    blocks={"late": Delay(time=0.1), "lag": FirstOrderLag()},
+    wires=["late -> lag"],
+    inputs={"u": "late"},
+    outputs={"y": "lag"},
+)
 
 
 def late_by(time, step=1e-3):
@@ -534,8 +568,14 @@ def test_a_delay_shorter_than_the_step_ends_at_the_step():
 
 
 def test_a_delay_that_follows_another_number_is_found():
-    found = tsm.fit(LATE, late_by(0.025), free=["lag.time_constant"], start={"lag.time_constant": 0.3}, step=0.01,
-                    ties={"late.time": "lag.time_constant / 2"})  # fmt: skip
+    found = tsm.fit(
+        LATE,
+        late_by(0.025),
+        free=["lag.time_constant"],
+        start={"lag.time_constant": 0.3},
+        step=0.01,
+        ties={"late.time": "lag.time_constant / 2"},
+    )
     assert found["lag.time_constant"].value == pytest.approx(0.05, rel=1e-3)
 
 
@@ -550,16 +590,25 @@ def test_a_controller_sampled_ten_times_between_two_samples_is_fitted():
     run = tsm.simulate(loop, stop=4.0, step=1e-3)
     noise = np.random.default_rng(0).normal(0.0, 1e-4, len(run.t[::10]))
     y = run["x_out"][::10] + noise
-    found = tsm.fit(loop, record(t=run.t[::10], units={"x_out": "rad"}, x_out=y), free=["controller.kp"],
-                    start={"controller.kp": 40.0}, starts=1)  # fmt: skip
+    found = tsm.fit(
+        loop,
+        record(t=run.t[::10], units={"x_out": "rad"}, x_out=y),
+        free=["controller.kp"],
+        start={"controller.kp": 40.0},
+        starts=1,
+    )
     assert found.step in (0.001, 0.0005, 0.00025)
     assert found["controller.kp"].value == pytest.approx(loop.parameters["controller.kp"], rel=1e-2)
 
 
 def test_what_has_a_slope_is_found_by_it_beside_a_delay_behind_samples():
     """Differences lead to the delay; they must not leave the time constant where they saw no more."""
-    wired = tsm.Diagram(blocks={"hold": ZeroOrderHold(period=0.1), "late": Delay(time=0.02), "lag": FirstOrderLag()},
-                        wires=["hold -> late -> lag"], inputs={"u": "hold"}, outputs={"y": "lag"})  # fmt: skip
+    wired = tsm.Diagram(
+        blocks={"hold": ZeroOrderHold(period=0.1), "late": Delay(time=0.02), "lag": FirstOrderLag()},
+        wires=["hold -> late -> lag"],
+        inputs={"u": "hold"},
+        outputs={"y": "lag"},
+    )
     t = 0.01 * np.arange(1001)
     true = {"late.time": 0.31, "lag.time_constant": 0.3}
     y = tsm.simulate(wired, parameters=true, inputs={"u": (t, np.sin(3 * t))}, step=0.01, stop=10.0)["y"]
@@ -574,9 +623,11 @@ def test_what_has_a_slope_is_found_by_it_beside_a_delay_behind_samples():
 @pytest.mark.parametrize("free", [["a.time"], ["a.time", "b.time"]])
 def test_an_instant_is_found_from_zero_too(free):
     """There differences over a share of the number itself would be over nothing."""
-    steps = tsm.Diagram(blocks={"a": Step(time=0.0), "b": Step(time=4.0), "d": Sum(), "lag": FirstOrderLag()},
-                        wires=["a -> d.plus", "b -> d.minus", "d -> lag"], outputs={"y": "lag"},
-                        ).with_parameters({"lag.time_constant": 0.7})  # fmt: skip
+    steps = tsm.Diagram(
+        blocks={"a": Step(time=0.0), "b": Step(time=4.0), "d": Sum(), "lag": FirstOrderLag()},
+        wires=["a -> d.plus", "b -> d.minus", "d -> lag"],
+        outputs={"y": "lag"},
+    ).with_parameters({"lag.time_constant": 0.7})
     run = tsm.simulate(steps, parameters={"a.time": 1.0}, stop=10.0, step=0.01)
     y = run["y"] + 0.01 * np.random.default_rng(0).standard_normal(len(run.t))
     found = tsm.fit(steps, tsm.Record("a", run.t, {"y": y}, {"y": ""}), free=free, starts=1)
@@ -585,8 +636,12 @@ def test_an_instant_is_found_from_zero_too(free):
 
 
 def test_what_is_known_is_free_where_it_is_named_only():
-    read = tsm.Diagram(blocks={"gain": Gain(), "encoder": Encoder(), "drift": Drift()},
-                       wires=["gain -> encoder -> drift"], inputs={"u": "gain"}, outputs={"y": "drift"})  # fmt: skip
+    read = tsm.Diagram(
+        blocks={"gain": Gain(), "encoder": Encoder(), "drift": Drift()},
+        wires=["gain -> encoder -> drift"],
+        inputs={"u": "gain"},
+        outputs={"y": "drift"},
+    )
     data = record(u=U, y=1.2 * U + 0.01 * T, units={"u": "rad", "y": "rad"})
     assert tsm.fit(read, data).names == ("gain.gain", "drift.rate", "drift.curve")
     assert tsm.fit(read, data, free=["*"]).names == ("gain.gain", "drift.rate", "drift.curve")
@@ -610,12 +665,15 @@ def test_a_parameter_that_nothing_excites_is_named():
 
 
 def test_sources_that_run_by_the_clock_of_a_recording_are_told_of_one_that_does_not_begin_at_zero():
-    lag = tsm.Diagram(blocks={"push": Step(time=0.0), "lag": FirstOrderLag()}, wires=["push -> lag"],
-                      outputs={"y": "lag"})  # fmt: skip
+    lag = tsm.Diagram(
+        blocks={"push": Step(time=0.0), "lag": FirstOrderLag()}, wires=["push -> lag"], outputs={"y": "lag"}
+    )
     y = 1 - np.exp(-2 * T)
     at_zero, later = (tsm.Record("a", T + begin, {"y": y}, {"y": ""}) for begin in (0.0, 3.7))
-    words = ("a: nothing that was measured drives the diagram. Its sources run by the clock of the recording, and it "
-             "is at rest until that begins, at 3.7 s.")  # fmt: skip
+    words = (
+        "a: nothing that was measured drives the diagram. Its sources run by the clock of the recording, and it "
+        "is at rest until that begins, at 3.7 s."
+    )
     assert words in tsm.fit(lag, later, free=["lag.time_constant"]).notes
     assert not any("clock" in text for text in tsm.fit(lag, at_zero, free=["lag.time_constant"]).notes)
 
@@ -636,8 +694,13 @@ def test_nothing_at_all_to_learn_from():
 
 def test_a_diagram_that_explains_nothing_is_told():
     noise = np.random.default_rng(0).standard_normal(len(T))
-    found = tsm.fit(LINEAR, record(units=RAD, x_in=U, x_out=noise), free=["gain.gain"], bounds={"gain.gain": (5, 9)},
-                    start={"gain.gain": 6.0})  # fmt: skip
+    found = tsm.fit(
+        LINEAR,
+        record(units=RAD, x_in=U, x_out=noise),
+        free=["gain.gain"],
+        bounds={"gain.gain": (5, 9)},
+        start={"gain.gain": 6.0},
+    )
     assert found.notes == ("a: the diagram explains x_out no better than its mean does.",)
 
 
@@ -647,14 +710,23 @@ def test_a_diagram_that_explains_nothing_is_told():
 def test_data_come_as_records_lists_mappings_frames_and_files(tmp_path):
     pandas = pytest.importorskip("pandas")
     data = straight()
-    np.savetxt(tmp_path / "rig.csv", np.column_stack([T, data["x_in"], data["x_out"]]), delimiter=",", comments="",
-               header="t [s],x_in [rad],x_out [rad]", fmt="%.17g")  # fmt: skip
+    np.savetxt(
+        tmp_path / "rig.csv",
+        np.column_stack([T, data["x_in"], data["x_out"]]),
+        delimiter=",",
+        comments="",
+        header="t [s],x_in [rad],x_out [rad]",
+        fmt="%.17g",
+    )
     frame = pandas.DataFrame({"t [s]": T, "x_in [rad]": data["x_in"], "x_out [rad]": data["x_out"]})
     expected = numbers(tsm.fit(LINEAR, data))
     for given, names in (
-        (frame, None), (tmp_path / "rig.csv", ["rig"]), (str(tmp_path / "rig.csv"), ["rig"]), ([data], ["a"]),
+        (frame, None),
+        (tmp_path / "rig.csv", ["rig"]),
+        (str(tmp_path / "rig.csv"), ["rig"]),
+        ([data], ["a"]),
         ({"bend 60": data}, ["bend 60"]),
-    ):  # fmt: skip
+    ):
         found = tsm.fit(LINEAR, given)
         np.testing.assert_allclose(numbers(found), expected, rtol=1e-6)
         assert names is None or list(found.records) == names

@@ -11,14 +11,25 @@ from tsmblocks.common.errors import ParameterError
 from tsmblocks.fitting.constraints import Ties, constraint, constraints, ties
 from tsmblocks.metrics.expressions import LONGEST, expression
 
-KNOWN = ("tsm.alpha1", "tsm.alpha2", "tsm.A", "tsm.theta", "play.half_width", "lag.den[0]", "lag.den[1]", "B",
-         "left.k", "right.k")  # fmt: skip
+KNOWN = (
+    "tsm.alpha1",
+    "tsm.alpha2",
+    "tsm.A",
+    "tsm.theta",
+    "play.half_width",
+    "lag.den[0]",
+    "lag.den[1]",
+    "B",
+    "left.k",
+    "right.k",
+)
 VALUES = dict(zip(KNOWN, (0.7, -1.3, 2.0, 0.25, 0.1, 3.0, -4.0, 1.5, 5.0, 6.0), strict=True))
-CHOICES = (" Known here: B, lag.den[0], lag.den[1], left.k, play.half_width, right.k, tsm.A, tsm.alpha1, … "
-           "(10 in all).")  # fmt: skip
+CHOICES = " Known here: B, lag.den[0], lag.den[1], left.k, play.half_width, right.k, tsm.A, tsm.alpha1, … (10 in all)."
 FUNCTIONS = " Known here: abs, cos, exp, log, max, min, sin, sqrt, tan, tanh."
-NO_ARITHMETIC = ("this is no arithmetic. Known here: numbers, + - * / **, abs, exp, log, sqrt, sin, cos, tan, tanh, "
-                 "min, max, pi, and names of parameters.")  # fmt: skip
+NO_ARITHMETIC = (
+    "this is no arithmetic. Known here: numbers, + - * / **, abs, exp, log, sqrt, sin, cos, tan, tanh, "
+    "min, max, pi, and names of parameters."
+)
 NO_COMPARISON = "this compares nothing. Write for example 'theta > 0'."
 NEVER, ALWAYS = (f"this is always {which}, whatever the parameters are." for which in ("false", "true"))
 
@@ -57,13 +68,16 @@ def marked(why, text, mark):
         ("-A ** 2 / 4", ("tsm.A",), -1.0),
         ("+(pi)", (), math.pi),
         ("min(A, B, theta) + max(1, 2)", ("tsm.A", "B", "tsm.theta"), 2.25),
-        ("sqrt(A) + exp(0) + log(B) + sin(A) + cos(A) + tan(A) + tanh(A)", ("tsm.A", "B"),
-         math.sqrt(2) + 1 + math.log(1.5) + math.sin(2) + math.cos(2) + math.tan(2) + math.tanh(2)),
+        (
+            "sqrt(A) + exp(0) + log(B) + sin(A) + cos(A) + tan(A) + tanh(A)",
+            ("tsm.A", "B"),
+            math.sqrt(2) + 1 + math.log(1.5) + math.sin(2) + math.cos(2) + math.tan(2) + math.tanh(2),
+        ),
         ("1e-3 + .5", (), 0.501),
         ("\n A\n + B ", ("tsm.A", "B"), 3.5),
         ("A" + "+A" * 98, ("tsm.A",), 198.0),
     ],
-)  # fmt: skip
+)
 def test_what_an_expression_means(text, names, result):
     read = expression(text, KNOWN)
     assert read.names == names
@@ -180,10 +194,16 @@ def test_expressions_mean_what_python_means(text):
         (3, "a text such as '2 * theta' is wanted, got 3."),
         ("-" * 200 + "A", marked("this is nested more than 100 deep.", "-" * 80 + "…", "^" * 80)),
         ("A+" * 200 + "A", marked("this is nested more than 100 deep.", "A+" * 40 + "…", "^" * 80)),
-        ("B + " * 30 + "alfa1", marked("there is no parameter 'alfa1'. Did you mean 'alpha1'?",
-                                       "…" + ("B + " * 30)[-75:] + "alfa1", 76 * " " + "^^^^^")),
+        (
+            "B + " * 30 + "alfa1",
+            marked(
+                "there is no parameter 'alfa1'. Did you mean 'alpha1'?",
+                "…" + ("B + " * 30)[-75:] + "alfa1",
+                76 * " " + "^^^^^",
+            ),
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_expression(text, message):
     with pytest.raises(ParameterError) as caught:
         expression(text, KNOWN)
@@ -192,9 +212,27 @@ def test_what_is_no_expression(text, message):
 
 @pytest.mark.parametrize(
     "text",
-    ["[A]", "{A}", "{A: B}", "lambda: A", "A if A else B", "f'{A}'", "A @ B", "A % 2", "A // 2", "A << 1",
-     "~A", "not A", "A[0:1]", "den[A]", "lag.den[-1]", "await A", "[A for A in B]", "1if A else 2"],
-)  # fmt: skip
+    [
+        "[A]",
+        "{A}",
+        "{A: B}",
+        "lambda: A",
+        "A if A else B",
+        "f'{A}'",
+        "A @ B",
+        "A % 2",
+        "A // 2",
+        "A << 1",
+        "~A",
+        "not A",
+        "A[0:1]",
+        "den[A]",
+        "lag.den[-1]",
+        "await A",
+        "[A for A in B]",
+        "1if A else 2",
+    ],
+)
 def test_python_beyond_arithmetic_is_refused(text):
     with pytest.raises(ParameterError) as caught:
         expression(text, KNOWN)
@@ -232,9 +270,12 @@ def test_whatever_is_written_either_reads_or_is_refused(text):
 
 def test_a_comparison_becomes_a_difference():
     for text, wanted, equality, strict in [
-        ("A > B", 0.5, False, True), ("A >= B", 0.5, False, False), ("A < B", -0.5, False, True),
-        ("A <= B", -0.5, False, False), ("A == B", 0.5, True, False),
-    ]:  # fmt: skip
+        ("A > B", 0.5, False, True),
+        ("A >= B", 0.5, False, False),
+        ("A < B", -0.5, False, True),
+        ("A <= B", -0.5, False, False),
+        ("A == B", 0.5, True, False),
+    ]:
         (one,) = constraint("", text, KNOWN)
         assert (one.name, one.text, one.equality, one.strict) == (text, text, equality, strict)
         assert value(one.expression) == wanted
@@ -270,8 +311,10 @@ def test_constraints_come_alone_in_a_list_or_by_name():
     [
         (["A > 0", "A + 1"], "constraint: " + marked(NO_COMPARISON, "A + 1", "^^^^^")),
         ({"c": "A"}, "constraint 'c': " + marked(NO_COMPARISON, "A", "^")),
-        ("A > 0 and B > 0", "constraint: " + marked("one comparison is wanted. Write several as a list.",
-                                                    "A > 0 and B > 0", "^" * 15)),
+        (
+            "A > 0 and B > 0",
+            "constraint: " + marked("one comparison is wanted. Write several as a list.", "A > 0 and B > 0", "^" * 15),
+        ),
         ("A != B", "constraint: " + marked("comparisons are <, <=, >, >=, ==.", "A != B", "^^^^^^")),
         ("A in B", "constraint: " + marked("comparisons are <, <=, >, >=, ==.", "A in B", "^^^^^^")),
         ("1 < 2", "constraint: " + marked(ALWAYS, "1 < 2", "^^^^^")),
@@ -280,12 +323,15 @@ def test_constraints_come_alone_in_a_list_or_by_name():
         ("A == A", "constraint: " + marked(ALWAYS, "A == A", "^^^^^^")),
         ("A <= A", "constraint: " + marked(ALWAYS, "A <= A", "^^^^^^")),
         ("A > B > 1/0", "constraint: " + marked("this divides by zero.", "A > B > 1/0", "        ^^^")),
-        ({"m": "alpha3 > 0"}, "constraint 'm': " + marked("there is no parameter 'alpha3'. Did you mean 'tsm.alpha2'?",
-                                                          "alpha3 > 0", "^^^^^^")),
+        (
+            {"m": "alpha3 > 0"},
+            "constraint 'm': "
+            + marked("there is no parameter 'alpha3'. Did you mean 'tsm.alpha2'?", "alpha3 > 0", "^^^^^^"),
+        ),
         ([None], "constraint: a text such as '2 * theta' is wanted, got None."),
         (5, "constraints must be texts such as 'theta > 0', a list or a mapping of them, got 5."),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_constraint(given, message):
     with pytest.raises(ParameterError) as caught:
         constraints(given, KNOWN)
@@ -334,20 +380,26 @@ def test_ties_without_a_circle_can_always_be_ordered(order, random):
     ("given", "free", "message"),
     [
         ({"A": "A + 1"}, [], "ties: 'tsm.A' follows itself."),
-        ({"alpha1": "A", "A": "2*B", "B": "theta", "theta": "A"}, [],
-         "ties: parameters follow each other in a circle, tsm.A -> B -> tsm.theta -> tsm.A."),
+        (
+            {"alpha1": "A", "A": "2*B", "B": "theta", "theta": "A"},
+            [],
+            "ties: parameters follow each other in a circle, tsm.A -> B -> tsm.theta -> tsm.A.",
+        ),
         ({"alpha1": "B", "tsm.alpha1": "A"}, [], "ties: 'tsm.alpha1' is tied twice."),
         ({"theta": "2*A"}, ["tsm.theta"], "ties: 'tsm.theta' is free in this fit, so it cannot follow '2*A' as well."),
         ({"thet": "A"}, [], "ties: there is no parameter 'thet'. Did you mean 'tsm.theta'?"),
         ({"k": "A"}, [], "ties: 'k' may mean left.k or right.k. Say which."),
         ({"A": "C"}, [], "tie of 'tsm.A': " + marked("there is no parameter 'C'." + CHOICES, "C", "^")),
-        ({"A": "B > 1"}, [], "tie of 'tsm.A': " + marked("this compares, but an expression is wanted here.",
-                                                     "B > 1", "^^^^^")),
+        (
+            {"A": "B > 1"},
+            [],
+            "tie of 'tsm.A': " + marked("this compares, but an expression is wanted here.", "B > 1", "^^^^^"),
+        ),
         ({"A": math.nan}, [], "tie of 'tsm.A': a text such as '2 * theta' is wanted, got nan."),
         ({"A": True}, [], "tie of 'tsm.A': a text such as '2 * theta' is wanted, got True."),
         (["A"], [], "ties must map parameters to expressions, such as {'alpha2': 'alpha1'}, got ['A']."),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_tie(given, free, message):
     with pytest.raises(ParameterError) as caught:
         ties(given, KNOWN, free)

@@ -31,8 +31,7 @@ def rastrigin(x):
 
 def ackley(x):
     x = x - 7.1
-    return (20 + math.e - 20 * np.exp(-0.2 * np.sqrt((x**2).mean(axis=1)))
-            - np.exp(np.cos(2 * np.pi * x).mean(axis=1)))  # fmt: skip
+    return 20 + math.e - 20 * np.exp(-0.2 * np.sqrt((x**2).mean(axis=1))) - np.exp(np.cos(2 * np.pi * x).mean(axis=1))
 
 
 def rugged(x):
@@ -53,8 +52,9 @@ def g06(x):
 
 
 def g06_missed(x):
-    return np.column_stack([100 - (x[:, 0] - 5) ** 2 - (x[:, 1] - 5) ** 2,
-                            (x[:, 0] - 6) ** 2 + (x[:, 1] - 5) ** 2 - 82.81])  # fmt: skip
+    return np.column_stack(
+        [100 - (x[:, 0] - 5) ** 2 - (x[:, 1] - 5) ** 2, (x[:, 0] - 6) ** 2 + (x[:, 1] - 5) ** 2 - 82.81]
+    )
 
 
 def g08(x):
@@ -214,8 +214,11 @@ def test_feasible_beats_infeasible_and_a_missing_cost_is_worst():
         5: (math.inf, 0),
         6: (0.0, math.nan),
     }
-    judge = Judge(Box((Range(0, 1),)), lambda x: np.array([c for c, _ in table.values()]),
-                  lambda x: np.array([[m, -3.0] for _, m in table.values()]))  # fmt: skip
+    judge = Judge(
+        Box((Range(0, 1),)),
+        lambda x: np.array([c for c, _ in table.values()]),
+        lambda x: np.array([[m, -3.0] for _, m in table.values()]),
+    )
     assert list(ordered(judge.merits(np.zeros((7, 1))))) == [1, 0, 3, 2, 6, 4, 5]
 
 
@@ -233,9 +236,15 @@ def test_a_cost_of_another_shape_is_refused():
 
 @pytest.mark.parametrize(
     ("name", "unknowns", "least"),
-    [("sphere", 1, 100), ("rastrigin", 1, 100), ("ackley", 2, 100), ("rosenbrock", 2, 100),
-     ("rastrigin", 5, 95), ("rosenbrock", 5, 90)],
-)  # fmt: skip
+    [
+        ("sphere", 1, 100),
+        ("rastrigin", 1, 100),
+        ("ackley", 2, 100),
+        ("rosenbrock", 2, 100),
+        ("rastrigin", 5, 95),
+        ("rosenbrock", 5, 90),
+    ],
+)
 def test_the_least_cost_is_found_from_nearly_every_seed(name, unknowns, least):
     """Rosenbrock's function of five unknowns has a second valley, in which a few searches end."""
     cost, one = FUNCTIONS[name]
@@ -520,8 +529,12 @@ def test_one_call_prices_what_an_iteration_may_need():
 def test_the_least_cost_agrees_with_another_program(name, unknowns):
     cost, one = FUNCTIONS[name]
     start = np.full(unknowns, 0.6)
-    expected = minimize(lambda x: cost(x[None])[0], start, method="Nelder-Mead",
-                        options=dict(adaptive=True, xatol=1e-8, fatol=1e-10, maxiter=4000))  # fmt: skip
+    expected = minimize(
+        lambda x: cost(x[None])[0],
+        start,
+        method="Nelder-Mead",
+        options=dict(adaptive=True, xatol=1e-8, fatol=1e-10, maxiter=4000),
+    )
     found = polish(cost, start, [one] * unknowns, xtol=1e-8)
     assert found.status == "converged"
     assert found.theta == pytest.approx(expected.x, abs=1e-5)

@@ -40,13 +40,14 @@ def sampled_loop():
     diagram = tsm.Diagram(
         title="sampled loop",
         blocks=dict(
-            error=Sum(signs="+-"), pid=DiscretePID(period=0.05, kp=5.0, ki=8.0, low=-30.0, high=30.0),
+            error=Sum(signs="+-"),
+            pid=DiscretePID(period=0.05, kp=5.0, ki=8.0, low=-30.0, high=30.0),
             motor=MotorTransferFunction(tau=0.1),
         ),
         wires=["error -> pid -> motor", "motor.y -> error.minus"],
         inputs={"r": "error.plus"},
         outputs={"y": "motor.y", "u": "pid"},
-    )  # fmt: skip
+    )
     return diagram, {"pid.kp": 3.6, "pid.ki": 2.0, "motor.tau": 0.14}, {"r": U}
 
 
@@ -60,13 +61,21 @@ def late():
 
 def nested():
     inner = tsm.Diagram(
-        title="drive", blocks=dict(k=Gain(gain="$stiffness"), lag=FirstOrderLag(gain="$stiffness", time_constant=0.1)),
-        wires=["k -> lag"], values={"stiffness": 1.5}, inputs={"u": "k"}, outputs={"y": "lag"},
-    )  # fmt: skip
+        title="drive",
+        blocks=dict(k=Gain(gain="$stiffness"), lag=FirstOrderLag(gain="$stiffness", time_constant=0.1)),
+        wires=["k -> lag"],
+        values={"stiffness": 1.5},
+        inputs={"u": "k"},
+        outputs={"y": "lag"},
+    )
     outer = tsm.Diagram(
-        title="whole", blocks=dict(drive=inner, load=FirstOrderLag(gain="$pull"), rest=Gain(gain="$pull")),
-        wires=["drive.y -> load -> rest"], values={"pull": 0.8}, inputs={"u": "drive.u"}, outputs={"y": "rest"},
-    )  # fmt: skip
+        title="whole",
+        blocks=dict(drive=inner, load=FirstOrderLag(gain="$pull"), rest=Gain(gain="$pull")),
+        wires=["drive.y -> load -> rest"],
+        values={"pull": 0.8},
+        inputs={"u": "drive.u"},
+        outputs={"y": "rest"},
+    )
     return outer, {"drive.stiffness": 1.9, "pull": 0.7, "drive.lag.time_constant": 0.16}, {"u": U}
 
 
@@ -149,11 +158,25 @@ def own_sheath(p, u):
 LAG = tsm.Diagram(title="lag", blocks=dict(lag=FirstOrderLag()), inputs={"u": "lag"}, outputs={"y": "lag"})
 PEERS = {
     "lag": (LAG, ["lag.gain", "lag.time_constant"], (1.7, 0.13), own_lag, "u", "y", dict(hold="zero")),
-    "play": (tsm.load("tendon_sheath_play"), ["play.half_width", "play.gain", "offset.bias"], (0.12, 0.9, 0.03),
-             own_play, "x_in", "x_out", {}),
-    "sheath": (tsm.load("tendon_sheath_asymmetric"), [f"tsm.{k}" for k in ("alpha1", "alpha2", "A", "theta", "delta")],
-               (0.8, 1.05, -0.6, 3.5, 0.1), own_sheath, "x_in", "x_out", {}),
-}  # fmt: skip
+    "play": (
+        tsm.load("tendon_sheath_play"),
+        ["play.half_width", "play.gain", "offset.bias"],
+        (0.12, 0.9, 0.03),
+        own_play,
+        "x_in",
+        "x_out",
+        {},
+    ),
+    "sheath": (
+        tsm.load("tendon_sheath_asymmetric"),
+        [f"tsm.{k}" for k in ("alpha1", "alpha2", "A", "theta", "delta")],
+        (0.8, 1.05, -0.6, 3.5, 0.1),
+        own_sheath,
+        "x_in",
+        "x_out",
+        {},
+    ),
+}
 
 
 @pytest.mark.parametrize("method", ["gauss-newton", "ipopt"])
@@ -167,8 +190,17 @@ def test_the_minimum_is_that_of_scipy_on_a_simulation_of_its_own(name, method):
         lambda p: own(p, U) - data[:compared], begin, xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale=np.abs(truth)
     ).x
     step = STEP / 16 if name == "lag" else STEP
-    found = tsm.fit(diagram, record(**{u: U, y: data}), free=names, start=dict(zip(names, begin, strict=True)),
-                    step=step, starts=1, method=method, window=(None, T[compared - 1]), **options)  # fmt: skip
+    found = tsm.fit(
+        diagram,
+        record(**{u: U, y: data}),
+        free=names,
+        start=dict(zip(names, begin, strict=True)),
+        step=step,
+        starts=1,
+        method=method,
+        window=(None, T[compared - 1]),
+        **options,
+    )
     by_name = np.array([found.values[k] for k in names])
     np.testing.assert_allclose(by_name, expected, rtol=1e-4 if name == "play" else 1e-6)
     left = own(by_name, U) - data[:compared]
@@ -186,11 +218,13 @@ STRAIGHT = noisy(0.8 * U + 0.3, 0.05, seed=3)
 
 LIMITS = {
     "circle": (["gain**2 + bias**2 <= 0.5"], [("ineq", lambda p: 0.5 - p[0] ** 2 - p[1] ** 2)]),
-    "corner": (["gain * bias <= 0.1", "gain >= 0.9"],
-               [("ineq", lambda p: 0.1 - p[0] * p[1]), ("ineq", lambda p: p[0] - 0.9)]),
+    "corner": (
+        ["gain * bias <= 0.1", "gain >= 0.9"],
+        [("ineq", lambda p: 0.1 - p[0] * p[1]), ("ineq", lambda p: p[0] - 0.9)],
+    ),
     "equality": (["gain == 1 - bias**2"], [("eq", lambda p: p[0] - 1 + p[1] ** 2)]),
     "idle": (["gain < 5"], []),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
@@ -202,9 +236,12 @@ LIMITS = {
 def test_the_minimum_under_constraints_is_that_of_scipy(name, method):
     texts, conditions = LIMITS[name]
     expected = optimize.minimize(
-        lambda p: 0.5 * np.sum((REGRESSORS @ p - STRAIGHT) ** 2), [0.5, 0.1], method="SLSQP",
-        constraints=[dict(type=kind, fun=f) for kind, f in conditions], options=dict(ftol=1e-15, maxiter=500),
-    )  # fmt: skip
+        lambda p: 0.5 * np.sum((REGRESSORS @ p - STRAIGHT) ** 2),
+        [0.5, 0.1],
+        method="SLSQP",
+        constraints=[dict(type=kind, fun=f) for kind, f in conditions],
+        options=dict(ftol=1e-15, maxiter=500),
+    )
     found = tsm.fit(LINEAR, record(x_in=U, x_out=STRAIGHT), constraints=texts, method=method)
     np.testing.assert_allclose(list(found.values.values()), expected.x, atol=1e-4 if texts == ["gain < 5"] else 1e-6)
     assert found.status == "converged"
@@ -240,14 +277,19 @@ def pendulum(play=False):
     return tsm.Diagram(
         title="pendulum",
         blocks=dict(
-            g=Gain(gain=4.0), f=Gain(gain=0.5), k=Gain(gain=4.0), sum=Sum(signs="+-+"), v=Integrator(),
-            x=Integrator(integral=0.1), **more,
+            g=Gain(gain=4.0),
+            f=Gain(gain=0.5),
+            k=Gain(gain=4.0),
+            sum=Sum(signs="+-+"),
+            v=Integrator(),
+            x=Integrator(integral=0.1),
+            **more,
         ),
         wires=["g -> sum.plus1", "f -> sum.minus", "k -> sum.plus2", "sum -> v -> x -> g", "v -> f"]
         + (["x -> slack"] if play else []),
         inputs={"u": "k.u"},
         outputs={"x": "slack" if play else "x"},
-    )  # fmt: skip
+    )
 
 
 def balanced(t, phase, sigma=1e-3, seed=1, half_width=0.0):
@@ -295,8 +337,12 @@ def test_pieces_find_what_one_shot_does_not(records, segments):
 
 
 def test_pieces_carry_memory_states_along():
-    found = tsm.fit(pendulum(play=True), balanced(LONG, 0.0, half_width=0.05), segments=20, **{
-        **SHOOT, "free": [*TRUTH, "slack.half_width"]})  # fmt: skip
+    found = tsm.fit(
+        pendulum(play=True),
+        balanced(LONG, 0.0, half_width=0.05),
+        segments=20,
+        **{**SHOOT, "free": [*TRUTH, "slack.half_width"]},
+    )
     for name, value in {**TRUTH, "slack.half_width": 0.05}.items():
         assert found.values[name] == pytest.approx(value, rel=0.05), name
     assert found.rms == pytest.approx(1e-3, rel=0.2)
@@ -307,10 +353,26 @@ def test_pieces_of_a_stable_plant_end_where_one_shot_does():
     data = measured(diagram, truth, inputs, sigma=0.01)
     whole = tsm.fit(diagram, data, free=list(truth), starts=1)
     pieces = tsm.fit(diagram, data, free=list(truth), method="ipopt", segments=7)
-    more = tsm.fit(diagram, data, free=list(truth), method="ipopt", segments=7, local=["motor.angle"],
-                   constraints=["tau * K < 0.1"], priors={"motor.tau": (0.04, 0.02)}, sigma=0.01)  # fmt: skip
-    same = tsm.fit(diagram, data, free=list(truth), local=["motor.angle"], constraints=["tau * K < 0.1"],
-                   priors={"motor.tau": (0.04, 0.02)}, sigma=0.01)  # fmt: skip
+    more = tsm.fit(
+        diagram,
+        data,
+        free=list(truth),
+        method="ipopt",
+        segments=7,
+        local=["motor.angle"],
+        constraints=["tau * K < 0.1"],
+        priors={"motor.tau": (0.04, 0.02)},
+        sigma=0.01,
+    )
+    same = tsm.fit(
+        diagram,
+        data,
+        free=list(truth),
+        local=["motor.angle"],
+        constraints=["tau * K < 0.1"],
+        priors={"motor.tau": (0.04, 0.02)},
+        sigma=0.01,
+    )
     np.testing.assert_allclose(list(pieces.values.values()), list(whole.values.values()), rtol=1e-6)
     np.testing.assert_allclose(list(more.values.values()), list(same.values.values()), rtol=1e-5, atol=1e-8)
     assert same.active == more.active == ("the constraint tau * K < 0.1",)

@@ -26,9 +26,22 @@ def record(name="a", t=T, units=None, **signals):
 def posed(diagram, data, **given):
     """The problem of a fit, with the arguments of ``fit``."""
     asked = dict(
-        free=None, bounds=None, start=None, local=(), start_states=False, constraints=None, ties=None, priors=None,
-        sigma=None, outputs=None, window=None, step=None, integrator="rk4", hold="linear", backend="",
-    )  # fmt: skip
+        free=None,
+        bounds=None,
+        start=None,
+        local=(),
+        start_states=False,
+        constraints=None,
+        ties=None,
+        priors=None,
+        sigma=None,
+        outputs=None,
+        window=None,
+        step=None,
+        integrator="rk4",
+        hold="linear",
+        backend="",
+    )
     assert set(given) <= set(asked)
     return pose(diagram, data, **{**asked, **given})
 
@@ -55,9 +68,12 @@ def programme(seed, n, m, equalities, kind="feasible"):
 
 @settings(max_examples=200, deadline=None)
 @given(
-    seed=st.integers(0, 2**32 - 1), n=st.integers(1, 8), m=st.integers(0, 6), data=st.data(),
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 8),
+    m=st.integers(0, 6),
+    data=st.data(),
     kind=st.sampled_from(["feasible", "degenerate"]),
-)  # fmt: skip
+)
 def test_a_step_meets_the_conditions_of_a_minimum(seed, n, m, data, kind):
     equalities = data.draw(st.integers(0, min(m, n - 1)))
     H, g, rows, bounds, equal, _ = programme(seed, n, m, equalities, kind)
@@ -132,27 +148,31 @@ def servo():
     return tsm.Diagram(
         title="motor and sheath",
         blocks=dict(
-            motor=tsm.blocks.MotorTransferFunction(tau=0.05), tsm=tsm.blocks.AsymmetricBoucWen(theta="$theta"),
-            scale=Gain(gain="$theta"), offset=tsm.blocks.Bias(bias=0.1),
+            motor=tsm.blocks.MotorTransferFunction(tau=0.05),
+            tsm=tsm.blocks.AsymmetricBoucWen(theta="$theta"),
+            scale=Gain(gain="$theta"),
+            offset=tsm.blocks.Bias(bias=0.1),
         ),
         wires=["motor.y -> tsm.x", "tsm -> offset", "tsm -> scale"],
         values={"theta": 4.0},
         inputs={"u": "motor.u"},
         outputs={"x_in": "motor.y", "x_out": "offset", "scaled": "scale"},
-    )  # fmt: skip
+    )
 
 
 def sampled():
     return tsm.Diagram(
         title="sampled loop",
         blocks=dict(
-            hold=ZeroOrderHold(period=0.05), error=Sum(signs="+-"),
-            pid=DiscretePID(period=0.05, kp=0.8, ki=1.5, kd=0.02), lag=FirstOrderLag(time_constant=0.2),
+            hold=ZeroOrderHold(period=0.05),
+            error=Sum(signs="+-"),
+            pid=DiscretePID(period=0.05, kp=0.8, ki=1.5, kd=0.02),
+            lag=FirstOrderLag(time_constant=0.2),
         ),
         wires=["error -> pid -> lag -> hold -> error.minus"],
         inputs={"r": "error.plus"},
         outputs={"y": "lag"},
-    )  # fmt: skip
+    )
 
 
 def delayed():
@@ -164,9 +184,12 @@ def chain(count):
     """More parameters than one run has lanes."""
     names = [f"k{i}" for i in range(count)]
     return tsm.Diagram(
-        title="chain", blocks={n: Gain(gain=1 + 0.01 * i) for i, n in enumerate(names)}, wires=[" -> ".join(names)],
-        inputs={"u": "k0"}, outputs={"y": names[-1]},
-    )  # fmt: skip
+        title="chain",
+        blocks={n: Gain(gain=1 + 0.01 * i) for i, n in enumerate(names)},
+        wires=[" -> ".join(names)],
+        inputs={"u": "k0"},
+        outputs={"y": names[-1]},
+    )
 
 
 JITTER = T + 0.003 * np.sin(37 * np.arange(len(T)))
@@ -176,18 +199,37 @@ TWO = [record("one", u=8 * U, **MEASURED), record("two", T + 5.0, u=-6 * U, **ME
 CASES = {
     "several experiments and outputs": (servo(), TWO, dict(free=["motor.*", "tsm.*", "offset.bias"])),
     "a shared number, start states, local ones": (
-        servo(), TWO, dict(free=["theta", "tsm.A"], local=["offset.bias"], start_states=True)),
+        servo(),
+        TWO,
+        dict(free=["theta", "tsm.A"], local=["offset.bias"], start_states=True),
+    ),
     "a shared number freed in one place": (servo(), TWO, dict(free=["tsm.theta", "scale.gain"])),
-    "ties": (servo(), TWO, dict(
-        free=["tsm.*"], ties={"tsm.alpha2": "2 * alpha1 - 0.1 * A**2", "offset.bias": "alpha2 / 10", "motor.K": 2.5},
-        local=["tsm.delta"])),
-    "priors and sigma": (servo(), TWO, dict(
-        free=["tsm.*"], priors={"tsm.A": (-0.7, 0.1), "tsm.delta": (0.1, 0.2)}, local=["tsm.delta"],
-        sigma={"x_in": 0.01, "x_out": 0.1, "scaled": 2.0})),
+    "ties": (
+        servo(),
+        TWO,
+        dict(
+            free=["tsm.*"],
+            ties={"tsm.alpha2": "2 * alpha1 - 0.1 * A**2", "offset.bias": "alpha2 / 10", "motor.K": 2.5},
+            local=["tsm.delta"],
+        ),
+    ),
+    "priors and sigma": (
+        servo(),
+        TWO,
+        dict(
+            free=["tsm.*"],
+            priors={"tsm.A": (-0.7, 0.1), "tsm.delta": (0.1, 0.2)},
+            local=["tsm.delta"],
+            sigma={"x_in": 0.01, "x_out": 0.1, "scaled": 2.0},
+        ),
+    ),
     "windows": (servo(), TWO, dict(free=["tsm.*"], window={"one": (0.5, 2.005), "two": (None, 7.0)})),
     "uneven times": (servo(), [attrs.evolve(r, t=r.t - T + JITTER) for r in TWO], dict(free=["tsm.*", "motor.tau"])),
     "uneven times in a window": (
-        servo(), [attrs.evolve(TWO[1], t=5 + JITTER)], dict(free=["tsm.*"], window=(5.5, 6.5), step=0.004)),
+        servo(),
+        [attrs.evolve(TWO[1], t=5 + JITTER)],
+        dict(free=["tsm.*"], window=(5.5, 6.5), step=0.004),
+    ),
     "smaller steps": (servo(), TWO[0], dict(free=["tsm.*", "motor.tau"], step=STEP / 5)),
     "longer steps": (servo(), TWO[0], dict(free=["tsm.*", "motor.tau"], step=0.025)),
     "heun, held inputs": (servo(), TWO[0], dict(free=["tsm.*"], step=STEP / 2, integrator="heun", hold="zero")),
@@ -195,8 +237,11 @@ CASES = {
     "a delay": (delayed(), record(u=U, y=U), dict(free=["lag.*"], start_states=True)),
     "more parameters than lanes": (chain(40), record(u=U, y=1.1 * U), dict(free=["k*"])),
     "without the compiler": (
-        delayed(), record(t=T[:40], u=U[:40], y=U[:40]), dict(free=["lag.*"], backend="casadi", step=STEP)),
-}  # fmt: skip
+        delayed(),
+        record(t=T[:40], u=U[:40], y=U[:40]),
+        dict(free=["lag.*"], backend="casadi", step=STEP),
+    ),
+}
 
 
 @pytest.fixture(scope="module")
@@ -221,8 +266,9 @@ def led_on(t, y, end, hold):
     """A signal to the end of the last step, as it went."""
     if end <= t[-1] + 1e-9:
         return t, y
-    return np.append(t, end), np.append(y, y[-1] if hold == "zero" else y[-1] + (end - t[-1]) * (y[-1] - y[-2]) / (
-        t[-1] - t[-2]))  # fmt: skip
+    return np.append(t, end), np.append(
+        y, y[-1] if hold == "zero" else y[-1] + (end - t[-1]) * (y[-1] - y[-2]) / (t[-1] - t[-2])
+    )
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -289,9 +335,12 @@ def test_costs_side_by_side_equal_costs_one_by_one(problems, name, count):
 
 def test_a_set_that_runs_away_costs_infinitely_much_and_spoils_no_other():
     loop = tsm.Diagram(
-        title="loop", blocks=dict(error=Sum(signs="+-"), k=Gain(gain=2.0), i=Integrator()),
-        wires=["error -> k -> i -> error.minus"], inputs={"r": "error.plus"}, outputs={"y": "i"},
-    )  # fmt: skip
+        title="loop",
+        blocks=dict(error=Sum(signs="+-"), k=Gain(gain=2.0), i=Integrator()),
+        wires=["error -> k -> i -> error.minus"],
+        inputs={"r": "error.plus"},
+        outputs={"y": "i"},
+    )
     problem, _ = posed(loop, record(r=U, y=U), free=["k.gain"])
     sets = np.array([[1.0], [-500.0], [3.0], [-1000.0]])
     found = problem.costs(sets)
@@ -318,9 +367,17 @@ def test_unknowns_of_one_experiment_stay_out_of_the_others(problems):
     problem, _ = problems("a shared number, start states, local ones")
     names = problem.unknowns.names
     assert names == (
-        "motor.angle@one", "motor.angle@two", "motor.speed@one", "motor.speed@two", "tsm.A", "theta", "tsm.zeta@one",
-        "tsm.zeta@two", "offset.bias@one", "offset.bias@two",
-    )  # fmt: skip
+        "motor.angle@one",
+        "motor.angle@two",
+        "motor.speed@one",
+        "motor.speed@two",
+        "tsm.A",
+        "theta",
+        "tsm.zeta@one",
+        "tsm.zeta@two",
+        "offset.bias@one",
+        "offset.bias@two",
+    )
     _, jacobian = problem.jacobian(problem.unknowns.start)
     half = problem.samples // 2
     for k, name in enumerate(names):
@@ -356,11 +413,15 @@ def test_ties_are_worked_out_in_the_order_they_need(problems):
 
 
 LIMITED = dict(
-    free=["tsm.*", "offset.bias"], local=["offset.bias"], ties={"tsm.delta": "A / 10"},
+    free=["tsm.*", "offset.bias"],
+    local=["offset.bias"],
+    ties={"tsm.delta": "A / 10"},
     constraints={
-        "monotone": "alpha2 + A - abs(delta) > 0", "even": "alpha1 == alpha2", "shift": "bias**2 < 0.04 * A**2",
+        "monotone": "alpha2 + A - abs(delta) > 0",
+        "even": "alpha1 == alpha2",
+        "shift": "bias**2 < 0.04 * A**2",
     },
-)  # fmt: skip
+)
 
 
 def test_constraints_as_functions_of_the_unknowns():
@@ -370,9 +431,11 @@ def test_constraints_as_functions_of_the_unknowns():
     assert limits.names == ("monotone", "even", "shift@one", "shift@two")
     assert list(limits.equal) == [False, True, False, False]
     expected = [
-        v["tsm.alpha2"] + v["tsm.A"] - abs(v["tsm.A"] / 10), v["tsm.alpha1"] - v["tsm.alpha2"],
-        0.04 * v["tsm.A"] ** 2 - v["offset.bias@one"] ** 2, 0.04 * v["tsm.A"] ** 2 - v["offset.bias@two"] ** 2,
-    ]  # fmt: skip
+        v["tsm.alpha2"] + v["tsm.A"] - abs(v["tsm.A"] / 10),
+        v["tsm.alpha1"] - v["tsm.alpha2"],
+        0.04 * v["tsm.A"] ** 2 - v["offset.bias@one"] ** 2,
+        0.04 * v["tsm.A"] ** 2 - v["offset.bias@two"] ** 2,
+    ]
     np.testing.assert_allclose(limits.values(theta), expected, rtol=1e-12)
     slopes = np.array([(limits.values(theta + h) - limits.values(theta - h)) / 2e-6 for h in 1e-6 * np.eye(len(theta))])
     np.testing.assert_allclose(limits.slopes(theta), slopes.T, atol=1e-8)
@@ -443,8 +506,12 @@ def test_uneven_times_are_told():
 
 
 def test_a_step_that_does_not_divide_the_samples_is_told():
-    found = tsm.fit(tsm.load("tendon_sheath_linear"), tsm.Record("one", T, {"x_in": U, "x_out": U}, {"x_in": "rad",
-                    "x_out": "rad"}), step=0.4 * STEP, starts=1)  # fmt: skip
+    found = tsm.fit(
+        tsm.load("tendon_sheath_linear"),
+        tsm.Record("one", T, {"x_in": U, "x_out": U}, {"x_in": "rad", "x_out": "rad"}),
+        step=0.4 * STEP,
+        starts=1,
+    )
     assert found.notes[0] == (
         "one: the samples, 0.01 s apart, are no multiples of the step of 0.004 s, so the simulation is read off "
         "between its steps."

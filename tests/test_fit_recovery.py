@@ -121,9 +121,14 @@ def test_the_derivatives_of_a_fit_equal_central_differences(name):
         driven = {u: 0.9 * np.sin(1.3 * t + phase) for u in diagram.inputs}
         records.append(tsm.Record(f"run {k}", t, {**driven, **dict.fromkeys(diagram.outputs, 0 * t)}, {}))
     problem = posed(
-        diagram, records, free=SMOOTH[name], sigma={y: 0.5 + k for k, y in enumerate(diagram.outputs)},
-        window=(0.5, None), step=1e-3, hold="cubic",
-    )  # fmt: skip
+        diagram,
+        records,
+        free=SMOOTH[name],
+        sigma={y: 0.5 + k for k, y in enumerate(diagram.outputs)},
+        window=(0.5, None),
+        step=1e-3,
+        hold="cubic",
+    )
     theta = problem.unknowns.start
     r, jacobian = problem.jacobian(theta)
     np.testing.assert_allclose(r, problem.residuals(theta), rtol=0, atol=BACKENDS)
@@ -160,10 +165,20 @@ def test_sums_side_by_side_equal_those_one_by_one(name):
     rng = np.random.default_rng(5)
     for samples, window, step in ((1999, None, 5e-3), (2001, (3.0, None), 5e-3), (4003, (0.013, 17.0), 2.5e-3)):
         t = np.arange(samples) * 5e-3
-        records = [tsm.Record(f"run {k}", t, {"x_in": np.sin(t + k), "x_out": rng.standard_normal(samples)}, {})
-                   for k in range(2)]  # fmt: skip
-        problem = posed(diagram, records, free=["tsm.*"], local=("offset.bias",), priors={"tsm.A": (-0.9, 0.2)},
-                        sigma=0.1, window=window, step=step)  # fmt: skip
+        records = [
+            tsm.Record(f"run {k}", t, {"x_in": np.sin(t + k), "x_out": rng.standard_normal(samples)}, {})
+            for k in range(2)
+        ]
+        problem = posed(
+            diagram,
+            records,
+            free=["tsm.*"],
+            local=("offset.bias",),
+            priors={"tsm.A": (-0.9, 0.2)},
+            sigma=0.1,
+            window=window,
+            step=step,
+        )
         thetas = problem.unknowns.start * rng.uniform(0.9, 1.1, (70, len(problem.unknowns.start)))
         for sets in (thetas[:3], thetas[:11], thetas):
             expected = [problem.cost(theta) for theta in sets]

@@ -15,15 +15,7 @@ from tsmblocks.common.errors import DataError
 from tsmblocks.fitting.identifiability import _Teller, sizes, undetermined
 from tsmblocks.fitting.inner_products import product
 from tsmblocks.fitting.noise_model import FEWEST, Colour, best_order, coloured, fast_length, lag_products
-from tsmblocks.fitting.statistics import (
-    aicc,
-    bic,
-    correlation,
-    effective_samples,
-    intervals,
-    uncertainty,
-    whiteness,
-)
+from tsmblocks.fitting.statistics import aicc, bic, correlation, effective_samples, intervals, uncertainty, whiteness
 
 
 def regressors(n, p, cycles):
@@ -281,15 +273,27 @@ def test_a_segment_of_few_samples_beside_a_long_one():
 @pytest.mark.parametrize(
     ("J", "r", "segments", "message"),
     [
-        (np.ones((3, 3)), np.ones(3), None,
-         "3 samples cannot tell how sure 3 parameters are: it takes more samples than parameters."),
-        (np.ones((9, 3)), np.ones(8), None,
-         "a Jacobian of shape (N, p) and N residuals are needed, got shapes (9, 3) and (8,)."),
-        (np.full((9, 3), np.nan), np.ones(9), None,
-         "residuals and their Jacobian must be finite to tell how sure a fit is."),
+        (
+            np.ones((3, 3)),
+            np.ones(3),
+            None,
+            "3 samples cannot tell how sure 3 parameters are: it takes more samples than parameters.",
+        ),
+        (
+            np.ones((9, 3)),
+            np.ones(8),
+            None,
+            "a Jacobian of shape (N, p) and N residuals are needed, got shapes (9, 3) and (8,).",
+        ),
+        (
+            np.full((9, 3), np.nan),
+            np.ones(9),
+            None,
+            "residuals and their Jacobian must be finite to tell how sure a fit is.",
+        ),
         (np.ones((9, 3)), np.ones(9), [slice(0, 5)], "the segments must cover each of the 9 residuals once."),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_judged_is_refused(J, r, segments, message):
     with pytest.raises(DataError) as caught:
         uncertainty(J, r, segments)
@@ -480,8 +484,10 @@ def test_the_state_of_bouc_wen_has_no_size_of_its_own():
     np.testing.assert_allclose(only.changes, [1.0, 1.0, 0.0217, -0.0217], rtol=1e-6)
     assert only.effect < 1e-9
     words, _, rest = only.words.partition(" changes the outputs by ")
-    assert words == ("tsm.alpha_zeta and tsm.A only matter through a combination: raising tsm.alpha_zeta by 1 % "
-                     "while raising tsm.A by 1 % (and tsm.beta and tsm.gamma by far less)")  # fmt: skip
+    assert words == (
+        "tsm.alpha_zeta and tsm.A only matter through a combination: raising tsm.alpha_zeta by 1 % "
+        "while raising tsm.A by 1 % (and tsm.beta and tsm.gamma by far less)"
+    )
     assert rest.endswith(" of the residual.")
 
 
@@ -612,8 +618,9 @@ def test_a_single_parameter_that_noise_hides():
     (only,) = undetermined(J, r, ["a", "b", "c"], theta, known)
     half = intervals(theta, known.covariance, known.freedom)[1][1] - theta[1]
     assert only.kind == "uncertain"
-    assert only.words == (f"b is hardly determined: {theta[1]:.3g} ± {half:.2g}, an interval wider than "
-                          "the parameter itself.")  # fmt: skip
+    assert only.words == (
+        f"b is hardly determined: {theta[1]:.3g} ± {half:.2g}, an interval wider than the parameter itself."
+    )
     big = sizes(theta, 1e9 * theta, np.full(3, -np.inf), np.full(3, np.inf))
     assert undetermined(J, r, ["a", "b", "c"], theta, known, scales=big) == ()
 
@@ -625,8 +632,9 @@ def test_an_interval_wider_than_the_bounds():
     room = half * [10, 0.9]
     low, high = theta - room, theta + room
     (only,) = undetermined(J, r, ["a", "b"], theta, known, low=low, high=high)
-    assert only.words == (f"b is hardly determined: {theta[1]:.3g} ± {half[1]:.2g}, an interval wider than "
-                          "its bounds are apart.")  # fmt: skip
+    assert only.words == (
+        f"b is hardly determined: {theta[1]:.3g} ± {half[1]:.2g}, an interval wider than its bounds are apart."
+    )
 
 
 def test_priors_and_bounds_settle_what_data_cannot():

@@ -143,8 +143,11 @@ def test_a_difference_is_a_frame_of_what_drove_it_and_what_is_left(fit):
     assert made.index.name == "t"
     np.testing.assert_array_equal(made["residual"], made["measured"] - made["simulated"])
     assert list(made.columns) == [*one.inputs, "measured", "simulated", "residual"]
-    assert made.attrs["units"] == {"t": "s", **{k: u for k, (_, u) in one.inputs.items()},
-                                   **dict.fromkeys(("measured", "simulated", "residual"), one.unit)}  # fmt: skip
+    assert made.attrs["units"] == {
+        "t": "s",
+        **{k: u for k, (_, u) in one.inputs.items()},
+        **dict.fromkeys(("measured", "simulated", "residual"), one.unit),
+    }
 
 
 def test_a_fit_is_a_frame_of_numbers_with_intervals(fit):

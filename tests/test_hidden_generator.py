@@ -11,17 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
-from tests.hidden import (
-    GROUPS,
-    MOTOR_EFFECTS,
-    OUTSIDE,
-    SENSOR_FAULTS,
-    SHEATH_EFFECTS,
-    UNEXCITED,
-    Spec,
-    case,
-    cases,
-)
+from tests.hidden import GROUPS, MOTOR_EFFECTS, OUTSIDE, SENSOR_FAULTS, SHEATH_EFFECTS, UNEXCITED, Spec, case, cases
 from tests.hidden.choose import MOTOR_SCALES, SCALES
 from tests.hidden.contact import dahl, gap, iwan, soft_rate
 from tests.hidden.kinds import FAMILY
@@ -278,8 +268,9 @@ def test_a_gap_in_front_of_the_sheath_is_another_one_than_behind_it():
     assert not np.any(effect_of(front, "x_in"))
     behind = case("single", effect="backlash", seed=1, protocol="paper", amplitude=1.5, step=COARSE)
     assert rms(effect_of(front)) > 0.1
-    lost = [float(np.ptp(stacked(made.without, "x_out")) - np.ptp(stacked(made.clean, "x_out"))) for made in
-            (front, behind)]  # fmt: skip
+    lost = [
+        float(np.ptp(stacked(made.without, "x_out")) - np.ptp(stacked(made.clean, "x_out"))) for made in (front, behind)
+    ]
     gain = front.numbers["c"]
     assert lost == pytest.approx([2 * 1.5 * gain, 2 * 1.5], rel=0.15)
 
@@ -324,11 +315,20 @@ def test_a_wrong_specification_is_refused():
 # ---- accuracy
 
 
-@pytest.mark.parametrize(("group", "name", "amplitude"), [
-    ("null", "", None), ("single", "backlash", 0.3), ("single", "nonlocal_memory", 0.1), ("shape", "", None),
-    ("single", "rate_limit", 1 / 100), ("single", "resonance", 0.3), ("outside", "telegraph", 0.1),
-    ("motor_closed", "coulomb_friction", 0.05), ("motor_open", "coulomb_friction", 0.02),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("group", "name", "amplitude"),
+    [
+        ("null", "", None),
+        ("single", "backlash", 0.3),
+        ("single", "nonlocal_memory", 0.1),
+        ("shape", "", None),
+        ("single", "rate_limit", 1 / 100),
+        ("single", "resonance", 0.3),
+        ("outside", "telegraph", 0.1),
+        ("motor_closed", "coulomb_friction", 0.05),
+        ("motor_open", "coulomb_friction", 0.02),
+    ],
+)
 def test_half_the_step_gives_the_same(group, name, amplitude):
     coarse, fine = (case(group, effect=name, amplitude=amplitude, seed=3, step=step) for step in (1e-3, 5e-4))
     floors = coarse.floor if isinstance(coarse.floor, dict) else dict(x_out=coarse.floor)

@@ -72,22 +72,15 @@ def test_the_file_that_is_spoilt_here_is_good():
 # ---- a table of mistakes: (what is changed into what, all that is said) ------------------------
 
 MISTAKES = {
-    "block type": (
-        [('"PID"', '"PDI"')],
-        ["12: block 'pid': there is no block type 'PDI'. Did you mean 'PID'?"],
-    ),
-    "type not text": (
-        [('"PID"', "3")],
-        ["12: block 'pid': the type must be text such as \"Gain\", got 3."],
-    ),
+    "block type": ([('"PID"', '"PDI"')], ["12: block 'pid': there is no block type 'PDI'. Did you mean 'PID'?"]),
+    "type not text": ([('"PID"', "3")], ["12: block 'pid': the type must be text such as \"Gain\", got 3."]),
     "no type": (
         [('type = "PID"', 'typ = "PID"')],
-        ["12: block 'pid' has no type. Write { type = \"Gain\" }, or use = another diagram. Is 'typ' meant to be 'type'?"],
+        [
+            "12: block 'pid' has no type. Write { type = \"Gain\" }, or use = another diagram. Is 'typ' meant to be 'type'?"
+        ],
     ),
-    "parameter": (
-        [("kp = 1.5", "kpp = 1.5")],
-        ["12: block 'pid': PID has no parameter 'kpp'. Did you mean 'kp'?"],
-    ),
+    "parameter": ([("kp = 1.5", "kpp = 1.5")], ["12: block 'pid': PID has no parameter 'kpp'. Did you mean 'kp'?"]),
     "parameter in a section": (
         [('gain = "$k"', 'gian = "$k"')],
         ["17: block 'motor': FirstOrderLag has no parameter 'gian'. Did you mean 'gain'?"],
@@ -101,16 +94,10 @@ MISTAKES = {
             "12: block 'pid': PID.tau must lie in (0, inf), got -1.",
         ],
     ),
-    "a table for a number": (
-        [("1.5", "{ a = 1 }")],
-        ["12: block 'pid': PID.kp cannot be a table, got {'a': 1}."],
-    ),
+    "a table for a number": ([("1.5", "{ a = 1 }")], ["12: block 'pid': PID.kp cannot be a table, got {'a': 1}."]),
     "a choice": (
         [('"Saturation"', '"Recorded", hold = "lineer"')],
-        [
-            "13: block 'drive': Recorded.hold is 'lineer', which is not a choice. Did you mean 'linear'?"
-            ""
-        ],
+        ["13: block 'drive': Recorded.hold is 'lineer', which is not a choice. Did you mean 'linear'?"],
     ),
     "values that do not go together": (
         [('"Saturation"', '"Saturation", low = 30')],
@@ -120,10 +107,7 @@ MISTAKES = {
     "a time": ([("5.0", "07:32:00")], ["25: values.k is a date or time (07:32:00), and a number or text is needed."]),
     "nan": ([("1.5", "nan")], ["12: pid.kp is nan, which is not a number."]),
     "nan in values": ([("5.0", "nan")], ["25: values.k is nan, which is not a number."]),
-    "infinity": (
-        [("1.5", "inf")],
-        ["12: block 'pid': PID.kp must be finite, got inf."],
-    ),
+    "infinity": ([("1.5", "inf")], ["12: block 'pid': PID.kp must be finite, got inf."]),
     "a huge number": (
         [("1.5", "1" * 30)],
         ["12: pid.kp is a whole number too large to be held exactly; write it with a point or an exponent."],
@@ -135,10 +119,7 @@ MISTAKES = {
     "a number of thousands of digits": ([("1.5", "9" * 6000)], ["12: a whole number has thousands of digits."]),
     "text in values": ([("5.0", '"5"')], ["25: value 'k' must be a number, got '5'."]),
     "true in values": ([("5.0", "true")], ["25: value 'k' must be a number, got True."]),
-    "reference": (
-        [("$k", "$kk")],
-        ["15: motor: '$kk' stands for a number that is not in values. Did you mean 'k'?"],
-    ),
+    "reference": ([("$k", "$kk")], ["15: motor: '$kk' stands for a number that is not in values. Did you mean 'k'?"]),
     "number a block refuses": (
         [('gain = "$k"', 'time_constant = "$k"'), ("5.0", "0.0")],
         ["15: motor: FirstOrderLag.time_constant must lie in (0, inf), got 0. From values: k = 0."],
@@ -157,17 +138,11 @@ MISTAKES = {
     ),
     "open input": (
         [('  "ref -> error.plus",\n', "")],
-        [
-            "10: error.plus (Sum) is driven by nothing."
-            " Wire it, list it under inputs, or drive it with a Constant."
-        ],
+        ["10: error.plus (Sum) is driven by nothing. Wire it, list it under inputs, or drive it with a Constant."],
     ),
     "input driven twice": (
         [("[inputs]", '[inputs]\nr = "error.plus"')],
-        [
-            "20: error.plus is driven 2 times: ref.y -> error.plus; input r -> error.plus."
-            " Join them with a Sum block."
-        ],
+        ["20: error.plus is driven 2 times: ref.y -> error.plus; input r -> error.plus. Join them with a Sum block."],
     ),
     "wires that are not text": (
         [('"ref -> error.plus",', '3, ["a"],')],
@@ -183,14 +158,20 @@ MISTAKES = {
             "5: 'zz' is not a key of a diagram. Known here: blocks, inputs, outputs, source, title, values, wires.",
         ],
     ),
-    "misspelt section": ([("[outputs]", "[output]")], ["21: 'output' is not a key of a diagram. Did you mean 'outputs'?"]),
+    "misspelt section": (
+        [("[outputs]", "[output]")],
+        ["21: 'output' is not a key of a diagram. Did you mean 'outputs'?"],
+    ),
     "misspelt wires": ([("wires = [", "wire = [")], ["4: 'wire' is not a key of a diagram. Did you mean 'wires'?"]),
     "misspelt values": ([("[values]", "[vaules]")], ["24: 'vaules' is not a key of a diagram. Did you mean 'values'?"]),
     "output": (
         [('"motor"', '"motr"')],
         ["22: output 'angle' names block 'motr', which is not in blocks. Did you mean 'motor'?"],
     ),
-    "output not text": ([('"motor"', '["motor"]')], ["22: output 'angle' must name one signal, such as \"motor.y\", got ['motor']."]),
+    "output not text": (
+        [('"motor"', '["motor"]')],
+        ["22: output 'angle' must name one signal, such as \"motor.y\", got ['motor']."],
+    ),
     "input not text": ([("[inputs]", "[inputs]\na = 3")], ["20: input 'a' must name a port, or list several, got 3."]),
     "input without ports": (
         [("[inputs]", '[inputs]\na = { unit = "rad" }')],
@@ -239,21 +220,30 @@ MISTAKES = {
     ),
     "quotation mark": (
         [('"Sine"', '"Sine')],
-        ["10: this is not TOML: a text is not closed; it needs a quotation mark at its end (column 23: ref = { type = \"Sine })."],
+        [
+            '10: this is not TOML: a text is not closed; it needs a quotation mark at its end (column 23: ref = { type = "Sine }).'
+        ],
     ),
-    "list not closed": (
-        [("5.0", "[")],
-        ["26: this is not TOML: invalid value (at the end)."],
+    "list not closed": ([("5.0", "[")], ["26: this is not TOML: invalid value (at the end)."]),
+    "later format": (
+        [("format = 1", "format = 2")],
+        ["1: the format is 2; this version reads format = 1, at the top of the file."],
     ),
-    "later format": ([("format = 1", "format = 2")], ["1: the format is 2; this version reads format = 1, at the top of the file."]),
-    "format true": ([("format = 1", "format = true")], ["1: the format is True; this version reads format = 1, at the top of the file."]),
+    "format true": (
+        [("format = 1", "format = true")],
+        ["1: the format is True; this version reads format = 1, at the top of the file."],
+    ),
     "use upward": (
         [('type = "Sine"', 'use = "../secret"')],
-        ["10: block 'ref': use = '../secret' leads out of the folder of this file. Name a diagram next to it or below."],
+        [
+            "10: block 'ref': use = '../secret' leads out of the folder of this file. Name a diagram next to it or below."
+        ],
     ),
     "use from the root": (
         [('type = "Sine"', 'use = "/etc/passwd"')],
-        ["10: block 'ref': use = '/etc/passwd' leads out of the folder of this file. Name a diagram next to it or below."],
+        [
+            "10: block 'ref': use = '/etc/passwd' leads out of the folder of this file. Name a diagram next to it or below."
+        ],
     ),
     "use of a drive": (
         [('type = "Sine"', 'use = "C:secret"')],
@@ -274,7 +264,7 @@ MISTAKES = {
         [('type = "Saturation"', 'use = "motor_linear", set = { motr.K = 2.0 }')],
         ["13: block 'drive': set: there is no parameter 'motr.K'. Did you mean 'motor.K'?"],
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -293,9 +283,12 @@ def test_a_number_that_is_refused_is_said_with_its_meaning():
 WITHOUT_A_LINE = {
     "empty": ("", "the file is empty. A diagram begins with format = 1 and has [blocks]."),
     "comments only": ("# to do\n\n", "the file is empty. A diagram begins with format = 1 and has [blocks]."),
-    "no format": (changed(("format = 1\n", "")), "there is no format; this version reads format = 1, at the top of the file."),
+    "no format": (
+        changed(("format = 1\n", "")),
+        "there is no format; this version reads format = 1, at the top of the file.",
+    ),
     "no blocks": ("format = 1\n", "there are no [blocks]."),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", WITHOUT_A_LINE)
@@ -486,10 +479,7 @@ def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
         ),
         (GOOD.encode("utf-16"), ":1: the text is not UTF-8 (it seems to be UTF-16). Save it as UTF-8."),
         (b"format = 1\x00\n", ":1: this is not TOML: expected newline or end of document after a statement"),
-        (
-            b"format = 1\rtitle = 'old'\r",
-            ":1: this is not TOML: expected newline or end of document after a statement",
-        ),
+        (b"format = 1\rtitle = 'old'\r", ":1: this is not TOML: expected newline or end of document after a statement"),
         (b"\x7fELF\x02\x01\x01", ":1: this is not TOML: invalid statement"),
         (b"", ": the file is empty."),
     ],
@@ -508,7 +498,7 @@ def test_a_file_cannot_steer_the_terminal():
 # ---- size -------------------------------------------------------------------------------------
 
 MANY = {
-    "wires of no block": 'format = 1\nblocks = {}\nwires = [\n' + '"a -> b",\n' * 90_000 + "]\n",
+    "wires of no block": "format = 1\nblocks = {}\nwires = [\n" + '"a -> b",\n' * 90_000 + "]\n",
     "a million wires": "format = 1\nblocks = {}\nwires = [\n" + '"aaa -> b",\n' * 1_000_000 + "]\n",
     "one wire of ten megabytes": 'format = 1\nblocks = {}\nwires = ["' + "a->" * 3_500_000 + 'b"]\n',
     "a name of ten megabytes": 'format = 1\nblocks = {}\nwires = ["' + "a" * 10_000_000 + '->b"]\n',
@@ -529,9 +519,10 @@ MANY = {
     "blocks not wired": "format = 1\n[blocks]\n" + "".join(f"a{k} = {{ type = 'Gain' }}\n" for k in range(80_000)),
     "unknown keys": "format = 1\nblocks = {}\n" + "".join(f"k{k} = 1\n" for k in range(200_000)),
     "keys in a deep table": f"[{'.'.join(['a'] * 150)}]\n" + "".join(f"k{k} = 1\n" for k in range(100_000)),
-    "references": "format = 1\n[blocks]\n" + "".join(f"a{k} = {{ type = 'Gain', gain = '$b{k}' }}\n" for k in range(20_000)),
+    "references": "format = 1\n[blocks]\n"
+    + "".join(f"a{k} = {{ type = 'Gain', gain = '$b{k}' }}\n" for k in range(20_000)),
     "more than may be": "#" * (LARGEST + 1),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", MANY)
@@ -593,9 +584,40 @@ def test_reading_a_file_needs_no_heavy_library():
 # ---- anything at all --------------------------------------------------------------------------
 
 SHELF = [(shelf() / f"{name}.toml").read_bytes() for name in names()]
-WORDS = [b'"', b"'", b'"""', b"[", b"]", b"{", b"}", b"=", b".", b",", b"->", b"$", b"\n", b"nan", b"inf", b"-1", b"1e400",
-         b"true", b"#", b"use", b"type", b"set", b"[blocks]", b"[blocks.x]", b"wires", b"\xff", b"\x00", b"\xef\xbb\xbf",
-         b"99999999999999999999", b"1979-05-27", b"{ type = 'Sum', signs = '' }", b"{ use = 'fig07_observer' }"]  # fmt: skip
+WORDS = [
+    b'"',
+    b"'",
+    b'"""',
+    b"[",
+    b"]",
+    b"{",
+    b"}",
+    b"=",
+    b".",
+    b",",
+    b"->",
+    b"$",
+    b"\n",
+    b"nan",
+    b"inf",
+    b"-1",
+    b"1e400",
+    b"true",
+    b"#",
+    b"use",
+    b"type",
+    b"set",
+    b"[blocks]",
+    b"[blocks.x]",
+    b"wires",
+    b"\xff",
+    b"\x00",
+    b"\xef\xbb\xbf",
+    b"99999999999999999999",
+    b"1979-05-27",
+    b"{ type = 'Sum', signs = '' }",
+    b"{ use = 'fig07_observer' }",
+]
 
 
 def answered(data):

@@ -64,8 +64,9 @@ def test_sampled(name):
     u = np.random.default_rng(4).standard_normal(200)
     ours = response(block, t, u, T)
     if system is None:
-        system = {"forward": 2 * T / (Z - 1), "backward": 2 * T * Z / (Z - 1),
-                  "trapezoidal": T * (Z + 1) / (Z - 1)}[block.method]  # fmt: skip
+        system = {"forward": 2 * T / (Z - 1), "backward": 2 * T * Z / (Z - 1), "trapezoidal": T * (Z + 1) / (Z - 1)}[
+            block.method
+        ]
     theirs = np.asarray(ct.forced_response(ct.ss(system), t, u).outputs)
     assert np.abs(ours - theirs).max() < 1e-10
 

@@ -21,8 +21,16 @@ SIGNALS = {
     "ringing": 1.0 - np.exp(-0.5 * T) * (np.cos(4 * T) + 0.125 * np.sin(4 * T)),
     "ramp": 2.0 * T,
 }
-UNITS = {"x_ref": "rad", "x_out": "rad", "u": "V", "speed": "rad/s", "share": "1", "odd": "", "angle": "deg",
-         "motor.i": "A"}  # fmt: skip
+UNITS = {
+    "x_ref": "rad",
+    "x_out": "rad",
+    "u": "V",
+    "speed": "rad/s",
+    "share": "1",
+    "odd": "",
+    "angle": "deg",
+    "motor.i": "A",
+}
 TOP = math.exp(-0.5 * math.pi / 4)
 """Overshoot of the second-order step response: exp(-decay pi / frequency)."""
 CASES = {
@@ -131,8 +139,14 @@ def test_metrics_have_the_names_they_are_given():
 def test_metrics_of_a_run():
     run = tsm.simulate(tsm.load("fig16_feedforward_feedback"), stop=10.0, step=1e-3)
     error = tsm.tracking_error(run, after=5.0)
-    found = measure(run, {"p": "peak_to_peak(x_ref - x_out, after=5)", "r": "rms(x_ref - x_out, after=5)",
-                          "l [deg]": "largest(x_ref - x_out, after=5)"})  # fmt: skip
+    found = measure(
+        run,
+        {
+            "p": "peak_to_peak(x_ref - x_out, after=5)",
+            "r": "rms(x_ref - x_out, after=5)",
+            "l [deg]": "largest(x_ref - x_out, after=5)",
+        },
+    )
     assert found == pytest.approx({"p": error.peak_to_peak, "r": error.rms, "l [deg]": math.degrees(error.largest)})
     assert list(measure(run)) == ["peak-to-peak error", "rms error", "largest error", "effort"]
 
@@ -146,8 +160,11 @@ def test_what_others_call_total_variation_is_found():
 
 
 def test_no_instant_is_left():
-    with pytest.raises(DataError, match=r"metric 'm': no instant of the run lies between 20 and inf s; it goes from "
-                                        r"0 to 10 s"):  # fmt: skip
+    with pytest.raises(
+        DataError,
+        match=r"metric 'm': no instant of the run lies between 20 and inf s; it goes from "
+        r"0 to 10 s",
+    ):
         metric("rms(y, after=20)", {"y": ""}, "m")(T, {"y": T})
 
 

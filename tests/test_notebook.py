@@ -23,8 +23,9 @@ LOOP = tsm.load("fig16_feedforward_feedback")
 
 
 def record(name="bend", gap=0.03, seed=1, **more):
-    gap = tsm.Diagram(blocks={"gap": Play(half_width=gap)}, inputs={"x_in": tsm.Inlet("gap.u", "rad")},
-                      outputs={"x_out": "gap"})  # fmt: skip
+    gap = tsm.Diagram(
+        blocks={"gap": Play(half_width=gap)}, inputs={"x_in": tsm.Inlet("gap.u", "rad")}, outputs={"x_out": "gap"}
+    )
     run = tsm.simulate(gap, inputs={"x_in": (T, X)}, stop=T[-1], step=0.01)
     y = run["x_out"] + np.random.default_rng(seed).normal(0.0, 0.002, len(T))
     return tsm.Record(name, T, {"x_in": X, "x_out": y}, {"x_in": "rad", "x_out": "rad"}, **more)
@@ -45,19 +46,36 @@ def things():
         "study": tsm.study(LOOP, {"pid.kp": [0.5, 1.0, 2.0]}, {NASTY: "rms(x_ref - x_out)"}, stop=1.0, title=NASTY),
         "responses": responses(LOOP, {"pid.kp": [0.5, 1.0, 2.0]}, stop=1.0),
         "batch": tsm.simulate_batch(LOOP, {"pid.kp": [0.5, 1.0]}, stop=0.5),
-        "reduced": tsm.simulate_batch(LOOP, {"pid.kp": np.linspace(0.5, 1.0, 50)}, stop=0.1,
-                                      reduce=lambda t, y: {"last": y["x_out"][-1]}),
+        "reduced": tsm.simulate_batch(
+            LOOP, {"pid.kp": np.linspace(0.5, 1.0, 50)}, stop=0.1, reduce=lambda t, y: {"last": y["x_out"][-1]}
+        ),
         "tuned": tsm.tune({NASTY: LOOP}, {"pid.kp": (0.5, 2.0)}, "rms(x_ref - x_out)", stop=1.0, starts=1),
-        "control": tsm.optimal_control(tsm.load("motor_linear").rewire(title=NASTY), {"u": (-24.0, 24.0)}, "0.5 - x",
-                                       stop=0.2, step=0.02),
+        "control": tsm.optimal_control(
+            tsm.load("motor_linear").rewire(title=NASTY), {"u": (-24.0, 24.0)}, "0.5 - x", stop=0.2, step=0.02
+        ),
         "frequencies": frequency_response(tsm.load("motor_linear").rewire(title=NASTY), [1.0, 2.0], [0.1, 0.2]),
         "block": PID(kp=2.0),
         "source": Sine(unit="rad"),
-    }  # fmt: skip
+    }
 
 
-KINDS = ["run", "record", "fit", "differences", "comparison", "diagnosis", "study", "responses", "batch", "reduced",
-         "tuned", "control", "frequencies", "block", "source"]  # fmt: skip
+KINDS = [
+    "run",
+    "record",
+    "fit",
+    "differences",
+    "comparison",
+    "diagnosis",
+    "study",
+    "responses",
+    "batch",
+    "reduced",
+    "tuned",
+    "control",
+    "frequencies",
+    "block",
+    "source",
+]
 
 
 def words(html):
@@ -265,5 +283,5 @@ def test_what_else_is_told_in_a_line():
         repr(tsm.sensitivities(LOOP, ["pid.kp"], stop=0.1)): "Sensitivities(x_ref, x_out, x_in, u by pid.kp, 101 "
         "instants)",
         repr(grid({"pid.kp": [1.0, 2.0]})): "Plan(columns={'pid.kp': array([1., 2.])}, kind='grid')",
-    }  # fmt: skip
+    }
     assert list(said) == list(said.values())

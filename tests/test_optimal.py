@@ -39,9 +39,13 @@ HALF = np.deg2rad(55.0)
 
 def line(*blocks, unit=""):
     names = [f"b{k}" for k in range(len(blocks))]
-    return tsm.Diagram(title="line", blocks=dict(zip(names, blocks, strict=True)),
-                       wires=[" -> ".join(names)] if len(names) > 1 else [], inputs={"u": tsm.Inlet("b0", unit=unit)},
-                       outputs={"y": names[-1]})  # fmt: skip
+    return tsm.Diagram(
+        title="line",
+        blocks=dict(zip(names, blocks, strict=True)),
+        wires=[" -> ".join(names)] if len(names) > 1 else [],
+        inputs={"u": tsm.Inlet("b0", unit=unit)},
+        outputs={"y": names[-1]},
+    )
 
 
 def sheath():
@@ -101,8 +105,15 @@ def test_kinks_are_told_and_rounded():
 def test_a_triangle_steeper_than_the_command_may_be(pace):
     """The best command is the triangle made flatter: the error has its corners where the reference has them."""
     t = np.linspace(0.0, 4.0, 81)
-    found = tsm.optimal_control(line(Gain()), {"u": (None, None)}, "r - y", rates={"u": (-pace, pace)},
-                                references={"r": (t, triangle(t))}, step=0.05, periodic=True)  # fmt: skip
+    found = tsm.optimal_control(
+        line(Gain()),
+        {"u": (None, None)},
+        "r - y",
+        rates={"u": (-pace, pace)},
+        references={"r": (t, triangle(t))},
+        step=0.05,
+        periodic=True,
+    )
     assert found.found
     assert found.peak == pytest.approx(1 - pace, rel=1e-4)
     assert np.abs(np.diff(found.commands["u"])).max() <= pace * 0.05 * (1 + 1e-6)
@@ -112,8 +123,15 @@ def test_an_integrator_that_cannot_keep_up():
     """A ramp of slope 2 followed at speed 1 at most: the error at the end is the time."""
     t = np.linspace(0.0, 2.0, 41)
     for smallest in ("peak", "rms"):
-        found = tsm.optimal_control(line(Integrator()), {"u": (-1.0, 1.0)}, "r - y", smallest=smallest, step=0.05,
-                                    references={"r": (t, 2 * t)}, guess={"u": np.linspace(1, 0, 41)})  # fmt: skip
+        found = tsm.optimal_control(
+            line(Integrator()),
+            {"u": (-1.0, 1.0)},
+            "r - y",
+            smallest=smallest,
+            step=0.05,
+            references={"r": (t, 2 * t)},
+            guess={"u": np.linspace(1, 0, 41)},
+        )
         assert found.found
         assert found.error[-1] == pytest.approx(2.0, rel=1e-6)
         assert found.commands["u"] == pytest.approx(np.ones(41), abs=1e-4)
@@ -132,10 +150,17 @@ def test_the_smallest_peak_of_a_linear_plant_is_that_of_a_linear_programme():
         z[k + 1] = float(a[0, 0]) * z[k] + float(b[0, 0]) * np.eye(count + 1)[k]
     y = float(c[0, 0]) * z + float(d[0, 0]) * np.eye(count + 1)
     one = np.ones((count + 1, 1))
-    best = linprog(np.append(np.zeros(count + 1), 1.0), np.block([[y, -one], [-y, -one]]), np.concatenate([r, -r]),
-                   np.append(np.eye(count + 1)[:1], [[0.0]], axis=1), [0.0], [(-1.2, 1.2)] * (count + 1) + [(0, None)])  # fmt: skip
-    found = tsm.optimal_control(line(FirstOrderLag(time_constant=T)), {"u": (-1.2, 1.2)}, "r - y", step=h, pieces=1,
-                                references={"r": (t, r)})  # fmt: skip
+    best = linprog(
+        np.append(np.zeros(count + 1), 1.0),
+        np.block([[y, -one], [-y, -one]]),
+        np.concatenate([r, -r]),
+        np.append(np.eye(count + 1)[:1], [[0.0]], axis=1),
+        [0.0],
+        [(-1.2, 1.2)] * (count + 1) + [(0, None)],
+    )
+    found = tsm.optimal_control(
+        line(FirstOrderLag(time_constant=T)), {"u": (-1.2, 1.2)}, "r - y", step=h, pieces=1, references={"r": (t, r)}
+    )
     assert best.success
     assert best.fun * (1 - 1e-4) < found.peak < best.fun * 1.011  # of all within 1 % of it, the calmest
     again = tsm.simulate(line(FirstOrderLag(time_constant=T)), inputs=found.inputs(), step=h / 50, stop=t[-1])
@@ -164,9 +189,16 @@ def test_the_user_s_units_change_nothing(scale):
 def best():
     t = np.linspace(0.0, 5.0, 501)
     reference = HALF * np.sin(0.4 * np.pi * t)
-    return tsm.optimal_control(sheath(), {"x_in": (None, None)}, "x_ref - x_out", rates={"x_in": (-3.0, 3.0)},
-                               references={"x_ref": (t, reference)}, step=0.01, periodic=True,
-                               guess={"x_in": 1.25 * reference})  # fmt: skip
+    return tsm.optimal_control(
+        sheath(),
+        {"x_in": (None, None)},
+        "x_ref - x_out",
+        rates={"x_in": (-3.0, 3.0)},
+        references={"x_ref": (t, reference)},
+        step=0.01,
+        periodic=True,
+        guess={"x_in": 1.25 * reference},
+    )
 
 
 def test_the_best_feedforward_of_the_paper_s_plant(best):
@@ -208,19 +240,38 @@ def test_a_limiter_in_the_plant_is_passed_over():
     """The search begins beyond the limit, where a command changes nothing, and the error asks for it to come back."""
     t = np.linspace(0.0, 2.0, 41)
     plant = line(Saturation(low=-1.0, high=1.0), FirstOrderLag(time_constant=0.2))
-    found = tsm.optimal_control(plant, {"u": (-5.0, 5.0)}, "r - y", smallest="rms", step=0.05,
-                                references={"r": (t, 0.5 * (1 - np.exp(-t / 0.2)))}, guess={"u": np.full(41, 1.5)})  # fmt: skip
+    found = tsm.optimal_control(
+        plant,
+        {"u": (-5.0, 5.0)},
+        "r - y",
+        smallest="rms",
+        step=0.05,
+        references={"r": (t, 0.5 * (1 - np.exp(-t / 0.2)))},
+        guess={"u": np.full(41, 1.5)},
+    )
     assert found.rms < 0.03
 
 
 def test_a_rim_that_is_never_reached_leaves_nothing_to_round_off():
     """A difference from infinity bends nowhere; rounded off, it would be no number."""
     t = np.linspace(0.0, 1.0, 51)
-    vessel = tsm.Diagram(title="vessel", blocks={"rim": Overflow(), "level": FirstOrderLag(time_constant=0.2)},
-                         wires=["rim.y -> level", "level -> rim.x"], inputs={"u": "rim.u"}, outputs={"y": "level"})  # fmt: skip
+    vessel = tsm.Diagram(
+        title="vessel",
+        blocks={"rim": Overflow(), "level": FirstOrderLag(time_constant=0.2)},
+        wires=["rim.y -> level", "level -> rim.x"],
+        inputs={"u": "rim.u"},
+        outputs={"y": "level"},
+    )
     wanted = 0.5 * (1 - np.exp(-t / 0.2))  # the answer of the lag to a step of 0.5
-    found = tsm.optimal_control(vessel, {"u": (-5.0, 5.0)}, "r - y", smallest="rms", step=0.02,
-                                references={"r": (t, wanted)}, guess={"u": np.full(51, 0.5)})  # fmt: skip
+    found = tsm.optimal_control(
+        vessel,
+        {"u": (-5.0, 5.0)},
+        "r - y",
+        smallest="rms",
+        step=0.02,
+        references={"r": (t, wanted)},
+        guess={"u": np.full(51, 0.5)},
+    )
     assert found.rms < 1e-4
     assert np.abs(found.commands["u"][:40] - 0.5).max() < 0.01
 
@@ -230,9 +281,17 @@ def test_a_rim_that_is_never_reached_leaves_nothing_to_round_off():
 
 def test_with_a_short_preview_nearly_as_good(best):
     t = np.arange(0.0, 6.0 + 0.5 + 1e-9, 0.02)
-    found = tsm.receding_horizon(sheath(), {"x_in": (None, None)}, "x_ref - x_out", rates={"x_in": (-3.0, 3.0)},
-                                 references={"x_ref": (t, HALF * np.sin(0.4 * np.pi * t))}, preview=25, step=0.02,
-                                 smallest="peak", stop=6.0)  # fmt: skip
+    found = tsm.receding_horizon(
+        sheath(),
+        {"x_in": (None, None)},
+        "x_ref - x_out",
+        rates={"x_in": (-3.0, 3.0)},
+        references={"x_ref": (t, HALF * np.sin(0.4 * np.pi * t))},
+        preview=25,
+        step=0.02,
+        smallest="peak",
+        stop=6.0,
+    )
     late = found.error.reshape(300, -1)[50:]
     assert best.peak_to_peak < np.ptp(late) < np.deg2rad(2.0)
     assert found.seconds.shape == (300,)
@@ -267,8 +326,15 @@ def test_a_state_that_is_measured_counts():
 def test_a_plan_does_not_get_stuck_at_standing_still(block):
     """Hysteresis makes standing still a place that no small change betters; another begin leads out of it."""
     t = 0.05 * np.arange(60)
-    found = tsm.receding_horizon(line(block, unit="rad"), {"u": (-3.0, 3.0)}, "r - y", preview=10, step=0.05, stop=2.4,
-                                 references={"r": (t, np.sin(3 * t))})  # fmt: skip
+    found = tsm.receding_horizon(
+        line(block, unit="rad"),
+        {"u": (-3.0, 3.0)},
+        "r - y",
+        preview=10,
+        step=0.05,
+        stop=2.4,
+        references={"r": (t, np.sin(3 * t))},
+    )
     assert found.peak < 0.12
 
 
@@ -293,9 +359,15 @@ def test_commands_are_linear_between_samples_whatever_holds_for_the_rest(hold):
 def test_a_limit_that_the_equations_miss_is_told():
     """With the sign rounded off the limit is kept; as it is, it cannot be."""
     t = np.linspace(0.0, 2.0, 41)
-    found = tsm.optimal_control(line(Sign(), FirstOrderLag(time_constant=0.2)), {"u": (-1.0, 1.0)}, "r - y",
-                                references={"r": (t, 0.7 * np.sin(3 * t))}, step=0.05, smallest="rms",
-                                limits="abs(y) <= 0.3")  # fmt: skip
+    found = tsm.optimal_control(
+        line(Sign(), FirstOrderLag(time_constant=0.2)),
+        {"u": (-1.0, 1.0)},
+        "r - y",
+        references={"r": (t, 0.7 * np.sin(3 * t))},
+        step=0.05,
+        smallest="rms",
+        limits="abs(y) <= 0.3",
+    )
     assert not found.found
     assert found.missed > 0.05
     assert "(not the end of the search: " in str(found)
@@ -303,8 +375,13 @@ def test_a_limit_that_the_equations_miss_is_told():
 
 def test_a_source_that_jumps_is_seen_from_both_sides():
     """Half a volt at one instant: no command does better than half of it."""
-    jump = tsm.Diagram(title="jump", blocks={"a": FirstOrderLag(time_constant=0.1), "d": Step(time=1.0, after=0.5), "s": Sum()},
-                       wires=["a -> s.plus", "d -> s.minus"], inputs={"u": tsm.Inlet("a")}, outputs={"y": "s"})  # fmt: skip
+    jump = tsm.Diagram(
+        title="jump",
+        blocks={"a": FirstOrderLag(time_constant=0.1), "d": Step(time=1.0, after=0.5), "s": Sum()},
+        wires=["a -> s.plus", "d -> s.minus"],
+        inputs={"u": tsm.Inlet("a")},
+        outputs={"y": "s"},
+    )
     found = tsm.optimal_control(jump, {"u": (-5.0, 5.0)}, "y", stop=2.0, step=0.05)
     assert found.peak == pytest.approx(0.25, rel=0.05)
 
@@ -334,8 +411,15 @@ def test_ctrl_c_ends_with_the_best_so_far():
     assert not found.found
     assert found.word == "interrupted"
     t, told[:] = np.arange(0.0, 3.0, 0.05), []
-    found = tsm.receding_horizon(line(FirstOrderLag(time_constant=0.2)), {"u": (-2, 2)}, "r - y", preview=5, step=0.05,
-                                 references={"r": (t, np.sin(t))}, progress=press)  # fmt: skip
+    found = tsm.receding_horizon(
+        line(FirstOrderLag(time_constant=0.2)),
+        {"u": (-2, 2)},
+        "r - y",
+        preview=5,
+        step=0.05,
+        references={"r": (t, np.sin(t))},
+        progress=press,
+    )
     assert found.word == "interrupted after 2 samples"
     assert found.run.t[-1] == pytest.approx(0.1)
 
@@ -350,44 +434,184 @@ def asked(diagram=None, commands=None, error="r - y", **more):
 
 
 MISTAKES = {
-    "no diagram": (lambda: asked("fig09"), RunError, "only a diagram can be run, got 'fig09'. Load it first: tsmblocks.load('fig09')."),
-    "no commands": (lambda: asked(commands={}), RunError, "name at least one input of the diagram as a command, with its limits: commands={'u': (-24, 24)}."),
-    "commands as a list": (lambda: asked(commands=["u"]), ParameterError, "commands must map inputs to (low, high), got ['u']."),
-    "unknown command": (lambda: asked(commands={"v": (0, 1)}), ParameterError, "commands: 'line' has no input 'v'. Known here: u."),
-    "one limit": (lambda: asked(commands={"u": 3.0}), ParameterError, "commands of 'u' must be a pair (low, high), None for no limit, got 3."),
-    "limits the wrong way": (lambda: asked(commands={"u": (1, -1)}), ParameterError, "commands of 'u': the lower limit must be below the upper one, got (1, -1)."),
-    "limit that is no number": (lambda: asked(commands={"u": (0, "a")}), ParameterError, "commands of 'u' must be a finite number, got 'a'."),
-    "rate of no command": (lambda: asked(rates={"x": (0, 1)}), ParameterError, "rates: 'line' has no command 'x'. Known here: u."),
+    "no diagram": (
+        lambda: asked("fig09"),
+        RunError,
+        "only a diagram can be run, got 'fig09'. Load it first: tsmblocks.load('fig09').",
+    ),
+    "no commands": (
+        lambda: asked(commands={}),
+        RunError,
+        "name at least one input of the diagram as a command, with its limits: commands={'u': (-24, 24)}.",
+    ),
+    "commands as a list": (
+        lambda: asked(commands=["u"]),
+        ParameterError,
+        "commands must map inputs to (low, high), got ['u'].",
+    ),
+    "unknown command": (
+        lambda: asked(commands={"v": (0, 1)}),
+        ParameterError,
+        "commands: 'line' has no input 'v'. Known here: u.",
+    ),
+    "one limit": (
+        lambda: asked(commands={"u": 3.0}),
+        ParameterError,
+        "commands of 'u' must be a pair (low, high), None for no limit, got 3.",
+    ),
+    "limits the wrong way": (
+        lambda: asked(commands={"u": (1, -1)}),
+        ParameterError,
+        "commands of 'u': the lower limit must be below the upper one, got (1, -1).",
+    ),
+    "limit that is no number": (
+        lambda: asked(commands={"u": (0, "a")}),
+        ParameterError,
+        "commands of 'u' must be a finite number, got 'a'.",
+    ),
+    "rate of no command": (
+        lambda: asked(rates={"x": (0, 1)}),
+        ParameterError,
+        "rates: 'line' has no command 'x'. Known here: u.",
+    ),
     "unknown signal": (lambda: asked(error="r - z"), ParameterError, "there is no signal 'z'"),
-    "goal": (lambda: asked(smallest="peaks"), ParameterError, "smallest is 'peak' or 'rms', got 'peaks'. Did you mean 'peak'?"),
-    "reference that is a signal": (lambda: asked(references={"y": (np.arange(2.0), np.zeros(2))}), ParameterError, "references give 'y', which is a signal of 'line' already."),
-    "no end": (lambda: asked(references={"r": 1.0}), RunError, "say when it ends: stop=… [s], or references as (times, values)."),
-    "stop between samples": (lambda: asked(stop=0.95), RunError, "stop=0.95 s is no whole number of steps of 0.1 s after start=0 s."),
-    "reference too short": (lambda: asked(stop=2.0), DataError, "input 'r' is known from 0 to 1 s, but the run goes from 0 to 2 s. Shorten the run, or give more samples."),
-    "guess of another": (lambda: asked(guess={"v": np.zeros(11)}), ParameterError, "guess: there is no command 'v'. Known here: u."),
-    "guess too short": (lambda: asked(guess={"u": np.zeros(7)}), ParameterError, "guess of 'u' must be 11 finite numbers, one for each sample, or a pair (times, values) with times that increase."),
-    "sampled": (lambda: asked(line(ZeroOrderHold(period=0.1))), RunError, "'line' has a part that works in jumps (b0); optimal control needs states that move smoothly. Put a continuous block in its place."),
-    "delay": (lambda: asked(line(Delay(time=0.1))), RunError, "'line' delays b0.past, which optimal control cannot follow. Leave the delay out, and give the references that much earlier."),
+    "goal": (
+        lambda: asked(smallest="peaks"),
+        ParameterError,
+        "smallest is 'peak' or 'rms', got 'peaks'. Did you mean 'peak'?",
+    ),
+    "reference that is a signal": (
+        lambda: asked(references={"y": (np.arange(2.0), np.zeros(2))}),
+        ParameterError,
+        "references give 'y', which is a signal of 'line' already.",
+    ),
+    "no end": (
+        lambda: asked(references={"r": 1.0}),
+        RunError,
+        "say when it ends: stop=… [s], or references as (times, values).",
+    ),
+    "stop between samples": (
+        lambda: asked(stop=0.95),
+        RunError,
+        "stop=0.95 s is no whole number of steps of 0.1 s after start=0 s.",
+    ),
+    "reference too short": (
+        lambda: asked(stop=2.0),
+        DataError,
+        "input 'r' is known from 0 to 1 s, but the run goes from 0 to 2 s. Shorten the run, or give more samples.",
+    ),
+    "guess of another": (
+        lambda: asked(guess={"v": np.zeros(11)}),
+        ParameterError,
+        "guess: there is no command 'v'. Known here: u.",
+    ),
+    "guess too short": (
+        lambda: asked(guess={"u": np.zeros(7)}),
+        ParameterError,
+        "guess of 'u' must be 11 finite numbers, one for each sample, or a pair (times, values) with times that increase.",
+    ),
+    "sampled": (
+        lambda: asked(line(ZeroOrderHold(period=0.1))),
+        RunError,
+        "'line' has a part that works in jumps (b0); optimal control needs states that move smoothly. Put a continuous block in its place.",
+    ),
+    "delay": (
+        lambda: asked(line(Delay(time=0.1))),
+        RunError,
+        "'line' delays b0.past, which optimal control cannot follow. Leave the delay out, and give the references that much earlier.",
+    ),
     "pieces": (lambda: asked(pieces=0), RunError, "pieces must be a whole number of at least 1, got 0."),
-    "missing reference": (lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=["r"], preview=3).next({}), DataError, "the references are r, and r is not given."),
-    "preview of another length": (lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=["r"], preview=3).next({"r": np.zeros(3)}), DataError, "'r' must be a number or 4 samples, one for now and one for each sample of the preview; got shape (3,)."),
-    "rounds": (lambda: asked(line(Quantiser(interval=0.1))), RunError, "'line' rounds a signal to steps, and a search by slopes cannot see from one step to the next. Leave the block that rounds out of the model."),
-    "two derivatives": (lambda: asked(line(Derivative(), Derivative())), RunError, "'line' needs the second derivative of 'u', and a command that is linear between its samples has none. Put a lag or an integrator behind it."),
-    "command as input": (lambda: asked(inputs={"u": 0.3}), DataError, "'u' is a command of 'line'; it cannot be given as an input too."),
-    "references as a list": (lambda: asked(references=["r"]), DataError, "references must map names to signals, such as {'x_ref': (t, values)}, got ['r']."),
-    "progress": (lambda: asked(progress=True), RunError, "progress is a function of a stage, how much of it is done and of how much, got True."),
+    "missing reference": (
+        lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=["r"], preview=3).next({}),
+        DataError,
+        "the references are r, and r is not given.",
+    ),
+    "preview of another length": (
+        lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=["r"], preview=3).next(
+            {"r": np.zeros(3)}
+        ),
+        DataError,
+        "'r' must be a number or 4 samples, one for now and one for each sample of the preview; got shape (3,).",
+    ),
+    "rounds": (
+        lambda: asked(line(Quantiser(interval=0.1))),
+        RunError,
+        "'line' rounds a signal to steps, and a search by slopes cannot see from one step to the next. Leave the block that rounds out of the model.",
+    ),
+    "two derivatives": (
+        lambda: asked(line(Derivative(), Derivative())),
+        RunError,
+        "'line' needs the second derivative of 'u', and a command that is linear between its samples has none. Put a lag or an integrator behind it.",
+    ),
+    "command as input": (
+        lambda: asked(inputs={"u": 0.3}),
+        DataError,
+        "'u' is a command of 'line'; it cannot be given as an input too.",
+    ),
+    "references as a list": (
+        lambda: asked(references=["r"]),
+        DataError,
+        "references must map names to signals, such as {'x_ref': (t, values)}, got ['r'].",
+    ),
+    "progress": (
+        lambda: asked(progress=True),
+        RunError,
+        "progress is a function of a stage, how much of it is done and of how much, got True.",
+    ),
     "periodic": (lambda: asked(periodic="no"), RunError, "periodic is True or False, got 'no'."),
-    "guess as a list": (lambda: asked(guess=[0.0] * 11), ParameterError, "guess must map commands to samples, got [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]."),
-    "guess of words": (lambda: asked(guess={"u": ["a"] * 11}), ParameterError, "guess of 'u' must be 11 finite numbers, one for each sample, or a pair (times, values) with times that increase."),
+    "guess as a list": (
+        lambda: asked(guess=[0.0] * 11),
+        ParameterError,
+        "guess must map commands to samples, got [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0].",
+    ),
+    "guess of words": (
+        lambda: asked(guess={"u": ["a"] * 11}),
+        ParameterError,
+        "guess of 'u' must be 11 finite numbers, one for each sample, or a pair (times, values) with times that increase.",
+    ),
     "limit of no signal": (lambda: asked(limits="z <= 1"), ParameterError, "there is no signal 'z'"),
-    "equality": (lambda: asked(limits="y == 0.5"), ParameterError, "limit 'y == 0.5': an equality at every instant leaves nothing to choose. Make it the error, or write two limits."),
-    "limit that is met": (lambda: asked(limits="1 <= 2"), ParameterError, "this is always true, whatever the signals are."),
-    "limits that cannot be kept": (lambda: asked(line(FirstOrderLag()), limits="y >= 2"), RunError, "no commands were found that keep all limits (Infeasible_Problem_Detected). Loosen limits, ranges or rates, allow more iterations, or begin at a guess that keeps them."),
-    "references of a controller": (lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=5), ParameterError, "references must be names of signals, got 5."),
-    "short references": (lambda: tsm.receding_horizon(line(Gain()), {"u": (-1, 1)}, "r - y", references={"r": (np.arange(3.0), np.zeros(3))}, step=0.2, preview=20), RunError, "what is given ends at 2 s, before one preview of 20 samples of 0.2 s and one sample are over. Give more, or a shorter preview."),
-    "state as a list": (lambda: tsm.RecedingHorizon(line(Integrator()), {"u": (-1, 1)}, "r - y", references="r", preview=3).next({"r": 0.0}, state=[1.0]), DataError, "state must map names of states to numbers, got [1.0]."),
-    "unknown state": (lambda: tsm.RecedingHorizon(line(Integrator()), {"u": (-1, 1)}, "r - y", references=["r"], preview=3).next({"r": 0.0}, state={"b0.integra": 1.0}), DataError, "'line' has no state 'b0.integra'. Did you mean 'b0.integral'?"),
-}  # fmt: skip
+    "equality": (
+        lambda: asked(limits="y == 0.5"),
+        ParameterError,
+        "limit 'y == 0.5': an equality at every instant leaves nothing to choose. Make it the error, or write two limits.",
+    ),
+    "limit that is met": (
+        lambda: asked(limits="1 <= 2"),
+        ParameterError,
+        "this is always true, whatever the signals are.",
+    ),
+    "limits that cannot be kept": (
+        lambda: asked(line(FirstOrderLag()), limits="y >= 2"),
+        RunError,
+        "no commands were found that keep all limits (Infeasible_Problem_Detected). Loosen limits, ranges or rates, allow more iterations, or begin at a guess that keeps them.",
+    ),
+    "references of a controller": (
+        lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=5),
+        ParameterError,
+        "references must be names of signals, got 5.",
+    ),
+    "short references": (
+        lambda: tsm.receding_horizon(
+            line(Gain()), {"u": (-1, 1)}, "r - y", references={"r": (np.arange(3.0), np.zeros(3))}, step=0.2, preview=20
+        ),
+        RunError,
+        "what is given ends at 2 s, before one preview of 20 samples of 0.2 s and one sample are over. Give more, or a shorter preview.",
+    ),
+    "state as a list": (
+        lambda: tsm.RecedingHorizon(line(Integrator()), {"u": (-1, 1)}, "r - y", references="r", preview=3).next(
+            {"r": 0.0}, state=[1.0]
+        ),
+        DataError,
+        "state must map names of states to numbers, got [1.0].",
+    ),
+    "unknown state": (
+        lambda: tsm.RecedingHorizon(line(Integrator()), {"u": (-1, 1)}, "r - y", references=["r"], preview=3).next(
+            {"r": 0.0}, state={"b0.integra": 1.0}
+        ),
+        DataError,
+        "'line' has no state 'b0.integra'. Did you mean 'b0.integral'?",
+    ),
+}
 
 
 @pytest.mark.parametrize("what", MISTAKES)
@@ -405,8 +629,12 @@ def test_commands_before_their_start_are_refused(best):
 
 def test_the_current_of_a_motor_is_kept_within_its_limit():
     """Voltage, current and speed: the motor as an electrical and mechanical model, its winding faster than a sample."""
-    motor = tsm.Diagram(title="motor", blocks={"motor": DCMotor()}, inputs={"u": tsm.Inlet("motor.u", unit="V")},
-                        outputs={"x": "motor.y", "i": "motor.i", "v": "motor.v"})  # fmt: skip
+    motor = tsm.Diagram(
+        title="motor",
+        blocks={"motor": DCMotor()},
+        inputs={"u": tsm.Inlet("motor.u", unit="V")},
+        outputs={"x": "motor.y", "i": "motor.i", "v": "motor.v"},
+    )
     t = np.linspace(0.0, 0.4, 21)
     how = dict(smallest="rms", references={"r": (t, np.sin(np.pi * t / 0.8) ** 2)}, step=0.02)
     free = tsm.optimal_control(motor, {"u": (-24.0, 24.0)}, "r - x", **how)

@@ -38,8 +38,10 @@ def records(*, first="sheath"):
     rng, step, made = np.random.default_rng(77), 1e-3, {}
     t = np.arange(0.0, 40.0, step)
     for name, sizes, tones in (
-        ("big", (45, 12), (0.2, 0.47)), ("mid", (20, 9), (0.31, 0.77)), ("small", (8, 4), (0.23, 0.9)),
-    ):  # fmt: skip
+        ("big", (45, 12), (0.2, 0.47)),
+        ("mid", (20, 9), (0.31, 0.77)),
+        ("small", (8, 4), (0.23, 0.9)),
+    ):
         x = sum(a * np.sin(2 * np.pi * f * t) for a, f in zip(sizes, tones, strict=True)) * np.minimum(t, 1) * DEG
         if first == "sheath":
             y = gap(sheath(x, np.gradient(x, step), step), HALF * DEG)
@@ -111,8 +113,10 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     said = found(None)
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]
-    assert note == ("the noise floor of x_out found in repeated periods (1.16 deg) is above all that the base leaves "
-                    "(0.355 deg rms); 0.0621 deg of fast noise is taken instead.")  # fmt: skip
+    assert note == (
+        "the noise floor of x_out found in repeated periods (1.16 deg) is above all that the base leaves "
+        "(0.355 deg rms); 0.0621 deg of fast noise is taken instead."
+    )
 
 
 def test_wires_in_front_of_blocks_that_were_named_are_places_too():
@@ -124,6 +128,7 @@ def test_wires_in_front_of_blocks_that_were_named_are_places_too():
     plain = sites(model, ["x_out"])
     further = [s for s in sites(model, ["x_out"], named={"gap", "more"}) if s not in plain]
     assert [(s.place, s.signal, s.before) for s in further] == [
-        ("output", "offset.y", "gap.u"), ("across", "offset.y", "gap.u"),
-    ]  # fmt: skip
+        ("output", "offset.y", "gap.u"),
+        ("across", "offset.y", "gap.u"),
+    ]
     assert [s for s in sites(model, ["x_out"], named={"gap"}) if s not in plain] == []

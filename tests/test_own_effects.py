@@ -12,13 +12,20 @@ from tsmblocks.effects import Effect, Trials, registered
 TANKS = tsm.Diagram(
     title="tanks",
     blocks={
-        "upper_flow": Sum(), "upper": Integrator(integral=1.0), "upper_outlet": Gain(gain=0.8),
-        "lower_flow": Sum(), "lower": Integrator(integral=1.0), "lower_outlet": Gain(gain=0.5),
+        "upper_flow": Sum(),
+        "upper": Integrator(integral=1.0),
+        "upper_outlet": Gain(gain=0.8),
+        "lower_flow": Sum(),
+        "lower": Integrator(integral=1.0),
+        "lower_outlet": Gain(gain=0.5),
     },
-    wires=["upper_flow -> upper -> upper_outlet -> upper_flow.minus, lower_flow.plus",
-           "lower_flow -> lower -> lower_outlet -> lower_flow.minus"],
-    inputs={"u": "upper_flow.plus"}, outputs={"y": "lower"},
-)  # fmt: skip
+    wires=[
+        "upper_flow -> upper -> upper_outlet -> upper_flow.minus, lower_flow.plus",
+        "lower_flow -> lower -> lower_outlet -> lower_flow.minus",
+    ],
+    inputs={"u": "upper_flow.plus"},
+    outputs={"y": "lower"},
+)
 T = np.arange(0.0, 60.0, 0.1)
 FLOW = np.clip(1.0 + 0.9 * np.sin(0.5 * T) + 0.6 * np.sin(0.17 * T), 0.0, None)
 
@@ -34,8 +41,18 @@ def caught(diagram, name):
 
 
 def overflow(place="u -> upper_flow.plus", reads="upper"):
-    return Effect("overflow", "vessel", "an overflow of the upper tank", place, Overflow(), {"rim": float("inf")},
-                  ("rim", "caught"), rims, reads=reads, adds=caught)  # fmt: skip
+    return Effect(
+        "overflow",
+        "vessel",
+        "an overflow of the upper tank",
+        place,
+        Overflow(),
+        {"rim": float("inf")},
+        ("rim", "caught"),
+        rims,
+        reads=reads,
+        adds=caught,
+    )
 
 
 def site_of(diagram, effect):
@@ -48,8 +65,13 @@ def test_it_stands_on_its_wire_reads_its_signal_and_changes_the_rest():
     assert (site.signal, site.other, site.before) == ("u", "upper.y", "upper_flow.plus")
     made = site.put(TANKS, "overflow", effect.block)
     ends = {(".".join(x.source), ".".join(x.target)) for x in made.links}
-    assert {("overflow.y", "upper_flow.plus"), ("upper.y", "overflow.x"), ("overflow.spilt", "inflow.plus2"),
-            ("upper_outlet.y", "inflow.plus1"), ("inflow.y", "lower_flow.plus")} <= ends  # fmt: skip
+    assert {
+        ("overflow.y", "upper_flow.plus"),
+        ("upper.y", "overflow.x"),
+        ("overflow.spilt", "inflow.plus2"),
+        ("upper_outlet.y", "inflow.plus1"),
+        ("inflow.y", "lower_flow.plus"),
+    } <= ends
     assert made.inlets["u"] == (("overflow", "u"),)
 
 

@@ -42,12 +42,7 @@ def direct(reference, plant, compensator=None):
 
 @pytest.mark.parametrize(
     ("plant", "degrees"),
-    [
-        (AsymmetricBoucWen(), 28.67),
-        (GeneralizedBoucWen(), 27.01),
-        (BoucWen(), 26.47),
-        (BoucWen(gamma=2.272), 64.97),
-    ],
+    [(AsymmetricBoucWen(), 28.67), (GeneralizedBoucWen(), 27.01), (BoucWen(), 26.47), (BoucWen(gamma=2.272), 64.97)],
     ids=["proposed", "generalised", "symmetric", "symmetric as printed"],
 )
 def test_uncompensated_error_of_each_model(plant, degrees):

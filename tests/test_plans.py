@@ -1,5 +1,4 @@
 """Plans against what they promise: combinations, strata, distributions, a fit's covariance; and what is no plan."""
-# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import attrs
 import numpy as np
@@ -25,9 +24,7 @@ def test_a_grid_has_every_combination_once():
 
 def test_a_sweep_changes_one_number_at_a_time():
     plan = sweep({"a": [1, 3], "b": [5, 6, 7]})
-    assert [plan.row(k) for k in range(len(plan))] == [
-        {}, {"a": 1.0}, {"a": 3.0}, {"b": 5.0}, {"b": 6.0}, {"b": 7.0}
-    ]  # fmt: skip
+    assert [plan.row(k) for k in range(len(plan))] == [{}, {"a": 1.0}, {"a": 3.0}, {"b": 5.0}, {"b": 6.0}, {"b": 7.0}]
 
 
 def test_a_table_is_taken_as_it_is():
@@ -96,8 +93,12 @@ def test_draws_from_a_fit_stay_within_bounds():
     t = np.linspace(0, 10, 200)
     rng = np.random.default_rng(0)
     x = np.sin(t)
-    diagram = tsm.Diagram(title="rig", blocks={"lag": tsm.blocks.FirstOrderLag(time_constant=0.02)},
-                          inputs={"x": "lag"}, outputs={"y": "lag"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="rig",
+        blocks={"lag": tsm.blocks.FirstOrderLag(time_constant=0.02)},
+        inputs={"x": "lag"},
+        outputs={"y": "lag"},
+    )
     record = tsm.Record("rig", t, {"x": x, "y": np.sin(t - 0.02) + 0.2 * rng.standard_normal(200)}, {})
     found = tsm.fit(diagram, {"rig": record}, free=["lag.time_constant"])
     wide = attrs.evolve(found, covariance=np.array([[0.05**2]]))
@@ -115,39 +116,55 @@ def test_what_the_data_leave_open_cannot_be_drawn(fitted):
 
 
 REFUSED = {
-    "no mapping": (lambda: grid([1, 2]), "a plan maps parameters to values, such as {'pid.kp': [1, 1.5, 2]}, "
-                                         "got [1, 2]."),
+    "no mapping": (
+        lambda: grid([1, 2]),
+        "a plan maps parameters to values, such as {'pid.kp': [1, 1.5, 2]}, got [1, 2].",
+    ),
     "one number": (lambda: grid({"a": 3}), "'a' needs a list of values, got 3."),
     "a text": (lambda: grid({"a": "123"}), "'a' needs a list of values, got '123'."),
     "no value": (lambda: grid({"a": []}), "'a' needs a list of at least one value, got []."),
     "nan": (lambda: grid({"a": [1, float("nan")]}), "'a' has a value that is not finite."),
     "nothing": (lambda: grid({}), "a plan needs at least one parameter with at least one value."),
-    "lengths": (lambda: table({"a": [1, 2], "b": [1]}), "a plan needs as many values of each parameter; a has 2, "
-                                                        "b has 1."),
+    "lengths": (
+        lambda: table({"a": [1, 2], "b": [1]}),
+        "a plan needs as many values of each parameter; a has 2, b has 1.",
+    ),
     "words swept": (lambda: sweep({"a": ["x", "y"]}), "a sweep takes numbers; 'a' has 'x'. Use grid."),
     "no belief": (lambda: monte_carlo({"a": 3}, 5), "'a' varies by (low, high), Uniform or Normal, got 3."),
-    "no beliefs": (lambda: monte_carlo({}, 5), "say what to vary: {'tsm.theta': (4, 6)} or {'tsm.theta': "
-                                               "Normal(5, 0.5)}, got {}."),
+    "no beliefs": (
+        lambda: monte_carlo({}, 5),
+        "say what to vary: {'tsm.theta': (4, 6)} or {'tsm.theta': Normal(5, 0.5)}, got {}.",
+    ),
     "upside down": (lambda: Uniform(2, 1), "low must be below high, got low=2, high=1."),
     "log of less than nothing": (lambda: Uniform(-1, 1, log=True), "Uniform with log=True needs low > 0, got low=-1."),
     "no spread": (lambda: Normal(1, 0), "Normal needs a deviation > 0, got mean=1, deviation=0."),
     "empty": (lambda: Normal(1, 1, low=3, high=2), "Normal needs low < high, got low=3, high=2."),
-    "far off": (lambda: monte_carlo({"a": Normal(0, 1, low=60)}, 5), "Normal(mean=0, deviation=1) has nothing between "
-                                                                     "60 and inf."),
-    "too large": (lambda: grid({k: range(2000) for k in "abc"}), "a plan of 8,000,000,000 runs is too large; 10,000,000 "
-                                                                "are the most."),
-    "far too large": (lambda: monte_carlo({"a": (0, 1)}, 10**15), "a plan of 1,000,000,000,000,000 runs is too large; "
-                                                                  "10,000,000 are the most."),
+    "far off": (
+        lambda: monte_carlo({"a": Normal(0, 1, low=60)}, 5),
+        "Normal(mean=0, deviation=1) has nothing between 60 and inf.",
+    ),
+    "too large": (
+        lambda: grid({k: range(2000) for k in "abc"}),
+        "a plan of 8,000,000,000 runs is too large; 10,000,000 are the most.",
+    ),
+    "far too large": (
+        lambda: monte_carlo({"a": (0, 1)}, 10**15),
+        "a plan of 1,000,000,000,000,000 runs is too large; 10,000,000 are the most.",
+    ),
     "words": (lambda: Uniform("a", 2), "a number of Uniform or Normal must be a finite number, got 'a'."),
-    "a pair of words": (lambda: monte_carlo({"a": ("a", "b")}, 5), "bounds of 'a': a number of Uniform or Normal must be a finite "
-                                                                  "number, got 'a'."),
+    "a pair of words": (
+        lambda: monte_carlo({"a": ("a", "b")}, 5),
+        "bounds of 'a': a number of Uniform or Normal must be a finite number, got 'a'.",
+    ),
     "no table": (lambda: table(None), "a table maps parameters to values, one per run, got None."),
     "a matrix": (lambda: table({"a": np.ones((2, 2))}), "'a' needs a list of values, got an array of shape (2, 2)."),
     "no runs": (lambda: monte_carlo({"a": (0, 1)}, 0), "runs must be a whole number of at least 1, got 0."),
-    "no seed": (lambda: latin_hypercube({"a": (0, 1)}, 5, seed=-1), "seed must be a whole number of at least 0, "
-                                                                    "got -1."),
+    "no seed": (
+        lambda: latin_hypercube({"a": (0, 1)}, 5, seed=-1),
+        "seed must be a whole number of at least 0, got -1.",
+    ),
     "unknown": (lambda: grid({"pid.kp": [1]})["pid.kd"], "the plan does not vary 'pid.kd'. Did you mean 'pid.kp'?"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -36,18 +36,32 @@ def calls():
     tuned = tsm.tune(LOOP, {"theta": (4.0, 5.0)}, "rms(x_ref - x_out)", subject_to=["rms(u) <= 9"], stop=0.5, starts=1)
     one = fit.differences.items[0]
     return {
-        "plot_run": ((run,), 1), "plot_record": ((run.record(),), 1),
-        "plot_tracking": (({"a": run},), 2), "plot_loop": ((x, y), 1),
-        "plot_fit": ((fit,), 4), "plot_history": ((one,), 1), "plot_residual": ((one,), 1),
-        "plot_fitted_loop": ((one,), 1), "plot_autocorrelation": ((one,), 1), "plot_comparison": ((comparison,), 3),
-        "plot_each": (({"bend": comparison},), 1), "plot_diagnosis": ((found,), 4), "plot_gap": ((found,), 1),
-        "plot_disagreement": ((found,), 1), "plot_coordinate": ((found,), 1), "plot_study": ((grid,), 2),
-        "plot_tornado": ((swept, "error"), 1), "plot_pareto": ((grid, "error", "effort"), 1),
-        "plot_heat_map": ((grid, "error"), 1), "plot_distribution": ((grid, "error"), 1),
-        "plot_scatter": ((grid, "error"), 2), "plot_tuned": ((tuned,), 2),
-        "plot_envelope": ((many, "x_out"), 1), "plot_moved": ((baseline, baseline, "t"), 2),
+        "plot_run": ((run,), 1),
+        "plot_record": ((run.record(),), 1),
+        "plot_tracking": (({"a": run},), 2),
+        "plot_loop": ((x, y), 1),
+        "plot_fit": ((fit,), 4),
+        "plot_history": ((one,), 1),
+        "plot_residual": ((one,), 1),
+        "plot_fitted_loop": ((one,), 1),
+        "plot_autocorrelation": ((one,), 1),
+        "plot_comparison": ((comparison,), 3),
+        "plot_each": (({"bend": comparison},), 1),
+        "plot_diagnosis": ((found,), 4),
+        "plot_gap": ((found,), 1),
+        "plot_disagreement": ((found,), 1),
+        "plot_coordinate": ((found,), 1),
+        "plot_study": ((grid,), 2),
+        "plot_tornado": ((swept, "error"), 1),
+        "plot_pareto": ((grid, "error", "effort"), 1),
+        "plot_heat_map": ((grid, "error"), 1),
+        "plot_distribution": ((grid, "error"), 1),
+        "plot_scatter": ((grid, "error"), 2),
+        "plot_tuned": ((tuned,), 2),
+        "plot_envelope": ((many, "x_out"), 1),
+        "plot_moved": ((baseline, baseline, "t"), 2),
         "plot_frequency_response": ((frequency_response(tsm.load("motor_linear"), [1.0, 2.0], [0.1]),), 3),
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("name", DRAWN)

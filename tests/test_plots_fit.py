@@ -171,8 +171,9 @@ def test_without_held_out_parts_the_error_is_that_of_the_fit():
 def test_errors_far_apart_stand_on_a_scale_that_keeps_the_best_apart(comparison):
     near, far = comparison.rows
     assert plot_comparison(comparison).axes[0].get_xscale() == "linear"
-    worse = attrs.evolve(far, held_out=Differences("d", tuple(
-        attrs.evolve(d, simulated=d.simulated + 1) for d in far.held_out)))  # fmt: skip
+    worse = attrs.evolve(
+        far, held_out=Differences("d", tuple(attrs.evolve(d, simulated=d.simulated + 1) for d in far.held_out))
+    )
     panel = plot_comparison(attrs.evolve(comparison, rows=(near, worse))).axes[0]
     assert panel.get_xscale() == "log"
     assert "10" in [label.get_text() for label in panel.get_xticklabels()]

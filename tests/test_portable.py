@@ -76,8 +76,11 @@ def test_nothing_is_asked_that_a_system_may_not_have(path):
         node.attr for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Attribute)
     }
     assert used & POSIX == ASKED_FIRST.get(name_of(path), set())
-    texts = [node.value for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-             if isinstance(node, ast.Constant) and isinstance(node.value, str)]  # fmt: skip
+    texts = [
+        node.value
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
     assert not [text for text in texts if text.startswith(("/tmp", "/dev/", "/usr/", "/home", "C:\\"))]
 
 
@@ -94,8 +97,14 @@ def test_names_stay_apart_where_capitals_do_not():
 def test_files_of_several_experiments_stay_apart_and_have_names_that_every_system_takes():
     paths = common.marked(Path("out") / "fitted.toml", ["bend 60", "bend:60", "Bend_60", "CON", "a/b\\c", "Δ"])
     made = [path.name for path in paths.values()]
-    assert made == ["fitted_bend_60.toml", "fitted_bend_60_2.toml", "fitted_Bend_60_3.toml", "fitted_CON.toml",
-                    "fitted_a_b_c.toml", "fitted_.toml"]  # fmt: skip
+    assert made == [
+        "fitted_bend_60.toml",
+        "fitted_bend_60_2.toml",
+        "fitted_Bend_60_3.toml",
+        "fitted_CON.toml",
+        "fitted_a_b_c.toml",
+        "fitted_.toml",
+    ]
     assert len({name.casefold() for name in made}) == len(made)
     assert {path.parent for path in paths.values()} == {Path("out")}
     assert unlike(["x", "X", "x"]) == ["x", "X", "x_2"]
@@ -125,10 +134,16 @@ def test_results_are_written_whatever_the_case_of_the_ending_and_with_plain_newl
         assert b"\r" not in path.read_bytes()
 
 
-@pytest.mark.parametrize(("platform", "error", "gone"), [
-    ("linux", BrokenPipeError(), True), ("win32", BrokenPipeError(), True), ("win32", OSError(22, "Invalid"), True),
-    ("linux", OSError(22, "Invalid"), False), ("win32", OSError(22, "Invalid", "a:b.csv"), False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("platform", "error", "gone"),
+    [
+        ("linux", BrokenPipeError(), True),
+        ("win32", BrokenPipeError(), True),
+        ("win32", OSError(22, "Invalid"), True),
+        ("linux", OSError(22, "Invalid"), False),
+        ("win32", OSError(22, "Invalid", "a:b.csv"), False),
+    ],
+)
 def test_a_reader_that_goes_away_is_known_by_what_the_system_says(platform, error, gone, monkeypatch):
     monkeypatch.setattr(sys, "platform", platform)
     assert entry._left(error) is gone
@@ -139,8 +154,9 @@ def test_a_reader_that_goes_away_is_known_by_what_the_system_says(platform, erro
 
 def ran(folder, tail):
     (folder / "script.py").write_text(SCRIPT + tail, encoding="utf-8")
-    return subprocess.run([sys.executable, "script.py"], cwd=folder, capture_output=True, text=True, timeout=120,
-                          check=False)  # fmt: skip
+    return subprocess.run(
+        [sys.executable, "script.py"], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 def test_a_study_runs_in_processes_that_share_nothing(tmp_path):

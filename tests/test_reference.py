@@ -45,22 +45,39 @@ def called(name):
 
 PYTHON = Tongue(
     {
-        "ADD": ("«0» + «1»", PLUS, (PLUS, PLUS)), "SUB": ("«0» - «1»", PLUS, (PLUS, TIMES)),
-        "NEG": ("-«0»", PLUS, (TIMES,)), "MUL": ("«0» * «1»", TIMES, (TIMES, TIMES)),
-        "DIV": ("(«0») / («1»)", TIMES, (LOOSE, LOOSE)), "INV": ("1 / («0»)", TIMES, (LOOSE,)),
-        "TWICE": ("2 * «0»", TIMES, (TIMES,)), "SQ": ("«0»**2", POWER, (ATOM,)), "EXP": called("exp"),
-        "POW": ("«0»**(«1»)", POWER, (ATOM, LOOSE)), "CONSTPOW": ("«0»**(«1»)", POWER, (ATOM, LOOSE)),
-        "SQRT": called("sqrt"), "FABS": called("abs"), "SIGN": called("sign"), "LOG": called("log"),
-        "FLOOR": called("floor"), "LOG1P": called("log1p"), "EXPM1": called("expm1"),
-        "FMIN": ("min(«0», «1»)", ATOM, (LOOSE, LOOSE)), "FMAX": ("max(«0», «1»)", ATOM, (LOOSE, LOOSE)),
-        "LT": ("«0» < «1»", COMPARE, (PLUS, PLUS)), "LE": ("«0» <= «1»", COMPARE, (PLUS, PLUS)),
-        "NOT": ("not «0»", LOOSE, (ATOM,)), "SIN": called("sin"), "COS": called("cos"), "TANH": called("tanh"),
+        "ADD": ("«0» + «1»", PLUS, (PLUS, PLUS)),
+        "SUB": ("«0» - «1»", PLUS, (PLUS, TIMES)),
+        "NEG": ("-«0»", PLUS, (TIMES,)),
+        "MUL": ("«0» * «1»", TIMES, (TIMES, TIMES)),
+        "DIV": ("(«0») / («1»)", TIMES, (LOOSE, LOOSE)),
+        "INV": ("1 / («0»)", TIMES, (LOOSE,)),
+        "TWICE": ("2 * «0»", TIMES, (TIMES,)),
+        "SQ": ("«0»**2", POWER, (ATOM,)),
+        "EXP": called("exp"),
+        "POW": ("«0»**(«1»)", POWER, (ATOM, LOOSE)),
+        "CONSTPOW": ("«0»**(«1»)", POWER, (ATOM, LOOSE)),
+        "SQRT": called("sqrt"),
+        "FABS": called("abs"),
+        "SIGN": called("sign"),
+        "LOG": called("log"),
+        "FLOOR": called("floor"),
+        "LOG1P": called("log1p"),
+        "EXPM1": called("expm1"),
+        "FMIN": ("min(«0», «1»)", ATOM, (LOOSE, LOOSE)),
+        "FMAX": ("max(«0», «1»)", ATOM, (LOOSE, LOOSE)),
+        "LT": ("«0» < «1»", COMPARE, (PLUS, PLUS)),
+        "LE": ("«0» <= «1»", COMPARE, (PLUS, PLUS)),
+        "NOT": ("not «0»", LOOSE, (ATOM,)),
+        "SIN": called("sin"),
+        "COS": called("cos"),
+        "TANH": called("tanh"),
     },
-    brackets="(«0»)", shared="«0»«1»",
+    brackets="(«0»)",
+    shared="«0»«1»",
     constant=lambda value: (repr(value), ATOM if value >= 0 else PLUS),
     cases=lambda rows, rest: "(" + " ".join(f"{value} if {test} else" for test, value in rows) + f" {rest})",
     result=lambda kind, name: f"{kind}_{name}",
-)  # fmt: skip
+)
 """The same walk in a language that can be evaluated: what holds for its brackets holds for LaTeX's."""
 MATHS = {k: getattr(np, k) for k in ("exp", "sqrt", "sign", "log", "floor", "log1p", "expm1", "sin", "cos", "tanh")}
 
@@ -75,8 +92,12 @@ def test_equations_written_out_are_those_of_the_block(name):
     rng = np.random.default_rng(5)
     for scale in (0.3, 1.0, 2.0):
         numbers = rng.uniform(-1, 1, len(labels)) * scale
-        fields = [leaf for key, value in block.parameters.items() if block.fields()[key].kind == "parameter"
-                  for leaf in leaves(value, key)]  # fmt: skip
+        fields = [
+            leaf
+            for key, value in block.parameters.items()
+            if block.fields()[key].kind == "parameter"
+            for leaf in leaves(value, key)
+        ]
         numbers[len(labels) - len(fields) :] = [min(v, 1e3) for _, v in fields]
         scope = {**MATHS, "abs": abs, "min": min, "max": max, **dict(zip(plain, numbers, strict=True))}
         with np.errstate(all="ignore"):
@@ -90,16 +111,27 @@ def test_equations_written_out_are_those_of_the_block(name):
         assert found == pytest.approx(expected, rel=1e-12, abs=1e-12, nan_ok=True)
 
 
-@pytest.mark.parametrize(("name", "equations"), {
-    "Saturation": {"y": r"\operatorname{min}\left(\operatorname{max}\left(u,\; \text{low}\right),\; "
-                        r"\text{high}\right)"},
-    "HysteresisObserver": {"y": r"\zeta", r"\dot{\zeta}": r"A\,v - \theta\,\left|v\right|\,\zeta"
-                           r" + \delta\,\left|v\right|"},
-    "Convert": {"y": r"\frac{180}{\pi}\,u"},
-    "UnitDelay": {"y": r"\text{last}", r"\text{last}^{+}": "u"},
-    "PID": {"y": r"k_{p}\,e + k_{i}\,\text{integral} + k_{d}\,\frac{e - \text{smooth}}{\tau}",
-            r"\dot{\text{integral}}": "e", r"\dot{\text{smooth}}": r"\frac{e - \text{smooth}}{\tau}"},
-}.items())  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "equations"),
+    {
+        "Saturation": {
+            "y": r"\operatorname{min}\left(\operatorname{max}\left(u,\; \text{low}\right),\; "
+            r"\text{high}\right)"
+        },
+        "HysteresisObserver": {
+            "y": r"\zeta",
+            r"\dot{\zeta}": r"A\,v - \theta\,\left|v\right|\,\zeta"
+            r" + \delta\,\left|v\right|",
+        },
+        "Convert": {"y": r"\frac{180}{\pi}\,u"},
+        "UnitDelay": {"y": r"\text{last}", r"\text{last}^{+}": "u"},
+        "PID": {
+            "y": r"k_{p}\,e + k_{i}\,\text{integral} + k_{d}\,\frac{e - \text{smooth}}{\tau}",
+            r"\dot{\text{integral}}": "e",
+            r"\dot{\text{smooth}}": r"\frac{e - \text{smooth}}{\tau}",
+        },
+    }.items(),
+)
 def test_equations_in_latex(name, equations):
     assert dict(listing(BLOCKS[name]()).equations) == equations
 
@@ -111,10 +143,13 @@ def test_choices_within_choices_are_one_and_what_is_used_twice_has_a_letter():
         ("w_{2}", r"\text{last} + \text{falling}\,\left(t - \text{time}\right)"),
     )
     assert made.equations[:2] == (
-        ("y", r"\begin{cases} w_{1} & \text{if } w_{1} < u \\ w_{2} & \text{if } u < w_{2} \\ u & \text{otherwise} "
-              r"\end{cases}"),
+        (
+            "y",
+            r"\begin{cases} w_{1} & \text{if } w_{1} < u \\ w_{2} & \text{if } u < w_{2} \\ u & \text{otherwise} "
+            r"\end{cases}",
+        ),
         (r"\text{last}^{+}", "y"),
-    )  # fmt: skip
+    )
 
 
 FUNCTIONS = {"frac", "tfrac", "hat", "dot", "ddot", "max", "min", "tanh", "sin", "cos", "ln", "begin", "end"}
@@ -130,13 +165,18 @@ def test_formulas_of_blocks_can_be_read_on_a_terminal(name):
         assert made.count("(") == made.count(")")
 
 
-@pytest.mark.parametrize(("latex", "text"), [
-    (r"\dot\zeta &= A v - \vartheta |v| \zeta \\ y &= \alpha_x(v)\, x, \qquad v = \dot x_r",
-     "ζ' = A v - ϑ |v| ζ\ny = α_x(v) x,   v = x_r'"),
-    (r"\alpha_1 e^{2v} + \frac{1 + s}{2} u_{k-1} - \tfrac12 \omega^2", "α₁ e^(2v) + (1 + s)/2 u_(k-1) - 1/2 ω²"),
-    (r"\tanh\frac{t - t_0}{w} + \left[\frac{a}{g(v)}\right]^{n}", "tanh((t - t₀)/w) + [a/g(v)]^n"),
-    (r"y = \begin{cases} a & u > 0 \\ 0 & \text{otherwise} \end{cases}", "y = {a if u > 0; 0 otherwise}"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("latex", "text"),
+    [
+        (
+            r"\dot\zeta &= A v - \vartheta |v| \zeta \\ y &= \alpha_x(v)\, x, \qquad v = \dot x_r",
+            "ζ' = A v - ϑ |v| ζ\ny = α_x(v) x,   v = x_r'",
+        ),
+        (r"\alpha_1 e^{2v} + \frac{1 + s}{2} u_{k-1} - \tfrac12 \omega^2", "α₁ e^(2v) + (1 + s)/2 u_(k-1) - 1/2 ω²"),
+        (r"\tanh\frac{t - t_0}{w} + \left[\frac{a}{g(v)}\right]^{n}", "tanh((t - t₀)/w) + [a/g(v)]^n"),
+        (r"y = \begin{cases} a & u > 0 \\ 0 & \text{otherwise} \end{cases}", "y = {a if u > 0; 0 otherwise}"),
+    ],
+)
 def test_formulas_as_text(latex, text):
     assert plain(latex) == text
 
@@ -170,8 +210,10 @@ def test_examples_are_of_blocks_that_exist():
 def shown_code(path):
     """Code of a page with what it says that is printed."""
     pattern = r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)(?:\.\. code-block:: none\n\n((?:   .*\n|\n)+))?"
-    return [(textwrap.dedent(code), textwrap.dedent(said or "").strip()) for code, said in
-            re.findall(pattern, path.read_text(encoding="utf-8"))]  # fmt: skip
+    return [
+        (textwrap.dedent(code), textwrap.dedent(said or "").strip())
+        for code, said in re.findall(pattern, path.read_text(encoding="utf-8"))
+    ]
 
 
 @pytest.mark.parametrize("path", [p for p in sorted(CONCEPTS.glob("*.rst")) if p.stem != "index"], ids=lambda p: p.stem)
@@ -288,8 +330,12 @@ def test_what_pages_say_of_feedthrough_is_what_closes_an_algebraic_loop():
         inputs = [k for k, port in block.inports.items() if not port.rate_of]
         for inlet, outlet in itertools.product([k for k in inputs if k not in rates], block.outports):
             others = {k: f"b.{k}" for k in inputs if k != inlet}
-            closed = tsm.Diagram(blocks=dict(b=block, g=Gain(gain=0.5)), wires=[f"b.{outlet} -> g", f"g -> b.{inlet}"],
-                                 inputs=others, outputs={"y": f"b.{outlet}"})  # fmt: skip
+            closed = tsm.Diagram(
+                blocks=dict(b=block, g=Gain(gain=0.5)),
+                wires=[f"b.{outlet} -> g", f"g -> b.{inlet}"],
+                inputs=others,
+                outputs={"y": f"b.{outlet}"},
+            )
             said = re.search(rf"``{outlet}`` depends on ([^,.]*)", text)
             there = said is not None and f"``{inlet}``" in said[1]
             with pytest.raises(tsm.errors.AlgebraicLoop) if there else contextlib.nullcontext():

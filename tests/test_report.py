@@ -457,9 +457,19 @@ def luminance(colour):
 
 @pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
 @pytest.mark.parametrize(
-    ("name", "least"), [("ink", 7), ("soft", 4.5), ("floor", 4.5), ("add", 4.5), ("gone", 4.5), ("before", 4.5),
-                    ("after", 4.5), ("between", 2.5), ("measured", 2.9)],
-)  # fmt: skip
+    ("name", "least"),
+    [
+        ("ink", 7),
+        ("soft", 4.5),
+        ("floor", 4.5),
+        ("add", 4.5),
+        ("gone", 4.5),
+        ("before", 4.5),
+        ("after", 4.5),
+        ("between", 2.5),
+        ("measured", 2.9),
+    ],
+)
 @pytest.mark.parametrize("paper", ["paper", "panel"])
 def test_colours_stand_out_from_the_paper(scheme, name, least, paper):
     colours = dict(re.findall(r"--(\w+):(#\w+)", re.findall(r":root\{(.*?)\}", CSS, re.DOTALL)[scheme]))

@@ -115,8 +115,10 @@ def test_a_clock_that_began_long_before_changes_no_foretold_experiment():
     for start in (0.0, 1e4):
         x, noise = 1.0 + 0.1 * np.sin(2 * np.pi * SLOW * T), SIGMA * np.random.default_rng(3).standard_normal(len(T))
         records = {"a": tsm.Record("a", T + start, {"x": x, "y": x + 0.01 * T + noise}, {})}
-        models = [calibrated(behind(block), records, attrs.evolve(ASKED, free=["gain.gain", "late.rate"]))
-                  for block in (Drift(since=start), GainDrift(since=start))]  # fmt: skip
+        models = [
+            calibrated(behind(block), records, attrs.evolve(ASKED, free=["gain.gain", "late.rate"]))
+            for block in (Drift(since=start), GainDrift(since=start))
+        ]
         one, other = (standing_for(m, effect(n)) for m, n in zip(models, ("drift", "parameter_change"), strict=True))
         told.append({s.words: s.size for s in separations(one, [other], records, ASKED)})
     assert told[1] == pytest.approx(told[0], rel=1e-3)
@@ -138,9 +140,7 @@ def test_what_nothing_moves_gets_the_words_of_the_effect():
 
 
 @settings(deadline=None)
-@given(
-    low=st.floats(-1e3, 1e3), reach=st.floats(1e-6, 1e6), speed=st.floats(1e-3, 1e3), step=st.floats(1e-5, 10.0)
-)  # fmt: skip
+@given(low=st.floats(-1e3, 1e3), reach=st.floats(1e-6, 1e6), speed=st.floats(1e-3, 1e3), step=st.floats(1e-5, 10.0))
 def test_no_motion_is_larger_or_faster_than_what_was_recorded(low, reach, speed, step):
     fastest = speed * reach / (SAMPLES * step)
     span = Span(low, low + 2 * reach, reach, fastest, fastest)

@@ -10,8 +10,10 @@ from tsmblocks.fitting.input_checks import standing
 T = 0.02 * np.arange(400)
 SQUARE = np.where(T % 2 < 1, 1.0, -1.0)
 FREE = ["lag.gain", "lag.time_constant"]
-SAID = ("the input u stands still and jumps, and between two samples a jump is drawn out (hold='linear'). If it was "
-        "held from sample to sample, as a controller holds its command, say hold='zero', or --hold zero.")  # fmt: skip
+SAID = (
+    "the input u stands still and jumps, and between two samples a jump is drawn out (hold='linear'). If it was "
+    "held from sample to sample, as a controller holds its command, say hold='zero', or --hold zero."
+)
 
 
 def answered():
@@ -22,8 +24,9 @@ def answered():
     return tsm.Record("run", T, {"u": SQUARE, "y": y + 0.003 * np.random.default_rng(0).standard_normal(len(T))}, {})
 
 
-LAG = tsm.Diagram(title="lag", blocks={"lag": FirstOrderLag(gain=0.8, time_constant=0.3)}, inputs={"u": "lag.u"},
-                  outputs={"y": "lag"})  # fmt: skip
+LAG = tsm.Diagram(
+    title="lag", blocks={"lag": FirstOrderLag(gain=0.8, time_constant=0.3)}, inputs={"u": "lag.u"}, outputs={"y": "lag"}
+)
 
 
 def test_a_fit_says_what_to_do_and_is_right_then():
@@ -45,10 +48,18 @@ def test_a_diagnosis_says_so_beside_the_delay_that_it_makes():
     assert (kept.verdict, kept.effects) == ("none", ())
 
 
-@pytest.mark.parametrize(("x", "told"), [
-    (SQUARE, True), (np.round(SQUARE * 3 + T / 4), True), (np.zeros(400), False), (np.sin(T), False),
-    (np.round(np.sin(T) * 500) / 500, False), (np.repeat(np.sin(T[::4]), 4), False),  # quantised, and sampled slowly
-], ids=["square", "staircase", "nothing", "smooth", "quantised", "slow"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("x", "told"),
+    [
+        (SQUARE, True),
+        (np.round(SQUARE * 3 + T / 4), True),
+        (np.zeros(400), False),
+        (np.sin(T), False),
+        (np.round(np.sin(T) * 500) / 500, False),
+        (np.repeat(np.sin(T[::4]), 4), False),  # quantised, and sampled slowly
+    ],
+    ids=["square", "staircase", "nothing", "smooth", "quantised", "slow"],
+)
 def test_what_stands_and_jumps(x, told):
     record = tsm.Record("run", T, {"u": x, "y": x}, {})
     assert list(standing(record, ["u"], "linear")) == ([SAID] if told else [])
@@ -58,8 +69,13 @@ def test_what_stands_and_jumps(x, told):
 def test_held_inputs_of_a_loop_are_diagnosed_without_what_takes_their_rate():
     """The controller passes jumps on at once, so what goes by the rate of its output is none to try there."""
     blocks = dict(e=Sum(signs="+-"), pid=PID(kp=4.0, ki=1.0, kd=0.0), lag=FirstOrderLag(gain=1.0, time_constant=0.2))
-    loop = tsm.Diagram(title="loop", blocks=blocks, wires=["e -> pid -> lag -> e.minus"], inputs={"r": "e.plus"},
-                       outputs={"u": "pid", "y": "lag"})  # fmt: skip
+    loop = tsm.Diagram(
+        title="loop",
+        blocks=blocks,
+        wires=["e -> pid -> lag -> e.minus"],
+        inputs={"r": "e.plus"},
+        outputs={"u": "pid", "y": "lag"},
+    )
     run = tsm.simulate(loop, inputs={"r": (T, SQUARE)}, stop=T[-1], step=0.02, hold="zero")
     noise = 0.003 * np.random.default_rng(1).standard_normal((2, len(T)))
     record = tsm.Record("run", T, {"r": SQUARE, "u": run["u"] + noise[0], "y": run["y"] + noise[1]}, {})

@@ -38,17 +38,21 @@ CALLS = {
     "a copy of one": (LAG, lambda: copy.copy(Stepper(quick(), step=0.1))),
     "C code": (LAG, lambda: to_c(quick(), step=0.1)),
     "a batch": (WORST, lambda: simulate_batch(lagged(), SETS, **HOW)),
-    "a batch of one": (f"{LAG} This is with lag.time_constant = 0.01.",
-                       lambda: simulate_batch(lagged(), {"lag.time_constant": [0.01]}, **HOW)),
+    "a batch of one": (
+        f"{LAG} This is with lag.time_constant = 0.01.",
+        lambda: simulate_batch(lagged(), {"lag.time_constant": [0.01]}, **HOW),
+    ),
     "a study": (WORST, lambda: tsm.study(lagged(), plan(), "rms(y)", **HOW)),
     "responses": (WORST, lambda: responses(lagged(), plan(), **HOW)),
-    "tuning": (f"{LAG} Of 3 sets of parameters looked at this concerns 1, most of all lag.time_constant = 0.01.",
-               lambda: tsm.tune(lagged(), {"lag.time_constant": (0.01, 2.0)}, "rms(y)", starts=1, **HOW)),
+    "tuning": (
+        f"{LAG} Of 3 sets of parameters looked at this concerns 1, most of all lag.time_constant = 0.01.",
+        lambda: tsm.tune(lagged(), {"lag.time_constant": (0.01, 2.0)}, "rms(y)", starts=1, **HOW),
+    ),
     "tuning of cases": (
         f"{LAG} Of 4 sets of parameters looked at this concerns 1, most of all case 'a', lag.time_constant = 0.01.",
         lambda: tsm.tune({"a": lagged(), "b": lagged()}, {"lag.time_constant": (0.01, 2.0)}, "rms(y)", starts=1, **HOW),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("call", CALLS)

@@ -1,5 +1,4 @@
 """Studies: the numbers of single runs, the same bytes however the work is done, and nothing lost on the way."""
-# ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import gc
 import multiprocessing
@@ -27,9 +26,12 @@ SHORT = dict(stop=5.0, step=2e-3)
 
 
 def lagged():
-    return tsm.Diagram(title="lag", blocks={"step": Step(time=0.0), "gain": Gain(gain=2.0),
-                                             "lag": FirstOrderLag(time_constant=1.0)},
-                       wires=["step -> gain -> lag"], outputs={"y": "lag"})  # fmt: skip
+    return tsm.Diagram(
+        title="lag",
+        blocks={"step": Step(time=0.0), "gain": Gain(gain=2.0), "lag": FirstOrderLag(time_constant=1.0)},
+        wires=["step -> gain -> lag"],
+        outputs={"y": "lag"},
+    )
 
 
 def small(path=None, **more):
@@ -103,8 +105,17 @@ def test_options_vary_too_and_shape_their_own_equations():
 def of(*values):
     """Results with one metric of such values."""
     runs = np.arange(len(values))
-    return tsm.studies.Results("d", "table", len(values), runs, {"p": runs.astype(float)}, {"m": np.array(values)},
-                               {"m": ""}, {"m": "m"}, {"p": 0.0})  # fmt: skip
+    return tsm.studies.Results(
+        "d",
+        "table",
+        len(values),
+        runs,
+        {"p": runs.astype(float)},
+        {"m": np.array(values)},
+        {"m": ""},
+        {"m": "m"},
+        {"p": 0.0},
+    )
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
@@ -120,12 +131,19 @@ def test_quantiles_are_the_usual_ones(values):
 INF = np.inf
 
 
-@pytest.mark.parametrize(("values", "wanted"), [
-    ([1.0, 2.0], [1.0, 1.05, 1.5, 1.95, 2.0]), ([3.0], [3.0] * 5), ([1.0, INF], [1.0, INF, INF, INF, INF]),
-    ([1.0, 2.0, INF], [1.0, 1.1, 2.0, INF, INF]), ([-INF, 1.0, 2.0], [-INF, -INF, 1.0, 1.9, 2.0]),
-    ([-INF, INF], [-INF, -INF, INF, INF, INF]), ([INF, INF, np.nan], [INF] * 5),
-    ([*map(float, range(20)), INF], [0.0, 1.0, 10.0, 19.0, INF]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("values", "wanted"),
+    [
+        ([1.0, 2.0], [1.0, 1.05, 1.5, 1.95, 2.0]),
+        ([3.0], [3.0] * 5),
+        ([1.0, INF], [1.0, INF, INF, INF, INF]),
+        ([1.0, 2.0, INF], [1.0, 1.1, 2.0, INF, INF]),
+        ([-INF, 1.0, 2.0], [-INF, -INF, 1.0, 1.9, 2.0]),
+        ([-INF, INF], [-INF, -INF, INF, INF, INF]),
+        ([INF, INF, np.nan], [INF] * 5),
+        ([*map(float, range(20)), INF], [0.0, 1.0, 10.0, 19.0, INF]),
+    ],
+)
 def test_quantiles_take_what_never_comes_as_later_than_all(values, wanted):
     assert list(of(*values).quantiles("m").values()) == pytest.approx(wanted)
 
@@ -133,8 +151,9 @@ def test_quantiles_take_what_never_comes_as_later_than_all(values, wanted):
 def test_a_run_that_runs_away_is_told_and_left_out():
     loop = {"sum": Sum(signs="+-"), "lag": FirstOrderLag(), "gain": Gain()}
     wires = ["sum -> gain -> lag", "lag -> sum.minus"]
-    diagram = tsm.Diagram(title="loop", blocks={"step": Step(time=0.0), **loop}, wires=[*wires, "step -> sum.plus"],
-                          outputs={"y": "lag"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="loop", blocks={"step": Step(time=0.0), **loop}, wires=[*wires, "step -> sum.plus"], outputs={"y": "lag"}
+    )
     found = study(diagram, {"gain.gain": [1.0, -1e4, 3.0]}, "final(y)", stop=5.0, step=0.01)
     assert found.failed.tolist() == [False, True, False]
     assert found.best("final(y)")["gain.gain"] == 1.0
@@ -251,8 +270,11 @@ def test_a_worker_that_dies_loses_nothing(whole, tmp_path, monkeypatch):
                     process.kill()
                     process.join()
 
-        with pytest.raises(RunError, match=r"a worker process came to its end before its runs did \(.*\)\. \d+ of 96 "
-                                           r"runs are in .*s\.csv; the same call goes on from there\."):  # fmt: skip
+        with pytest.raises(
+            RunError,
+            match=r"a worker process came to its end before its runs did \(.*\)\. \d+ of 96 "
+            r"runs are in .*s\.csv; the same call goes on from there\.",
+        ):
             small(path, executor=pool, progress=kill)
     assert 32 <= len(tsm.read_study(path)) < 96
     small(path)
@@ -262,8 +284,10 @@ def test_a_worker_that_dies_loses_nothing(whole, tmp_path, monkeypatch):
 def test_a_process_killed_half_way_is_gone_on_with(whole, tmp_path):
     """Killed without warning while it writes; what it wrote counts."""
     path = tmp_path / "s.csv"
-    code = ("import time, tests.test_studies as t, tsmblocks.studies.running as r; r.TURNS = 1; "
-            f"t.small({str(path)!r}, threads=1, progress=lambda *_: time.sleep(0.3))")  # fmt: skip
+    code = (
+        "import time, tests.test_studies as t, tsmblocks.studies.running as r; r.TURNS = 1; "
+        f"t.small({str(path)!r}, threads=1, progress=lambda *_: time.sleep(0.3))"
+    )
     child = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[1])
     try:
         until = time.monotonic() + 60
@@ -385,19 +409,38 @@ def test_another_study_is_not_gone_on_with(whole, facts, tmp_path):
         more = {"stop": 0.5, "step": 0.01, "title": "other", **more}
         with pytest.raises(DataError) as found:
             study(lagged(), plan, {"last": "final(y)", "most": "highest(y)"}, out=path, **more)
-        assert str(found.value) == (f"{path} holds another study: {said}. Name another file, or remove that one to "
-                                    "begin anew.")  # fmt: skip
+        assert str(found.value) == (
+            f"{path} holds another study: {said}. Name another file, or remove that one to begin anew."
+        )
     assert path.read_bytes() == whole
 
 
 @pytest.mark.parametrize("changed", ["diagram", "plan", "metrics", "step", "inputs", "method"])
 def test_whatever_changes_the_results_makes_another_study(changed, tmp_path):
-    diagram = tsm.Diagram(title="gain", blocks={"gain": Gain(), "lag": FirstOrderLag()}, wires=["gain -> lag"],
-                          inputs={"x": "gain"}, outputs={"y": "lag"})  # fmt: skip
-    asked = dict(diagram=diagram, plan={"gain.gain": [1.0, 2.0]}, metrics="final(y)", step=0.01, stop=1.0,
-                 inputs={"x": 1.0}, method="rk4")  # fmt: skip
-    other = dict(diagram=diagram.with_parameters({"lag.time_constant": 2.0}), plan={"gain.gain": [1.0, 3.0]},
-                 metrics="mean(y)", step=0.02, inputs={"x": 2.0}, method="heun")  # fmt: skip
+    diagram = tsm.Diagram(
+        title="gain",
+        blocks={"gain": Gain(), "lag": FirstOrderLag()},
+        wires=["gain -> lag"],
+        inputs={"x": "gain"},
+        outputs={"y": "lag"},
+    )
+    asked = dict(
+        diagram=diagram,
+        plan={"gain.gain": [1.0, 2.0]},
+        metrics="final(y)",
+        step=0.01,
+        stop=1.0,
+        inputs={"x": 1.0},
+        method="rk4",
+    )
+    other = dict(
+        diagram=diagram.with_parameters({"lag.time_constant": 2.0}),
+        plan={"gain.gain": [1.0, 3.0]},
+        metrics="mean(y)",
+        step=0.02,
+        inputs={"x": 2.0},
+        method="heun",
+    )
     study(**asked, out=tmp_path / "s.csv")
     study(**asked, out=tmp_path / "s.csv")
     with pytest.raises(DataError, match="holds another study"):
@@ -508,50 +551,89 @@ def test_responses_are_the_signals_of_each_run():
 LINE = {"gain.gain": [1.0]}
 REFUSED = {
     "parameter": (dict(plan={"gain.gian": [1.0]}), "gain: Gain has no parameter 'gian'. Did you mean 'gain'?"),
-    "swept parameter": (dict(plan=sweep({"gain.gian": [1.0]})), "diagram 'lag' has no parameter 'gain.gian'. "
-                                                                "Did you mean 'gain.gain'?"),
-    "refused by its block": (dict(plan={"lag.time_constant": [1.0, 0.5, -2.0]}),
-                             "set 2 of the batch: lag: FirstOrderLag.time_constant must lie in (0, inf), got -2."),
-    "a word for a number": (dict(plan={"gain.gain": ["much"]}),
-                            "'gain.gain' is a number, and the plan gives it 'much'."),
-    "a word among numbers": (dict(plan={"gain.gain": [1, "a", 2.0]}),
-                             "'gain.gain' is a number, and the plan gives it 'a'."),
-    "a switch among numbers": (dict(plan={"gain.gain": [1, True]}),
-                               "'gain.gain' is a number, and the plan gives it True."),
-    "a metric's unit": (dict(metrics={"err [degg]": "rise_time(y, 1)"}),
-                        "metric 'err': 'degg' is not a unit known here. Did you mean 'deg'?"),
-    "a metric in another unit": (dict(metrics={"err [deg]": "rise_time(y, 1)"}),
-                                 "metric 'err': 's' does not convert to 'deg'."),
-    "the end of a name": (dict(plan={"gain": [1.0]}),
-                          "diagram 'lag' has no parameter 'gain'. Did you mean 'gain.gain' or 'lag.gain'?"),
-    "the end of a swept name": (dict(plan=sweep({"time_constant": [1.0]})),
-                                "diagram 'lag' has no parameter 'time_constant'. Did you mean 'lag.time_constant'?"),
+    "swept parameter": (
+        dict(plan=sweep({"gain.gian": [1.0]})),
+        "diagram 'lag' has no parameter 'gain.gian'. Did you mean 'gain.gain'?",
+    ),
+    "refused by its block": (
+        dict(plan={"lag.time_constant": [1.0, 0.5, -2.0]}),
+        "set 2 of the batch: lag: FirstOrderLag.time_constant must lie in (0, inf), got -2.",
+    ),
+    "a word for a number": (
+        dict(plan={"gain.gain": ["much"]}),
+        "'gain.gain' is a number, and the plan gives it 'much'.",
+    ),
+    "a word among numbers": (
+        dict(plan={"gain.gain": [1, "a", 2.0]}),
+        "'gain.gain' is a number, and the plan gives it 'a'.",
+    ),
+    "a switch among numbers": (
+        dict(plan={"gain.gain": [1, True]}),
+        "'gain.gain' is a number, and the plan gives it True.",
+    ),
+    "a metric's unit": (
+        dict(metrics={"err [degg]": "rise_time(y, 1)"}),
+        "metric 'err': 'degg' is not a unit known here. Did you mean 'deg'?",
+    ),
+    "a metric in another unit": (
+        dict(metrics={"err [deg]": "rise_time(y, 1)"}),
+        "metric 'err': 's' does not convert to 'deg'.",
+    ),
+    "the end of a name": (
+        dict(plan={"gain": [1.0]}),
+        "diagram 'lag' has no parameter 'gain'. Did you mean 'gain.gain' or 'lag.gain'?",
+    ),
+    "the end of a swept name": (
+        dict(plan=sweep({"time_constant": [1.0]})),
+        "diagram 'lag' has no parameter 'time_constant'. Did you mean 'lag.time_constant'?",
+    ),
     "metric": (dict(metrics="rms(z)"), "metric: there is no signal 'z'. Known here: gain.y, lag.value, lag.y,"),
     "no metric": (dict(metrics=None), "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'."),
-    "no instant": (dict(metrics="rms(y, after=7)"), "metric 'rms(y, after=7)': no instant of the run lies between 7 "
-                                                    "and inf s; it goes from 0 to 1 s."),
-    "a metric's name": (dict(metrics={"gain.gain": "rms(y)"}), "'gain.gain' is a parameter of the plan, so no metric "
-                                                               "can have that name."),
-    "several diagrams": (dict(diagram={"a": lagged()}), "study runs one diagram; of several, make a study each: "
-                         "{name: study(one, plan, metrics) for name, one in diagrams.items()}."),
-    "plan": (dict(plan=[1, 2]), "a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of "
-                                "tsmblocks.studies, or is a mapping from parameters to values, got [1, 2]."),
+    "no instant": (
+        dict(metrics="rms(y, after=7)"),
+        "metric 'rms(y, after=7)': no instant of the run lies between 7 and inf s; it goes from 0 to 1 s.",
+    ),
+    "a metric's name": (
+        dict(metrics={"gain.gain": "rms(y)"}),
+        "'gain.gain' is a parameter of the plan, so no metric can have that name.",
+    ),
+    "several diagrams": (
+        dict(diagram={"a": lagged()}),
+        "study runs one diagram; of several, make a study each: "
+        "{name: study(one, plan, metrics) for name, one in diagrams.items()}.",
+    ),
+    "plan": (
+        dict(plan=[1, 2]),
+        "a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of "
+        "tsmblocks.studies, or is a mapping from parameters to values, got [1, 2].",
+    ),
     "file": (dict(out="results.xls"), "'results.xls' must end in .csv: results are kept in a table."),
     "folder": (dict(out="nowhere/results.csv"), "'nowhere/results.csv' cannot be written: there is no such folder."),
-    "progress": (dict(progress=3), "progress is a function of how many runs are done and of how many there are, "
-                                   "got 3."),
+    "progress": (
+        dict(progress=3),
+        "progress is a function of how many runs are done and of how many there are, got 3.",
+    ),
     "threads": (dict(threads=-1), "threads must be a whole number of at least 1, got -1."),
     "executor": (dict(executor=5), "executor is one of concurrent.futures, or Dask's get_executor(), got 5."),
     "no path": (dict(out=5), "out is the path of a .csv file, got 5."),
-    "a metric called run": (dict(metrics={"run": "rms(y)"}), "no metric can be called 'run': the number of a run has "
-                                                             "that name."),
-    "a metric of two lines": (dict(metrics={"a\nb": "rms(y)"}), "no metric can be called 'a\\nb': it cannot be printed."),
-    "a sweep of options": (dict(diagram=tsm.Diagram(title="o", blocks={"r": RateLimit()}, inputs={"u": "r"},
-                                                    outputs={"y": "r"}), plan=sweep({"r.start": [1.0]})),
-                           "'r.start' is an option, and a sweep goes around numbers. Use grid for it."),
+    "a metric called run": (
+        dict(metrics={"run": "rms(y)"}),
+        "no metric can be called 'run': the number of a run has that name.",
+    ),
+    "a metric of two lines": (
+        dict(metrics={"a\nb": "rms(y)"}),
+        "no metric can be called 'a\\nb': it cannot be printed.",
+    ),
+    "a sweep of options": (
+        dict(
+            diagram=tsm.Diagram(title="o", blocks={"r": RateLimit()}, inputs={"u": "r"}, outputs={"y": "r"}),
+            plan=sweep({"r.start": [1.0]}),
+        ),
+        "'r.start' is an option, and a sweep goes around numbers. Use grid for it.",
+    ),
     "input": (dict(inputs={"x": 1.0}), "diagram 'lag' has no input 'x'."),
     "diagram": (dict(diagram="lag"), "only a diagram can be run, got 'lag'. Load it first: tsmblocks.load('lag')."),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -567,12 +649,14 @@ BROKEN = {
     (b"run,a\n1,2\n", None): ("s.csv: this is no file of a study's results: there is no s.study.json beside it."),
     (b"run,a\n1,2\n", b""): ("s.study.json: these are no facts of a study."),
     (b"run,a\n", b'{"format": 1}'): ("s.study.json: the facts of the study are not all there."),
-    (b"run,a\n", b'{"format": 1, "runs": 2, "parameters": {}, "units": {}, "title": "", "kind": "", "metrics": 3}'):
-        ("s.study.json: the facts of the study are not all there."),
+    (b"run,a\n", b'{"format": 1, "runs": 2, "parameters": {}, "units": {}, "title": "", "kind": "", "metrics": 3}'): (
+        "s.study.json: the facts of the study are not all there."
+    ),
     (b"run,a\n", FACTS % b"b"): ("s.csv:1: the heading does not have the parameters and metrics of s.study.json."),
-    (b"run,a\n0,1\nx,2\n", FACTS % b"a"):
-        ("s.csv:3: 2 columns are wanted, the first being the number of a run; here stands 'x,2'."),
-}  # fmt: skip
+    (b"run,a\n0,1\nx,2\n", FACTS % b"a"): (
+        "s.csv:3: 2 columns are wanted, the first being the number of a run; here stands 'x,2'."
+    ),
+}
 
 
 @pytest.mark.parametrize("content", BROKEN)
@@ -596,8 +680,17 @@ def test_a_function_cannot_be_sent_to_another_process():
 
 
 def test_results_of_nothing_finite():
-    found = tsm.studies.Results("t", "table", 1, np.array([0]), {"a": np.array([1.0])}, {"m": np.array([np.nan])},
-                                {"m": ""}, {"m": "rms(y)"}, {})  # fmt: skip
+    found = tsm.studies.Results(
+        "t",
+        "table",
+        1,
+        np.array([0]),
+        {"a": np.array([1.0])},
+        {"m": np.array([np.nan])},
+        {"m": ""},
+        {"m": "rms(y)"},
+        {},
+    )
     for call, said in (
         (lambda: found.best("m"), "no run of the study has a finite 'm'."),
         (lambda: found.influence("m"), "'m' is finite in 0 runs; to tell the influence of 1 numbers takes 3 at least."),

@@ -36,8 +36,14 @@ def test_loop(tracking):
 def pytest_in(folder, *words):
     """Run pytest with the plugin; its status and what it said."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "tsmblocks.testing.plugin", "-p", "no:cacheprovider", *words]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False,
-                          env={"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(folder)})  # fmt: skip
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(folder)},
+    )
     return done.returncode, done.stdout + done.stderr
 
 
@@ -113,8 +119,9 @@ def test_the_fixture_guards_tests_in_python(tmp_path):
     assert "there is no baseline baselines/test_mine.test_loop.toml yet" in said
     assert pytest_in(tmp_path, "--tracking-accept")[0] == 0
     assert sorted(p.name for p in (tmp_path / "baselines").iterdir()) == [
-        "test_mine.test_loop.effort.toml", "test_mine.test_loop.toml"
-    ]  # fmt: skip
+        "test_mine.test_loop.effort.toml",
+        "test_mine.test_loop.toml",
+    ]
     assert pytest_in(tmp_path)[0] == 0
     (tmp_path / "test_mine.py").write_text(PYTHON.replace("stop=1.0", "stop=1.1"))
     status, said = pytest_in(tmp_path)
@@ -198,8 +205,9 @@ def small(**more):
 
 
 def test_a_baseline_is_read_back_as_it_was(tmp_path):
-    made = guard(tsm.load("fig09b_feedforward"), {"e [deg]": "rms(x_ref - x_out)", "never": "settling_time(u, 1e-9)"},
-                 stop=10.0).run()  # fmt: skip
+    made = guard(
+        tsm.load("fig09b_feedforward"), {"e [deg]": "rms(x_ref - x_out)", "never": "settling_time(u, 1e-9)"}, stop=10.0
+    ).run()
     made.save(tmp_path / "deep" / "b.toml")
     again = read_baseline(tmp_path / "deep" / "b.toml")
     assert again.metrics == made.metrics

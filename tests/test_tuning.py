@@ -33,10 +33,19 @@ from tsmblocks.tuning.smooth_metrics import SMOOTH, sloped
 
 T = np.linspace(0.0, 10.0, 2001)
 TEXTS = [
-    "rms(a - b)", "peak_to_peak(a - b, after=2)", "largest(a)", "highest(a * b)", "lowest(a)", "mean(a)", "final(b)",
-    "integral(a, before=7)", "variation(a)", "share(abs(a) > 0.4)", "overshoot(a + 0.1, 0.5)",
+    "rms(a - b)",
+    "peak_to_peak(a - b, after=2)",
+    "largest(a)",
+    "highest(a * b)",
+    "lowest(a)",
+    "mean(a)",
+    "final(b)",
+    "integral(a, before=7)",
+    "variation(a)",
+    "share(abs(a) > 0.4)",
+    "overshoot(a + 0.1, 0.5)",
     "2 * rms(a) / highest(b) + largest(a - b)**2",
-]  # fmt: skip
+]
 
 
 def scaled(**more):
@@ -46,10 +55,19 @@ def scaled(**more):
 
 
 def loop():
-    blocks = {"r": Step(time=0.0), "e": Sum(signs="+-"), "pid": PID(kp=1.0, ki=0.5, kd=0.0),
-              "g": FirstOrderLag(time_constant=0.5), "h": FirstOrderLag(time_constant=0.2)}  # fmt: skip
-    return tsm.Diagram(title="loop", blocks=blocks, wires=["r -> e.plus", "e -> pid -> g -> h", "h -> e.minus"],
-                       outputs={"y": "h", "u": "pid", "e": "e"})  # fmt: skip
+    blocks = {
+        "r": Step(time=0.0),
+        "e": Sum(signs="+-"),
+        "pid": PID(kp=1.0, ki=0.5, kd=0.0),
+        "g": FirstOrderLag(time_constant=0.5),
+        "h": FirstOrderLag(time_constant=0.2),
+    }
+    return tsm.Diagram(
+        title="loop",
+        blocks=blocks,
+        wires=["r -> e.plus", "e -> pid -> g -> h", "h -> e.minus"],
+        outputs={"y": "h", "u": "pid", "e": "e"},
+    )
 
 
 # ---- slopes
@@ -126,10 +144,15 @@ def test_several_diagrams_are_cases():
 
 def test_a_sine_is_followed_by_the_inverse_of_its_path():
     """Gain and lead of a first-order path: y = g (a + b s) / (1 + T s) r is r where g a = 1, g b = T."""
-    blocks = {"r": Sine(amplitude=1.0, frequency=0.5), "lead": PID(kp=1.0, ki=0.0, kd=0.1, tau=1e-3),
-              "path": FirstOrderLag(time_constant=0.3), "e": Sum(signs="+-")}  # fmt: skip
-    diagram = tsm.Diagram(title="lead", blocks=blocks, wires=["r -> lead -> path -> e.minus", "r -> e.plus"],
-                          outputs={"e": "e"})  # fmt: skip
+    blocks = {
+        "r": Sine(amplitude=1.0, frequency=0.5),
+        "lead": PID(kp=1.0, ki=0.0, kd=0.1, tau=1e-3),
+        "path": FirstOrderLag(time_constant=0.3),
+        "e": Sum(signs="+-"),
+    }
+    diagram = tsm.Diagram(
+        title="lead", blocks=blocks, wires=["r -> lead -> path -> e.minus", "r -> e.plus"], outputs={"e": "e"}
+    )
     found = tune(
         diagram, {"lead.kp": (0.1, 3.0), "lead.kd": (0.0, 1.0)}, "peak_to_peak(e, after=4)", stop=6.0, step=1e-3
     )
@@ -166,16 +189,24 @@ def test_margins_are_kept():
 
 def late_loop(block):
     """An integrator of gain 5 behind ``block``, with feedback."""
-    return tsm.Diagram(title="late", blocks={"ref": Step(), "e": Sum(signs="+-"), "k": Gain(gain=5.0), "b": block,
-                                             "x": Integrator()},
-                       wires=["ref -> e.plus", "e -> k -> b -> x -> e.minus"],
-                       outputs={"y": "x", "e": "e"})  # fmt: skip
+    return tsm.Diagram(
+        title="late",
+        blocks={"ref": Step(), "e": Sum(signs="+-"), "k": Gain(gain=5.0), "b": block, "x": Integrator()},
+        wires=["ref -> e.plus", "e -> k -> b -> x -> e.minus"],
+        outputs={"y": "x", "e": "e"},
+    )
 
 
 def test_margins_of_loops_with_dead_times_are_kept():
     """The phase of k exp(-Ts)/s at its crossover k is -90 deg - k T."""
-    found = tune(late_loop(DeadTime(time=0.1)), {"k.gain": (1.0, 20.0)}, "rms(e)",
-                 subject_to="phase_margin('k -> b') >= 45", stop=5.0, step=5e-3)  # fmt: skip
+    found = tune(
+        late_loop(DeadTime(time=0.1)),
+        {"k.gain": (1.0, 20.0)},
+        "rms(e)",
+        subject_to="phase_margin('k -> b') >= 45",
+        stop=5.0,
+        step=5e-3,
+    )
     assert found.met
     gain = found.diagram.parameters["k.gain"]
     assert next(iter(found.after.values()))["phase_margin('k -> b')"] == pytest.approx(
@@ -185,35 +216,60 @@ def test_margins_of_loops_with_dead_times_are_kept():
 
 def test_a_margin_that_no_gains_can_have_is_refused_with_its_reason():
     with pytest.raises(ParameterError) as caught:
-        tune(late_loop(Play(half_width=0.1)), {"k.gain": (1.0, 20.0)}, "rms(e)",
-             subject_to="phase_margin('k -> b') >= 45", stop=5.0, step=5e-3)  # fmt: skip
+        tune(
+            late_loop(Play(half_width=0.1)),
+            {"k.gain": (1.0, 20.0)},
+            "rms(e)",
+            subject_to="phase_margin('k -> b') >= 45",
+            stop=5.0,
+            step=5e-3,
+        )
     assert str(caught.value).startswith("phase_margin: b of 'late' acts at instants of its own")
 
 
-@pytest.mark.parametrize(("num", "den", "gain", "wanted"), [
-    ((1.0,), (1.0, 3.0, 3.0, 1.0), 2.0, 4.0), ((1.0,), (1.0, 3.0, 3.0, 1.0), 16.0, 0.5),  # unstable above 8
-    ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 1.0, 2.0), ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 4.0, 8.0),  # below 1/2
-    ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 0.25, 0.5), ((1.0,), (1.0, -1.0), 3.0, 3.0), ((1.0,), (1.0, -1.0), 0.5, 0.5),
-    ((1.0,), (1.0, 1.0), 5.0, 1000.0),  # never
-    ((-1.0,), (1.0, 1.0), 0.25, 4.0), ((-1.0,), (1.0, 1.0), 2.0, 0.5),  # the sign turned
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("num", "den", "gain", "wanted"),
+    [
+        ((1.0,), (1.0, 3.0, 3.0, 1.0), 2.0, 4.0),
+        ((1.0,), (1.0, 3.0, 3.0, 1.0), 16.0, 0.5),  # unstable above 8
+        ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 1.0, 2.0),
+        ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 4.0, 8.0),  # below 1/2
+        ((1.0, 2.0, 1.0), (1.0, 0.0, 0.0, 0.0), 0.25, 0.5),
+        ((1.0,), (1.0, -1.0), 3.0, 3.0),
+        ((1.0,), (1.0, -1.0), 0.5, 0.5),
+        ((1.0,), (1.0, 1.0), 5.0, 1000.0),  # never
+        ((-1.0,), (1.0, 1.0), 0.25, 4.0),
+        ((-1.0,), (1.0, 1.0), 2.0, 0.5),  # the sign turned
+    ],
+)
 def test_a_gain_margin_is_the_smallest_factor_up_or_down_that_makes_the_loop_unstable(num, den, gain, wanted):
     blocks = {"r": Step(time=0.0), "e": Sum(signs="+-"), "k": Gain(gain=gain), "g": TransferFunction(num=num, den=den)}
-    diagram = tsm.Diagram(title="loop", blocks=blocks, wires=["r -> e.plus", "e -> k -> g -> e.minus"],
-                          outputs={"y": "g"})  # fmt: skip
+    diagram = tsm.Diagram(
+        title="loop", blocks=blocks, wires=["r -> e.plus", "e -> k -> g -> e.minus"], outputs={"y": "g"}
+    )
     assert limit("gain_margin('k -> g') >= 2", {}, diagram).margin_of(diagram) == pytest.approx(wanted, rel=1e-6)
 
 
-@pytest.mark.parametrize(("period", "kp", "ki", "kd", "late"), [
-    (0.1, 1.0, 1.0, 0.3, 1), (0.02, 0.5, 0.2, 0.05, 2), (0.001, 5.0, 2.0, 1.0, 3), (0.5, 0.3, 0.3, 0.0, 0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("period", "kp", "ki", "kd", "late"),
+    [(0.1, 1.0, 1.0, 0.3, 1), (0.02, 0.5, 0.2, 0.05, 2), (0.001, 5.0, 2.0, 1.0, 3), (0.5, 0.3, 0.3, 0.0, 0)],
+)
 def test_margins_of_sampled_loops_bring_a_pole_onto_the_unit_circle(period, kp, ki, kd, late):
     """The first of these has a phase margin of 17 deg, which polynomials of python-control 0.10 do not see."""
     delays = {f"d{k}": UnitDelay(period=period) for k in range(late)}
-    blocks = {"e": Sum(signs="+-"), "c": DiscretePID(period=period, kp=kp, ki=ki, kd=kd), **delays,
-              "g": TransferFunction(num=[9.0], den=[1.0, 1.2, 9.0])}  # fmt: skip
-    d = tsm.Diagram(title="loop", blocks=blocks, inputs={"r": "e.plus"}, outputs={"y": "g"},
-                    wires=[" -> ".join(["e", "c", *delays, "g", "e.minus"])])  # fmt: skip
+    blocks = {
+        "e": Sum(signs="+-"),
+        "c": DiscretePID(period=period, kp=kp, ki=ki, kd=kd),
+        **delays,
+        "g": TransferFunction(num=[9.0], den=[1.0, 1.2, 9.0]),
+    }
+    d = tsm.Diagram(
+        title="loop",
+        blocks=blocks,
+        inputs={"r": "e.plus"},
+        outputs={"y": "g"},
+        wires=[" -> ".join(["e", "c", *delays, "g", "e.minus"])],
+    )
     gain, phase = (limit(f"{kind}('c') >= 2", {}, d).margin_of(d) for kind in ("gain_margin", "phase_margin"))
     L = tsm.analysis.loop_gain(d, "c")
 
@@ -236,8 +292,15 @@ def test_a_gain_margin_of_reduction_is_met():
 
 def test_the_papers_gains_are_beaten():
     diagram = tsm.load("fig16_feedforward_feedback")
-    found = tune(diagram, {"pid.kp": (0.1, 5.0), "pid.ki": (0.0, 10.0)}, "peak_to_peak(x_ref - x_out, after=5)",
-                 subject_to=["share(abs(u) > 23.9) <= 0.001"], stop=10.0, step=2e-3, starts=2)  # fmt: skip
+    found = tune(
+        diagram,
+        {"pid.kp": (0.1, 5.0), "pid.ki": (0.0, 10.0)},
+        "peak_to_peak(x_ref - x_out, after=5)",
+        subject_to=["share(abs(u) > 23.9) <= 0.001"],
+        stop=10.0,
+        step=2e-3,
+        starts=2,
+    )
     before, after = found.worst
     assert found.met
     assert after < 0.75 * before
@@ -264,8 +327,12 @@ def test_ctrl_c_keeps_the_best_so_far():
 
 def swinging(offset):
     """An angle that swings with an amplitude of 1 rad around an offset."""
-    return tsm.Diagram(title="swinging", blocks={"r": Sine(amplitude=1.0, frequency=10.0, offset=offset, unit="rad")},
-                       wires=[], outputs={"y": "r"})  # fmt: skip
+    return tsm.Diagram(
+        title="swinging",
+        blocks={"r": Sine(amplitude=1.0, frequency=10.0, offset=offset, unit="rad")},
+        wires=[],
+        outputs={"y": "r"},
+    )
 
 
 TOLD = """\
@@ -289,8 +356,9 @@ beware:
 def test_what_is_found_is_told_in_degrees_with_before_and_bounds():
     asked = dict(subject_to=["highest(y) >= 0.2", "highest(y) <= 9"], starts=2, stop=0.1, step=1e-3)
     for name, scale in (("error [mrad]", 1000.0), ("error [deg]", 180 / np.pi)):
-        found = tune({"low": swinging(0.0), "high": swinging(1.0)}, {"r.amplitude": (0.5, 5.0)},
-                     {name: "largest(y)"}, **asked)  # fmt: skip
+        found = tune(
+            {"low": swinging(0.0), "high": swinging(1.0)}, {"r.amplitude": (0.5, 5.0)}, {name: "largest(y)"}, **asked
+        )
         assert found.objective == name
         assert found.worst == pytest.approx((2.0 * scale, 1.5 * scale), rel=1e-6)
         assert found.units == {name: name.split("[")[1][:-1], "highest(y)": "rad"}
@@ -334,8 +402,9 @@ def test_one_limit_need_not_be_a_list():
 
 
 def test_a_limit_of_zero_can_be_met():
-    found = tune(scaled(), {"gain.gain": (0.1, 3.0)}, "largest(y - 2)", subject_to=["share(y > 1.5) <= 0"],
-                 stop=0.1, step=0.01)  # fmt: skip
+    found = tune(
+        scaled(), {"gain.gain": (0.1, 3.0)}, "largest(y - 2)", subject_to=["share(y > 1.5) <= 0"], stop=0.1, step=0.01
+    )
     assert found.met
     assert found.values["gain.gain"] == pytest.approx(1.5, rel=0.05)
     assert found.values["gain.gain"] <= 1.5
@@ -351,8 +420,12 @@ def test_what_is_limited_ends_within_its_limit(most):
 
 
 def test_what_changes_nothing_is_told():
-    idle = tsm.Diagram(title="idle", blocks={"s": Sine(amplitude=1.0, frequency=1.0), "g": Gain(), "h": Gain()},
-                       wires=["s -> g", "s -> h"], outputs={"y": "g", "z": "h"})  # fmt: skip
+    idle = tsm.Diagram(
+        title="idle",
+        blocks={"s": Sine(amplitude=1.0, frequency=1.0), "g": Gain(), "h": Gain()},
+        wires=["s -> g", "s -> h"],
+        outputs={"y": "g", "z": "h"},
+    )
     found = tune(idle, {"g.gain": (0.1, 5.0), "h.gain": (0.1, 5.0)}, "rms(y - 3 * s.y)", stop=1.0, step=0.01, starts=2)
     assert found.values["g.gain"] == pytest.approx(3.0, abs=1e-3)
     assert found.remarks == ("h.gain changes nothing that was asked about",)
@@ -365,8 +438,15 @@ def test_nothing_better_is_told():
 
 
 def test_what_is_found_is_a_frame_and_a_figure():
-    found = tune({"low": scaled(), "high": scaled(one=Constant(value=2.0))}, {"gain.gain": (0.1, 5.0)},
-                 {"error": "largest(y - 0.7)"}, subject_to=["highest(y) <= 1"], stop=0.1, step=0.01, starts=1)  # fmt: skip
+    found = tune(
+        {"low": scaled(), "high": scaled(one=Constant(value=2.0))},
+        {"gain.gain": (0.1, 5.0)},
+        {"error": "largest(y - 0.7)"},
+        subject_to=["highest(y) <= 1"],
+        stop=0.1,
+        step=0.01,
+        starts=1,
+    )
     frame = found.to_pandas()
     assert list(frame) == ["error", "highest(y)"]
     for case, after in found.after.items():
@@ -416,8 +496,15 @@ def test_a_loop_that_hunts_is_told_and_a_limit_prevents_it():
 
 def test_a_loop_that_moves_faster_does_not_hunt():
     """A step that is followed ten times as fast: u goes farther, once."""
-    found = tune(loop(), {"pid.kp": (0.1, 30.0), "pid.ki": (0.05, 30.0), "pid.kd": (0.0, 2.0)}, "rms(e)",
-                 subject_to=["overshoot(y, 1) <= 0.05", "largest(u) <= 8"], stop=5.0, step=5e-3, starts=1)  # fmt: skip
+    found = tune(
+        loop(),
+        {"pid.kp": (0.1, 30.0), "pid.ki": (0.05, 30.0), "pid.kd": (0.0, 2.0)},
+        "rms(e)",
+        subject_to=["overshoot(y, 1) <= 0.05", "largest(u) <= 8"],
+        stop=5.0,
+        step=5e-3,
+        starts=1,
+    )
     assert found.after["loop"]["largest(u)"] > 4 * found.before["loop"]["largest(u)"]
     assert not found.hunting
 
@@ -426,8 +513,15 @@ def test_a_search_that_ends_where_limits_just_hold_brings_something_back():
     """Where u swings, its largest value depends on the last digits: the end of a search may be just outside."""
     halves = MultiSine(amplitudes=(np.deg2rad(28),) * 2, frequencies=(0.2, 0.5), phases=(0.0, 0.0), unit="rad")
     loops = {"one": tsm.load(FIG16), "two": tsm.load(FIG16).replace("ref", halves)}
-    found = tune(loops, GAINS, "peak_to_peak(x_ref - x_out, after=10)", subject_to=["largest(abs(u)) <= 12"],
-                 stop=20.0, step=1e-3, starts=1)  # fmt: skip
+    found = tune(
+        loops,
+        GAINS,
+        "peak_to_peak(x_ref - x_out, after=10)",
+        subject_to=["largest(abs(u)) <= 12"],
+        stop=20.0,
+        step=1e-3,
+        starts=1,
+    )
     assert found.met
     assert found.improved
     assert found.worst[1] < 0.7 * found.worst[0]
@@ -435,26 +529,68 @@ def test_a_search_that_ends_where_limits_just_hold_brings_something_back():
 
 REFUSED = {
     "no bounds": (dict(free={"gain.gain": 3}), "'gain.gain' needs bounds (low, high), got 3."),
-    "no mapping": (dict(free=["gain.gain"]), "free maps parameters to bounds, such as {'pid.kp': (0.1, 5.0)}, got ['gain.gain']."),
-    "unknown": (dict(free={"gain.gian": (0, 1)}), "diagram 'scaled' has no parameter 'gain.gian'. Did you mean 'gain.gain'?"),
-    "the end of a name": (dict(diagrams=loop(), free={"kp": (0, 1)}), "diagram 'loop' has no parameter 'kp'. Did you mean 'pid.kp'?"),
-    "the end of several": (dict(diagrams=loop(), free={"time_constant": (0, 1)}), "diagram 'loop' has no parameter 'time_constant'. Did you mean 'g.time_constant' or 'h.time_constant'?"),
-    "limits that are none": (dict(subject_to=3), "subject_to takes a limit such as 'largest(u) <= 20', or a list of them, got 3."),
-    "one limit that is none": (dict(subject_to="rms(y)"), "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'."),
-    "upside down": (dict(free={"gain.gain": (2, 1)}), "bounds of 'gain.gain': low must be below high, got low=2, high=1."),
+    "no mapping": (
+        dict(free=["gain.gain"]),
+        "free maps parameters to bounds, such as {'pid.kp': (0.1, 5.0)}, got ['gain.gain'].",
+    ),
+    "unknown": (
+        dict(free={"gain.gian": (0, 1)}),
+        "diagram 'scaled' has no parameter 'gain.gian'. Did you mean 'gain.gain'?",
+    ),
+    "the end of a name": (
+        dict(diagrams=loop(), free={"kp": (0, 1)}),
+        "diagram 'loop' has no parameter 'kp'. Did you mean 'pid.kp'?",
+    ),
+    "the end of several": (
+        dict(diagrams=loop(), free={"time_constant": (0, 1)}),
+        "diagram 'loop' has no parameter 'time_constant'. Did you mean 'g.time_constant' or 'h.time_constant'?",
+    ),
+    "limits that are none": (
+        dict(subject_to=3),
+        "subject_to takes a limit such as 'largest(u) <= 20', or a list of them, got 3.",
+    ),
+    "one limit that is none": (
+        dict(subject_to="rms(y)"),
+        "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'.",
+    ),
+    "upside down": (
+        dict(free={"gain.gain": (2, 1)}),
+        "bounds of 'gain.gain': low must be below high, got low=2, high=1.",
+    ),
     "metric": (dict(minimise="rms(z)"), "metric: there is no signal 'z'."),
-    "no slope": (dict(minimise="settling_time(y, 0.1)"), "metric 'settling_time(y, 0.1)': settling_time has no slope, so nothing can be tuned by it."),
-    "no limit": (dict(subject_to=["rms(y)"]), "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'."),
-    "limit on the left": (dict(subject_to=["2 >= rms(y)"]), "'2 >= rms(y)': the limit must be a plain number, on the right."),
+    "no slope": (
+        dict(minimise="settling_time(y, 0.1)"),
+        "metric 'settling_time(y, 0.1)': settling_time has no slope, so nothing can be tuned by it.",
+    ),
+    "no limit": (
+        dict(subject_to=["rms(y)"]),
+        "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'.",
+    ),
+    "limit on the left": (
+        dict(subject_to=["2 >= rms(y)"]),
+        "'2 >= rms(y)': the limit must be a plain number, on the right.",
+    ),
     "limit of nothing": (dict(subject_to=["rms(z) <= 2"]), "limit: metric: there is no signal 'z'."),
-    "no wire": (dict(subject_to=["phase_margin(3) >= 45"]), "phase_margin takes the wire at which the loop is opened: phase_margin('controller -> drive')."),
+    "no wire": (
+        dict(subject_to=["phase_margin(3) >= 45"]),
+        "phase_margin takes the wire at which the loop is opened: phase_margin('controller -> drive').",
+    ),
     "another wire": (dict(subject_to=["phase_margin('plant -> gian') >= 45"]), "phase_margin: at='plant -> gian'"),
-    "plants": (dict(plants={"plant.gain": [1]}), "plants is a plan such as monte_carlo gives, got {'plant.gain': [1]}."),
-    "no instant": (dict(minimise="rms(y, after=3)"), "metric 'rms(y, after=3)': no instant of the run lies between 3 and inf s; it goes from 0 to 0.1 s."),
-    "two metrics": (dict(minimise={"a": "rms(y)", "b": "mean(y)"}), "minimise is one metric, such as 'rms(x_ref - x_out)', or with a name and a unit {'error [deg]': 'rms(x_ref - x_out)'}, got "),
+    "plants": (
+        dict(plants={"plant.gain": [1]}),
+        "plants is a plan such as monte_carlo gives, got {'plant.gain': [1]}.",
+    ),
+    "no instant": (
+        dict(minimise="rms(y, after=3)"),
+        "metric 'rms(y, after=3)': no instant of the run lies between 3 and inf s; it goes from 0 to 0.1 s.",
+    ),
+    "two metrics": (
+        dict(minimise={"a": "rms(y)", "b": "mean(y)"}),
+        "minimise is one metric, such as 'rms(x_ref - x_out)', or with a name and a unit {'error [deg]': 'rms(x_ref - x_out)'}, got ",
+    ),
     "starts": (dict(starts=0), "starts must be a whole number of at least 1, got 0."),
     "diagrams": (dict(diagrams={}), "tune needs at least one diagram."),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -468,10 +604,20 @@ def test_what_cannot_be_tuned(name):
 
 def position(kp, ki, kd):
     """A motor behind a limit that the derivative drives it into: the largest volts then change no more."""
-    blocks = dict(e=Sum(signs="+-"), pid=PID(kp=kp, ki=ki, kd=kd), limit=Saturation(low=-10.0, high=10.0),
-                  motor=FirstOrderLag(gain=18.15, time_constant=0.146), x=Integrator(gain=0.8))  # fmt: skip
-    return tsm.Diagram(title="position", blocks=blocks, wires=["e -> pid -> limit -> motor -> x -> e.minus"],
-                       inputs={"r": "e.plus"}, outputs={"x": "x", "u": "limit", "e": "e"})  # fmt: skip
+    blocks = dict(
+        e=Sum(signs="+-"),
+        pid=PID(kp=kp, ki=ki, kd=kd),
+        limit=Saturation(low=-10.0, high=10.0),
+        motor=FirstOrderLag(gain=18.15, time_constant=0.146),
+        x=Integrator(gain=0.8),
+    )
+    return tsm.Diagram(
+        title="position",
+        blocks=blocks,
+        wires=["e -> pid -> limit -> motor -> x -> e.minus"],
+        inputs={"r": "e.plus"},
+        outputs={"x": "x", "u": "limit", "e": "e"},
+    )
 
 
 @pytest.mark.parametrize("kp", [0.5, 2.0])
@@ -479,8 +625,13 @@ def test_limits_that_hold_only_where_gains_are_next_to_off_are_met(kp):
     free = {"pid.kp": (0.01, 5.0), "pid.ki": (0.0, 5.0), "pid.kd": (0.0, 0.5)}
     how = dict(inputs={"r": 20.0}, stop=3.0, step=2e-3)
     goal, limits = "rms(e, after=0.1)", {"over": "overshoot(x, 20)", "volts": "largest(abs(u))"}
-    found = tune(position(kp, 0.1, 0.02), free, goal, subject_to=[f"{limits['over']} <= 0.02", f"{limits['volts']} <= 9.9"],
-                 **how)  # fmt: skip
+    found = tune(
+        position(kp, 0.1, 0.02),
+        free,
+        goal,
+        subject_to=[f"{limits['over']} <= 0.02", f"{limits['volts']} <= 9.9"],
+        **how,
+    )
     assert found.met
     by = {"pid.kp": np.linspace(0.1, 0.5, 21), "pid.ki": [0.0, 0.01], "pid.kd": [0.0, 0.001, 0.002, 0.003, 0.004]}
     by_hand = tsm.study(position(kp, 0.1, 0.02), tsm.studies.grid(by), {"goal": goal, **limits}, **how)

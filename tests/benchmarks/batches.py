@@ -23,14 +23,7 @@ def batches(report: Report) -> None:
     count = 640 if report.quick else 10_000
     t = np.arange(STEPS + 1) * 1e-3
     tones = {"x_in": 0.6 * np.sin(2 * np.pi * 0.2 * t) + 0.3 * np.sin(2 * np.pi * 0.53 * t + 1)}
-    one(
-        report,
-        "Fig 16",
-        tsm.load(ours.FIGURES["fig16"]),
-        ("alpha1", "A", "theta", "pid.kp", "pid.ki"),
-        {},
-        count,
-    )
+    one(report, "Fig 16", tsm.load(ours.FIGURES["fig16"]), ("alpha1", "A", "theta", "pid.kp", "pid.ki"), {}, count)
     plant = ("tsm.alpha1", "tsm.alpha2", "tsm.A", "tsm.theta", "tsm.delta")
     one(report, "open plant", tsm.load(ours.FIGURES["plant"]), plant, tones, count)
 

@@ -51,11 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--peers", action="store_true", help="also the other tools that are installed: some minutes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every number to FILE")
     parser.add_argument(
-        "--only",
-        action="append",
-        choices=SECTIONS,
-        metavar="NAME",
-        help=f"one of {', '.join(SECTIONS)}; repeatable",
+        "--only", action="append", choices=SECTIONS, metavar="NAME", help=f"one of {', '.join(SECTIONS)}; repeatable"
     )
     args = parser.parse_args(arguments)
     report = Report(args.quick)

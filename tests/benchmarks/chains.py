@@ -48,9 +48,7 @@ def chains(report: Report) -> None:
         "simulate() beyond it [ms]",
     ]
     report.table(
-        f"Chains of FirstOrderLag and Saturation, 2 s at 1 ms (differences allowed: {TOLERANCE:g})",
-        head,
-        rows,
+        f"Chains of FirstOrderLag and Saturation, 2 s at 1 ms (differences allowed: {TOLERANCE:g})", head, rows
     )
     for k, what in enumerate(("compile time", "kernel time per step")):
         grown = cost[5000][k] / cost[1000][k] if 5000 in cost and 1000 in cost else None

@@ -35,8 +35,7 @@ def cold_start(report: Report) -> None:
         total = min(t[1] + t[2] for t in found)
         rows.append([name, ms(parts[0]), ms(parts[1]), ms(parts[2]), ms(total), ms(parts[3])])
         report.note(
-            f"cold start, {name}",
-            {"import_s": parts[0], "read_s": parts[1], "first_run_s": parts[2], "total_s": total},
+            f"cold start, {name}", {"import_s": parts[0], "read_s": parts[1], "first_run_s": parts[2], "total_s": total}
         )
         if name == "store off":
             report.bar("cold start beyond imports, Fig 9(b), 20 s", total, 0.3, " s")

@@ -69,10 +69,24 @@ class Case:
     def posed(self) -> Any:
         """The problem as searches see it."""
         return pose(
-            self.diagram, self.record, free=["tsm.*"], bounds=None, start=START, local=(), start_states=False,
-            constraints=None, ties=None, priors=None, sigma=None, outputs=None, window=None, step=STEP,
-            integrator="rk4", hold="linear", backend="",
-        )[0]  # fmt: skip
+            self.diagram,
+            self.record,
+            free=["tsm.*"],
+            bounds=None,
+            start=START,
+            local=(),
+            start_states=False,
+            constraints=None,
+            ties=None,
+            priors=None,
+            sigma=None,
+            outputs=None,
+            window=None,
+            step=STEP,
+            integrator="rk4",
+            hold="linear",
+            backend="",
+        )[0]
 
     def squares(self, theta: Any) -> float:
         """Half the sum of squares at an optimum found elsewhere, by one simulation of ours."""
@@ -103,8 +117,11 @@ def fits(report: Report) -> None:
     rows += scipy_rows(report, case, least, best)
     rows += casadi_rows(report, case, least, best)
     head = ["what", "wall [ms]", "CPU [ms]", "simulate()s", "kernels", "simulations asked for"]
-    report.table("Fits: 5 parameters of (8)-(9), 10 s at 1 kHz, two tones, noise 0.005 rad",
-                 head, [[*row, ""] if len(row) < len(head) else row for row in rows])  # fmt: skip
+    report.table(
+        "Fits: 5 parameters of (8)-(9), 10 s at 1 kHz, two tones, noise 0.005 rad",
+        head,
+        [[*row, ""] if len(row) < len(head) else row for row in rows],
+    )
     bars(report, best)
 
 
@@ -138,8 +155,10 @@ def threaded(best: dict[str, Best]) -> list[list[str]]:
     done = subprocess.run(
         [sys.executable, __file__, "--worker"], env=environment, capture_output=True, text=True, check=True
     )
-    return [[f"{name}, matrix library's threads left on", *figures(best, Best(*times))]
-            for name, times in json.loads(done.stdout).items()]  # fmt: skip
+    return [
+        [f"{name}, matrix library's threads left on", *figures(best, Best(*times))]
+        for name, times in json.loads(done.stdout).items()
+    ]
 
 
 def worker() -> None:

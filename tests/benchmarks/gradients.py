@@ -39,13 +39,7 @@ def gradients(report: Report) -> None:
 
 
 def one(
-    report: Report,
-    title: str,
-    diagram: Any,
-    names: list[str],
-    outputs: list[str],
-    inputs: dict[str, Any],
-    stop: float,
+    report: Report, title: str, diagram: Any, names: list[str], outputs: list[str], inputs: dict[str, Any], stop: float
 ) -> None:
     """Check and time one diagram."""
     found = tsm.sensitivities(diagram, names, outputs=outputs, stop=stop, inputs=inputs)

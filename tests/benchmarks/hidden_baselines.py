@@ -72,10 +72,26 @@ def _data(segment: Any) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
     still = np.abs(v) < 0.02 * np.sqrt(np.mean(v**2))
     side, t = np.where(still, 0.0, np.sign(v)), (t - t.mean()) / np.ptp(t)
     table = {
-        "1": np.ones_like(x), "x": x, "v": v, "a": a, "x^2": x**2, "|x|": np.abs(x), "x^3": x**3, "x|x|": x * np.abs(x),
-        "sgn v": side, "x sgn v": side * x, "x^2 sgn v": side * x**2, "|x| sgn v": side * np.abs(x), "|v|": np.abs(v),
-        "v|v|": v * np.abs(v), "v^3": v**3, "v^2": v**2, "x v": x * v, "t": t, "t^2": t**2,
-    }  # fmt: skip
+        "1": np.ones_like(x),
+        "x": x,
+        "v": v,
+        "a": a,
+        "x^2": x**2,
+        "|x|": np.abs(x),
+        "x^3": x**3,
+        "x|x|": x * np.abs(x),
+        "sgn v": side,
+        "x sgn v": side * x,
+        "x^2 sgn v": side * x**2,
+        "|x| sgn v": side * np.abs(x),
+        "|v|": np.abs(v),
+        "v|v|": v * np.abs(v),
+        "v^3": v**3,
+        "v^2": v**2,
+        "x v": x * v,
+        "t": t,
+        "t^2": t**2,
+    }
     for n in range(3, 16):
         table |= {f"cos {n}x": np.cos(n * x), f"sin {n}x": np.sin(n * x)}
     y = np.concatenate(simulated)
@@ -94,7 +110,7 @@ def _without(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 def _named(
     names: Sequence[str], chosen: Sequence[int], columns: np.ndarray, r: np.ndarray, excess: float, noise: float
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Terms from strongest to weakest; the first says what is named, if all together are worth a name."""
     if not len(chosen):
         return dict(terms=[], names=[], removed=0.0)

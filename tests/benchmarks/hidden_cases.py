@@ -33,8 +33,12 @@ def listed(seeds: int, first: int) -> dict[str, list[tuple[Spec, str]]]:
     half = range(first, first + math.ceil(seeds / 2))
     nulls = [Spec("null", seed=20 * s + k, protocol=p) for s in each for k, p in enumerate(_mix())]
     singles = [Spec("single", e, size, s) for s in each for size in SIZES for e in SHEATH_EFFECTS]
-    both = [Spec("chain", f"{m}:{e}", 3.0, s) for s in some
-            for m, names in (("motor", MOTOR_EFFECTS), ("sheath", SHEATH_EFFECTS)) for e in names]  # fmt: skip
+    both = [
+        Spec("chain", f"{m}:{e}", 3.0, s)
+        for s in some
+        for m, names in (("motor", MOTOR_EFFECTS), ("sheath", SHEATH_EFFECTS))
+        for e in names
+    ]
     motor = {
         g: [Spec(g, e, size, s) for s in half for size in (1.0, 10.0) for e in MOTOR_EFFECTS]
         + [Spec(g, "none", seed=s) for s in each]
@@ -87,11 +91,17 @@ def worked(batch: list[tuple[Spec, str]], tell: Any, baselines: bool) -> None:
 def row_of(spec: Spec, floor: str, case: Case, baselines: bool) -> dict[str, Any]:
     """Everything that the tables need of one case; a case that fails says why."""
     row = {
-        "key": key_of(spec, floor), "spec": asdict(replace(spec, effect=case.effect)), "floor": floor,
-        "truth": case.truth, "families": case.families, "at": case.segment, "protocol": case.protocol,
-        "excess": excess_of(case), "excesses": {k: v for k, v in case.numbers.items() if "excess" in k},
+        "key": key_of(spec, floor),
+        "spec": asdict(replace(spec, effect=case.effect)),
+        "floor": floor,
+        "truth": case.truth,
+        "families": case.families,
+        "at": case.segment,
+        "protocol": case.protocol,
+        "excess": excess_of(case),
+        "excesses": {k: v for k, v in case.numbers.items() if "excess" in k},
         "samples": sum(len(e["t"]) for e in case.experiments.values()),
-    }  # fmt: skip
+    }
     began = time.perf_counter()
     try:
         found = diagnosed(case, noise_floor="given" if floor == GIVEN else None)
@@ -119,17 +129,27 @@ def said(found: Any, case: Case) -> dict[str, Any]:
     fitted = [r for r in worst.ranking if r.round == 1 and r.fitted]
     scale = worst.noise_floor[worst.outputs[0]] / worst.gaps[0].noise_floor
     return {
-        "verdict": found.verdict, "sentence": found.sentence,
+        "verdict": found.verdict,
+        "sentence": found.sentence,
         "effects": [
-            {"name": e.name, "family": e.family, "segment": e.segment, "wire": e.wire, "also": e.also_possible,
-             "share": e.share_removed} for e in found.effects
+            {
+                "name": e.name,
+                "family": e.family,
+                "segment": e.segment,
+                "wire": e.wire,
+                "also": e.also_possible,
+                "share": e.share_removed,
+            }
+            for e in found.effects
         ],
         "held_out": (worst.gaps[0].held_out[0], worst.gaps[0].held_out[-1], worst.gaps[0].noise_floor),
-        "gain": max((r.gain for r in fitted), default=0.0) * scale, "line": max((r.line for r in fitted), default=0.0),
+        "gain": max((r.gain for r in fitted), default=0.0) * scale,
+        "line": max((r.line for r in fitted), default=0.0),
         "top": [(r.name, round(r.gain, 4), round(r.share, 3), round(r.t, 1)) for r in fitted[:4]],
         "segments": {s.name: {"verdict": s.verdict, "excess": s.excess} for s in found.segments},
-        "bic": _bic(worst), "covered": _covered(found, case),
-    }  # fmt: skip
+        "bic": _bic(worst),
+        "covered": _covered(found, case),
+    }
 
 
 def _bic(segment: Any) -> str:

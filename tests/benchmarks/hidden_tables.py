@@ -151,7 +151,7 @@ def acceptance(good: Sequence[Row]) -> None:
         ("backlash in front of the sheath: named", "", "", _count(_of(good, "front"), right)),
         ("the same, and placed there", "", "", _count(_of(good, "front"), lambda r: right(r) and _in_front(r))),
         *_naming([r for r in _of(good, "poor") if r["excess"] >= EDGE * CLEAR], "poor excitation"),
-    ]  # fmt: skip
+    ]
     table("Acceptance", ["quantity", "gate", "stretch", "measured (95 % interval)"], body)
 
 
@@ -182,17 +182,24 @@ def _outside(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
     rows = [r for r in rows if r["excess"] >= EDGE * CLEAR]
     return [
         ("out of catalogue: unknown", ">= 95 %", "100 %", _count(rows, lambda r: r["verdict"] == "unknown")),
-        ("out of catalogue: wrong name, confident", "<= 3 %", "0 %",
-         _count(rows, lambda r: r["verdict"] == "named" and removed(r) >= SURE)),
-    ]  # fmt: skip
+        (
+            "out of catalogue: wrong name, confident",
+            "<= 3 %",
+            "0 %",
+            _count(rows, lambda r: r["verdict"] == "named" and removed(r) >= SURE),
+        ),
+    ]
 
 
 def _shares(rows: Sequence[Row], least: dict[str, float]) -> list[tuple[str, str, str, str]]:
     """Of the excess over the noise, and over what the same base leaves of the same protocol with nothing hidden."""
     made = []
     for what, known in (("the noise", None), ("what nulls leave", least)):
-        shares = [removed(r, 1.0 if known is None else max(known[r["protocol"]], 1.0))
-                  for r in rows if known is None or r["protocol"] in known]  # fmt: skip
+        shares = [
+            removed(r, 1.0 if known is None else max(known[r["protocol"]], 1.0))
+            for r in rows
+            if known is None or r["protocol"] in known
+        ]
         said = f"{np.median(shares):.3f} / {np.quantile(shares, 0.1):.3f}" if shares else "no cases"
         gate = ("", "") if known is None else (">= 0.97 / 0.90", ".99 / .95")
         made.append((f"share removed held out, over {what}: median / 10 % quantile", *gate, said))
@@ -224,11 +231,26 @@ def motors(good: Sequence[Row]) -> None:
         rows = _of(good, group)
         nulls, hidden = [r for r in rows if not r["truth"]], [r for r in rows if r["truth"]]
         asked = [r for r in hidden if MOTOR[0] in r["families"] or r["truth"][0] in MOTOR]
-        body.append((group, _count(nulls, _alarm), _count(hidden, _alarm), _count(hidden, right),
-                     _count(hidden, related), _count(hidden, lambda r: r["truth"][0] in printed(r)),
-                     _count(asked, right)))  # fmt: skip
-    head = ["group", "false alarms", "detected", "exact name", "family", "truth in set",
-            "exact: friction, gap, limit, load, ripple, delay"]  # fmt: skip
+        body.append(
+            (
+                group,
+                _count(nulls, _alarm),
+                _count(hidden, _alarm),
+                _count(hidden, right),
+                _count(hidden, related),
+                _count(hidden, lambda r: r["truth"][0] in printed(r)),
+                _count(asked, right),
+            )
+        )
+    head = [
+        "group",
+        "false alarms",
+        "detected",
+        "exact name",
+        "family",
+        "truth in set",
+        "exact: friction, gap, limit, load, ripple, delay",
+    ]
     table("Motor and chain", head, [row for row in body if set(row[1:]) != {"no cases"}])
 
 
@@ -237,8 +259,15 @@ def power(rows: Sequence[Row]) -> None:
     body = []
     for low, high in BINS:
         some = [r for r in rows if EDGE * low <= r["excess"] < EDGE * high]
-        body.append((f"{low:g} to {high:g}", _count(some, _alarm), _count(some, right), _count(some, related),
-                     _count(some, lambda r: r["truth"][0] in printed(r))))  # fmt: skip
+        body.append(
+            (
+                f"{low:g} to {high:g}",
+                _count(some, _alarm),
+                _count(some, right),
+                _count(some, related),
+                _count(some, lambda r: r["truth"][0] in printed(r)),
+            )
+        )
     table("Power: single effects against excess", ["excess", "detected", "exact name", "family", "truth in set"], body)
 
 
@@ -251,8 +280,14 @@ def confusion(rows: Sequence[Row]) -> None:
         said = Counter(first(r) for r in mine)
         wrong = ", ".join(f"{k} {n}" for k, n in said.most_common() if k != truth)
         more = Counter(k for r in mine for k in names(r)[1:])
-        body.append((truth, f"{said[truth]}/{len(mine)}", wrong or "-",
-                     ", ".join(f"{k} {n}" for k, n in more.most_common()) or "-"))  # fmt: skip
+        body.append(
+            (
+                truth,
+                f"{said[truth]}/{len(mine)}",
+                wrong or "-",
+                ", ".join(f"{k} {n}" for k, n in more.most_common()) or "-",
+            )
+        )
     table("Confusion: single effects, excess >= 0.3", ["hidden", "named first", "named instead", "named besides"], body)
 
 
@@ -260,17 +295,24 @@ def chance(good: Sequence[Row]) -> None:
     """False alarms against detections, for every line that the fall held out might have to pass."""
     nulls = [r["gain"] for r in _of(good, "null")]
     seen = [r["gain"] for r in _of(good, "single") if r["excess"] >= EDGE * SEEN]
-    body = [(f"{x:g}", share(sum(g > x for g in nulls), len(nulls)), share(sum(g > x for g in seen), len(seen)))
-            for x in LINES]  # fmt: skip
+    body = [
+        (f"{x:g}", share(sum(g > x for g in nulls), len(nulls)), share(sum(g > x for g in seen), len(seen)))
+        for x in LINES
+    ]
     table("Line of materiality, alone [variances of the noise]", ["line", "nulls above it", "singles above it"], body)
 
 
 def places(good: Sequence[Row]) -> None:
     """Where something is hidden, and where it is said to be."""
-    said = Counter((r["at"], tuple(k.split(" -> ")[1] for k, p in r["segments"].items() if p["verdict"] != "none"))
-                   for r in _placed(good))  # fmt: skip
-    table("Segments", ["hidden in", "segments that differ", "cases"],
-          [(at, "; ".join(where) or "none", str(n)) for (at, where), n in sorted(said.items())])  # fmt: skip
+    said = Counter(
+        (r["at"], tuple(k.split(" -> ")[1] for k, p in r["segments"].items() if p["verdict"] != "none"))
+        for r in _placed(good)
+    )
+    table(
+        "Segments",
+        ["hidden in", "segments that differ", "cases"],
+        [(at, "; ".join(where) or "none", str(n)) for (at, where), n in sorted(said.items())],
+    )
 
 
 def others(good: Sequence[Row]) -> None:
@@ -279,17 +321,25 @@ def others(good: Sequence[Row]) -> None:
     clear = [r for r in _of(good, "single") if r["excess"] >= EDGE * CLEAR]
     body = [
         ("tsmblocks", _count(nulls, _alarm), _count(clear, right), _count(clear, related)),
-        ("BIC with N samples, our candidates", _count(nulls, lambda r: bool(r["bic"])),
-         _count(clear, lambda r: r["bic"] == r["truth"][0]),
-         _count(clear, lambda r: FAMILY.get(r["bic"]) == r["families"][0])),
-    ]  # fmt: skip
+        (
+            "BIC with N samples, our candidates",
+            _count(nulls, lambda r: bool(r["bic"])),
+            _count(clear, lambda r: r["bic"] == r["truth"][0]),
+            _count(clear, lambda r: FAMILY.get(r["bic"]) == r["families"][0]),
+        ),
+    ]
     with_them = [r for r in clear if r.get("baselines")]
     for name in sorted({k for r in with_them for k in r["baselines"]}):
         mine = [r for r in with_them if name in r["baselines"]]
         quiet = [r for r in nulls if name in (r.get("baselines") or {})]
-        body.append((name, _count(quiet, lambda r: bool(r["baselines"][name]["names"])),  # noqa: B023
-                     _count(mine, lambda r: r["truth"][0] in r["baselines"][name]["names"]),  # noqa: B023
-                     _count(mine, lambda r: r["families"][0] in {FAMILY[k] for k in r["baselines"][name]["names"]})))  # noqa: B023  # fmt: skip
+        body.append(
+            (
+                name,
+                _count(quiet, lambda r: bool(r["baselines"][name]["names"])),  # noqa: B023
+                _count(mine, lambda r: r["truth"][0] in r["baselines"][name]["names"]),  # noqa: B023
+                _count(mine, lambda r: r["families"][0] in {FAMILY[k] for k in r["baselines"][name]["names"]}),  # noqa: B023
+            )
+        )
     table("Others on the same data", ["method", "named on nulls", "right name, excess >= 0.3", "right family"], body)
 
 

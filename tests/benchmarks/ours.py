@@ -19,11 +19,7 @@ from tsmblocks.simulation.simulate import equations, parameter_vector
 TOLERANCE = 0.0
 METHOD = "RK4, fixed step"
 COMPILES = True
-FIGURES = {
-    "fig09b": "fig09b_feedforward",
-    "fig16": "fig16_feedforward_feedback",
-    "plant": "tendon_sheath_asymmetric",
-}
+FIGURES = {"fig09b": "fig09b_feedforward", "fig16": "fig16_feedforward_feedback", "plant": "tendon_sheath_asymmetric"}
 
 
 def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], np.ndarray]:

@@ -31,9 +31,14 @@ def main(name: str, settings_file: str, result_file: str) -> None:
             break
     import numpy as np
 
-    np.savez(result_file, error=np.asarray(error, dtype=float).ravel(), runs=np.array(runs),
-             times=np.array([imported - BEGAN, built - imported, runs[0][0]]), tolerance=module.TOLERANCE,
-             method=module.METHOD)  # fmt: skip
+    np.savez(
+        result_file,
+        error=np.asarray(error, dtype=float).ravel(),
+        runs=np.array(runs),
+        times=np.array([imported - BEGAN, built - imported, runs[0][0]]),
+        tolerance=module.TOLERANCE,
+        method=module.METHOD,
+    )
 
 
 if __name__ == "__main__":

@@ -45,10 +45,7 @@ class Measured:
 
 
 def run_worker(
-    module: str,
-    settings: dict[str, Any],
-    environment: dict[str, str] | None = None,
-    limit: float = TIME_LIMIT,
+    module: str, settings: dict[str, Any], environment: dict[str, str] | None = None, limit: float = TIME_LIMIT
 ) -> dict[str, Any]:
     """Run one tool in a fresh process; what it measured. Raises RuntimeError with its last words."""
     with tempfile.TemporaryDirectory() as folder:
@@ -97,11 +94,7 @@ def take(report: Report, measured: Measured, name: str, result: dict[str, Any], 
     tolerance = float(result["tolerance"])
     tail = abs(spread_of_tail(result["error"]) - spread_of_tail(reference))
     off = max(difference({"e": reference}, {"e": result["error"]}), tail)
-    measured.off, measured.tolerance, measured.method = (
-        max(measured.off, off),
-        tolerance,
-        str(result["method"]),
-    )
+    measured.off, measured.tolerance, measured.method = (max(measured.off, off), tolerance, str(result["method"]))
     if not report.check(f"peers: {name}", off, tolerance):
         raise RuntimeError(f"its result differs by {off:.3g}")
     for wall, cpu in result["runs"]:

@@ -31,14 +31,7 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
         d = (e - smooth) / n["tau"]
         u = np.clip(n["kp"] * e + n["ki"] * integral + n["kd"] * d, n["low"], n["high"])
         return np.hstack(
-            [
-                e,
-                d,
-                speed,
-                (n["K"] * u - speed) / n["motor_tau"],
-                zeta_rate(v_ref, estimate),
-                zeta_rate(speed, zeta),
-            ]
+            [e, d, speed, (n["K"] * u - speed) / n["motor_tau"], zeta_rate(v_ref, estimate), zeta_rate(speed, zeta)]
         )
 
     advance = arc.discretize(rates, dt=step, method="rk4")

@@ -15,10 +15,21 @@ METHOD = "RK4 given to solve_ivp"
 def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], np.ndarray]:
     """The interconnected system; each call simulates it."""
     f, n = Formulas(numbers), numbers
-    observer = ct.nlsys(lambda t, x, u, p: [f.zeta_rate(u[0], x[0])], lambda t, x, u, p: x, states=1,
-                        inputs="v_ref", outputs="zeta", name="observer")  # fmt: skip
-    compensator = ct.nlsys(None, lambda t, x, u, p: [(u[0] - u[1]) / f.slope(u[2])],
-                           inputs=["x_ref", "zeta", "v_ref"], outputs="x_ff", name="compensator")  # fmt: skip
+    observer = ct.nlsys(
+        lambda t, x, u, p: [f.zeta_rate(u[0], x[0])],
+        lambda t, x, u, p: x,
+        states=1,
+        inputs="v_ref",
+        outputs="zeta",
+        name="observer",
+    )
+    compensator = ct.nlsys(
+        None,
+        lambda t, x, u, p: [(u[0] - u[1]) / f.slope(u[2])],
+        inputs=["x_ref", "zeta", "v_ref"],
+        outputs="x_ff",
+        name="compensator",
+    )
     error = ct.summing_junction(["x_ff", "-x_in"], "e", name="error")
     tracking = ct.summing_junction(["x_ref", "-x_out"], "miss", name="tracking")
     controller = ct.ss(ct.tf(*f.pid_polynomials()), inputs="e", outputs="wanted", name="controller")
@@ -30,8 +41,11 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     plant = ct.nlsys(
         lambda t, z, u, p: [f.zeta_rate(u[1], z[0])],
         lambda t, z, u, p: [f.slope(u[1]) * u[0] + z[0]],
-        states=1, inputs=["x_in", "v"], outputs="x_out", name="plant",
-    )  # fmt: skip
+        states=1,
+        inputs=["x_in", "v"],
+        outputs="x_out",
+        name="plant",
+    )
     parts = [observer, compensator, error, controller, drive, motor, angle, plant, tracking]
     system = ct.interconnect(parts, inputs=["x_ref", "v_ref"], outputs=["miss"])
     t = step * np.arange(round(stop / step) + 1)

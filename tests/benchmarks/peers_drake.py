@@ -19,7 +19,7 @@ from pydrake.systems.primitives import (
     Saturation,
     Sine,
     SymbolicVectorSystem,
-)  # fmt: skip
+)
 
 TOLERANCE = 1e-6
 METHOD = "RK3, fixed step"
@@ -37,8 +37,7 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     ref = add("ref", Sine(n["amplitude"], f.w, 0.0, 1))  # ports: value, first and second derivative
     both = add("both", Multiplexer(2))
     compensator = add(
-        "compensator",
-        SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[(x - z) / slope]),
+        "compensator", SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[(x - z) / slope])
     )
     error, tracking = add("error", Adder(2, 1)), add("tracking", Adder(2, 1))
     minus_angle, minus_out = add("minus_angle", Gain(-1.0, 1)), add("minus_out", Gain(-1.0, 1))
@@ -51,12 +50,21 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     split = add("split", Demultiplexer(2))
     plant = add("plant", SymbolicVectorSystem(state=[z], input=[x, v], dynamics=[rate], output=[slope * x + z]))
     for source, port, sink, number in [
-        (ref, 0, both, 0), (ref, 1, both, 1), (both, 0, compensator, 0), (compensator, 0, error, 0),
-        (minus_angle, 0, error, 1), (error, 0, controller, 0), (controller, 0, drive, 0),
-        (drive, 0, motor, 0), (motor, 0, split, 0), (motor, 0, plant, 0),
-        (split, 0, minus_angle, 0), (plant, 0, minus_out, 0), (ref, 0, tracking, 0),
+        (ref, 0, both, 0),
+        (ref, 1, both, 1),
+        (both, 0, compensator, 0),
+        (compensator, 0, error, 0),
+        (minus_angle, 0, error, 1),
+        (error, 0, controller, 0),
+        (controller, 0, drive, 0),
+        (drive, 0, motor, 0),
+        (motor, 0, split, 0),
+        (motor, 0, plant, 0),
+        (split, 0, minus_angle, 0),
+        (plant, 0, minus_out, 0),
+        (ref, 0, tracking, 0),
         (minus_out, 0, tracking, 1),
-    ]:  # fmt: skip
+    ]:
         b.Connect(source.get_output_port(port), sink.get_input_port(number))
     log = LogVectorOutput(tracking.get_output_port(), b, step)
     diagram = b.Build()

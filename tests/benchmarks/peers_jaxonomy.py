@@ -57,18 +57,31 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
     plant = b.add(Hysteresis(lambda x, v, z: slope(v) * x + z, "plant"))
     tracking = b.add(Adder(2, operators="+-", name="tracking"))
     for source, sink, port in [
-        (x_ref, compensator, 0), (v_ref, compensator, 1), (compensator, error, 0), (angle, error, 1),
-        (error, controller, 0), (controller, drive, 0), (drive, motor, 0), (motor, angle, 0),
-        (angle, plant, 0), (motor, plant, 1), (x_ref, tracking, 0), (plant, tracking, 1),
-    ]:  # fmt: skip
+        (x_ref, compensator, 0),
+        (v_ref, compensator, 1),
+        (compensator, error, 0),
+        (angle, error, 1),
+        (error, controller, 0),
+        (controller, drive, 0),
+        (drive, motor, 0),
+        (motor, angle, 0),
+        (angle, plant, 0),
+        (motor, plant, 1),
+        (x_ref, tracking, 0),
+        (plant, tracking, 1),
+    ]:
         b.connect(source.output_ports[0], sink.input_ports[port])
     diagram = b.build()
     context = diagram.create_context()
     steps = round(stop / step)
     options = jaxonomy.SimulatorOptions(
-        math_backend="jax", ode_solver_method="rk4", max_minor_step_size=step, max_major_step_length=stop,
-        buffer_length=2 * steps + 10, return_context=False,
-    )  # fmt: skip
+        math_backend="jax",
+        ode_solver_method="rk4",
+        max_minor_step_size=step,
+        max_major_step_length=stop,
+        buffer_length=2 * steps + 10,
+        return_context=False,
+    )
 
     def run() -> np.ndarray:
         result = jaxonomy.simulate(

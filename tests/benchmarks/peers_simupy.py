@@ -29,9 +29,8 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
 
     def dynamic(function: Callable, states: int) -> DynamicalSystem:
         return DynamicalSystem(
-            lambda t, x, u: np.array(function(*x, *u)), lambda t, x: x,
-            dim_state=states, dim_input=1, dim_output=states,
-        )  # fmt: skip
+            lambda t, x, u: np.array(function(*x, *u)), lambda t, x: x, dim_state=states, dim_input=1, dim_output=states
+        )
 
     reference = SystemFromCallable(lambda t: np.array([f.x_ref(t), f.v_ref(t)]), 0, 2)
     observer, plant = (dynamic(lambda z, v: [f.zeta_rate(v, z)], 1) for _ in range(2))
@@ -48,14 +47,23 @@ def build(numbers: dict[str, float], stop: float, step: float) -> Callable[[], n
         tracking, output, drive, controller, error, compensator, reference, observer, memory, motor, plant
     )
     for source, sink, outputs, inputs in [
-        (reference, observer, [1], [0]), (reference, compensator, [0], [0]),
-        (observer, compensator, [0], [1]), (reference, compensator, [1], [2]),
-        (compensator, error, [0], [0]), (motor, error, [0], [1]), (error, memory, [0], [0]),
-        (error, controller, [0], [0]), (memory, controller, [0, 1], [1, 2]),
-        (controller, drive, [0], [0]), (drive, motor, [0], [0]), (motor, plant, [1], [0]),
-        (motor, output, [0, 1], [0, 1]), (plant, output, [0], [2]), (reference, tracking, [0], [0]),
+        (reference, observer, [1], [0]),
+        (reference, compensator, [0], [0]),
+        (observer, compensator, [0], [1]),
+        (reference, compensator, [1], [2]),
+        (compensator, error, [0], [0]),
+        (motor, error, [0], [1]),
+        (error, memory, [0], [0]),
+        (error, controller, [0], [0]),
+        (memory, controller, [0, 1], [1, 2]),
+        (controller, drive, [0], [0]),
+        (drive, motor, [0], [0]),
+        (motor, plant, [1], [0]),
+        (motor, output, [0, 1], [0, 1]),
+        (plant, output, [0], [2]),
+        (reference, tracking, [0], [0]),
         (output, tracking, [0], [1]),
-    ]:  # fmt: skip
+    ]:
         bd.connect(source, sink, outputs=outputs, inputs=inputs)
     options = dict(name="dopri5", max_step=step, first_step=step, rtol=1e-6, atol=1e-12, nsteps=100_000)
     t = step * np.arange(round(stop / step) + 1)

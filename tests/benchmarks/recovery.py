@@ -37,13 +37,28 @@ def starts(report: Report, bench: Any, count: int) -> None:
         errors = np.array([fits[0][name].error for name in TRUTH])
         same = int((costs <= costs.min() * (1 + COSTS[method])).sum())
         inside = sum(fits[0][name].low <= v <= fits[0][name].high for name, v in TRUTH.items())
-        rows.append([method, f"{same} of {count}", f"{costs.max() / costs.min() - 1:.0e}",
-                     f"{np.max(np.ptp(values, axis=0) / errors):.0e}", f"{inside} of {len(TRUTH)}",
-                     f"{distance(fits[0]):.2f}", f"{1e3 * took.cpu / count:.0f}"])  # fmt: skip
+        rows.append(
+            [
+                method,
+                f"{same} of {count}",
+                f"{costs.max() / costs.min() - 1:.0e}",
+                f"{np.max(np.ptp(values, axis=0) / errors):.0e}",
+                f"{inside} of {len(TRUTH)}",
+                f"{distance(fits[0]):.2f}",
+                f"{1e3 * took.cpu / count:.0f}",
+            ]
+        )
         report.note(f"recovery, {method}", {"same": same, "of": count, **_seconds(took)})
         report.bar(f"recovery, {method}: starts that end at one optimum", same / count, 1.0, at_least=True)
-    head = ["method", "same optimum", "costs differ by", "values, in standard errors", "truth in intervals",
-            f"chi square ({CHI_SQUARE})", "CPU per fit [ms]"]  # fmt: skip
+    head = [
+        "method",
+        "same optimum",
+        "costs differ by",
+        "values, in standard errors",
+        "truth in intervals",
+        f"chi square ({CHI_SQUARE})",
+        "CPU per fit [ms]",
+    ]
     noise, size = np.rad2deg(identification.NOISE), np.rad2deg(identification.ENCODER)
     what = f"{count} random starts, three signals together, noise {noise:.1f} deg, encoders of {size:.2f} deg"
     report.table(f"Recovery: {what}", head, rows)

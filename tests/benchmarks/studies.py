@@ -18,11 +18,19 @@ import tsmblocks as tsm
 from tsmblocks.studies import Plan, latin_hypercube, read_study
 
 STOP, STEP = 20.0, 1e-3
-VARIED = {"pid.kp": (0.3, 0.9), "pid.ki": (1.0, 3.0), "tsm.theta": (4.0, 4.8), "tsm.A": (-0.9, -0.75),
-          "tsm.alpha1": (0.92, 0.96)}  # fmt: skip
+VARIED = {
+    "pid.kp": (0.3, 0.9),
+    "pid.ki": (1.0, 3.0),
+    "tsm.theta": (4.0, 4.8),
+    "tsm.A": (-0.9, -0.75),
+    "tsm.alpha1": (0.92, 0.96),
+}
 """Where these are larger, the loop can be unstable for an instant at a reversal, and rounding shows in its errors."""
-METRICS = {"peak_to_peak": "peak_to_peak(x_ref - x_out, after=10)", "rms": "rms(x_ref - x_out, after=10)",
-           "largest": "largest(u)"}  # fmt: skip
+METRICS = {
+    "peak_to_peak": "peak_to_peak(x_ref - x_out, after=10)",
+    "rms": "rms(x_ref - x_out, after=10)",
+    "largest": "largest(u)",
+}
 LOOPED = 40
 """Runs that are looped through the peer; the rest takes as long each."""
 TOLERANCE = 1e-6
@@ -47,10 +55,22 @@ def studies(report: Report) -> None:
         seconds, off = beside
         if report.check("metrics of Archimedes", off, TOLERANCE):
             every = three(seconds * count)
-            body.append((f"Archimedes, looped ({LOOPED} of them run)", str(count), every, every,
-                         three(1e3 * seconds), three(seconds * count / cpu), f"{off:.0e}"))  # fmt: skip
-    report.table(f"Study of Fig 16: {count} runs of 20 s at 1 ms, five numbers varied, three metrics",
-                 ["what", "runs", "wall [s]", "CPU [s]", "CPU per run [ms]", "ratio", "difference"], body)  # fmt: skip
+            body.append(
+                (
+                    f"Archimedes, looped ({LOOPED} of them run)",
+                    str(count),
+                    every,
+                    every,
+                    three(1e3 * seconds),
+                    three(seconds * count / cpu),
+                    f"{off:.0e}",
+                )
+            )
+    report.table(
+        f"Study of Fig 16: {count} runs of 20 s at 1 ms, five numbers varied, three metrics",
+        ["what", "runs", "wall [s]", "CPU [s]", "CPU per run [ms]", "ratio", "difference"],
+        body,
+    )
     report.note("study", {"runs": count, "wall": wall, "cpu": cpu, "same": same, "peer": beside})
 
 

@@ -50,8 +50,11 @@ class Bench:
         self.everything = ca.Function("everything", args, [everything])
         slots = ca.vertcat(self.x, self.u, *self.p)
         self.slopes = ca.Function("slopes", args, [ca.jacobian(everything, slots)])
-        self.uses = dict(zip(map(str, self.p), ca.which_depends(everything, ca.vertcat(*self.p), 1, False),
-                             strict=True)) if self.p else {}  # fmt: skip
+        self.uses = (
+            dict(zip(map(str, self.p), ca.which_depends(everything, ca.vertcat(*self.p), 1, False), strict=True))
+            if self.p
+            else {}
+        )
 
 
 def flat(value: ca.DM) -> np.ndarray:
@@ -128,8 +131,7 @@ def assert_sound(block: Block) -> None:
     assert block.symbol
     assert block.source
     assert ".. math::" in (type(block).__doc__ or "")
-    for thing in (*block.fields().values(), *block.inports.values(), *block.outports.values(),
-                  *block.states.values()):  # fmt: skip
+    for thing in (*block.fields().values(), *block.inports.values(), *block.outports.values(), *block.states.values()):
         assert thing.about
 
 

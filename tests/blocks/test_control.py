@@ -141,11 +141,7 @@ def test_lead_lag_answers_a_step_in_closed_form():
 @pytest.mark.parametrize(
     ("message", "cls", "values"),
     [
-        (
-            "PID.tau must lie in (0, inf), got 0. It is: time constant of the derivative filter [s].",
-            PID,
-            dict(tau=0),
-        ),
+        ("PID.tau must lie in (0, inf), got 0. It is: time constant of the derivative filter [s].", PID, dict(tau=0)),
         ("PID has no parameter 'kpp'. Did you mean 'kp'?", PID, dict(kpp=1.0)),
         ("PIDController needs low < high, got low=1, high=-1.", PIDController, dict(low=1, high=-1)),
         (

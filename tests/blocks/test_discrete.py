@@ -188,11 +188,7 @@ def test_pid_gives_way_at_its_limit():
             DiscreteTransferFunction,
             dict(x0=(1.0, 2.0)),
         ),
-        (
-            "DiscreteStateSpace.A must be a list of rows, such as [[1, 0], [0, 1]].",
-            DiscreteStateSpace,
-            dict(A=(0.9,)),
-        ),
+        ("DiscreteStateSpace.A must be a list of rows, such as [[1, 0], [0, 1]].", DiscreteStateSpace, dict(A=(0.9,))),
         (
             "DiscreteStateSpace.B must have 2 rows of 1, as the other matrices have it, got rows of length 1.",
             DiscreteStateSpace,

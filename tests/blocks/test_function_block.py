@@ -130,20 +130,12 @@ def test_refuses_signatures_that_are_no_block():
 
 
 def test_refuses_words_for_what_is_not_there():
+    refused("plain_cube: units names 'kk', which it does not have. Did you mean 'k'?", plain_cube, units={"kk": "1"})
     refused(
-        "plain_cube: units names 'kk', which it does not have. Did you mean 'k'?",
-        plain_cube,
-        units={"kk": "1"},
+        "plain_cube: about names 'out', which it does not have. Known here: k, u, y.", plain_cube, about={"out": "…"}
     )
     refused(
-        "plain_cube: about names 'out', which it does not have. Known here: k, u, y.",
-        plain_cube,
-        about={"out": "…"},
-    )
-    refused(
-        "plain_cube: unit of 'u': 'radd' is not a unit known here. Did you mean 'rad'?",
-        plain_cube,
-        units={"u": "radd"},
+        "plain_cube: unit of 'u': 'radd' is not a unit known here. Did you mean 'rad'?", plain_cube, units={"u": "radd"}
     )
     with pytest.raises(BlockError, match=r"^function_block needs a function made by def, with a name, got <"):
         function_block(lambda u: u)

@@ -50,12 +50,7 @@ def test_bouc_wen_with_the_smallest_exponent_has_finite_slopes():
 
 @pytest.mark.parametrize(
     ("block", "degrees"),
-    [
-        (AsymmetricBoucWen(), 28.67),
-        (GeneralizedBoucWen(), 27.01),
-        (BoucWen(), 26.47),
-        (BoucWen(gamma=2.272), 64.97),
-    ],
+    [(AsymmetricBoucWen(), 28.67), (GeneralizedBoucWen(), 27.01), (BoucWen(), 26.47), (BoucWen(gamma=2.272), 64.97)],
     ids=["asymmetric", "generalized", "symmetric", "symmetric, gamma as printed"],
 )
 def test_loss_at_the_papers_sine(block, degrees):
@@ -402,21 +397,13 @@ def test_rate_of_displacement_may_be_left_open():
             TaoBacklash,
             dict(c2=-1),
         ),
-        (
-            "Play.half_width must lie in [0, inf), got -0.1. It is: half of the slack.",
-            Play,
-            dict(half_width=-0.1),
-        ),
+        ("Play.half_width must lie in [0, inf), got -0.1. It is: half of the slack.", Play, dict(half_width=-0.1)),
         (
             "PrandtlIshlinskii needs as many weights as radii, got 1 and 2.",
             PrandtlIshlinskii,
             dict(radii=(0.1, 0.2), weights=(1.0,)),
         ),
-        (
-            "PrandtlIshlinskii.x0 needs one number per play (3) or none, got 2.",
-            PrandtlIshlinskii,
-            dict(x0=(0.0, 0.0)),
-        ),
+        ("PrandtlIshlinskii.x0 needs one number per play (3) or none, got 2.", PrandtlIshlinskii, dict(x0=(0.0, 0.0))),
         (
             "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. It is: half of the slack of each play.",
             PrandtlIshlinskii,
@@ -433,9 +420,11 @@ def test_the_rate_behind_a_play_is_that_of_its_output(step):
     """A sheath behind a gap moves at the speed of what the gap lets through, from the first to the last sample."""
     sheath = AsymmetricBoucWen()
     chain = tsm.Diagram(
-        blocks=dict(gap=Play(half_width=0.2), tsm=sheath), wires=["gap -> tsm.x"], inputs={"x": "gap.u"},
+        blocks=dict(gap=Play(half_width=0.2), tsm=sheath),
+        wires=["gap -> tsm.x"],
+        inputs={"x": "gap.u"},
         outputs={"y": "tsm"},
-    )  # fmt: skip
+    )
     t = np.arange(0.0, 1.0 + step / 2, step)
     y = tsm.simulate(chain, inputs={"x": (t, t)}, stop=1.0, step=step, hold="linear")["y"]
     travel = np.maximum(t - 0.2, 0.0)

@@ -44,16 +44,22 @@ def of_sine(block, step, stop=2.0):
 def before(block):
     """The block in front of a plant that reads the rate of its output."""
     return tsm.Diagram(
-        title="before", blocks=dict(late=block, tsm=AsymmetricBoucWen()), inputs={"x_in": "late.u"},
-        wires=["late -> tsm.x"], outputs={"x_out": "tsm"},
-    )  # fmt: skip
+        title="before",
+        blocks=dict(late=block, tsm=AsymmetricBoucWen()),
+        inputs={"x_in": "late.u"},
+        wires=["late -> tsm.x"],
+        outputs={"x_out": "tsm"},
+    )
 
 
 def behind(block):
     return tsm.Diagram(
-        title="behind", blocks=dict(late=block, tsm=AsymmetricBoucWen()), inputs={"x_in": "tsm.x"},
-        wires=["tsm -> late"], outputs={"x_out": "late"},
-    )  # fmt: skip
+        title="behind",
+        blocks=dict(late=block, tsm=AsymmetricBoucWen()),
+        inputs={"x_in": "tsm.x"},
+        wires=["tsm -> late"],
+        outputs={"x_out": "late"},
+    )
 
 
 def out(diagram, **more):
@@ -106,15 +112,18 @@ def test_lag_of_a_sine_and_its_rate(T1):
 
 def test_lag_agrees_with_the_lag_that_has_a_state():
     blocks = dict(s=Sine(amplitude=1.0, frequency=0.5), ours=Lag(time_constant=0.1))
-    d = tsm.Diagram(title="two", blocks={**blocks, "theirs": FirstOrderLag(time_constant=0.1)},
-                    wires=["s -> ours, theirs"])  # fmt: skip
+    d = tsm.Diagram(
+        title="two", blocks={**blocks, "theirs": FirstOrderLag(time_constant=0.1)}, wires=["s -> ours, theirs"]
+    )
     run = tsm.simulate(d, stop=3.0, step=0.002)
     assert run["ours.y"] == pytest.approx(run["theirs.y"], abs=1e-7)
 
 
 @settings(max_examples=30, deadline=None)
-@given(T1=st.one_of(st.just(0.0), st.floats(-13, 4).map(lambda e: 10**e)), u=st.lists(st.floats(-1, 1), min_size=30,
-                                                                                 max_size=30))  # fmt: skip
+@given(
+    T1=st.one_of(st.just(0.0), st.floats(-13, 4).map(lambda e: 10**e)),
+    u=st.lists(st.floats(-1, 1), min_size=30, max_size=30),
+)
 def test_lag_of_any_size_is_stable_at_any_step(T1, u):
     """A corner may be passed by a little, as by any parabola."""
     run = simulate(Lag(time_constant=T1), {"u": lambda t: u[min(round(t), 29)]}, stop=29.0, step=1.0)
@@ -124,8 +133,12 @@ def test_lag_of_any_size_is_stable_at_any_step(T1, u):
 @pytest.mark.parametrize("T1", [0.0, 0.004, 0.05])
 def test_lag_goes_with_locating_switches(T1):
     """It brings no event of its own, and an update at one of the limit's leaves it as it was."""
-    blocks = dict(s=Sine(amplitude=1.0, frequency=0.5), late=Lag(time_constant=T1), cap=Saturation(low=-0.5, high=0.5),
-                  i=Integrator())  # fmt: skip
+    blocks = dict(
+        s=Sine(amplitude=1.0, frequency=0.5),
+        late=Lag(time_constant=T1),
+        cap=Saturation(low=-0.5, high=0.5),
+        i=Integrator(),
+    )
     d = tsm.Diagram(title="cap", blocks=blocks, wires=["s -> late -> cap -> i"])
     found, fine = tsm.simulate(d, stop=4.0, step=0.01, locate=True), tsm.simulate(d, stop=4.0, step=0.0005)
     assert [event.block for event in found.events] == ["cap"] * 8
@@ -160,8 +173,12 @@ def test_dead_time_of_a_sine_and_its_rate(delay):
     for step in (0.04, 0.02):
         run = of_sine(DeadTime(time=delay), step)
         late = run.t > delay + 4 * step
-        errors.append((np.abs(run["late.y"] - np.sin(w * (run.t - delay)))[late].max(),
-                       np.abs(run["rate.y"] - w * np.cos(w * (run.t - delay)))[late].max()))  # fmt: skip
+        errors.append(
+            (
+                np.abs(run["late.y"] - np.sin(w * (run.t - delay)))[late].max(),
+                np.abs(run["rate.y"] - w * np.cos(w * (run.t - delay)))[late].max(),
+            )
+        )
     (y2, r2), (y1, r1) = errors
     assert y1 < 1e-6
     assert r1 < 2e-4
@@ -175,8 +192,16 @@ def test_dead_time_goes_on_smoothly_through_zero_and_whole_steps(place, backend)
     """No step between neighbours is larger than the signal's own, and lanes give what single runs give."""
     times = np.concatenate([[0.0, 1e-12, 1e-6], np.linspace(0, 3 * H, 61)[1:]])
     diagram = place(DeadTime())
-    batch = tsm.simulate_batch(diagram, {"late.time": times}, inputs={"x_in": (T, X)}, stop=T[-1], step=H,
-                               hold="cubic", outputs=["x_out"], backend=backend)["x_out"]  # fmt: skip
+    batch = tsm.simulate_batch(
+        diagram,
+        {"late.time": times},
+        inputs={"x_in": (T, X)},
+        stop=T[-1],
+        step=H,
+        hold="cubic",
+        outputs=["x_out"],
+        backend=backend,
+    )["x_out"]
     runs = np.reshape(batch, (len(T), len(times))) if np.shape(batch)[0] == len(T) else np.transpose(batch)
     fastest = np.abs(np.diff(X)).max() / H
     for k, (a, b) in enumerate(pairwise(times)):
@@ -186,8 +211,11 @@ def test_dead_time_goes_on_smoothly_through_zero_and_whole_steps(place, backend)
 
 
 def test_dead_time_is_the_delay_where_that_can_be():
-    blocks = dict(s=Sine(amplitude=1.0, frequency=0.5), ours=DeadTime(time=0.0137, start="value", initial=0.4),
-                  theirs=Delay(time=0.0137, initial=0.4))  # fmt: skip
+    blocks = dict(
+        s=Sine(amplitude=1.0, frequency=0.5),
+        ours=DeadTime(time=0.0137, start="value", initial=0.4),
+        theirs=Delay(time=0.0137, initial=0.4),
+    )
     run = tsm.simulate(tsm.Diagram(title="two", blocks=blocks, wires=["s -> ours, theirs"]), stop=1.0, step=H)
     assert run["ours.y"] == pytest.approx(run["theirs.y"], abs=1e-15)
     assert run["ours.y"][0] == 0.4
@@ -200,8 +228,11 @@ def test_dead_time_holds_the_first_value_before_the_start():
 
 
 def test_dead_time_of_a_sampled_signal():
-    d = tsm.Diagram(title="held", blocks=dict(s=Sine(), hold=ZeroOrderHold(period=0.05), late=DeadTime(time=0.03)),
-                    wires=["s -> hold -> late"])  # fmt: skip
+    d = tsm.Diagram(
+        title="held",
+        blocks=dict(s=Sine(), hold=ZeroOrderHold(period=0.05), late=DeadTime(time=0.03)),
+        wires=["s -> hold -> late"],
+    )
     run = tsm.simulate(d, stop=1.0, step=H)
     assert run["late.y"][3:] == pytest.approx(run["hold.y"][:-3], abs=1e-12)
 
@@ -241,9 +272,15 @@ def test_the_second_derivative_of_a_delayed_signal():
 def test_derivatives_by_the_size_one_sided_at_zero(place, block, parameter, tolerance, size, backend):
     diagram = place(block(**{parameter: size}))
     exact = tsm.sensitivities(
-        diagram, [f"late.{parameter}"], outputs=["x_out"], inputs={"x_in": (T, X)}, stop=T[-1], step=H, hold="cubic",
+        diagram,
+        [f"late.{parameter}"],
+        outputs=["x_out"],
+        inputs={"x_in": (T, X)},
+        stop=T[-1],
+        step=H,
+        hold="cubic",
         backend=backend,
-    ).jacobian[:, 0, 0]  # fmt: skip
+    ).jacobian[:, 0, 0]
     if block is Lag and place is before and size == 0.0:
         # A rate is not quite continuous there: at the start of a step it is taken over the steps before.
         a, b = (out(diagram, parameters={f"late.{parameter}": e}) for e in (4e-5, 2e-5))
@@ -268,9 +305,14 @@ def test_the_derivative_of_a_delayed_rate_is_exact():
     """What is behind reads the rate of the delayed signal, whose slope in the delay is a second derivative."""
     diagram = before(Delay(time=0.0513, initial=1.1))
     exact = tsm.sensitivities(
-        diagram, ["late.time", "late.initial"], outputs=["x_out"], inputs={"x_in": (T, X)}, stop=T[-1], step=H,
+        diagram,
+        ["late.time", "late.initial"],
+        outputs=["x_out"],
+        inputs={"x_in": (T, X)},
+        stop=T[-1],
+        step=H,
         hold="cubic",
-    ).jacobian[:, 0]  # fmt: skip
+    ).jacobian[:, 0]
     for k, (name, at) in enumerate((("late.time", 0.0513), ("late.initial", 1.1))):
         high, low = (out(diagram, parameters={name: at + e}) for e in (1e-6, -1e-6))
         assert np.abs(exact[:, k]).max() > 0.1
@@ -286,8 +328,9 @@ def test_refuses_bad_values():
     refuses(
         "DeadTime.start is 'last', which is not a choice. Known here: first, value. "
         "It is: what it holds before the start.",
-        DeadTime, start="last",
-    )  # fmt: skip
+        DeadTime,
+        start="last",
+    )
 
 
 def test_a_dead_time_breaks_no_algebraic_loop():

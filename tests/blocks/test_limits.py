@@ -223,15 +223,9 @@ def test_refuses_what_does_not_go_together():
     )
     refuses("DeadZone needs low <= high, got low=0.2, high=0.05.", DeadZone, low=0.2)
     refuses("Relay needs off <= on, got off=1, on=0.01.", Relay, off=1)
+    refuses("RateLimit.falling must lie in (-inf, 0), got 3. It is: fastest fall, negative.", RateLimit, falling=3)
     refuses(
-        "RateLimit.falling must lie in (-inf, 0), got 3. It is: fastest fall, negative.",
-        RateLimit,
-        falling=3,
-    )
-    refuses(
-        "Quantiser.interval must lie in (0, inf), got 0. It is: distance between two values.",
-        Quantiser,
-        interval=0,
+        "Quantiser.interval must lie in (0, inf), got 0. It is: distance between two values.", Quantiser, interval=0
     )
     for points, values in (((0, 1), (1,)), ((0,), (1,))):
         refuses(

@@ -10,24 +10,14 @@ import pytest
 import tsmblocks as tsm
 from tests.blocks.helpers import Bench, assert_sound, rates, refuses, simulate, value
 from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
-from tsmblocks.blocks.linear import (
-    Delay,
-    Derivative,
-    FilteredDerivative,
-    FirstOrderLag,
-    Integrator,
-    SecondOrderLag,
-)
+from tsmblocks.blocks.linear import Delay, Derivative, FilteredDerivative, FirstOrderLag, Integrator, SecondOrderLag
 from tsmblocks.blocks.lti import StateSpace, TransferFunction, ZeroPoleGain, from_control
 from tsmblocks.common.errors import BlockError, ParameterError
 from tsmblocks.model.block import signals
 
 FREQUENCIES = np.logspace(-2, 3, 61)
 MIMO = StateSpace(
-    A=((0, 1, 0), (-4, -1, 2), (0, 0, -3)),
-    B=((0, 1), (1, 0), (0.5, 2)),
-    C=((1, 0, 0), (0, 1, 1)),
-    D=((0, 0.5), (0, 0)),
+    A=((0, 1, 0), (-4, -1, 2), (0, 0, -3)), B=((0, 1), (1, 0), (0.5, 2)), C=((1, 0, 0), (0, 1, 1)), D=((0, 0.5), (0, 0))
 )
 
 
@@ -93,15 +83,7 @@ def test_integrator_stops_at_its_limits_and_leaves_them_at_once():
     after = run["t"][leaves_high : leaves_high + 800]
     assert y[leaves_high : leaves_high + 800] == pytest.approx(0.5 - (1 - np.sin(after)), abs=1.5e-3)
     block = Integrator(low=-1.0, high=1.0)
-    for z, u, rate in (
-        (1, 3, 0),
-        (1, -3, -3),
-        (-1, -3, 0),
-        (-1, 3, 3),
-        (0, 3, 3),
-        (1.2, 1, 0),
-        (1.2, -1, -1),
-    ):
+    for z, u, rate in ((1, 3, 0), (1, -3, -3), (-1, -3, 0), (-1, 3, 3), (0, 3, 3), (1.2, 1, 0), (1.2, -1, -1)):
         assert rates(block, {"integral": z}, u=u)["integral"] == rate
     assert value(block, {"integral": 1.2}, u=0.0)["y"] == 1.0
 
@@ -217,11 +199,7 @@ def test_state_space_without_states_is_a_gain():
 
 @pytest.mark.parametrize(
     "block",
-    [
-        TransferFunction(den=(1, 2, 3), x0=(4, 5)),
-        ZeroPoleGain(zeros=(), poles=(), x0=(4, 5)),
-        StateSpace(x0=(4, 5)),
-    ],
+    [TransferFunction(den=(1, 2, 3), x0=(4, 5)), ZeroPoleGain(zeros=(), poles=(), x0=(4, 5)), StateSpace(x0=(4, 5))],
 )
 def test_start_values(block):
     assert [s.start for s in block.states.values()] == [4, 5]
@@ -263,8 +241,15 @@ def test_from_control_keeps_several_inputs_and_outputs():
 
 
 def test_from_control_takes_names_and_units():
-    made = control.ss([[0, 1], [0, -1]], [[0], [57.3]], np.eye(2), 0, inputs="drive [V]",
-                      outputs=["angle [deg]", "motor speed"], states=["angle", "speed [deg/s]"])  # fmt: skip
+    made = control.ss(
+        [[0, 1], [0, -1]],
+        [[0], [57.3]],
+        np.eye(2),
+        0,
+        inputs="drive [V]",
+        outputs=["angle [deg]", "motor speed"],
+        states=["angle", "speed [deg/s]"],
+    )
     for system in (made, control.sample_system(made, 0.01)):
         block = from_control(system)
         assert {k: p.unit for k, p in block.inports.items()} == {"drive": "V"}
@@ -290,16 +275,20 @@ def test_from_control_takes_names_and_units():
 
 @pytest.mark.parametrize("kind", [StateSpace, DiscreteStateSpace])
 def test_names_of_state_spaces_are_checked(kind):
-    how = ("is no name. Write letters, digits and underscores, and a unit in brackets where there is one, such as "
-           "'a [rad]'.")  # fmt: skip
+    how = (
+        "is no name. Write letters, digits and underscores, and a unit in brackets where there is one, such as "
+        "'a [rad]'."
+    )
     for names, message in (
         ({"input_names": ["a", "b"]}, "input_names needs one name per input (1) or none, got 2."),
         ({"state_names": ["x 1"]}, f"state_names: 'x 1' {how}"),
         ({"output_names": [2.0]}, f"output_names: 2 {how}"),
         ({"output_names": ["class"]}, f"output_names: 'class' {how}"),
-        ({"state_names": ["w"], "output_names": ["w [rad]"]},
-         "output_names: 'w' is taken already; states, inputs and outputs need names of their own."),
-    ):  # fmt: skip
+        (
+            {"state_names": ["w"], "output_names": ["w [rad]"]},
+            "output_names: 'w' is taken already; states, inputs and outputs need names of their own.",
+        ),
+    ):
         with pytest.raises(ParameterError) as caught:
             kind(A=((0.5,),), B=((1.0,),), C=((1.0,),), **names)
         assert str(caught.value) == f"{kind.__name__}.{message}"
@@ -350,11 +339,7 @@ def test_from_control_refuses():
 
 def test_refuses_bad_numbers():
     refuses("Integrator needs low < high, got low=2, high=1.", Integrator, low=2, high=1)
-    refuses(
-        "Integrator.gain must be finite, got inf. It is: factor on the input.",
-        Integrator,
-        gain=float("inf"),
-    )
+    refuses("Integrator.gain must be finite, got inf. It is: factor on the input.", Integrator, gain=float("inf"))
     refuses(
         "Integrator.reset must be true or false, got 1. It is: whether there is a port that sets the integral back.",
         Integrator,
@@ -386,11 +371,7 @@ def test_refuses_fractions_that_are_none():
         poles=(1,),
         pole_pairs=(),
     )
-    refuses(
-        "ZeroPoleGain.pole_pairs[0] must be a real and an imaginary part, got (-1.0,).",
-        cls,
-        pole_pairs=((-1,),),
-    )
+    refuses("ZeroPoleGain.pole_pairs[0] must be a real and an imaginary part, got (-1.0,).", cls, pole_pairs=((-1,),))
     refuses("ZeroPoleGain.zero_pairs[0] must be a real and an imaginary part, got 1.", cls, zero_pairs=(1, 2))
     refuses("ZeroPoleGain.x0 needs one number per state (3) or none, got 1.", cls, x0=(1,))
 
@@ -406,12 +387,7 @@ def test_refuses_matrices_that_do_not_fit():
     refuses(f"StateSpace.D must have 1 rows of 1, {fit} 2.", cls, D=((1, 0),))
     refuses(f"StateSpace.B must have 2 rows of 1, {fit} none.", cls, B=(), D=((1,),))
     refuses(
-        "StateSpace needs at least one input (columns of B) and one output (rows of C).",
-        cls,
-        A=(),
-        B=(),
-        C=(),
-        D=(),
+        "StateSpace needs at least one input (columns of B) and one output (rows of C).", cls, A=(), B=(), C=(), D=()
     )
     refuses("StateSpace.x0 needs one number per state (2) or none, got 1.", cls, x0=(1,))
 

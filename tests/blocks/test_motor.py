@@ -86,11 +86,7 @@ def test_load_port_is_there_when_asked_for():
             MotorTransferFunction,
             dict(K=-2),
         ),
-        (
-            "DCMotor.R must lie in (0, inf), got 0. It is: resistance of the winding [ohm].",
-            DCMotor,
-            dict(R=0),
-        ),
+        ("DCMotor.R must lie in (0, inf), got 0. It is: resistance of the winding [ohm].", DCMotor, dict(R=0)),
         (
             "DCMotor.load must be true or false, got 1. It is: whether there is a port for the load's torque.",
             DCMotor,

@@ -41,9 +41,5 @@ def test_noise_is_added_and_is_that_of_a_random_source():
 
 def test_refuses_bad_values():
     refuses("Encoder.counts must lie in (0, inf), got 0. It is: counts per revolution [1/rev].", Encoder, counts=0)
-    refuses(
-        "SensorNoise.std must lie in [0, inf), got -0.1. It is: standard deviation.",
-        SensorNoise,
-        std=-0.1,
-    )
+    refuses("SensorNoise.std must lie in [0, inf), got -0.1. It is: standard deviation.", SensorNoise, std=-0.1)
     refuses("Bias has no parameter 'value'. Known here: bias.", Bias, value=1.0)

@@ -178,17 +178,9 @@ def test_refuses_what_does_not_go_together():
     )
     refuses("Staircase needs at least one step, got up=0, down=0.", Staircase, up=0, down=0)
     refuses(
-        "Recorded needs one value for each instant, got 2 times and 3 values.",
-        Recorded,
-        times=(0, 1),
-        values=(0, 1, 2),
+        "Recorded needs one value for each instant, got 2 times and 3 values.", Recorded, times=(0, 1), values=(0, 1, 2)
     )
-    refuses(
-        "Recorded.times must increase, but times[1]=1 and times[2]=1.",
-        Recorded,
-        times=(0, 1, 1),
-        values=(0, 1, 2),
-    )
+    refuses("Recorded.times must increase, but times[1]=1 and times[2]=1.", Recorded, times=(0, 1, 1), values=(0, 1, 2))
     refuses("Recorded.values[1] must be a finite number, got nan.", Recorded, times=(0, 1), values=(0, np.nan))
     refuses("Recorded.times[1] must be a finite number, got 'a'.", Recorded, times=(0, "a"), values=(0, 1))
     refuses(

@@ -71,21 +71,22 @@ ACTIVE = {
     "Jump": (Jump(size=0.2, time=0.7, width=0.1), ("size", "time", "width")),
     "GainChange": (GainChange(change=0.2, time=0.7, width=0.1), ("change", "time", "width")),
     "GainDrift": (GainDrift(rate=0.02), ("rate",)),
-    "LoopChange": (LoopChange(change=-0.1, gain=0.2, time=0.7, width=0.1),
-                   ("change", "gain", "distance", "time", "width")),
+    "LoopChange": (
+        LoopChange(change=-0.1, gain=0.2, time=0.7, width=0.1),
+        ("change", "gain", "distance", "time", "width"),
+    ),
     "Disturbance": (Disturbance(cosine=0.02, sine=0.03, frequency=3.3), ("cosine", "sine", "frequency")),
     "Creep": (Creep(share=0.2, time_constant=0.3), ("share", "time_constant", "late")),
     "RateDependence": (
-        RateDependence(coefficient=-0.05, exponent=0.7, smoothing=0.3), ("coefficient", "exponent", "smoothing")
+        RateDependence(coefficient=-0.05, exponent=0.7, smoothing=0.3),
+        ("coefficient", "exponent", "smoothing"),
     ),
     "NonlocalMemory": (NonlocalMemory(weights=(0.1, 0.2, 0.1)), ("weights[1]", "radii[2]")),
-    "LoopAsymmetry": (
-        LoopAsymmetry(slope_difference=-0.1, delta=0.1), ("slope_difference", "delta", "theta", "speed")
-    ),
+    "LoopAsymmetry": (LoopAsymmetry(slope_difference=-0.1, delta=0.1), ("slope_difference", "delta", "theta", "speed")),
     "PositionDependentLoop": (PositionDependentLoop(gain=-0.1), ("gain", "distance")),
     "Stretch": (Stretch(half_width=0.06), ("half_width", "distance")),
     "Resonance": (Resonance(share=0.5, omega=25.0), ("share", "omega", "zeta")),
-}  # fmt: skip
+}
 BACKENDS = ("llvm", "casadi")
 T = np.arange(0.0, 2.0, 0.01)
 SOURCE = {"u": lambda t: 0.8 * np.sin(2 * t) + 0.1, "v": lambda t: 1.6 * np.cos(2 * t)}
@@ -152,9 +153,12 @@ def test_all_of_them_in_one_chain_change_nothing():
     several = {k: v for k, v in several.items() if not v.inports.get("v")}  # each rate of a rate needs a smoother input
     base, _ = places(Drift())
     chain = tsm.Diagram(
-        title="chain", blocks={**several, "tsm": AsymmetricBoucWen()}, inputs={"x_in": "e0.u"},
-        wires=[" -> ".join(several) + " -> tsm.x"], outputs={"x_out": "tsm"},
-    )  # fmt: skip
+        title="chain",
+        blocks={**several, "tsm": AsymmetricBoucWen()},
+        inputs={"x_in": "e0.u"},
+        wires=[" -> ".join(several) + " -> tsm.x"],
+        outputs={"x_out": "tsm"},
+    )
     x = signal([(0.8, 2.0, 0.3), (0.3, 7.0, 1.0)])
     for backend in BACKENDS:
         assert np.array_equal(out(chain, x, backend=backend)["x_out"], out(base, x, backend=backend)["x_out"])
@@ -276,12 +280,22 @@ def test_ripple():
         (GainDrift(rate=-0.07), lambda t, u: u - 0.07 * t * u),
         (GainDrift(rate=-0.07, since=0.5), lambda t, u: u - 0.07 * (t - 0.5) * u),
         (Disturbance(cosine=0.3, frequency=2.0, since=0.3), lambda t, u: u + 0.3 * np.cos(4 * np.pi * (t - 0.3))),
-        (Disturbance(cosine=0.3, sine=0.4, frequency=2.0),
-         lambda t, u: u + 0.5 * np.sin(4 * np.pi * t + np.arctan2(0.3, 0.4))),
+        (
+            Disturbance(cosine=0.3, sine=0.4, frequency=2.0),
+            lambda t, u: u + 0.5 * np.sin(4 * np.pi * t + np.arctan2(0.3, 0.4)),
+        ),
     ],
-    ids=["Drift", "Drift since", "Jump", "GainChange", "GainDrift", "GainDrift since", "Disturbance since",
-         "Disturbance"],
-)  # fmt: skip
+    ids=[
+        "Drift",
+        "Drift since",
+        "Jump",
+        "GainChange",
+        "GainDrift",
+        "GainDrift since",
+        "Disturbance since",
+        "Disturbance",
+    ],
+)
 def test_what_comes_with_time(block, expected):
     run = simulate(block, {"u": SOURCE["u"]}, stop=2.0, step=0.01)
     assert run["y"] == pytest.approx(expected(run["t"], SOURCE["u"](run["t"])), abs=1e-13)
@@ -292,8 +306,10 @@ def test_creep_after_a_step():
     assert run["y"] == pytest.approx(3 + 0.6 * (1 - np.exp(-run["t"] / 0.5)), abs=1e-9)
 
 
-@pytest.mark.parametrize(("exponent", "reference"), [(1.0, lambda v: v), (2.0, lambda v: np.abs(v) * v),
-                                                     (0.5, lambda v: np.sign(v) * np.abs(v) ** 0.5)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("exponent", "reference"),
+    [(1.0, lambda v: v), (2.0, lambda v: np.abs(v) * v), (0.5, lambda v: np.sign(v) * np.abs(v) ** 0.5)],
+)
 def test_rate_dependence(exponent, reference):
     block = RateDependence(coefficient=0.3, exponent=exponent, smoothing=1e-7)
     for v in NUMBERS:
@@ -302,9 +318,11 @@ def test_rate_dependence(exponent, reference):
 
 def test_rate_dependence_forms_its_rate():
     d = tsm.Diagram(
-        title="rate", blocks=dict(s=tsm.blocks.Sine(amplitude=1.0, frequency=0.5), e=RateDependence(coefficient=0.3)),
-        wires=["s -> e"], outputs={"y": "e"},
-    )  # fmt: skip
+        title="rate",
+        blocks=dict(s=tsm.blocks.Sine(amplitude=1.0, frequency=0.5), e=RateDependence(coefficient=0.3)),
+        wires=["s -> e"],
+        outputs={"y": "e"},
+    )
     run = tsm.simulate(d, stop=2.0, step=0.01)
     assert run["y"] == pytest.approx(np.sin(np.pi * run.t) + 0.3 * np.pi * np.cos(np.pi * run.t), abs=1e-12)
 
@@ -377,23 +395,27 @@ def test_a_resonance_at_full_share_is_the_oscillator():
 def test_refuses_bad_values():
     refuses(
         "Slack.share must lie in [0, 1], got 1.5. It is: share of the slope that is lost beyond the edge.",
-        Slack, share=1.5,
-    )  # fmt: skip
+        Slack,
+        share=1.5,
+    )
     refuses(
         "Slack.side is 'left', which is not a choice. Known here: high, low. "
         "It is: on which side of the edge it is lost.",
-        Slack, side="left",
-    )  # fmt: skip
+        Slack,
+        side="left",
+    )
     refuses(
         "Ripple.cycles must lie in (0, inf), got 0. It is: phase n in rad per unit of the signal; for angles in "
         "rad, periods per turn.",
-        Ripple, cycles=0,
-    )  # fmt: skip
+        Ripple,
+        cycles=0,
+    )
     refuses("NonlocalMemory needs as many weights as radii, got 2 and 3.", NonlocalMemory, weights=(0.1, 0.2))
     refuses(
         "RateDependence.exponent must lie in [0.2, 4], got 5. It is: power n of the rate.", RateDependence, exponent=5
     )
-    refuses("Resonance.share must lie in [0, 1], got -0.1. It is: share of the signal that swings.",
-            Resonance, share=-0.1)  # fmt: skip
+    refuses(
+        "Resonance.share must lie in [0, 1], got -0.1. It is: share of the signal that swings.", Resonance, share=-0.1
+    )
     refuses("Bow.width must lie in (0, inf), got 0. It is: distance d over which it is added.", Bow, width=0)
     refuses("Jump.width must lie in (0, inf), got 0. It is: time over which it is rounded [s].", Jump, width=0)

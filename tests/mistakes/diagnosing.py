@@ -24,9 +24,15 @@ from tsmblocks.model.diagram import Diagram
 
 def effect(**changes):
     given = dict(
-        name="louder", family="map", words="a gain that is off", place="output", block=Gain(), null={"gain": 1.0},
-        free=("gain",), trials=lambda scales: Trials({}, ({"gain": 1.1},)),
-    )  # fmt: skip
+        name="louder",
+        family="map",
+        words="a gain that is off",
+        place="output",
+        block=Gain(),
+        null={"gain": 1.0},
+        free=("gain",),
+        trials=lambda scales: Trials({}, ({"gain": 1.1},)),
+    )
     return Effect(**{**given, **changes})
 
 
@@ -124,9 +130,12 @@ def an_effect_that_reads_a_second_signal_where_there_is_none():
 @mistake(ParameterError, "effect 'louder': nothing would drive the input 'w' of its block at the place 'load'.")
 def an_effect_that_reads_a_third_signal():
     inner = Diagram(
-        title="inner", blocks={"k": Gain(), "sum": Sum(signs="+++")}, wires=["k -> sum.plus1"], outputs={"y": "sum"},
+        title="inner",
+        blocks={"k": Gain(), "sum": Sum(signs="+++")},
+        wires=["k -> sum.plus1"],
+        outputs={"y": "sum"},
         inputs={"u": "k", "x": "sum.plus2", "w": "sum.plus3"},
-    )  # fmt: skip
+    )
     effect(block=inner, place="load", null={"k.gain": 1.0}, free=("k.gain",))
 
 

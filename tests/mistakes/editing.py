@@ -20,10 +20,7 @@ from tsmblocks.model.diagram import Diagram
 def nested():
     """A position loop inside another diagram."""
     return Diagram(
-        title="outer",
-        blocks=dict(loop=position_loop(), out=Gain()),
-        wires=["loop -> out"],
-        outputs={"y": "out"},
+        title="outer", blocks=dict(loop=position_loop(), out=Gain()), wires=["loop -> out"], outputs={"y": "out"}
     )
 
 

@@ -19,9 +19,7 @@ def compiled(cls, **parameters):
     made = cls(**parameters)
     compile_diagram(
         Diagram(
-            title="own",
-            blocks=dict(ref=Sine(unit="1"), mine=made),
-            wires=[f"ref -> mine.{k}" for k in made.inports],
+            title="own", blocks=dict(ref=Sine(unit="1"), mine=made), wires=[f"ref -> mine.{k}" for k in made.inports]
         )
     )
 
@@ -76,10 +74,7 @@ def no_outputs_method():
     compiled(Mine)
 
 
-@mistake(
-    EquationError,
-    "mine: Mine.outputs must return values by name, such as dict(y=…), got one expression.",
-)
+@mistake(EquationError, "mine: Mine.outputs must return values by name, such as dict(y=…), got one expression.")
 def a_number_instead_of_a_dict():
     @block(register=False)
     class Mine(Block):
@@ -93,8 +88,7 @@ def a_number_instead_of_a_dict():
 
 
 @mistake(
-    EquationError,
-    "mine: Mine.outputs must return values by name, such as dict(y=…), got nothing (is there a return?).",
+    EquationError, "mine: Mine.outputs must return values by name, such as dict(y=…), got nothing (is there a return?)."
 )
 def nothing_is_returned():
     @block(register=False)
@@ -121,10 +115,7 @@ def a_misspelt_input_in_an_equation():
     compiled(Mine)
 
 
-@mistake(
-    EquationError,
-    "mine: Mine.outputs reads self.gian, which is not declared. Did you mean 'gain'? See HERE.",
-)
+@mistake(EquationError, "mine: Mine.outputs reads self.gian, which is not declared. Did you mean 'gain'? See HERE.")
 def a_misspelt_parameter_in_an_equation():
     @block(register=False)
     class Mine(Block):
@@ -231,8 +222,7 @@ def text_where_a_signal_belongs():
 
 
 @mistake(
-    EquationError,
-    "mine: Mine leaves state z without a rate or an update. Give it one in derivatives or in updates.",
+    EquationError, "mine: Mine leaves state z without a rate or an update. Give it one in derivatives or in updates."
 )
 def a_state_without_a_rate():
     @block(register=False)
@@ -310,11 +300,7 @@ def a_block_that_fails_inside():
     compiled(Mine)
 
 
-@mistake(
-    EquationError,
-    "mine: Mine.outputs fails: ZeroDivisionError: division by zero. See HERE.",
-    cause=True,
-)
+@mistake(EquationError, "mine: Mine.outputs fails: ZeroDivisionError: division by zero. See HERE.", cause=True)
 def a_rate_that_fails_inside():
     @block(register=False)
     class Mine(Block):
@@ -422,10 +408,7 @@ def a_state_that_starts_with_text():
     compiled(Mine)
 
 
-@mistake(
-    EquationError,
-    "mine: Mine.y is two things at once (a port, a state); give one of them another name.",
-)
+@mistake(EquationError, "mine: Mine.y is two things at once (a port, a state); give one of them another name.")
 def a_state_named_like_an_input():
     @block(register=False)
     class Mine(Block):

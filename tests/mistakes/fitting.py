@@ -28,9 +28,12 @@ def of(**named):
     """One block as a diagram with input u and output y, or several in a row."""
     names = list(named)
     return tsm.Diagram(
-        title="bench", blocks=named, wires=[" -> ".join(names)] if len(names) > 1 else [],
-        inputs={"u": names[0]}, outputs={"y": names[-1]},
-    )  # fmt: skip
+        title="bench",
+        blocks=named,
+        wires=[" -> ".join(names)] if len(names) > 1 else [],
+        inputs={"u": names[0]},
+        outputs={"y": names[-1]},
+    )
 
 
 def uy(u=U, y=U):
@@ -132,8 +135,10 @@ def one_of_two_recordings_without_any_output():
 )
 def recordings_without_an_output_in_common():
     two = of(a=Gain(), b=Gain())
-    fit([tsm.Record("one", T, {"u": U, "v": U}, {}), tsm.Record("two", T, {"u": U, "y": U}, {})],
-        tsm.Diagram(title="bench", blocks=two.blocks, wires=two.wires, inputs={"u": "a"}, outputs={"v": "a", "y": "b"}))  # fmt: skip
+    fit(
+        [tsm.Record("one", T, {"u": U, "v": U}, {}), tsm.Record("two", T, {"u": U, "y": U}, {})],
+        tsm.Diagram(title="bench", blocks=two.blocks, wires=two.wires, inputs={"u": "a"}, outputs={"v": "a", "y": "b"}),
+    )
 
 
 @mistake(DataError, "diagram 'Tendon sheath: a gain and an offset' has no output 'x_ou'. Did you mean 'x_out'?")
@@ -359,8 +364,7 @@ def a_sigma_of_an_unknown_output():
 
 
 @mistake(
-    ParameterError,
-    "sigma of 'x_out' must be a positive number, or one with its unit such as '0.05deg', got [0.1].",
+    ParameterError, "sigma of 'x_out' must be a positive number, or one with its unit such as '0.05deg', got [0.1]."
 )
 def a_sigma_that_is_no_number():
     fit(sigma={"x_out": [0.1]})
@@ -454,9 +458,12 @@ def a_fit_of_a_name():
 
 def feedback():
     return tsm.Diagram(
-        title="loop", blocks=dict(error=Sum(signs="+-"), k=Gain(), i=Integrator()),
-        wires=["error -> k -> i -> error.minus"], inputs={"u": "error.plus"}, outputs={"y": "i"},
-    )  # fmt: skip
+        title="loop",
+        blocks=dict(error=Sum(signs="+-"), k=Gain(), i=Integrator()),
+        wires=["error -> k -> i -> error.minus"],
+        inputs={"u": "error.plus"},
+        outputs={"y": "i"},
+    )
 
 
 @mistake(

@@ -149,10 +149,7 @@ def a_leading_zero_in_a_loop():
     around(TransferFunction(num=[0.0, 1.0], den=[1.0, 1.0]))
 
 
-@mistake(
-    EquationError,
-    "Wrong.outputs must take (self, t, x, u).",
-)
+@mistake(EquationError, "Wrong.outputs must take (self, t, x, u).")
 def an_equation_of_inputs_alone():
     @block(register=False)
     class Wrong(Block):
@@ -232,8 +229,7 @@ def a_text_for_an_input():
 
 
 @mistake(
-    DataError,
-    "input 'u' must be a number, samples or a function of time, got an array of shape (11,) of complex128.",
+    DataError, "input 'u' must be a number, samples or a function of time, got an array of shape (11,) of complex128."
 )
 def complex_samples():
     driven(inputs={"u": np.ones(11) * 1j})

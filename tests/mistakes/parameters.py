@@ -110,8 +110,9 @@ def a_misspelt_parameter_in_a_batch():
     simulate_batch(position_loop(), {"pid.kpp": [1.0, 2.0]}, stop=0.1)
 
 
-@mistake(ParameterError, "diagram 'position loop' has no parameter 'kp' that can vary between runs. Did you mean "
-                         "'pid.kp'?")  # fmt: skip
+@mistake(
+    ParameterError, "diagram 'position loop' has no parameter 'kp' that can vary between runs. Did you mean 'pid.kp'?"
+)
 def the_end_of_a_name_in_a_batch():
     simulate_batch(position_loop(), {"kp": [1.0, 2.0]}, stop=0.1)
 
@@ -122,10 +123,7 @@ def the_end_of_a_name_in_a_batch():
 )
 def an_option_in_a_batch():
     d = Diagram(
-        title="held",
-        blocks=dict(ref=Sine(), hold=ZeroOrderHold()),
-        wires=["ref -> hold"],
-        outputs={"y": "hold"},
+        title="held", blocks=dict(ref=Sine(), hold=ZeroOrderHold()), wires=["ref -> hold"], outputs={"y": "hold"}
     )
     simulate_batch(d, {"hold.period": [0.01, 0.02]}, stop=0.1)
 
@@ -202,25 +200,20 @@ def a_list_of_lists_where_a_list_belongs():
     TransferFunction(den=[[1.0, 2.0], [3.0, 4.0]])
 
 
-@mistake(
-    ParameterError,
-    "StateSpace.A must be square, got 2 rows of length 2, 1.",
-)
+@mistake(ParameterError, "StateSpace.A must be square, got 2 rows of length 2, 1.")
 def a_matrix_of_uneven_rows():
     StateSpace(A=[[0.0, 1.0], [2.0]], B=[[0.0], [1.0]], C=[[1.0, 0.0]])
 
 
 @mistake(
-    ParameterError,
-    "StateSpace.B must have 2 rows of 1, as the other matrices have it, got rows of length 1, 1, 1.",
+    ParameterError, "StateSpace.B must have 2 rows of 1, as the other matrices have it, got rows of length 1, 1, 1."
 )
 def a_matrix_of_another_size():
     StateSpace(A=[[0.0, 1.0], [-2.0, -1.0]], B=[[0.0], [1.0], [2.0]], C=[[1.0, 0.0]])
 
 
 @mistake(
-    ParameterError,
-    "Gain.gain must be a number, got ((1.0, 1.0), (1.0, 1.0)). It is: factor from input to output.",
+    ParameterError, "Gain.gain must be a number, got ((1.0, 1.0), (1.0, 1.0)). It is: factor from input to output."
 )
 def a_tuple_where_a_number_belongs_in_an_array():
     Gain(gain=np.ones((2, 2)))
@@ -283,18 +276,12 @@ def a_source_in_an_unknown_unit():
 # ---- bounds
 
 
-@mistake(
-    ParameterError,
-    "FirstOrderLag.time_constant must lie in (0, inf), got -1. It is: time to 63 % of a step [s].",
-)
+@mistake(ParameterError, "FirstOrderLag.time_constant must lie in (0, inf), got -1. It is: time to 63 % of a step [s].")
 def a_negative_time_constant():
     FirstOrderLag(time_constant=-1.0)
 
 
-@mistake(
-    ParameterError,
-    "FirstOrderLag.time_constant must lie in (0, inf), got 0. It is: time to 63 % of a step [s].",
-)
+@mistake(ParameterError, "FirstOrderLag.time_constant must lie in (0, inf), got 0. It is: time to 63 % of a step [s].")
 def a_time_constant_of_zero():
     FirstOrderLag(time_constant=0.0)
 
@@ -330,8 +317,7 @@ def a_transfer_function_that_is_not_proper():
 
 
 @mistake(
-    ParameterError,
-    "loop.pid: PID.tau must lie in (0, inf), got -1. It is: time constant of the derivative filter [s].",
+    ParameterError, "loop.pid: PID.tau must lie in (0, inf), got -1. It is: time constant of the derivative filter [s]."
 )
 def a_bound_is_passed_in_an_inner_diagram():
     Diagram(title="outer", blocks=dict(loop=position_loop())).with_parameters({"loop.pid.tau": -1.0})
@@ -347,10 +333,7 @@ def parameters_as_a_list():
     simulate(position_loop(), stop=0.1, parameters=["pid.kp"])
 
 
-@mistake(
-    ParameterError,
-    "pid: PID.tau must lie in (0, inf), got 0. It is: time constant of the derivative filter [s].",
-)
+@mistake(ParameterError, "pid: PID.tau must lie in (0, inf), got 0. It is: time constant of the derivative filter [s].")
 def a_bound_is_passed_in_simulate():
     simulate(position_loop(), stop=0.1, parameters={"pid.tau": 0.0})
 
@@ -378,10 +361,7 @@ def text_in_a_batch():
     simulate_batch(position_loop(), {"pid.kp": ["one", "two"]}, stop=0.1)
 
 
-@mistake(
-    ParameterError,
-    "set 1 of the batch: pid: PID.kp must be a number, got nan. It is: proportional gain.",
-)
+@mistake(ParameterError, "set 1 of the batch: pid: PID.kp must be a number, got nan. It is: proportional gain.")
 def not_a_number_in_a_batch():
     simulate_batch(position_loop(), {"pid.kp": [1.0, float("nan")]}, stop=0.1)
 

@@ -41,22 +41,16 @@ def plant(**blocks):
 # ---- not finite
 
 
-@mistake(
-    NotFinite,
-    "q.y = nan at t = 0 s, born in q (Divide). Its inputs: num (from a.y) = 0, den (from b.y) = 0.",
-)
+@mistake(NotFinite, "q.y = nan at t = 0 s, born in q (Divide). Its inputs: num (from a.y) = 0, den (from b.y) = 0.")
 def zero_over_zero():
     d = Diagram(
-        title="quotients",
-        blocks=dict(a=Sine(), b=Sine(unit="1"), q=Divide()),
-        wires=["a -> q.num", "b -> q.den"],
+        title="quotients", blocks=dict(a=Sine(), b=Sine(unit="1"), q=Divide()), wires=["a -> q.num", "b -> q.den"]
     )
     simulate(d, stop=1.0)
 
 
 @mistake(
-    NotFinite,
-    "q.y = inf at t = 0.5 s, born in q (Divide). Its inputs: num (from one.y) = 1, den (from sum.y) = 0.",
+    NotFinite, "q.y = inf at t = 0.5 s, born in q (Divide). Its inputs: num (from one.y) = 1, den (from sum.y) = 0."
 )
 def a_denominator_that_passes_zero_later():
     d = Diagram(
@@ -220,10 +214,7 @@ def a_step_longer_than_the_run():
     simulate(position_loop(), stop=0.001, step=0.01)
 
 
-@mistake(
-    RunError,
-    "10000000001 instants of 9 signals would take 720 GB. Keep less: log='outputs', or every=1000.",
-)
+@mistake(RunError, "10000000001 instants of 9 signals would take 720 GB. Keep less: log='outputs', or every=1000.")
 def a_run_too_long_to_keep():
     simulate(position_loop(), stop=1e6, step=1e-4)
 
@@ -234,8 +225,7 @@ def every_nothing():
 
 
 @mistake(
-    RunError,
-    "the sample period 0.0025 s of hold is not a multiple of the step 0.001 s. A step of 0.000625 s would do.",
+    RunError, "the sample period 0.0025 s of hold is not a multiple of the step 0.001 s. A step of 0.000625 s would do."
 )
 def a_period_that_is_no_multiple_of_the_step():
     d = Diagram(title="held", blocks=dict(ref=Sine(), hold=ZeroOrderHold(period=0.0025)), wires=["ref -> hold"])
@@ -243,8 +233,7 @@ def a_period_that_is_no_multiple_of_the_step():
 
 
 @mistake(
-    RunError,
-    "the sample period 0.0005 s of hold is not a multiple of the step 0.001 s. A step of 0.0005 s would do.",
+    RunError, "the sample period 0.0005 s of hold is not a multiple of the step 0.001 s. A step of 0.0005 s would do."
 )
 def a_period_shorter_than_the_step():
     d = Diagram(title="held", blocks=dict(ref=Sine(), hold=ZeroOrderHold(period=0.0005)), wires=["ref -> hold"])
@@ -318,10 +307,7 @@ def a_batch_of_an_unknown_signal():
     simulate_batch(position_loop(), {"pid.kp": [1.0, 2.0]}, outputs=["motr"], stop=0.1)
 
 
-@mistake(
-    RunError,
-    "diagram 'position loop' has no outputs, so say which signals to keep: outputs=['block.port'].",
-)
+@mistake(RunError, "diagram 'position loop' has no outputs, so say which signals to keep: outputs=['block.port'].")
 def a_batch_without_outputs():
     simulate_batch(position_loop(outputs={}), {"pid.kp": [1.0, 2.0]}, stop=0.1)
 
@@ -424,10 +410,7 @@ def an_input_of_texts():
     simulate(plant(), stop=1.0, inputs={"u": ["a", "b"]})
 
 
-@mistake(
-    DataError,
-    "input 'u' must be a number, samples or a function of time, got an array of shape (1001, 2).",
-)
+@mistake(DataError, "input 'u' must be a number, samples or a function of time, got an array of shape (1001, 2).")
 def an_input_of_two_columns():
     simulate(plant(), stop=1.0, inputs={"u": np.zeros((1001, 2))})
 
@@ -446,8 +429,7 @@ def an_input_of_nothing():
 
 
 @mistake(
-    DataError,
-    "input 'u': the function must give one value for each time, got shape (3,) for times of shape (1,).",
+    DataError, "input 'u': the function must give one value for each time, got shape (3,) for times of shape (1,)."
 )
 def an_input_function_of_one_number():
     simulate(plant(), stop=1.0, inputs={"u": lambda t: np.zeros(3)})
@@ -491,8 +473,7 @@ def the_derivative_of_an_input_function():
 
 
 @mistake(
-    DataError,
-    "input 'x' is linear between samples, but its derivative of order 2 is needed. Give it hold='cubic'.",
+    DataError, "input 'x' is linear between samples, but its derivative of order 2 is needed. Give it hold='cubic'."
 )
 def the_second_derivative_of_a_linear_input():
     d = Diagram(
@@ -557,10 +538,7 @@ def a_state_of_another_diagram():
     Stepper(position_loop()).restore(saved)
 
 
-@mistake(
-    RunError,
-    "a run that goes on from a saved state starts when that ended, at 0.5 s. Leave out start.",
-)
+@mistake(RunError, "a run that goes on from a saved state starts when that ended, at 0.5 s. Leave out start.")
 def a_start_beside_a_state_to_go_on_from():
     saved = simulate(plant(), inputs={"u": 1.0}, stop=0.5).state
     simulate(plant(), inputs={"u": 1.0}, start=1.0, stop=2.0, initial=saved)
@@ -597,10 +575,7 @@ def a_state_of_another_step():
     Stepper(plant(), step=1e-4).restore(saved)
 
 
-@mistake(
-    NotFinite,
-    "q.y = inf at t = 0 s, born in q (Divide). Its inputs: num (from a) = 1, den (from b) = 0.",
-)
+@mistake(NotFinite, "q.y = inf at t = 0 s, born in q (Divide). Its inputs: num (from a) = 1, den (from b) = 0.")
 def a_stepper_that_leaves_the_finite():
     d = Diagram(title="quotients", blocks=dict(q=Divide()), inputs={"a": "q.num", "b": "q.den"}, outputs={"c": "q"})
     Stepper(d).step({"a": 1.0, "b": 0.0})

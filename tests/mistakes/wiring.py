@@ -461,11 +461,7 @@ diagram 'angles' (HERE) has 1 problem:
 """,
 )
 def degrees_into_radians():
-    Diagram(
-        title="angles",
-        blocks=dict(ref=Sine(unit="deg"), tsm=AsymmetricBoucWen()),
-        wires=["ref -> tsm.x"],
-    )
+    Diagram(title="angles", blocks=dict(ref=Sine(unit="deg"), tsm=AsymmetricBoucWen()), wires=["ref -> tsm.x"])
 
 
 @mistake(
@@ -478,9 +474,7 @@ diagram 'position loop' (HERE) has 1 problem:
 def an_angle_into_a_voltage():
     blocks = {**BLOCKS, "motor": MotorTransferFunction()}
     position_loop(
-        blocks=blocks,
-        wires=["ref -> error.plus", "error -> drive -> motor", "motor.y -> error.minus, pid"],
-        outputs={},
+        blocks=blocks, wires=["ref -> error.plus", "error -> drive -> motor", "motor.y -> error.minus, pid"], outputs={}
     )
 
 
@@ -538,11 +532,7 @@ diagram 'outer' (HERE) has 1 problem:
 )
 def units_differ_through_an_inner_diagram():
     motor = Diagram(title="motor", blocks=dict(m=MotorTransferFunction()), inputs={"u": "m.u"}, outputs={"x": "m.y"})
-    Diagram(
-        title="outer",
-        blocks=dict(ref=Sine(unit="rad"), motor=motor, gain=Gain()),
-        wires=["ref -> motor -> gain"],
-    )
+    Diagram(title="outer", blocks=dict(ref=Sine(unit="rad"), motor=motor, gain=Gain()), wires=["ref -> motor -> gain"])
 
 
 @mistake(
@@ -577,11 +567,7 @@ diagram 'angles' (HERE) has 1 problem:
 """,
 )
 def an_input_with_an_unknown_unit():
-    Diagram(
-        title="angles",
-        blocks=dict(motor=MotorTransferFunction()),
-        inputs={"x": Inlet("motor.u", unit="volt")},
-    )
+    Diagram(title="angles", blocks=dict(motor=MotorTransferFunction()), inputs={"x": Inlet("motor.u", unit="volt")})
 
 
 @mistake(
@@ -638,11 +624,7 @@ diagram 'loop' (HERE) has 1 problem:
 )
 def an_algebraic_loop_of_three_through_two_diagrams():
     half = Diagram(
-        title="half",
-        blocks=dict(a=Gain(), b=Abs()),
-        wires=["a -> b"],
-        inputs={"i": "a.u"},
-        outputs={"o": "b"},
+        title="half", blocks=dict(a=Gain(), b=Abs()), wires=["a -> b"], inputs={"i": "a.u"}, outputs={"o": "b"}
     )
     deep = Diagram(title="deep", blocks=dict(half=half), inputs={"i": "half.i"}, outputs={"o": "half.o"})
     d = Diagram(

@@ -37,8 +37,11 @@ class Sampled:
 
     def without_idle(self) -> Sampled:
         """The same without held outputs on which nothing that comes depends."""
-        kept = [k for k, name in enumerate(self.states)
-                if not name.endswith(HELD) or self.A[:, k].any() or self.C[:, k].any()]  # fmt: skip
+        kept = [
+            k
+            for k, name in enumerate(self.states)
+            if not name.endswith(HELD) or self.A[:, k].any() or self.C[:, k].any()
+        ]
         names = [self.states[k].replace(HELD, "_held") for k in kept]
         return Sampled(self.A[np.ix_(kept, kept)], self.B[kept], self.C[:, kept], self.D, self.dt, names)
 
@@ -79,12 +82,16 @@ def model(here: Still, x: np.ndarray, names: Sequence[str], shown: Sequence[str]
 def _check(here: Still, names: Sequence[str]) -> None:
     eq = here.eq
     if eq.q:
-        raise RunError(f"'{eq.title}' has dead times beside samples, of which there is no linear model: "
-                       f"{', '.join(eq.q)}. Put a UnitDelay in the place.")  # fmt: skip
+        raise RunError(
+            f"'{eq.title}' has dead times beside samples, of which there is no linear model: "
+            f"{', '.join(eq.q)}. Put a UnitDelay in the place."
+        )
     sloped = [name for name in names if any(f.order and f.name == "d/dt " * f.order + name for f in eq.u)]
     if sloped:
-        raise RunError(f"'{eq.title}' follows the slope of its input '{sloped[0]}', which a linear model of samples "
-                       "holds in between. Put a lag on the input.")  # fmt: skip
+        raise RunError(
+            f"'{eq.title}' follows the slope of its input '{sloped[0]}', which a linear model of samples "
+            "holds in between. Put a lag on the input."
+        )
 
 
 def _ticks(eq: Equations) -> tuple[tuple[int, ...], float]:

@@ -90,8 +90,11 @@ class FrequencyResponse:
         dims = ("amplitude", "frequency")
         found = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
         coords = {"amplitude": (dims[:1], self.amplitudes, ""), "frequency": (dims[1:], self.frequencies, "Hz")}
-        return dataset({k: (dims, v, "deg" if k == "phase" else "") for k, v in found.items()}, coords,
-                       {"title": self.title, "driven": self.driven, "output": self.output})  # fmt: skip
+        return dataset(
+            {k: (dims, v, "deg" if k == "phase" else "") for k, v in found.items()},
+            coords,
+            {"title": self.title, "driven": self.driven, "output": self.output},
+        )
 
     def __repr__(self) -> str:
         sizes, f = few(f"{a:.3g}" for a in self.amplitudes), self.frequencies
@@ -108,11 +111,23 @@ class FrequencyResponse:
 
 
 def frequency_response(
-    diagram: Diagram, frequencies: Sequence[float] | np.ndarray, amplitudes: Sequence[float] | float = 1.0, *,
-    driven: str | None = None, output: str | None = None, bias: float | None = None,
-    inputs: Mapping[str, Any] | None = None, settle: int = 4, periods: int = 2, samples: int = 200, harmonics: int = 5,
-    step: float = 1e-3, method: str = "rk4", threads: int | None = None, backend: str = "",
-) -> FrequencyResponse:  # fmt: skip
+    diagram: Diagram,
+    frequencies: Sequence[float] | np.ndarray,
+    amplitudes: Sequence[float] | float = 1.0,
+    *,
+    driven: str | None = None,
+    output: str | None = None,
+    bias: float | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    settle: int = 4,
+    periods: int = 2,
+    samples: int = 200,
+    harmonics: int = 5,
+    step: float = 1e-3,
+    method: str = "rk4",
+    threads: int | None = None,
+    backend: str = "",
+) -> FrequencyResponse:
     """Drive a diagram with sines and see what comes out, once all is periodic.
 
     ``frequencies`` are in Hz. ``driven`` is an input of the diagram (the only one), or a Sine block in it, ``output`` a
@@ -131,15 +146,18 @@ def frequency_response(
     f, a = _positive("frequencies", frequencies), _positive("amplitudes", amplitudes)
     count, rest, most = whole("periods", periods, 1), whole("settle", settle, 0), whole("harmonics", harmonics, 1)
     longest, least = positive("step", step), whole("samples", samples, 4 * most)
-    how = dict(method=method, inputs=inputs, hold="zero", backend=backend,
-               outputs=list(dict.fromkeys([f"{source}.y", shown])))  # fmt: skip
+    how = dict(
+        method=method, inputs=inputs, hold="zero", backend=backend, outputs=list(dict.fromkeys([f"{source}.y", shown]))
+    )
     response = np.full((len(a), len(f)), np.nan, dtype=complex)
     over = np.full((len(a), len(f), most - 1), np.nan)
     for k, one in enumerate(f):
         n, left_out = max(least, math.ceil(1.0 / (one * longest))), rest
         if n * (rest + count) > MOST_STEPS:
-            raise RunError(f"a run at {one:g} Hz would take {n * (rest + count):,} steps. Take a longer step, or leave "
-                           "such frequencies out.")  # fmt: skip
+            raise RunError(
+                f"a run at {one:g} Hz would take {n * (rest + count):,} steps. Take a longer step, or leave "
+                "such frequencies out."
+            )
         waiting = np.arange(len(a))
         while len(waiting):
             sets = {f"{source}.amplitude": a[waiting], f"{source}.frequency": np.full(len(waiting), one)}
@@ -198,8 +216,9 @@ class _Harmonics:
             reach = np.maximum(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
             still = np.abs(y - y.mean(axis=0)).max(axis=0) <= STILL * reach
             made = {"response": np.where(still, 0.0, out[0] / into[0]), "change": np.where(still, 0.0, change)}
-            return made | {f"harmonic {m}": np.where(still, np.nan, np.abs(out[m - 1] / out[0]))
-                           for m in range(2, self.most + 1)}  # fmt: skip
+            return made | {
+                f"harmonic {m}": np.where(still, np.nan, np.abs(out[m - 1] / out[0])) for m in range(2, self.most + 1)
+            }
 
 
 def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Diagram, str]:
@@ -216,8 +235,9 @@ def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Dia
         tone = Sine(unit=diagram.inports[name].unit or "", offset=bias or 0.0)
         if TONE in diagram.blocks:
             raise RunError(f"'{diagram.title}' has a block '{TONE}', which is the name of the source put in here.")
-        return diagram.rewire(blocks={**diagram.blocks, TONE: tone}, inputs=others,
-                              add=[f"{TONE} -> {', '.join(ports)}"]), TONE  # fmt: skip
+        return diagram.rewire(
+            blocks={**diagram.blocks, TONE: tone}, inputs=others, add=[f"{TONE} -> {', '.join(ports)}"]
+        ), TONE
     if name not in tones:
         raise RunError(f"'{diagram.title}' has no input and no Sine block '{name}'.{near(name, known)}")
     return diagram if bias is None else diagram.with_parameters({f"{name}.offset": bias}), name

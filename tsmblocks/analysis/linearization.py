@@ -27,9 +27,14 @@ IMPROPER = 1e-12
 
 
 def linearize(
-    diagram: Diagram, *, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None,
-    at: Point | None = None, t: float = 0.0, pade: int | None = None,
-) -> Any:  # fmt: skip
+    diagram: Diagram,
+    *,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    at: Point | None = None,
+    t: float = 0.0,
+    pade: int | None = None,
+) -> Any:
     r"""A linear model around a point: a ``control.StateSpace`` with the names of states, inputs and outputs.
 
     (``tsm.zeta`` becomes ``tsm_zeta``: there are no dots in names of python-control.)
@@ -55,8 +60,10 @@ def linearize(
         raise RunError(f"at is a point that trim has found, got {in_words(at)}.")
     here = still(diagram, at.inputs if at is not None else {}, at.t if at is not None else number("t", t), sampled=True)
     if not here.inputs:
-        raise RunError(f"diagram '{here.eq.title}' has no input for a linear model to begin at: give it one, or open "
-                       "a loop (analysis.opened, analysis.loop_gain).")  # fmt: skip
+        raise RunError(
+            f"diagram '{here.eq.title}' has no input for a linear model to begin at: give it one, or open "
+            "a loop (analysis.opened, analysis.loop_gain)."
+        )
     names = _chosen(here, inputs, list(here.inputs), "input")
     shown = _chosen(here, outputs, [*here.eq.aliases, *here.eq.y], "signal", list(here.eq.aliases))
     x = here.x
@@ -67,8 +74,16 @@ def linearize(
         x = np.array([at.states[k] for k in here.eq.x])
     if here.eq.periods:
         made = model(here, x, names, shown).without_idle()
-        return control.ss(made.A, made.B, made.C, made.D, made.dt, states=_labels(made.states), inputs=_labels(names),
-                          outputs=_labels(shown))  # fmt: skip
+        return control.ss(
+            made.A,
+            made.B,
+            made.C,
+            made.D,
+            made.dt,
+            states=_labels(made.states),
+            inputs=_labels(names),
+            outputs=_labels(shown),
+        )
     J = _jacobians(here, x, shown)
     system = _proper(here, J, names)
     if here.eq.q:
@@ -108,9 +123,11 @@ def _must_close(cut: Still, closed: Still, x: np.ndarray, at: str) -> None:
     """Raise RunError where samples make more of a loop than its cut, held from instant to instant, tells."""
     made = model(cut, x, [CUT], [BACK])
     if not made.closes_to(model(closed, x, [], [])):
-        raise RunError(f"at='{at}': what goes over this wire counts, and changes, between the instants at which all "
-                       f"samples of '{closed.eq.title}' fall together ({made.dt:g} s apart). Open the loop where it "
-                       "enters or leaves the slowest sampled block.")  # fmt: skip
+        raise RunError(
+            f"at='{at}': what goes over this wire counts, and changes, between the instants at which all "
+            f"samples of '{closed.eq.title}' fall together ({made.dt:g} s apart). Open the loop where it "
+            "enters or leaves the slowest sampled block."
+        )
 
 
 def _unrounded(diagram: Diagram) -> Diagram:
@@ -134,8 +151,15 @@ def _around(system: Any) -> Any:
     kept = np.flatnonzero(reached & seen)
     labels = [system.state_labels[k] for k in kept]
     turned = (0.0 - np.asarray(part) for part in (system.C[:, kept], system.D))  # no -0.0, which would be printed
-    return control.ss(system.A[np.ix_(kept, kept)], system.B[kept], *turned, system.dt, states=labels or None,
-                      inputs=system.input_labels, outputs=system.output_labels)  # fmt: skip
+    return control.ss(
+        system.A[np.ix_(kept, kept)],
+        system.B[kept],
+        *turned,
+        system.dt,
+        states=labels or None,
+        inputs=system.input_labels,
+        outputs=system.output_labels,
+    )
 
 
 def opened(diagram: Diagram, at: str) -> Diagram:
@@ -217,8 +241,10 @@ def _jacobians(here: Still, x: np.ndarray, shown: Sequence[str]) -> dict[tuple[s
         w = np.asarray(late(x, u, w, here.t, here.p)).ravel()
     *made, moved = (np.asarray(J, dtype=float) for J in slopes(x, u, w, here.t, here.p))
     if np.abs(moved).max(initial=0.0) > 1e-9:
-        raise RunError(f"'{eq.title}' follows the slope of a delayed signal, which no state space holds. Put a lag "
-                       "behind the delay.")  # fmt: skip
+        raise RunError(
+            f"'{eq.title}' follows the slope of a delayed signal, which no state space holds. Put a lag "
+            "behind the delay."
+        )
     found = dict(zip(_KEYS, made, strict=True))
     rows = {"dx": [f"the rate of {name}" for name in eq.x], "y": list(shown), "s": [f"what {q} delays" for q in eq.q]}
     bad = [rows[a][k] for (a, _), J in found.items() for k in np.flatnonzero(~np.isfinite(J).all(axis=1))]
@@ -257,8 +283,9 @@ def _proper(here: Still, J: dict[tuple[str, str], np.ndarray], names: Sequence[s
     Where a rate follows the slope of an input, :math:`x' = A x + B u + E u'`, the state :math:`x - E u` is used.
     """
     eq = here.eq
-    place = {(feed.name.removeprefix("d/dt " * feed.order), feed.order): k
-             for k, feed in enumerate(eq.u) if not feed.block}  # fmt: skip
+    place = {
+        (feed.name.removeprefix("d/dt " * feed.order), feed.order): k for k, feed in enumerate(eq.u) if not feed.block
+    }
     own = [place[name, 0] for name in names]
     A, rows = J["dx", "x"], np.vstack([J["y", "x"], J["s", "x"]])
     direct = np.vstack([J["y", "u"], J["s", "u"]])
@@ -270,8 +297,10 @@ def _proper(here: Still, J: dict[tuple[str, str], np.ndarray], names: Sequence[s
         if slope is None:
             continue
         if np.abs(direct[:, slope]).max(initial=0.0) > none or (name, 2) in place:
-            raise RunError(f"a signal of '{eq.title}' follows the slope of its input '{name}' at once, so there is no "
-                           "state space from there. Put a lag on the input, or ask for other outputs.")  # fmt: skip
+            raise RunError(
+                f"a signal of '{eq.title}' follows the slope of its input '{name}' at once, so there is no "
+                "state space from there. Put a lag on the input, or ask for other outputs."
+            )
         E = J["dx", "u"][:, slope]
         B[:, k] += A @ E
         D[:, k] += rows @ E
@@ -286,11 +315,14 @@ def _with_delays(here: Still, system: Matrices, pade: int | None) -> Matrices:
     lags = np.asarray(eq.lag(here.p), dtype=float).ravel()
     if pade is None:
         said = ", ".join(f"{v:g} s" for v in lags)
-        raise RunError(f"'{eq.title}' has dead times ({said}), which no state space holds. "
-                       "Say pade=3 for an approximation of third order.")  # fmt: skip
+        raise RunError(
+            f"'{eq.title}' has dead times ({said}), which no state space holds. "
+            "Say pade=3 for an approximation of third order."
+        )
     order = whole("pade", pade, 1)
-    parts = [control.ss(control.tf(*control.pade(lag, order))) if lag > 0 else control.ss([], [], [], 1.0)
-             for lag in lags]  # fmt: skip
+    parts = [
+        control.ss(control.tf(*control.pade(lag, order))) if lag > 0 else control.ss([], [], [], 1.0) for lag in lags
+    ]
     delays = control.append(*parts) if len(parts) > 1 else parts[0]
     A, B, C, D = system
     n, m = B.shape[1] - len(lags), C.shape[0] - len(lags)
@@ -302,8 +334,12 @@ def _with_delays(here: Still, system: Matrices, pade: int | None) -> Matrices:
     Wx, Wz, Wu = solve @ Dd @ Cs, solve @ Cd, solve @ Dd @ Dsu
     Sx, Sz, Su = Cs + Dsw @ Wx, Dsw @ Wz, Dsu + Dsw @ Wu
     Bd = np.asarray(delays.B)
-    return (np.block([[A + Bw @ Wx, Bw @ Wz], [Bd @ Sx, np.asarray(delays.A) + Bd @ Sz]]),
-            np.vstack([Bu + Bw @ Wu, Bd @ Su]), np.hstack([Cy + Dyw @ Wx, Dyw @ Wz]), Dyu + Dyw @ Wu)  # fmt: skip
+    return (
+        np.block([[A + Bw @ Wx, Bw @ Wz], [Bd @ Sx, np.asarray(delays.A) + Bd @ Sz]]),
+        np.vstack([Bu + Bw @ Wu, Bd @ Su]),
+        np.hstack([Cy + Dyw @ Wx, Dyw @ Wz]),
+        Dyu + Dyw @ Wu,
+    )
 
 
 def _states(here: Still, A: np.ndarray) -> list[str]:

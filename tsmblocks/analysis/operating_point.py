@@ -139,17 +139,24 @@ def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: b
         names = (list(eq.sampled) if not sampled else []) or names
         one = len(names) == 1
         lack = "there is no linear model in continuous time" if sampled else "rates do not tell where it stands still"
-        raise RunError(f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
-                       f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
-                       f"so {lack}. Replace or remove "
-                       f"{'it' if one else 'them'} first: {_without(names[0])}.")  # fmt: skip
+        raise RunError(
+            f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
+            f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
+            f"so {lack}. Replace or remove "
+            f"{'it' if one else 'them'} first: {_without(names[0])}."
+        )
     p = parameter_vector(eq, diagram)
     wanted = tuple(feed.name for feed in eq.u if not feed.block and not feed.order)
     values = {name: inputs.get(name, 0.0) for name in wanted}
-    signals = gather_signals(eq, {**{k: v for k, v in inputs.items() if k not in values}, **values},
-                             np.array([t, t + MOMENT]), "zero")  # fmt: skip
-    u = np.array([0.0 if not feed.block and feed.order else signal.at(np.array([t]), order, "right", 0.0)[0]
-                  for feed, (signal, order) in zip(eq.u, signals, strict=True)])  # fmt: skip
+    signals = gather_signals(
+        eq, {**{k: v for k, v in inputs.items() if k not in values}, **values}, np.array([t, t + MOMENT]), "zero"
+    )
+    u = np.array(
+        [
+            0.0 if not feed.block and feed.order else signal.at(np.array([t]), order, "right", 0.0)[0]
+            for feed, (signal, order) in zip(eq.u, signals, strict=True)
+        ]
+    )
     x, d = (np.asarray(part, dtype=float).ravel() for part in eq.start(p)[:2])
     return Still(eq, t, p, u, x, wanted, settled(eq, t, x, d, u, p))
 
@@ -160,9 +167,15 @@ def point_of(here: Still, x: np.ndarray, u: np.ndarray) -> Point:
     eq = here.eq
     signals = dict(zip(eq.y, y.tolist(), strict=True))
     signals |= {name: signals[signal] for name, signal in eq.aliases.items()}
-    return Point(eq.title, here.t, dict(zip(eq.x, x.tolist(), strict=True)),
-                 dict(zip(here.inputs, u.tolist(), strict=True)), signals,
-                 dict(zip(eq.x, dx.tolist(), strict=True)), eq.units)  # fmt: skip
+    return Point(
+        eq.title,
+        here.t,
+        dict(zip(eq.x, x.tolist(), strict=True)),
+        dict(zip(here.inputs, u.tolist(), strict=True)),
+        signals,
+        dict(zip(eq.x, dx.tolist(), strict=True)),
+        eq.units,
+    )
 
 
 def _delayed(here: Still, x: Any, u: Any) -> list[Any]:
@@ -180,9 +193,13 @@ def _delayed(here: Still, x: Any, u: Any) -> list[Any]:
 
 
 def trim(
-    diagram: Diagram, *, inputs: Mapping[str, float] | None = None, outputs: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None, t: float = 0.0,
-) -> Point:  # fmt: skip
+    diagram: Diagram,
+    *,
+    inputs: Mapping[str, float] | None = None,
+    outputs: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    t: float = 0.0,
+) -> Point:
     """Find where a diagram stands still: no state changes, and signals have the values asked for.
 
     ``inputs`` are held at their values; those left out are found so that ``outputs`` (any signals) have theirs, or
@@ -206,8 +223,10 @@ def trim(
     size = TOLERANCE * (np.abs(J) @ np.abs(z)) + NOTHING  # of the terms that make up each row
     worst = int(np.argmax(left / size)) if len(left) else 0
     if len(left) and not left[worst] <= size[worst]:
-        raise RunError(f"'{diagram.title}' does not stand still here: {names[worst]} stays {left[worst]:.3g} away. "
-                       f"{_way_out(wanted, free)}")  # fmt: skip
+        raise RunError(
+            f"'{diagram.title}' does not stand still here: {names[worst]} stays {left[worst]:.3g} away. "
+            f"{_way_out(wanted, free)}"
+        )
     return point_of(here, x, u)
 
 
@@ -268,8 +287,9 @@ def _nearest(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
     for _ in range(50):
         r, J = error(z), slope(z)
         if not np.isfinite(r).all() or not np.isfinite(J).all():
-            raise RunError(f"the equations are not finite at {in_words(z.round(6).tolist())}. Begin elsewhere: "
-                           "start={…}.")  # fmt: skip
+            raise RunError(
+                f"the equations are not finite at {in_words(z.round(6).tolist())}. Begin elsewhere: start={{…}}."
+            )
         step = np.linalg.lstsq(J, -r, rcond=1e-12)[0]
         if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, float(np.abs(z).max())):
             return z

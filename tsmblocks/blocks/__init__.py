@@ -66,30 +66,12 @@ from tsmblocks.blocks.limits import (
     SoftRateLimit,
     SoftSaturation,
 )
-from tsmblocks.blocks.linear import (
-    Delay,
-    Derivative,
-    FilteredDerivative,
-    FirstOrderLag,
-    Integrator,
-    SecondOrderLag,
-)
+from tsmblocks.blocks.linear import Delay, Derivative, FilteredDerivative, FirstOrderLag, Integrator, SecondOrderLag
 from tsmblocks.blocks.loops import LoopAsymmetry, LoopChange, NonlocalMemory, PositionDependentLoop, Stretch
 from tsmblocks.blocks.lti import StateSpace, TransferFunction, ZeroPoleGain, from_control
 from tsmblocks.blocks.motor import DCMotor, MotorTransferFunction
 from tsmblocks.blocks.sensors import Bias, Encoder, SensorNoise
-from tsmblocks.blocks.sources import (
-    Chirp,
-    Constant,
-    MultiSine,
-    Ramp,
-    Random,
-    Recorded,
-    Sine,
-    Staircase,
-    Step,
-    Triangle,
-)
+from tsmblocks.blocks.sources import Chirp, Constant, MultiSine, Ramp, Random, Recorded, Sine, Staircase, Step, Triangle
 from tsmblocks.blocks.transmission import (
     Bend,
     Bow,

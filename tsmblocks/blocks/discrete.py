@@ -254,9 +254,7 @@ class DiscreteIntegrator(Block):
 
     period: float = _period()
     method: str = option(
-        default="forward",
-        about="which rectangle stands for the area",
-        choices=("forward", "backward", "trapezoidal"),
+        default="forward", about="which rectangle stands for the area", choices=("forward", "backward", "trapezoidal")
     )
     gain: float = parameter(default=1.0, about="gain")
     initial: float = parameter(default=0.0, about="sum at the start", unit="?u*s")

@@ -48,11 +48,13 @@ def function_block(
     _check_words(name, "about", about, names)
     _check_units(name, units)
     made: dict[str, Any] = {
-        "__module__": function.__module__, "__qualname__": function.__qualname__,
+        "__module__": function.__module__,
+        "__qualname__": function.__qualname__,
         "__doc__": inspect.getdoc(function) or f"The Python function {name}{inspect.signature(function)}.",
         "source": f"Python function {function.__module__}.{function.__qualname__}",
-        "symbol": name[:12], "function": staticmethod(function),
-    }  # fmt: skip
+        "symbol": name[:12],
+        "function": staticmethod(function),
+    }
     for key in inputs:
         made[key] = Input(about.get(key, f"input {key}"), unit=units.get(key, ""))
     for key in outputs:

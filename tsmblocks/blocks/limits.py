@@ -54,8 +54,9 @@ class SoftSaturation(Block):
 
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
-    softness: float = parameter(default=1.0, about="distance s from a limit at which it begins to show", unit="?u",
-                                above=0.0)  # fmt: skip
+    softness: float = parameter(
+        default=1.0, about="distance s from a limit at which it begins to show", unit="?u", above=0.0
+    )
 
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
@@ -164,8 +165,9 @@ class SoftRateLimit(Block):
 
     rising: float = parameter(default=3.0, about="fastest rise r", unit="?u/s", above=0.0)
     falling: float = parameter(default=-3.0, about="fastest fall f, negative", unit="?u/s", below=0.0)
-    softness: float = parameter(default=0.3, about="distance s from a limit at which it begins to show", unit="?u/s",
-                                above=0.0)  # fmt: skip
+    softness: float = parameter(
+        default=0.3, about="distance s from a limit at which it begins to show", unit="?u/s", above=0.0
+    )
     lag: float = parameter(default=0.03, about="time constant T with which it catches up", unit="s", above=0.0)
 
     u = Input("wanted value", unit="?u")

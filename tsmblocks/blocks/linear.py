@@ -39,8 +39,10 @@ class Integrator(Block):
         if self.low >= self.high:
             raise ParameterError(f"Integrator needs low < high, got low={self.low:g}, high={self.high:g}.")
         if not self.low <= self.integral <= self.high:
-            raise ParameterError(f"Integrator.integral must start within its limits, {self.low:g} to {self.high:g}, "
-                                 f"got {self.integral:g}.")  # fmt: skip
+            raise ParameterError(
+                f"Integrator.integral must start within its limits, {self.low:g} to {self.high:g}, "
+                f"got {self.integral:g}."
+            )
 
     @property
     def inports(self) -> dict[str, Input]:

@@ -285,8 +285,11 @@ def _names(system: Any) -> dict[str, Any]:
 
     python-control lets a state and an output have one name, which here means one signal: the state's gets a number.
     """
-    labels = {"input_names": system.input_labels, "output_names": system.output_labels,
-              "state_names": system.state_labels}  # fmt: skip
+    labels = {
+        "input_names": system.input_labels,
+        "output_names": system.output_labels,
+        "state_names": system.state_labels,
+    }
     found = {kind: [_heading(label) for label in own] for kind, own in labels.items()}
     found = {kind: own for kind, own in found.items() if all(name for name, _ in own)}
     plain = iter(unlike(name for own in found.values() for name, _ in own))

@@ -60,8 +60,10 @@ def check_matrices(block: Any) -> None:
 
 def names_of(what: str, usual: str) -> Any:
     """An option for names of ports or states."""
-    return option(default=(), about=f"names of the {what}, with units where they have one, such as 'a [rad]'; an empty "
-                                    f"list means {usual}")  # fmt: skip
+    return option(
+        default=(),
+        about=f"names of the {what}, with units where they have one, such as 'a [rad]'; an empty list means {usual}",
+    )
 
 
 def numbered(letter: str, n: int) -> list[str]:
@@ -109,8 +111,9 @@ def _check_names(block: Any) -> None:
         for text in names:
             name = _checked(field, text)
             if name in taken:
-                raise ParameterError(f"{field}: '{name}' is taken already; states, inputs and outputs need names of "
-                                     "their own.")  # fmt: skip
+                raise ParameterError(
+                    f"{field}: '{name}' is taken already; states, inputs and outputs need names of their own."
+                )
             taken.add(name)
 
 
@@ -118,8 +121,10 @@ def _checked(field: str, text: Any) -> str:
     """The name in a text such as ``"a [rad]"``; raises ParameterError where there is none, or no unit."""
     name, unit = split(text) if isinstance(text, str) else ("", "")
     if not name or iskeyword(name):
-        raise ParameterError(f"{field}: {in_words(text)} is no name. Write letters, digits and underscores, and a unit "
-                             "in brackets where there is one, such as 'a [rad]'.")  # fmt: skip
+        raise ParameterError(
+            f"{field}: {in_words(text)} is no name. Write letters, digits and underscores, and a unit "
+            "in brackets where there is one, such as 'a [rad]'."
+        )
     try:
         parse(unit)
     except UnitError as error:

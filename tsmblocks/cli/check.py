@@ -52,10 +52,13 @@ def parts(name: str) -> dict[str, Any]:
     diagram = load(name)
     eq = compile_diagram(diagram)
     return {
-        "title": diagram.title, "blocks": len(eq.reads), "states": len(eq.x), "parameters": len(eq.p),
+        "title": diagram.title,
+        "blocks": len(eq.reads),
+        "states": len(eq.x),
+        "parameters": len(eq.p),
         "inputs": {k: p.unit for k, p in diagram.inports.items()},
         "outputs": {k: diagram.unit(k) for k in diagram.outputs},
-    }  # fmt: skip
+    }
 
 
 def in_words(made: dict[str, Any]) -> str:

@@ -35,8 +35,10 @@ class Formatter(argparse.HelpFormatter):
     """Help in lines as wide as the terminal; what is indented (an example) stays as it is."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        parts = [part if part.startswith(" ") else wrapped(" ".join(part.split()), width)
-                 for part in text.strip("\n").split("\n\n")]  # fmt: skip
+        parts = [
+            part if part.startswith(" ") else wrapped(" ".join(part.split()), width)
+            for part in text.strip("\n").split("\n\n")
+        ]
         return textwrap.indent("\n\n".join(parts), indent)
 
 
@@ -186,8 +188,16 @@ def figure_path(text: str | None) -> Path | None:
 
 def settings_argument(options: argparse._ActionsContainer) -> None:
     """Declare --set."""
-    options.add_argument("--set", dest="settings", metavar="NAME=VALUE", type=setting, nargs="+", action="extend",
-                         default=[], help="other values for parameters, such as pid.kp=2.2")  # fmt: skip
+    options.add_argument(
+        "--set",
+        dest="settings",
+        metavar="NAME=VALUE",
+        type=setting,
+        nargs="+",
+        action="extend",
+        default=[],
+        help="other values for parameters, such as pid.kp=2.2",
+    )
 
 
 def result_arguments(options: argparse._ActionsContainer, written: str) -> None:
@@ -214,8 +224,9 @@ def hold_argument(options: argparse._ActionsContainer, default: str = "linear") 
 
 def json_argument(options: argparse._ActionsContainer) -> None:
     """Declare --json, which every command has that prints results."""
-    options.add_argument("--json", action="store_true",
-                         help="print one JSON object and nothing else; null is what is no finite number")  # fmt: skip
+    options.add_argument(
+        "--json", action="store_true", help="print one JSON object and nothing else; null is what is no finite number"
+    )
 
 
 # ---- what is said -------------------------------------------------------------------------------
@@ -238,9 +249,7 @@ def ended(interrupted: bool, written: Sequence[str], missing: Sequence[str] = ()
     return INTERRUPTED if interrupted else 0
 
 
-def finished(
-    found: Any, facts: dict[str, Any], written: list[str], plot: Path | None, args: argparse.Namespace
-) -> int:  # fmt: skip
+def finished(found: Any, facts: dict[str, Any], written: list[str], plot: Path | None, args: argparse.Namespace) -> int:
     """Draw and hand over what a search found; its exit status. ``facts`` are added in JSON."""
     if plot:
         found.plot().savefig(plot, dpi=150)

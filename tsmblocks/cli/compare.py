@@ -41,11 +41,22 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     recordings.condition_argument(measured)
     fitted = parser.add_argument_group("what is fitted")
     add = fitted.add_argument
-    add("--train", metavar="PART", type=common.part, default=0.5,
+    add(
+        "--train",
+        metavar="PART",
+        type=common.part,
+        default=0.5,
         help="share of each recording that is fitted, from its start (default 0.5; 1 holds nothing out), or its "
-        "times START:STOP in s")  # fmt: skip
-    add("--held-out", metavar="EXPERIMENT", nargs="+", action="extend", default=[],
-        help="experiments that are not fitted at all")  # fmt: skip
+        "times START:STOP in s",
+    )
+    add(
+        "--held-out",
+        metavar="EXPERIMENT",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="experiments that are not fitted at all",
+    )
     add("--each", action="store_true", help="fit every file by itself")
     add("--starts", metavar="N", type=common.whole, default=8, help="starts of each fit (default 8)")
     add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
@@ -96,8 +107,17 @@ def _compared(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) 
     found: dict[str, Comparison] = {}
     with console.progress(console.searched("fitting"), quiet=args.json) as tell:
         for name, records in groups.items():
-            made = compare(models, records, train=args.train, held_out=args.held_out, starts=args.starts,
-                           seed=args.seed, step=args.step, hold=args.hold, progress=tell)  # fmt: skip
+            made = compare(
+                models,
+                records,
+                train=args.train,
+                held_out=args.held_out,
+                starts=args.starts,
+                seed=args.seed,
+                step=args.step,
+                hold=args.hold,
+                progress=tell,
+            )
             found[name] = attrs.evolve(made, notes=tuple(recordings.in_options(text, args) for text in made.notes))
             if found[name].interrupted:
                 break

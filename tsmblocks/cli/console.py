@@ -26,11 +26,33 @@ OFTEN = 0.05
 LEGIBLE = "tsmblocks.legible"
 """Name of the way in which letters are written that an encoding has not."""
 PLAIN = {
-    "−": "-", "–": "-", "→": "->", "⇒": "=>", "±": "+/-", "…": "...", "·": "*", "×": "x", "°": "deg", "ß": "ss",
-    "’": "'", "‘": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "∞": "inf", "√": "sqrt",
-    "µ": "u", "⁄": "/", "∫": "int", "⌊": "floor(", "⌋": ")", "↑": "up", "↓": "down",
+    "−": "-",
+    "–": "-",
+    "→": "->",
+    "⇒": "=>",
+    "±": "+/-",
+    "…": "...",
+    "·": "*",
+    "×": "x",
+    "°": "deg",
+    "ß": "ss",
+    "’": "'",
+    "‘": "'",
+    "“": '"',
+    "”": '"',
+    "≤": "<=",
+    "≥": ">=",
+    "∞": "inf",
+    "√": "sqrt",
+    "µ": "u",
+    "⁄": "/",
+    "∫": "int",
+    "⌊": "floor(",
+    "⌋": ")",
+    "↑": "up",
+    "↓": "down",
     "\N{COMBINING CIRCUMFLEX ACCENT}": "_hat",
-}  # fmt: skip
+}
 """What stands for letters that an encoding has not; of others the nearest plain letter, or the name of a Greek one."""
 
 

@@ -42,8 +42,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", metavar="N", type=common.count, default=0, help="of the noise and of random starts (0)")
     common.json_argument(parser)
     recordings.data_arguments(parser)
-    add("--column", metavar="NAME", help="column of --data with a measured reference; with its unit, if the "
-        "file has none: 'x_ref [deg]'")  # fmt: skip
+    add(
+        "--column",
+        metavar="NAME",
+        help="column of --data with a measured reference; with its unit, if the file has none: 'x_ref [deg]'",
+    )
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -82,8 +85,10 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     name, unit = split_heading(args.column)
     record = recordings.read_record(args, only=[name])
     if not (record.unit(name) or unit):
-        raise common.UsageError(f"{record.origin}: '{name}' has no unit, and the models work in rad. "
-                                f"Say what it is: --column '{name} [deg]'.")  # fmt: skip
+        raise common.UsageError(
+            f"{record.origin}: '{name}' has no unit, and the models work in rad. "
+            f"Say what it is: --column '{name} [deg]'."
+        )
     return [*paper.cases(), paper.measured_case(record, name, unit)]
 
 
@@ -109,8 +114,10 @@ def _paper(cases: Sequence[Case]) -> str:
 
     head = ("", "none", "(11)", "(11) + PID", "paper measured")
     table = columns([head, *paper.compared(cases)])
-    title = _wrapped("1. The paper's diagrams: peak-to-peak tracking error in deg, over the second half of each run, "
-                     "without compensation, with feedforward, with feedback as well")  # fmt: skip
+    title = _wrapped(
+        "1. The paper's diagrams: peak-to-peak tracking error in deg, over the second half of each run, "
+        "without compensation, with feedforward, with feedback as well"
+    )
     return f"{title}\n\n{table}\n\n{_wrapped(paper.WHY)}"
 
 
@@ -148,8 +155,10 @@ def _rebuilt(story: Story) -> str:
     rows: list[tuple[str, ...]] = [("model:", *names), (first.words, *([_error(first)] * len(names)))]
     rows += [(words, *(_error(story.on(name).get(words)) for name in names)) for words in story.on(IDENTIFIED)]
     which = "both models" if len(names) > 1 else "the model"
-    title = _wrapped(f"5. The compensators are rebuilt on {which}, and the mechanism tracks 55 deg at 0.2 Hz: "
-                     "peak-to-peak error in deg, rms in brackets")  # fmt: skip
+    title = _wrapped(
+        f"5. The compensators are rebuilt on {which}, and the mechanism tracks 55 deg at 0.2 Hz: "
+        "peak-to-peak error in deg, rms in brackets"
+    )
     return f"{title}\n\n{columns(rows)}"
 
 
@@ -171,13 +180,24 @@ def _facts(cases: Sequence[Case], story: Story, folder: Path) -> dict:
     from tsmblocks.demo import paper
 
     head, *rows = paper.rows(cases)
-    tracked = [{"compensator": one.words, "model": one.model, "peak_to_peak": one.error.peak_to_peak,
-                "rms": one.error.rms, "unit": "deg"} for one in story.tracked]  # fmt: skip
+    tracked = [
+        {
+            "compensator": one.words,
+            "model": one.model,
+            "peak_to_peak": one.error.peak_to_peak,
+            "rms": one.error.rms,
+            "unit": "deg",
+        }
+        for one in story.tracked
+    ]
     return {
-        "paper": [dict(zip(head, row, strict=True)) for row in rows], "hidden": story.name,
-        "verdict": story.diagnosis.verdict, "effects": [e.name for e in story.diagnosis.effects],
-        "tracking": tracked, "page": str(folder / "index.html"),
-    }  # fmt: skip
+        "paper": [dict(zip(head, row, strict=True)) for row in rows],
+        "hidden": story.name,
+        "verdict": story.diagnosis.verdict,
+        "effects": [e.name for e in story.diagnosis.effects],
+        "tracking": tracked,
+        "page": str(folder / "index.html"),
+    }
 
 
 # ---- what is written ----------------------------------------------------------------------------

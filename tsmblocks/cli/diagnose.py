@@ -54,18 +54,44 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     search = parser.add_argument_group("search")
     add = search.add_argument
-    add("--noise-floor", metavar="VALUE", type=floor, nargs="+", action="extend", default=[],
+    add(
+        "--noise-floor",
+        metavar="VALUE",
+        type=floor,
+        nargs="+",
+        action="extend",
+        default=[],
         help="rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
-        "recordings and of the diagram, and refused where they differ; default: looked for in the data)")  # fmt: skip
-    add("--free", metavar="PATTERN", nargs="+", action="extend",
-        help="parameters of the diagram that may change, such as 'tsm.*' (default: all)")  # fmt: skip
-    add("--effects", metavar="PATTERN", nargs="+", action="extend",
-        help="effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)")  # fmt: skip
-    add("--outputs", metavar="NAME", nargs="+", action="extend",
-        help="outputs that are compared (default: all that were measured)")  # fmt: skip
+        "recordings and of the diagram, and refused where they differ; default: looked for in the data)",
+    )
+    add(
+        "--free",
+        metavar="PATTERN",
+        nargs="+",
+        action="extend",
+        help="parameters of the diagram that may change, such as 'tsm.*' (default: all)",
+    )
+    add(
+        "--effects",
+        metavar="PATTERN",
+        nargs="+",
+        action="extend",
+        help="effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)",
+    )
+    add(
+        "--outputs",
+        metavar="NAME",
+        nargs="+",
+        action="extend",
+        help="outputs that are compared (default: all that were measured)",
+    )
     add("--window", metavar="START:STOP", type=common.times, default=None, help="times in s that count (default: all)")
-    add("--no-condition", dest="condition", action="store_false",
-        help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)")  # fmt: skip
+    add(
+        "--no-condition",
+        dest="condition",
+        action="store_false",
+        help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)",
+    )
     add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
     add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
     common.hold_argument(search, default="cubic")
@@ -88,10 +114,19 @@ def execute(args: argparse.Namespace) -> int:
     try:
         with console.progress(_far, quiet=args.json) as tell:
             found = diagnose(
-                diagram, records, free=args.free, noise_floor=args.noise_floor,
-                effects=args.effects, outputs=args.outputs, window=args.window, condition=args.condition,
-                seed=args.seed, step=args.step, hold=args.hold, progress=tell,
-            )  # fmt: skip
+                diagram,
+                records,
+                free=args.free,
+                noise_floor=args.noise_floor,
+                effects=args.effects,
+                outputs=args.outputs,
+                window=args.window,
+                condition=args.condition,
+                seed=args.seed,
+                step=args.step,
+                hold=args.hold,
+                progress=tell,
+            )
     except TsmError as error:
         for record in () if args.json else records.values():
             recordings.repairs(record)

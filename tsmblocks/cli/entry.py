@@ -35,10 +35,20 @@ from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.version import __version__
 
 COMMANDS = {
-    "run": run, "fit": fit, "compare": compare, "diagnose": diagnose, "study": study, "draw": draw, "check": check,
-    "export": export, "diagrams": diagrams, "blocks": blocks, "reference": reference, "demo": demo,
+    "run": run,
+    "fit": fit,
+    "compare": compare,
+    "diagnose": diagnose,
+    "study": study,
+    "draw": draw,
+    "check": check,
+    "export": export,
+    "diagrams": diagrams,
+    "blocks": blocks,
+    "reference": reference,
+    "demo": demo,
     "completion": completion,
-}  # fmt: skip
+}
 CLOSED = {"diagrams", "reference", "demo", "completion"}
 """Commands that deal with the package's own blocks alone; all others take --with."""
 
@@ -117,9 +127,8 @@ def parsers() -> tuple[Parser, dict[str, Parser]]:
     made = {}
     for name, module in COMMANDS.items():
         made[name] = inside.add_parser(
-            name, help=module.HELP, description=module.__doc__, allow_abbrev=False,
-            formatter_class=Formatter,
-        )  # fmt: skip
+            name, help=module.HELP, description=module.__doc__, allow_abbrev=False, formatter_class=Formatter
+        )
         module.arguments(made[name])
         if name not in CLOSED:
             own.own_argument(made[name])

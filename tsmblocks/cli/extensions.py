@@ -18,9 +18,14 @@ from tsmblocks.common.errors import TsmError
 
 def own_argument(parser: argparse.ArgumentParser) -> None:
     """Declare --with."""
-    parser.add_argument("--with", dest="own", metavar="FILE", action="append", default=[],
-                        help="a Python file to run first: blocks and effects that it defines are known; may be given "
-                        "again")  # fmt: skip
+    parser.add_argument(
+        "--with",
+        dest="own",
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="a Python file to run first: blocks and effects that it defines are known; may be given again",
+    )
 
 
 def bring(paths: Iterable[str]) -> None:

@@ -53,30 +53,57 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def _unknowns(options: argparse._ActionsContainer) -> None:
     add, several = options.add_argument, partial(options.add_argument, nargs="+", action="extend", default=[])
-    add("--free", metavar="PATTERN", nargs="+", action="extend",
-        help="parameters that may change, such as 'tsm.*' (default: all)")  # fmt: skip
+    add(
+        "--free",
+        metavar="PATTERN",
+        nargs="+",
+        action="extend",
+        help="parameters that may change, such as 'tsm.*' (default: all)",
+    )
     several("--local", metavar="PATTERN", help="parameters with a value of their own in each experiment")
     add("--start-states", action="store_true", help="find the start value of every state too, in each experiment")
-    several("--set", dest="settings", metavar="NAME=VALUE", type=common.setting,
-            help="the number a parameter starts from, or keeps")  # fmt: skip
-    several("--bounds", metavar="NAME=LOW:HIGH", type=common.bounds,
-            help="bounds of a parameter; either side may be left out")  # fmt: skip
+    several(
+        "--set",
+        dest="settings",
+        metavar="NAME=VALUE",
+        type=common.setting,
+        help="the number a parameter starts from, or keeps",
+    )
+    several(
+        "--bounds",
+        metavar="NAME=LOW:HIGH",
+        type=common.bounds,
+        help="bounds of a parameter; either side may be left out",
+    )
     several("--constraint", metavar="TEXT", help="a condition, such as 'alpha2 + A - abs(delta) > 0'")
-    several("--tie", metavar="NAME=EXPRESSION", type=common.tie,
-            help="a parameter that follows others, such as 'alpha2=alpha1'")  # fmt: skip
-    several("--prior", metavar="NAME=MEAN:DEVIATION", type=common.belief,
-            help="what is known of a parameter already")  # fmt: skip
+    several(
+        "--tie",
+        metavar="NAME=EXPRESSION",
+        type=common.tie,
+        help="a parameter that follows others, such as 'alpha2=alpha1'",
+    )
+    several("--prior", metavar="NAME=MEAN:DEVIATION", type=common.belief, help="what is known of a parameter already")
 
 
 def _search(options: argparse._ActionsContainer) -> None:
     add = options.add_argument
-    add("--outputs", metavar="NAME", nargs="+", action="extend",
-        help="outputs that are compared (default: all that were measured)")  # fmt: skip
+    add(
+        "--outputs",
+        metavar="NAME",
+        nargs="+",
+        action="extend",
+        help="outputs that are compared (default: all that were measured)",
+    )
     add("--window", metavar="START:STOP", type=common.times, default=None, help="times in s that count (default: all)")
     method = add("--method", metavar="M", default="gauss-newton", help="gauss-newton (default), ipopt or ga")
     common.suggest(method, common.FITS)
-    add("--segments", metavar="N", type=common.whole, default=1,
-        help="pieces of multiple shooting, with --method ipopt (default 1)")  # fmt: skip
+    add(
+        "--segments",
+        metavar="N",
+        type=common.whole,
+        default=1,
+        help="pieces of multiple shooting, with --method ipopt (default 1)",
+    )
     add("--starts", metavar="N", type=common.whole, default=4, help="starts, random ones after the first (default 4)")
     add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
     add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
@@ -94,11 +121,25 @@ def execute(args: argparse.Namespace) -> int:
     try:
         with console.progress(console.searched("fitting"), quiet=args.json) as tell:
             found = fit(
-                diagram, records, free=args.free, local=args.local, start_states=args.start_states,
-                bounds=dict(args.bounds), constraints=args.constraint, ties=dict(args.tie), priors=dict(args.prior),
-                outputs=args.outputs, window=args.window, method=args.method, segments=args.segments,
-                starts=args.starts, seed=args.seed, step=args.step, hold=args.hold, progress=tell,
-            )  # fmt: skip
+                diagram,
+                records,
+                free=args.free,
+                local=args.local,
+                start_states=args.start_states,
+                bounds=dict(args.bounds),
+                constraints=args.constraint,
+                ties=dict(args.tie),
+                priors=dict(args.prior),
+                outputs=args.outputs,
+                window=args.window,
+                method=args.method,
+                segments=args.segments,
+                starts=args.starts,
+                seed=args.seed,
+                step=args.step,
+                hold=args.hold,
+                progress=tell,
+            )
     except TsmError as error:
         raise common.as_typed(error, TYPED) from None
     found = attrs.evolve(found, notes=tuple(recordings.in_options(text, args) for text in found.notes))

@@ -20,8 +20,10 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     """Declare the options of every command that reads a measurement, or several."""
     add = options.add_argument
     what = "measured signals: CSV and its relatives, NPZ, MAT"
-    named = ("the column that holds a signal (or the time t), when it has another name; NAME has the unit where the "
-             "file gives none: 'x_in [deg]=motor'")  # fmt: skip
+    named = (
+        "the column that holds a signal (or the time t), when it has another name; NAME has the unit where the "
+        "file gives none: 'x_in [deg]=motor'"
+    )
     if several:
         add("--data", metavar="FILE", nargs="+", action="extend", help=f"{what}; each file is one experiment")
     else:
@@ -33,20 +35,33 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
         help="names of the columns, in order, where the file has no header, or another one: 't, x_in [deg], , x_out' "
         "(empty for those to be left out)",
     )
-    add("--rows", metavar="FIRST:LAST", type=span, default=(None, None),
-        help="rows of the file to read, counted from 1")  # fmt: skip
+    add(
+        "--rows", metavar="FIRST:LAST", type=span, default=(None, None), help="rows of the file to read, counted from 1"
+    )
     add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
     add("--sampling", metavar="S", type=number, help="time in s from row to row, for a file without a time column")
-    add("--tail", choices=("refuse", "drop"), default="refuse",
-        help="what comes after the time jumps back: refuse the file (default), or drop it")  # fmt: skip
-    add("--gaps", choices=("refuse", "keep"), default="refuse",
-        help="long gaps in time: refuse the file (default), or keep them")  # fmt: skip
+    add(
+        "--tail",
+        choices=("refuse", "drop"),
+        default="refuse",
+        help="what comes after the time jumps back: refuse the file (default), or drop it",
+    )
+    add(
+        "--gaps",
+        choices=("refuse", "keep"),
+        default="refuse",
+        help="long gaps in time: refuse the file (default), or keep them",
+    )
 
 
 def condition_argument(options: argparse._ActionsContainer) -> None:
     """Declare --condition, for commands whose measured inputs drive a model as they are."""
-    options.add_argument("--condition", dest="conditioned", action="store_true",
-                         help="take the noise out of measured inputs first, as diagnose does")  # fmt: skip
+    options.add_argument(
+        "--condition",
+        dest="conditioned",
+        action="store_true",
+        help="take the noise out of measured inputs first, as diagnose does",
+    )
 
 
 def in_options(text: str, args: argparse.Namespace) -> str:
@@ -57,9 +72,13 @@ def in_options(text: str, args: argparse.Namespace) -> str:
 
 
 def read_record(
-    args: argparse.Namespace, only: Iterable[str], path: str | None = None, also: Iterable[str] = (),
-    tell: bool = True, drives: Iterable[str] = (),
-) -> Any:  # fmt: skip
+    args: argparse.Namespace,
+    only: Iterable[str],
+    path: str | None = None,
+    also: Iterable[str] = (),
+    tell: bool = True,
+    drives: Iterable[str] = (),
+) -> Any:
     """Return the record that the data options describe, its repairs told on standard error where ``tell`` says so.
 
     ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there, and
@@ -68,9 +87,17 @@ def read_record(
     from tsmblocks.data import read
 
     record = read(
-        path or args.data, columns=args.columns, map=_map(args), only=only, also=also, rows=args.rows,
-        step=args.sampling, group=args.group, tail=args.tail, gaps=args.gaps,
-    )  # fmt: skip
+        path or args.data,
+        columns=args.columns,
+        map=_map(args),
+        only=only,
+        also=also,
+        rows=args.rows,
+        step=args.sampling,
+        group=args.group,
+        tail=args.tail,
+        gaps=args.gaps,
+    )
     if getattr(args, "conditioned", False):
         record = record.conditioned(drives)
     if tell and not getattr(args, "json", False):
@@ -185,8 +212,10 @@ def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequ
             said.setdefault(" ".join(texts), []).append(record)
     for text, those in said.items():
         name = next(k for k in wanted if k in those[0] and wanted[k] and not those[0].unit(k))
-        note(f"{', '.join(record.origin for record in those)}: {text} Where that is wrong, say the unit: "
-             f"--map {_in_degrees(args, name)}.")  # fmt: skip
+        note(
+            f"{', '.join(record.origin for record in those)}: {text} Where that is wrong, say the unit: "
+            f"--map {_in_degrees(args, name)}."
+        )
 
 
 def _refuse_doubtful(args: argparse.Namespace, record: Any, diagrams: Sequence[Any]) -> None:
@@ -230,5 +259,7 @@ def _look_at(paths: Sequence[str]) -> None:
 
 def told(records: dict[str, Any]) -> list[dict[str, Any]]:
     """What is said of recordings in JSON: where they come from and what was repaired."""
-    return [{"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}
-            for name, r in records.items()]  # fmt: skip
+    return [
+        {"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}
+        for name, r in records.items()
+    ]

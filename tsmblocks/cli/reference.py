@@ -23,8 +23,9 @@ WIDTH = 80
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("--out", metavar="DIR", default="tsmblocks-reference",
-                        help="folder for the pages (tsmblocks-reference)")  # fmt: skip
+    parser.add_argument(
+        "--out", metavar="DIR", default="tsmblocks-reference", help="folder for the pages (tsmblocks-reference)"
+    )
     common.json_argument(parser)
 
 

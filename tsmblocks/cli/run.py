@@ -23,12 +23,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
     add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-    add(
-        "--stop",
-        type=common.number,
-        metavar="S",
-        help="end of the run in s (default: end of the data, else 20)",
-    )
+    add("--stop", type=common.number, metavar="S", help="end of the run in s (default: end of the data, else 20)")
     add("--step", type=common.number, metavar="H", default=1e-3, help="step in s (default 0.001)")
     method = add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
     common.suggest(method, common.METHODS)
@@ -64,8 +59,10 @@ def execute(args: argparse.Namespace) -> int:
         for path in written:
             print(f"wrote {path}")
     if not run.complete:
-        console.complain(f"stopped at t = {run.t[-1]:g} s; the result up to there is what you see"
-                        f"{' and what was written' if written else ''}.")  # fmt: skip
+        console.complain(
+            f"stopped at t = {run.t[-1]:g} s; the result up to there is what you see"
+            f"{' and what was written' if written else ''}."
+        )
         return common.INTERRUPTED
     return 0
 
@@ -77,9 +74,18 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
     start = float(record.t[0]) if record is not None else 0.0
     try:
         with console.progress(console.percent("running"), quiet=args.json) as tell:
-            return simulate(diagram, start=start, stop=args.stop, step=args.step, method=args.method,
-                            inputs=inputs, log="outputs" if diagram.outputs else "all", every=args.every,
-                            progress=tell, backend=args.backend)  # fmt: skip
+            return simulate(
+                diagram,
+                start=start,
+                stop=args.stop,
+                step=args.step,
+                method=args.method,
+                inputs=inputs,
+                log="outputs" if diagram.outputs else "all",
+                every=args.every,
+                progress=tell,
+                backend=args.backend,
+            )
     except RunError as error:
         if out and error.run is not None and len(error.run.t):
             console.note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
@@ -117,14 +123,25 @@ def _tracks(run: Any) -> bool:
 def summarise(run: Any, diagram: str, record: Any = None, beside: Any = None) -> dict[str, Any]:
     """All that the command says about a run, as plain values."""
     made: dict[str, Any] = {
-        "diagram": diagram, "title": run.title, "start": float(run.t[0]), "stop": float(run.t[-1]),
-        "step": run.step, "method": run.method, "instants": len(run.t), "complete": run.complete,
-        "outputs": {}, "notes": list(record.notes) if record is not None else [],
-    }  # fmt: skip
+        "diagram": diagram,
+        "title": run.title,
+        "start": float(run.t[0]),
+        "stop": float(run.t[-1]),
+        "step": run.step,
+        "method": run.method,
+        "instants": len(run.t),
+        "complete": run.complete,
+        "outputs": {},
+        "notes": list(record.notes) if record is not None else [],
+    }
     for name in run.aliases or run.keys():
         y = run[name]
-        made["outputs"][name] = {"unit": run.unit(name), "min": float(y.min()), "max": float(y.max()),
-                                 "last": float(y[-1])}  # fmt: skip
+        made["outputs"][name] = {
+            "unit": run.unit(name),
+            "min": float(y.min()),
+            "max": float(y.max()),
+            "last": float(y[-1]),
+        }
     if beside is not None:
         made["measured"] = [{**d.to_dict(), "peak_to_peak": d.peak_to_peak} for d in beside]
     if _tracks(run):
@@ -132,14 +149,20 @@ def summarise(run: Any, diagram: str, record: Any = None, beside: Any = None) ->
 
         half = float(run.t[0] + run.t[-1]) / 2
         made["tracking_error"] = {
-            "second_half": _error(tracking_error(run, after=half)), "whole_run": _error(tracking_error(run)),
-        }  # fmt: skip
+            "second_half": _error(tracking_error(run, after=half)),
+            "whole_run": _error(tracking_error(run)),
+        }
     return made
 
 
 def _error(error: Any) -> dict[str, Any]:
-    return {"from": error.after, "unit": error.unit, "peak_to_peak": error.peak_to_peak, "rms": error.rms,
-            "largest": error.largest}  # fmt: skip
+    return {
+        "from": error.after,
+        "unit": error.unit,
+        "peak_to_peak": error.peak_to_peak,
+        "rms": error.rms,
+        "largest": error.largest,
+    }
 
 
 def in_words(summary: dict[str, Any]) -> str:
@@ -152,8 +175,10 @@ def in_words(summary: dict[str, Any]) -> str:
     if "tracking_error" in summary:
         return f"{first}\n\n{_tracking_table(summary)}{last}"
     rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]
-    rows += [(name, y["unit"], *(common.show(y[k]) for k in ("min", "max", "last")))
-             for name, y in summary["outputs"].items()]  # fmt: skip
+    rows += [
+        (name, y["unit"], *(common.show(y[k]) for k in ("min", "max", "last")))
+        for name, y in summary["outputs"].items()
+    ]
     return f"{first}\n\n{columns(rows, left=frozenset({0, 1}))}{last}"
 
 
@@ -172,8 +197,10 @@ def _measured_table(summary: dict[str, Any]) -> str:
 def _tracking_table(summary: dict[str, Any]) -> str:
     halves = summary["tracking_error"]
     rows: list[tuple[str, ...]] = [("tracking error x_ref - x_out", "peak to peak", "rms", "largest")]
-    for words, error in ((f"second half, from {halves['second_half']['from']:g} s", halves["second_half"]),
-                         ("whole run", halves["whole_run"])):  # fmt: skip
+    for words, error in (
+        (f"second half, from {halves['second_half']['from']:g} s", halves["second_half"]),
+        ("whole run", halves["whole_run"]),
+    ):
         for unit, factor in _units(error["unit"]):
             shown = (f"{factor * error[k]:.4g} {unit}".strip() for k in ("peak_to_peak", "rms", "largest"))
             rows.append((words, *shown))

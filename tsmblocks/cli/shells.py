@@ -42,8 +42,9 @@ def commands(parsers: Mapping[str, argparse.ArgumentParser], abouts: Mapping[str
     made = []
     for name, parser in parsers.items():
         places = [_place(action) for action in parser._actions]
-        made.append(Command(name, abouts[name], tuple(p for p in places if p.names),
-                            tuple(p for p in places if not p.names)))  # fmt: skip
+        made.append(
+            Command(name, abouts[name], tuple(p for p in places if p.names), tuple(p for p in places if not p.names))
+        )
     return made
 
 
@@ -142,10 +143,14 @@ def bash(known: Iterable[Command], names: Words) -> str:
             number = "*" if one.many else str(k)
             places.append(f'            "{command.name} "{number}) kind="{_kind(one)}" ;;')
     parts = {
-        "@DIAGRAMS@": " ".join(names[DIAGRAMS]), "@BLOCKS@": " ".join(names[BLOCKS]), "@TAKES@": "\n".join(takes),
-        "@VALUES@": "\n".join(values), "@OPTIONS@": "\n".join(options), "@PLACES@": "\n".join(places),
+        "@DIAGRAMS@": " ".join(names[DIAGRAMS]),
+        "@BLOCKS@": " ".join(names[BLOCKS]),
+        "@TAKES@": "\n".join(takes),
+        "@VALUES@": "\n".join(values),
+        "@OPTIONS@": "\n".join(options),
+        "@PLACES@": "\n".join(places),
         "@COMMANDS@": " ".join(c.name for c in listed),
-    }  # fmt: skip
+    }
     return _filled(BASH, parts)
 
 
@@ -209,17 +214,30 @@ def zsh(known: Iterable[Command], names: Words) -> str:
     """The script for zsh."""
     cases, listed = [], list(known)
     for command in listed:
-        specs = [*(_zsh_option(one, name) for one in command.options for name in one.names),
-                 *(_quoted(f"{'*' if one.many else k}:{one.kind}:{_zsh_action(one)}")
-                   for k, one in enumerate(command.places, start=1))]  # fmt: skip
+        specs = [
+            *(_zsh_option(one, name) for one in command.options for name in one.names),
+            *(
+                _quoted(f"{'*' if one.many else k}:{one.kind}:{_zsh_action(one)}")
+                for k, one in enumerate(command.places, start=1)
+            ),
+        ]
         if any(one.many for one in command.options) and not any(one.many for one in command.places):
             specs.append(_quoted("*:file:_files"))  # further words of an option that takes several
         lines = " \\\n                        ".join(specs)
-        cases.append(f"                {command.name})\n                    _arguments \\\n"
-                     f"                        {lines}\n                    ;;")  # fmt: skip
+        cases.append(
+            f"                {command.name})\n                    _arguments \\\n"
+            f"                        {lines}\n                    ;;"
+        )
     said = "\n".join(f"                {_quoted(f'{c.name}:{c.about}')}" for c in listed)
-    return _filled(ZSH, {"@DIAGRAMS@": " ".join(names[DIAGRAMS]), "@BLOCKS@": " ".join(names[BLOCKS]),
-                         "@COMMANDS@": said, "@CASES@": "\n".join(cases)})  # fmt: skip
+    return _filled(
+        ZSH,
+        {
+            "@DIAGRAMS@": " ".join(names[DIAGRAMS]),
+            "@BLOCKS@": " ".join(names[BLOCKS]),
+            "@COMMANDS@": said,
+            "@CASES@": "\n".join(cases),
+        },
+    )
 
 
 def _zsh_option(one: Place, name: str) -> str:

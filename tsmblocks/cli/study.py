@@ -66,8 +66,17 @@ def _run(args: argparse.Namespace, out: Path | None) -> Any:
     record, inputs = recordings.read_inputs(args, asked.diagram, asked.diagram.title)
     how = {**asked.how, **({"start": float(record.t[0])} if record is not None else {})}
     with console.progress(counted(), quiet=args.json) as tell, _executor(args) as executor:
-        return study(asked.diagram, asked.plan, asked.metrics, inputs=inputs, out=out, executor=executor,
-                     progress=tell, title=asked.title, **how)  # fmt: skip
+        return study(
+            asked.diagram,
+            asked.plan,
+            asked.metrics,
+            inputs=inputs,
+            out=out,
+            executor=executor,
+            progress=tell,
+            title=asked.title,
+            **how,
+        )
 
 
 @contextmanager

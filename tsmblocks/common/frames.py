@@ -31,7 +31,7 @@ def need(library: str) -> Any:
 
 def frame(
     columns: Mapping[str, Any], index: Any = None, name: str | None = None, units: Mapping[str, str] | None = None
-) -> Any:  # fmt: skip
+) -> Any:
     """A pandas frame of columns over an index with a name; ``attrs["units"]`` has the units that are known.
 
     Raises TsmError where there is no pandas.

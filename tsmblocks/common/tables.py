@@ -11,9 +11,7 @@ NARROW = 24
 """Columns that words at the end of a row have at least; where fewer are left they stand below it."""
 
 
-def columns(
-    rows: Iterable[Sequence[str]], indent: str = "", left: Collection[int] = (0,), width: int = WIDTH
-) -> str:  # fmt: skip
+def columns(rows: Iterable[Sequence[str]], indent: str = "", left: Collection[int] = (0,), width: int = WIDTH) -> str:
     """Rows with their cells in columns; those in ``left`` (by default the first) are flush left.
 
     Where that is wider than ``width``, words at the end of a row (the last column, where it is flush left) go on below

@@ -53,9 +53,22 @@ _BASE: dict[str, tuple[float, dict[str, int]]] = {
     "H": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -2}),
     "mH": (1e-3, {"kg": 1, "m": 2, "s": -2, "A": -2}),
 }
-_ALIAS = {"": "1", "-": "1", "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad",
-          "radians": "rad", "sec": "s", "second": "s", "seconds": "s", "Ohm": "ohm", "Ω": "ohm",
-          "µm": "um", "µs": "us"}  # fmt: skip
+_ALIAS = {
+    "": "1",
+    "-": "1",
+    "°": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "radian": "rad",
+    "radians": "rad",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "Ohm": "ohm",
+    "Ω": "ohm",
+    "µm": "um",
+    "µs": "us",
+}
 
 
 class Unit(NamedTuple):

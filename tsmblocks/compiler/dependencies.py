@@ -42,11 +42,7 @@ _KNOWN: dict[Any, Structure] = {}
 
 def structure_of(block: Block) -> Structure:
     """The structure of a block's equations. Raises EquationError when they do not fit what it declares."""
-    key = (
-        type(block),
-        tuple((k, _shape(v)) for k, v in block.parameters.items()),
-        tuple(block.options.items()),
-    )
+    key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
     found = _KNOWN.get(key)
     if found is None:
         found = _KNOWN[key] = _read(block)
@@ -136,8 +132,10 @@ def _read(block: Block) -> Structure:
     _known_names(owner, "updates", dm, states)
     idle = [k for k in states if k not in dx and k not in dm]
     if idle:
-        raise EquationError(f"{owner} leaves state {', '.join(idle)} without a rate or an update. "
-                            "Give it one in derivatives or in updates.")  # fmt: skip
+        raise EquationError(
+            f"{owner} leaves state {', '.join(idle)} without a rate or an update. "
+            "Give it one in derivatives or in updates."
+        )
     if block.sampled and dx:
         raise EquationError(f"{owner} is sampled, so it has no rates; {', '.join(dx)} should be in updates.")
     if block.sampled and not isinstance(getattr(block, "period", None), float):
@@ -181,8 +179,10 @@ def _check_ports(block: Block) -> None:
             )
         for number in (past.by, past.initial):
             if number not in block.parameters:
-                raise EquationError(f"{owner}.{name} needs the parameter '{number}', which is not declared."
-                                    f"{near(number, block.parameters)}")  # fmt: skip
+                raise EquationError(
+                    f"{owner}.{name} needs the parameter '{number}', which is not declared."
+                    f"{near(number, block.parameters)}"
+                )
     names = [*block.read_names, *block.outports, *block.states]
     seen = Counter(names)
     twice = next((k for k in names if seen[k] > 1), None)

@@ -92,8 +92,10 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
         table = table.T
     if not columns or len(columns) != table.shape[1]:
         given = f"{len(columns)} names were given" if columns else "they have no names"
-        raise DataError(f"{origin}: '{name}' has {table.shape[1]} columns, but {given}. Name them in order, "
-                        "with units (columns = t, x_in [deg], …).")  # fmt: skip
+        raise DataError(
+            f"{origin}: '{name}' has {table.shape[1]} columns, but {given}. Name them in order, "
+            "with units (columns = t, x_in [deg], …)."
+        )
     return Arrays(origin, list(columns), list(table.T))
 
 
@@ -120,8 +122,9 @@ def open_npy(path: Path, columns: Sequence[str] | None, group: str | None = None
         found = {path.stem: np.load(path, allow_pickle=False)}
     except (ValueError, OSError, EOFError) as error:
         raise DataError(f"{path}: this is not a NPY file of plain numbers ({error}).") from None
-    return _matrix(str(path), {k: v for k, a in _inside(str(path), found, group).items()
-                               if (v := _plain(a)) is not None}, columns)  # fmt: skip
+    return _matrix(
+        str(path), {k: v for k, a in _inside(str(path), found, group).items() if (v := _plain(a)) is not None}, columns
+    )
 
 
 def open_npz(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:

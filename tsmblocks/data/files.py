@@ -92,8 +92,10 @@ def read(
     Raises DataError, with row and column, for what cannot be repaired.
     """
     if not isinstance(path, str | os.PathLike):
-        raise DataError(f"read takes the path of a file, got {in_words(path)}. Of a frame tsm.from_pandas makes a "
-                        "recording, of arrays tsm.Record(name, t, signals, units).")  # fmt: skip
+        raise DataError(
+            f"read takes the path of a file, got {in_words(path)}. Of a frame tsm.from_pandas makes a "
+            "recording, of arrays tsm.Record(name, t, signals, units)."
+        )
     path = Path(path)
     columns = columns.split(",") if isinstance(columns, str) else columns
     if path.is_dir():
@@ -184,9 +186,7 @@ def _twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterat
             yield f"{listed(names)} are the same column, '{split[place][0]}'."
 
 
-def _overruled(
-    found: Mapping[str, int], split: Sequence[tuple[str, str]], labels: Mapping[str, str]
-) -> Iterator[str]:  # fmt: skip
+def _overruled(found: Mapping[str, int], split: Sequence[tuple[str, str]], labels: Mapping[str, str]) -> Iterator[str]:
     """Columns read in another unit than the file says, a sentence for each."""
     for name, place in found.items():
         own, told = split[place][1], labels[name]
@@ -203,8 +203,10 @@ def _of_the_clock(source: Source, wish: Wish, table: Table) -> Iterator[str]:
             yield f"The column {found[0]} was not read: the rows follow each other at {wish.step:g} s, as asked."
     elif not table.units[0] and len(table.values) >= MANY and (usual := usual_step(table.values[:, 0])) >= SLOW:
         name = split_heading(source.headings[table.places[0] - 1])[0]
-        yield (f"{name} has no unit and was taken to be in s, which makes {usual:.4g} s from row to row. If it is in "
-               f"ms, say so: map={{'t [ms]': '{name}'}}, or --map 't [ms]={name}'.")  # fmt: skip
+        yield (
+            f"{name} has no unit and was taken to be in s, which makes {usual:.4g} s from row to row. If it is in "
+            f"ms, say so: map={{'t [ms]': '{name}'}}, or --map 't [ms]={name}'."
+        )
 
 
 def _labels(
@@ -220,19 +222,20 @@ def _labels(
 
 
 def _clocked(
-    origin: str,
-    found: Mapping[str, int],
-    labels: Mapping[str, str],
-    values: np.ndarray,
-    at: np.ndarray,
-    step: float,
+    origin: str, found: Mapping[str, int], labels: Mapping[str, str], values: np.ndarray, at: np.ndarray, step: float
 ) -> Table:
     """Return a table whose rows follow each other at a known step."""
     if not 0 < step < float("inf"):
         raise DataError(f"{origin}: the step from row to row must be a positive number of seconds, got {step:g}.")
     t = step * np.arange(len(values))
-    return Table(origin, ("t", *found), ("s", *(labels[k] for k in found)), np.column_stack([t, values]), at,
-                 (0, *(place + 1 for place in found.values())))  # fmt: skip
+    return Table(
+        origin,
+        ("t", *found),
+        ("s", *(labels[k] for k in found)),
+        np.column_stack([t, values]),
+        at,
+        (0, *(place + 1 for place in found.values())),
+    )
 
 
 def _named(origin: str, split: list[tuple[str, str]], renamed: Mapping[str, str], folder: str) -> dict[str, int]:
@@ -245,8 +248,10 @@ def _named(origin: str, split: list[tuple[str, str]], renamed: Mapping[str, str]
         if not name or name in moved or name in renamed:
             continue
         if name in found:
-            raise DataError(f"{origin}: columns {found[name] + 1} and {place + 1} are both named '{name}'. "
-                            "Name the columns anew (columns = …).")  # fmt: skip
+            raise DataError(
+                f"{origin}: columns {found[name] + 1} and {place + 1} are both named '{name}'. "
+                "Name the columns anew (columns = …)."
+            )
         found[name] = place
     mapped = {name: names.index(column) for name, column in renamed.items()}
     return dict(sorted({**found, **mapped}.items(), key=lambda item: item[1]))
@@ -261,16 +266,20 @@ def _column(origin: str, name: str, column: str, split: list[tuple[str, str]], f
             return bare
         said = f"says that it is in {own}" if own else "gives it no unit"
         way = f"map={{'{name} [{unit}]': '{bare}'}}, or --map '{name} [{unit}]={bare}'"
-        raise DataError(f"{origin}: '{name}' is mapped to column '{column}', and the file {said}. To say the unit, "
-                        f"give it with the name: {way}.")  # fmt: skip
+        raise DataError(
+            f"{origin}: '{name}' is mapped to column '{column}', and the file {said}. To say the unit, "
+            f"give it with the name: {way}."
+        )
     inner = column.removeprefix(f"{folder}/") if folder else column
     ends = [known for known in names if known.endswith(f"/{column}")]
     match = next((known for known in (column, inner) if known in names), ends[0] if len(ends) == 1 else None)
     if match is not None:
         return match
     if ends:
-        raise DataError(f"{origin}: '{name}' is mapped to column '{column}', but {len(ends)} end like that: "
-                        f"{clip(', '.join(ends))}.")  # fmt: skip
+        raise DataError(
+            f"{origin}: '{name}' is mapped to column '{column}', but {len(ends)} end like that: "
+            f"{clip(', '.join(ends))}."
+        )
     hint = near(column, [n for n in names if n])
     raise DataError(f"{origin}: '{name}' is mapped to column '{column}', which is not there.{hint}")
 
@@ -286,13 +295,15 @@ def _time(origin: str, found: Mapping[str, int], clocks: Iterable[int]) -> str:
     if len(ends) == 1:
         return ends[0]
     known = ", ".join(found)
-    raise DataError(f"{origin}: no column is named t or time. Map t to the column that holds the time (there "
-                    f"are {known}), or give the step between rows in s (step=…, or --sampling).")  # fmt: skip
+    raise DataError(
+        f"{origin}: no column is named t or time. Map t to the column that holds the time (there "
+        f"are {known}), or give the step between rows in s (step=…, or --sampling)."
+    )
 
 
 def _selected(
     origin: str, found: dict[str, int], wish: Wish, time: str | None, bare: bool, notes: Sequence[str]
-) -> dict[str, int]:  # fmt: skip
+) -> dict[str, int]:
     """Columns that are kept. Raises DataError for one that is not there; ``bare``: columns have no units."""
     only = wish.only
     if only is None:

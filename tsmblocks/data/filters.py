@@ -132,7 +132,9 @@ def _check(record: Record, cutoff: float | None, order: int, what: str) -> None:
     refuse_uneven(record, what)
     top = 0.5 / record.step
     if cutoff is not None and not 0 < cutoff < top:
-        raise DataError(f"{record.called}: the cut-off must lie between 0 Hz and {top:g} Hz (half the sampling "
-                        f"frequency), got {cutoff:g} Hz.")  # fmt: skip
+        raise DataError(
+            f"{record.called}: the cut-off must lie between 0 Hz and {top:g} Hz (half the sampling "
+            f"frequency), got {cutoff:g} Hz."
+        )
     if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= 12:
         raise DataError(f"{record.called}: the order of a filter is a whole number from 1 to 12, got {order!r}.")

@@ -36,8 +36,10 @@ def usual_step(t: np.ndarray) -> float:
 def refuse_uneven(record: Record, what: str) -> None:
     """Raise DataError unless the samples are evenly spaced; ``what`` (filtering) needs it."""
     if not record.uniform:
-        raise DataError(f"{record.called}: {what} needs evenly spaced samples, but steps are up to "
-                        f"{100 * record.jitter:.0f} % off {record.step:.4g} s. Call resampled() first.")  # fmt: skip
+        raise DataError(
+            f"{record.called}: {what} needs evenly spaced samples, but steps are up to "
+            f"{100 * record.jitter:.0f} % off {record.step:.4g} s. Call resampled() first."
+        )
 
 
 def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
@@ -46,8 +48,10 @@ def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
         bad = np.flatnonzero(~np.isfinite(record[name]))
         if len(bad):
             k = int(bad[0])
-            raise DataError(f"{record.called}: sample {k} of {name} is not finite (t = {record.t[k]:g} s, value = "
-                            f"{record[name][k]:g}), and {what} needs every sample.")  # fmt: skip
+            raise DataError(
+                f"{record.called}: sample {k} of {name} is not finite (t = {record.t[k]:g} s, value = "
+                f"{record[name][k]:g}), and {what} needs every sample."
+            )
 
 
 def interpolation(t: np.ndarray, x: np.ndarray, kind: str) -> Callable[[np.ndarray], np.ndarray]:

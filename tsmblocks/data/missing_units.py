@@ -45,16 +45,19 @@ def refuse_doubtful(
 
     ``wanted`` is as for untold, ``where`` what the message calls the record, ``way`` says how names get their units.
     """
-    peaks = {k: float(np.abs(record[k]).max(initial=0.0)) for k, unit in _bare(record, wanted).items()
-             if _is_radian(unit)}  # fmt: skip
+    peaks = {
+        k: float(np.abs(record[k]).max(initial=0.0)) for k, unit in _bare(record, wanted).items() if _is_radian(unit)
+    }
     peaks = {k: peak for k, peak in peaks.items() if peak > MOST}
     if not peaks:
         return
     names, sizes = [*peaks], listed([f"{peak:.4g}" for peak in peaks.values()])
     turns = listed([f"{peak / (2 * np.pi):.3g}" for peak in peaks.values()])
     have, go, are, s = ("has", "goes", "it is", "") if len(peaks) == 1 else ("have", "go", "they are", "s")
-    raise DataError(f"{where}: {listed(names)} {have} no unit and {go} up to {sizes}, which in rad would be {turns} "
-                    f"turns: {are} probably in deg. Give the unit{s}: {way(names)} where that is meant.")  # fmt: skip
+    raise DataError(
+        f"{where}: {listed(names)} {have} no unit and {go} up to {sizes}, which in rad would be {turns} "
+        f"turns: {are} probably in deg. Give the unit{s}: {way(names)} where that is meant."
+    )
 
 
 def how_to_map(name: str, *, bare: bool) -> str:

@@ -58,8 +58,10 @@ class Noise:
         """One line, as a report shows it."""
         step = f"; quantised in steps of {_said(self.quantum or 0.0, self.unit)}"
         step = step if matters(self.quantum, self.floor) else ""
-        return (f"{self.name}: noise {_said(self.floor, self.unit)} rms, from {self.method} "
-                f"({self.samples} samples, {self.freedom} degrees of freedom){step}")  # fmt: skip
+        return (
+            f"{self.name}: noise {_said(self.floor, self.unit)} rms, from {self.method} "
+            f"({self.samples} samples, {self.freedom} degrees of freedom){step}"
+        )
 
 
 def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[str] | None = None) -> Noise:
@@ -134,8 +136,10 @@ def _lengthened(record: Record, name: str) -> str:
     step = f"is quantised in steps of {_said(quantum, record.unit(name))}" if quantum else ""
     why = step if matters(quantum, off) else "is noisy"
     more = f"{100 * (path / smooth - 1):.0f} %"
-    return (f"{name} {why}: its path is {more} longer than that of the motion in it, which drives "
-            f"hysteresis and friction. Filter it first: filtered('{name}').")  # fmt: skip
+    return (
+        f"{name} {why}: its path is {more} longer than that of the motion in it, which drives "
+        f"hysteresis and friction. Filter it first: filtered('{name}')."
+    )
 
 
 def _rough(record: Record, name: str) -> str:
@@ -144,9 +148,11 @@ def _rough(record: Record, name: str) -> str:
     quantum, rough = quantum_of(x), _roughness(x)
     if quantum is None or rough <= ROUGH:
         return ""
-    return (f"{name} is quantised in steps of {_said(quantum, record.unit(name))}, which its rate misses by "
-            f"{100 * rough:.0f} %. Where the rate drives the model, filter it first: "
-            f"filtered('{name}', cutoff={0.05 / record.step:.2g}), say.")  # fmt: skip
+    return (
+        f"{name} is quantised in steps of {_said(quantum, record.unit(name))}, which its rate misses by "
+        f"{100 * rough:.0f} %. Where the rate drives the model, filter it first: "
+        f"filtered('{name}', cutoff={0.05 / record.step:.2g}), say."
+    )
 
 
 def _roughness(x: np.ndarray) -> float:
@@ -193,8 +199,10 @@ def _of_repeats(records: list[Record], name: str) -> Found:
     off = table - table.mean(axis=0)
     size = float(np.std(table))
     if np.sqrt(np.mean(off**2)) > SAME * size > 0:
-        raise DataError(f"these {len(records)} records do not repeat one experiment: '{name}' differs between them by "
-                        f"{100 * np.sqrt(np.mean(off**2)) / size:.0f} % of its rms value.")  # fmt: skip
+        raise DataError(
+            f"these {len(records)} records do not repeat one experiment: '{name}' differs between them by "
+            f"{100 * np.sqrt(np.mean(off**2)) / size:.0f} % of its rms value."
+        )
     rest = np.stack([_less_trend(row, 1) for row in off])
     freedom = (len(records) - 1) * (int(kept.sum()) - 2)
     return float(np.sqrt(np.sum(rest**2) / max(freedom, 1))), "repeats", table.size, freedom

@@ -24,8 +24,10 @@ def part(record: Record, start: float | None = None, stop: float | None = None) 
     kept = (t >= first) & (t <= last)
     count = np.count_nonzero(kept)
     if count < FEWEST:
-        raise DataError(f"{record.called}: only {count} samples lie between {first:g} s and {last:g} s; "
-                        f"{FEWEST} are the least. The record goes from {t[0]:g} s to {t[-1]:g} s.")  # fmt: skip
+        raise DataError(
+            f"{record.called}: only {count} samples lie between {first:g} s and {last:g} s; "
+            f"{FEWEST} are the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
+        )
     return _taken(record, kept)
 
 
@@ -41,14 +43,18 @@ def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tup
     """Return what comes before an instant, and the rest; see Record.split."""
     t = record.t
     if at is None and not 0 < fraction < 1:
-        raise DataError(f"{record.called}: the share of the first part must lie between 0 and 1, got {fraction:g}. "
-                        "For a time in s write split(at=…).")  # fmt: skip
+        raise DataError(
+            f"{record.called}: the share of the first part must lie between 0 and 1, got {fraction:g}. "
+            "For a time in s write split(at=…)."
+        )
     border = t[0] + fraction * (t[-1] - t[0]) if at is None else at
     before = t < border
     fewest = min(np.count_nonzero(before), np.count_nonzero(~before))
     if fewest < FEWEST:
-        raise DataError(f"{record.called}: a split at {border:g} s leaves {fewest} samples on one side; {FEWEST} are "
-                        f"the least. The record goes from {t[0]:g} s to {t[-1]:g} s.")  # fmt: skip
+        raise DataError(
+            f"{record.called}: a split at {border:g} s leaves {fewest} samples on one side; {FEWEST} are "
+            f"the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
+        )
     return _taken(record, before), _taken(record, ~before)
 
 

@@ -58,9 +58,14 @@ def empty_columns_are_left_out(table: Table) -> Table:
         return table
     gone = [table.column(int(k)) for k in np.flatnonzero(empty)]
     note = f"{listed(gone)} {'hold no number and were' if len(gone) > 1 else 'holds no number and was'} left out."
-    return attrs.evolve(table, names=tuple(table.names[k] for k in kept), units=tuple(table.units[k] for k in kept),
-                        places=tuple(table.places[k] for k in kept), values=table.values[:, kept],
-                        notes=(*table.notes, f"{note[0].upper()}{note[1:]}"))  # fmt: skip
+    return attrs.evolve(
+        table,
+        names=tuple(table.names[k] for k in kept),
+        units=tuple(table.units[k] for k in kept),
+        places=tuple(table.places[k] for k in kept),
+        values=table.values[:, kept],
+        notes=(*table.notes, f"{note[0].upper()}{note[1:]}"),
+    )
 
 
 def gaps_are_filled(table: Table) -> Table:
@@ -74,8 +79,10 @@ def gaps_are_filled(table: Table) -> Table:
         values[missing, k] = np.interp(t[missing], t[~missing], values[~missing, k])
         shown = ", ".join(map(str, table.rows[missing][:5])) + (", …" if missing.sum() > 5 else "")
         count = int(missing.sum())
-        note = (f"{table.names[k]}: {plural(count, 'missing number')} (row{'s' if count > 1 else ''} "
-                f"{shown}) {'were' if count > 1 else 'was'} interpolated.")  # fmt: skip
+        note = (
+            f"{table.names[k]}: {plural(count, 'missing number')} (row{'s' if count > 1 else ''} "
+            f"{shown}) {'were' if count > 1 else 'was'} interpolated."
+        )
         table = noted(table, values, table.rows, note)
     return table
 
@@ -108,8 +115,10 @@ def wraps_are_named(table: Table) -> Table:
             unit = f" {table.units[k]}" if table.units[k] else ""
             more = f" and in {plural(count - 1, 'more place')}" if count > 1 else ""
             name = table.names[k]
-            notes.append(f"{name} jumps by about a turn ({turn:g}{unit}) at row {table.rows[at]}{more}. If it is an "
-                         f"encoder that wraps, unwrapped('{name}') joins the parts.")  # fmt: skip
+            notes.append(
+                f"{name} jumps by about a turn ({turn:g}{unit}) at row {table.rows[at]}{more}. If it is an "
+                f"encoder that wraps, unwrapped('{name}') joins the parts."
+            )
     return attrs.evolve(table, notes=(*table.notes, *notes))
 
 
@@ -130,10 +139,17 @@ def spikes_are_named(table: Table) -> Table:
             continue
         shown = ", ".join(f"row {table.rows[i]}: {values[i]:g}" for i in at[:3]) + (", …" if len(at) > 3 else "")
         rest = np.delete(values, at)
-        table = noted(table, table.values, table.rows, (
-            f"{table.names[k]} has {plural(len(at), 'spike')} ({shown}) far off all other samples, which are between "
-            f"{rest.min():g} and {rest.max():g}. A true pulse may be that short. A false one weighs on all that is "
-            "found: empty its cell, and it is interpolated."))  # fmt: skip
+        table = noted(
+            table,
+            table.values,
+            table.rows,
+            (
+                f"{table.names[k]} has {plural(len(at), 'spike')} ({shown}) far off all other samples, which "
+                f"are between "
+                f"{rest.min():g} and {rest.max():g}. A true pulse may be that short. A false one weighs on all that is "
+                "found: empty its cell, and it is interpolated."
+            ),
+        )
     return table
 
 
@@ -146,10 +162,17 @@ def dropouts_are_named(table: Table) -> Table:
         if last - first < LONG or not _restless(rest) or _clipped(values, first, last, rest):
             continue
         t = table.values[:, 0]
-        table = noted(table, table.values, table.rows, (
-            f"{table.names[k]} is {values[first]:g} all the time from {t[first]:g} s to {t[last]:g} s (rows "
-            f"{table.rows[first]} to {table.rows[last]}), and noisy elsewhere. Either it stood still, or its sensor "
-            "dropped out; then leave this time out: part, or --rows and --window."))  # fmt: skip
+        table = noted(
+            table,
+            table.values,
+            table.rows,
+            (
+                f"{table.names[k]} is {values[first]:g} all the time from {t[first]:g} s to {t[last]:g} s (rows "
+                f"{table.rows[first]} to {table.rows[last]}), and noisy elsewhere. Either it stood still, or "
+                f"its sensor "
+                "dropped out; then leave this time out: part, or --rows and --window."
+            ),
+        )
     return table
 
 

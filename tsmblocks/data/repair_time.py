@@ -27,8 +27,10 @@ def time_is_known(table: Table) -> Table:
     """Every row must have a time: without it nothing else in the row has a place."""
     missing = np.flatnonzero(np.isnan(table.values[:, 0]))
     if len(missing):
-        raise DataError(f"{table.origin}: {table.column(0)} has no number in row {table.rows[missing[0]]}"
-                        f" ({plural(len(missing), 'such row')}).")  # fmt: skip
+        raise DataError(
+            f"{table.origin}: {table.column(0)} has no number in row {table.rows[missing[0]]}"
+            f" ({plural(len(missing), 'such row')})."
+        )
     return table
 
 
@@ -36,8 +38,10 @@ def time_moves(table: Table) -> Table:
     """Time that never changes is a wrong column."""
     t = table.values[:, 0]
     if len(t) > 1 and t.min() == t.max():
-        raise DataError(f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot "
-                        "be the time. Map t to the column that is.")  # fmt: skip
+        raise DataError(
+            f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot "
+            "be the time. Map t to the column that is."
+        )
     return table
 
 
@@ -66,8 +70,10 @@ def disorder_is_sorted(table: Table) -> Table:
         return table
     k = late[0]
     they = "row stood" if len(late) == 1 else "rows stood"
-    note = (f"{len(late)} {they} out of order by up to {plural(places, 'place')}, the first at row {table.rows[k]} "
-            f"({t[k]:g} s after {t[k - 1]:g} s); the rows were sorted by time.")  # fmt: skip
+    note = (
+        f"{len(late)} {they} out of order by up to {plural(places, 'place')}, the first at row {table.rows[k]} "
+        f"({t[k]:g} s after {t[k - 1]:g} s); the rows were sorted by time."
+    )
     return noted(table, table.values[order], table.rows[order], note)
 
 
@@ -85,8 +91,10 @@ def time_goes_forward(table: Table) -> Table:
     rest = len(t) - k
     share = f"{plural(rest, 'row')}, {100 * rest / len(t):.0f} %"
     if table.tail == "drop":
-        note = (f"Time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s; everything from there on "
-                f"({share}) was dropped, as asked.")  # fmt: skip
+        note = (
+            f"Time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s; everything from there on "
+            f"({share}) was dropped, as asked."
+        )
         return noted(table, table.values[:k], rows[:k], note)
     places = "" if len(back) == 1 else f", the first of {len(back)} such places"
     raise DataError(
@@ -128,9 +136,11 @@ def repeats_are_merged(table: Table) -> Table:
     mean[:, 0] = t[first]  # the mean of equal numbers is not always that number
     again = np.setdiff1d(np.arange(len(t)), first)
     shown = ", ".join(map(str, table.rows[again][:MOST_ROWS])) + (", …" if len(again) > MOST_ROWS else "")
-    note = (f"{plural(len(again), 'row')} repeated the time of the row before (row{'s' if len(again) > 1 else ''} "
-            f"{shown}){_apart(table, again, first, mean)}; each group was replaced by its mean, leaving {len(first)} "
-            f"of {len(t)} samples.")  # fmt: skip
+    note = (
+        f"{plural(len(again), 'row')} repeated the time of the row before (row{'s' if len(again) > 1 else ''} "
+        f"{shown}){_apart(table, again, first, mean)}; each group was replaced by its mean, leaving {len(first)} "
+        f"of {len(t)} samples."
+    )
     return noted(table, mean, table.rows[first], note)
 
 
@@ -180,8 +190,10 @@ def missing_rows_are_named(table: Table) -> Table:
     where = "one place" if len(gaps) == 1 else f"{len(gaps)} places"
     longest = "It" if len(gaps) == 1 else "The longest"
     kept = " Long gaps were kept, as asked." if len(long) else ""
-    note = (f"Samples are missing in {where}. {longest} lasts {steps[k] / usual:.1f} usual steps, before row "
-            f"{rows[k + 1]} (from {t[k]:g} s to {t[k + 1]:g} s); signals are interpolated there.{kept}")  # fmt: skip
+    note = (
+        f"Samples are missing in {where}. {longest} lasts {steps[k] / usual:.1f} usual steps, before row "
+        f"{rows[k + 1]} (from {t[k]:g} s to {t[k + 1]:g} s); signals are interpolated there.{kept}"
+    )
     return attrs.evolve(table, notes=(*table.notes, note))
 
 
@@ -194,6 +206,8 @@ def jitter_is_measured(table: Table) -> Table:
     off = float(np.abs(steps / usual - 1).max())
     if off <= UNEVEN:
         return table
-    note = (f"The steps between samples are uneven: {steps.min():.4g} s to {steps.max():.4g} s around {usual:.4g} s "
-            f"(up to {100 * off:.0f} % off). resampled() gives an even grid.")  # fmt: skip
+    note = (
+        f"The steps between samples are uneven: {steps.min():.4g} s to {steps.max():.4g} s around {usual:.4g} s "
+        f"(up to {100 * off:.0f} % off). resampled() gives an even grid."
+    )
     return attrs.evolve(table, notes=(*table.notes, note))

@@ -26,8 +26,10 @@ def resampled(record: Record, step: float | None = None) -> Record:
     step = own if step is None else float(step)
     t = record.t
     if not 0 < step <= (t[-1] - t[0]) / 3:
-        raise DataError(f"{record.called}: the new step must be above 0 s and at most a third of the record "
-                        f"({t[-1] - t[0]:g} s), got {step:g} s.")  # fmt: skip
+        raise DataError(
+            f"{record.called}: the new step must be above 0 s and at most a third of the record "
+            f"({t[-1] - t[0]:g} s), got {step:g} s."
+        )
     refuse_not_finite(record, record, "resampling")
     count = int((t[-1] - t[0]) / step * (1 + 1e-12) + 1e-6) + 1
     if count > MOST_SAMPLES:
@@ -38,8 +40,11 @@ def resampled(record: Record, step: float | None = None) -> Record:
         return _thinned(record, grid, step)
     kinds = {name: better_interpolation(t, record[name]) for name in record}
     signals = {name: interpolation(t, record[name], kinds[name])(grid) for name in record}
-    how = "; ".join(f"{kind}: {', '.join(found)}" for kind in ("cubic", "linear")
-                    if (found := [n for n in record if kinds[n] == kind]))  # fmt: skip
+    how = "; ".join(
+        f"{kind}: {', '.join(found)}"
+        for kind in ("cubic", "linear")
+        if (found := [n for n in record if kinds[n] == kind])
+    )
     note = f"Resampled from {len(t)} to {count} samples, {step:g} s apart (interpolated; {how})."
     return attrs.evolve(record, t=grid, signals=signals, notes=(*record.notes, note))
 
@@ -50,6 +55,8 @@ def _thinned(record: Record, grid: np.ndarray, step: float) -> Record:
     cutoff = PASSED * 0.5 / step
     smooth = {name: low_pass(record[name] if even is record else even[name], even.step, cutoff, 8) for name in record}
     signals = {name: interpolation(even.t, values, "cubic")(grid) for name, values in smooth.items()}
-    note = (f"Resampled from {len(record)} to {len(grid)} samples, {step:g} s apart, after a zero-phase low-pass at "
-            f"{cutoff:.4g} Hz.")  # fmt: skip
+    note = (
+        f"Resampled from {len(record)} to {len(grid)} samples, {step:g} s apart, after a zero-phase low-pass at "
+        f"{cutoff:.4g} Hz."
+    )
     return attrs.evolve(record, t=grid, signals=signals, notes=(*even.notes, note))

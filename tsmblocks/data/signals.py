@@ -88,14 +88,17 @@ def checked(record: Record) -> None:
     for lost in (k for k in record.units if k not in record.signals):
         meant = get_close_matches(lost, bare, 1, ALIKE)
         if meant:
-            raise DataError(f"{record.called}: a unit is given for '{lost}', which is no signal. Did you mean "
-                            f"'{meant[0]}'?")  # fmt: skip
+            raise DataError(
+                f"{record.called}: a unit is given for '{lost}', which is no signal. Did you mean '{meant[0]}'?"
+            )
 
 
 def _fits(record: Record, name: str, array: np.ndarray) -> None:
     if array.shape != record.t.shape:
-        raise DataError(f"{record.called}: signal '{name}' must have one number for each of the {len(record)} samples, "
-                        f"got {in_words(array) if array.ndim > 1 else f'{array.size}'}.")  # fmt: skip
+        raise DataError(
+            f"{record.called}: signal '{name}' must have one number for each of the {len(record)} samples, "
+            f"got {in_words(array) if array.ndim > 1 else f'{array.size}'}."
+        )
 
 
 def renamed(record: Record, names: Mapping[str, str]) -> Record:
@@ -120,8 +123,10 @@ def converted(record: Record, wanted: Mapping[str, str]) -> Record:
         except units.UnitError as error:
             raise DataError(f"{record.called}: {error}") from None
     signals = {**record.signals, **{k: record.values(k, unit) for k, unit in wanted.items()}}
-    said = ", ".join(f"{k} from {record.unit(k)} to {u}" if record.unit(k) else f"{k}, which had no unit, taken as {u}"
-                     for k, u in wanted.items())  # fmt: skip
+    said = ", ".join(
+        f"{k} from {record.unit(k)} to {u}" if record.unit(k) else f"{k}, which had no unit, taken as {u}"
+        for k, u in wanted.items()
+    )
     told = {**record.units, **wanted}
     return attrs.evolve(record, signals=signals, units=told, notes=(*record.notes, f"Converted: {said}."))
 

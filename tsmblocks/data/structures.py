@@ -60,8 +60,11 @@ def tree_of_hdf5(file: Any, item: Any, depth: int = 0) -> Any:
 
 def _structure(file: Any, fields: Mapping[str, Any], depth: int) -> Any:
     """Return a structure, or the list of them when each field is a set of references of one size."""
-    sets = {k: v for k, v in fields.items() if not hasattr(v, "items") and v.dtype == object
-            and "MATLAB_class" not in v.attrs}  # fmt: skip
+    sets = {
+        k: v
+        for k, v in fields.items()
+        if not hasattr(v, "items") and v.dtype == object and "MATLAB_class" not in v.attrs
+    }
     if not sets or len(sets) < len(fields) or len({v.size for v in sets.values()}) != 1:
         return {k: tree_of_hdf5(file, v, depth + 1) for k, v in fields.items()}
     columns = {k: [tree_of_hdf5(file, file[ref], depth + 1) for ref in np.ravel(v[()])] for k, v in sets.items()}
@@ -119,8 +122,11 @@ def signals_of(tree: Mapping[str, Any]) -> Found:
     notes = (*told, *notes)
     if first.time.size:
         arrays, units = {"t": first.time, **arrays}, {"t": first.unit, **units}
-    extra = {k: v for k, v in plain.items() if k not in arrays and np.size(v) == np.size(first.time)
-             and not np.array_equal(np.ravel(v), first.time)}  # fmt: skip
+    extra = {
+        k: v
+        for k, v in plain.items()
+        if k not in arrays and np.size(v) == np.size(first.time) and not np.array_equal(np.ravel(v), first.time)
+    }
     return Found({**arrays, **extra}, units, notes, tuple(objects))
 
 

@@ -152,8 +152,10 @@ class Text:
         if len(bad):
             k = bad[0]
             many, advice = _more(len(bad), "row"), _ending(len(bad), k, at)
-            raise DataError(f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are "
-                            f"{len(self.headings)} columns{many}. {advice}")  # fmt: skip
+            raise DataError(
+                f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are "
+                f"{len(self.headings)} columns{many}. {advice}"
+            )
 
     def _one_by_one(self, lines: list[str], at: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
         values, wrong = np.full((len(lines), len(chosen)), np.nan), []
@@ -278,8 +280,10 @@ def _headings(
         if first[-1] == "" and len(columns) == len(first) - 1:  # lines that end with the separator
             columns = [*columns, ""]
         if len(columns) != len(first):
-            raise DataError(f"{path}: the file has {len(first)} columns, but {len(columns)} names were given "
-                            f"({', '.join(columns)}).")  # fmt: skip
+            raise DataError(
+                f"{path}: the file has {len(first)} columns, but {len(columns)} names were given "
+                f"({', '.join(columns)})."
+            )
         return list(columns)
     if not _is_numeric(first):
         return first
@@ -287,5 +291,7 @@ def _headings(
     if len(above) == len(first) and not any(_number(cell) is not None for cell in above):
         return above
     shown = ", ".join(first[:8]) + (", …" if len(first) > 8 else "")
-    raise DataError(f"{path}: the file has no header. Name its {len(first)} columns in order, with units "
-                    f"(columns = t, x_in [deg], …). The first row holds {shown}.")  # fmt: skip
+    raise DataError(
+        f"{path}: the file has no header. Name its {len(first)} columns in order, with units "
+        f"(columns = t, x_in [deg], …). The first row holds {shown}."
+    )

@@ -68,9 +68,15 @@ def planned(sheath: Diagram, model: Diagram, words: str) -> Tracked | None:
     x_ref = np.asarray(simulate(_loop(sheath), stop=PERIOD, step=GRID / 4, log="outputs")["x_ref"])[::4]
     try:
         best = optimal_control(
-            plannable(model), {"x_in": (None, None)}, "x_ref - x_out", rates={"x_in": (-SPEED, SPEED)},
-            references={"x_ref": (t, x_ref)}, step=GRID, periodic=True, guess={"x_in": 1.25 * x_ref},
-        )  # fmt: skip
+            plannable(model),
+            {"x_in": (None, None)},
+            "x_ref - x_out",
+            rates={"x_in": (-SPEED, SPEED)},
+            references={"x_ref": (t, x_ref)},
+            step=GRID,
+            periodic=True,
+            guess={"x_in": 1.25 * x_ref},
+        )
     except TsmError:
         return None
     command = best.inputs(STOP + PERIOD)["x_in"]

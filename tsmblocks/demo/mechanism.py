@@ -44,17 +44,23 @@ HIDDEN = {
     ),
     "position_ripple": Hidden(
         "an eccentric pulley at the tip, ±0.6 deg every 45 deg",
-        Ripple(cosine=0.36 * DEG, sine=0.48 * DEG, cycles=8.0), "x_out",
+        Ripple(cosine=0.36 * DEG, sine=0.48 * DEG, cycles=8.0),
+        "x_out",
     ),
     "none": Hidden("nothing: the model has the sheath's own form"),
-}  # fmt: skip
+}
 """What may be hidden, by the name a diagnosis should give it."""
 
 
 def model() -> Diagram:
     """What the engineer believes the sheath to be: the paper's proposed model with the paper's numbers."""
-    return Diagram(title="Tendon sheath, proposed model", source="Paper, Eqs (8)-(9), set 1",
-                   blocks={"tsm": AsymmetricBoucWen()}, inputs={"x_in": "tsm.x"}, outputs={"x_out": "tsm"})  # fmt: skip
+    return Diagram(
+        title="Tendon sheath, proposed model",
+        source="Paper, Eqs (8)-(9), set 1",
+        blocks={"tsm": AsymmetricBoucWen()},
+        inputs={"x_in": "tsm.x"},
+        outputs={"x_out": "tsm"},
+    )
 
 
 def truth(hidden: Hidden) -> Diagram:
@@ -79,7 +85,7 @@ def references() -> dict[str, Block]:
         "large": Sine(amplitude=55.0 * DEG, frequency=0.2, unit="rad"),
         "two_tones": pair((28.0, 28.0), (0.2, 0.5)),
         "small": pair((12.0, 8.0), (0.25, 0.25 * math.sqrt(3))),
-    }  # fmt: skip
+    }
 
 
 def measured(sheath: Diagram, seed: int) -> dict[str, Record]:
@@ -90,8 +96,10 @@ def measured(sheath: Diagram, seed: int) -> dict[str, Record]:
     for name, reference in references().items():
         run = simulate(behind_the_motor(sheath, reference), stop=STOP, step=STEP, log="outputs")
         x_in, x_out = run["x_in"][::every], run["x_out"][::every]
-        signals = {"x_in": _rounded(x_in, 2 * math.pi / COUNTS),
-                   "x_out": _rounded(x_out + noise.normal(0.0, NOISE, x_out.size), INTERVAL)}  # fmt: skip
+        signals = {
+            "x_in": _rounded(x_in, 2 * math.pi / COUNTS),
+            "x_out": _rounded(x_out + noise.normal(0.0, NOISE, x_out.size), INTERVAL),
+        }
         found[name] = Record(name, run.t[::every], signals, {"x_in": "rad", "x_out": "rad"})
     return found
 

@@ -36,8 +36,16 @@ Line = tuple[np.ndarray, np.ndarray, str]
 
 def page(cases: Sequence[Case], story: Story) -> str:
     """The whole page; the same numbers give the same text."""
-    parts = [_head(story), *_paper(cases), *_measured(story), *_identified(story), *_diagnosed(story),
-             *_rebuilt(story), *_revealed(story), _on(story)]  # fmt: skip
+    parts = [
+        _head(story),
+        *_paper(cases),
+        *_measured(story),
+        *_identified(story),
+        *_diagnosed(story),
+        *_rebuilt(story),
+        *_revealed(story),
+        _on(story),
+    ]
     return document("tsmblocks: from measurements to the missing effect, and to better control", parts)
 
 
@@ -52,8 +60,10 @@ def _head(story: Story) -> str:
     steps = "no compensation, the best on the model identified"
     steps += ", the best on the model with what was found" if len(ends) > 1 else ""
     end = f"<p>Tracking error, peak to peak: {path} deg ({steps}).</p>"
-    return ("<h1>From measurements to the missing effect, and to better control</h1>"
-            f'<div class="verdict {escape(story.diagnosis.verdict)}">{box}{end}</div>')  # fmt: skip
+    return (
+        "<h1>From measurements to the missing effect, and to better control</h1>"
+        f'<div class="verdict {escape(story.diagnosis.verdict)}">{box}{end}</div>'
+    )
 
 
 def _found(diagnosis: Diagnosis) -> str:
@@ -74,12 +84,15 @@ def _paper(cases: Sequence[Case]) -> list[str]:
         "make what arrives at the tip of the endoscope lag behind. The paper tracks three signals: as it is, with a "
         "feedforward compensator, and with feedback of the tip as well. Peak-to-peak error in deg, with the paper’s "
         "numbers:</p>",
-        table(names, rows), f'<p class="soft">{why}</p>',
+        table(names, rows),
+        f'<p class="soft">{why}</p>',
         picture(to_svg(load("fig16_feedforward_feedback"))),
         key([(f"--{kind}", words) for words, kind in zip(DIAGRAMS.values(), KINDS, strict=True)]),
-        _cards(_chart(errors, "t [s]", "x_ref - x_out [deg]", f"error for {sine.words}"),
-               _chart(loops, "x_in [deg]", "x_out [deg]", f"the loop for {sine.words}")),
-    ]  # fmt: skip
+        _cards(
+            _chart(errors, "t [s]", "x_ref - x_out [deg]", f"error for {sine.words}"),
+            _chart(loops, "x_in [deg]", "x_out [deg]", f"the loop for {sine.words}"),
+        ),
+    ]
 
 
 def _hyphened(words: str) -> str:
@@ -96,23 +109,29 @@ def _measured(story: Story) -> list[str]:
         "<h2>2. A mechanism is measured</h2><p>Another sheath, behind the same motor. Its encoder counts, the sensor "
         f"at the tip has noise and an interval of its own: {digits(FLOOR / DEG)} deg rms. There may be something in "
         "it that the model does not have.</p>",
-        key([("--between", "x_in, motor"), ("--measured", "x_out, tip")]), _cards(*drawn),
-    ]  # fmt: skip
+        key([("--between", "x_in, motor"), ("--measured", "x_out, tip")]),
+        _cards(*drawn),
+    ]
 
 
 def _identified(story: Story) -> list[str]:
-    estimates = [(escape(e.name), f"{e.value:.4g}", f"{e.low:.4g} … {e.high:.4g}", escape(e.unit))
-                 for e in story.fit.estimates]  # fmt: skip
+    estimates = [
+        (escape(e.name), f"{e.value:.4g}", f"{e.low:.4g} … {e.high:.4g}", escape(e.unit)) for e in story.fit.estimates
+    ]
     left = story.fit.differences
-    said = ("A better search will not help: the model has no place for it." if story.diagnosis.verdict != "none" else
-            "No model can do better.")  # fmt: skip
+    said = (
+        "A better search will not help: the model has no place for it."
+        if story.diagnosis.verdict != "none"
+        else "No model can do better."
+    )
     return [
         "<h2>3. The model is identified</h2><p>The paper’s proposed model, Eqs (8) and (9), all numbers free, to "
         "all experiments at once:</p>",
-        picture(to_svg(model())), table(("l:parameter", "value", "95 % interval", "l:unit"), estimates),
+        picture(to_svg(model())),
+        table(("l:parameter", "value", "95 % interval", "l:unit"), estimates),
         f"<p>What is left is {digits(left.rms / DEG)} deg rms, {left.rms / FLOOR:.1f} times the sensor’s "
         f"noise. {said}</p>",
-    ]  # fmt: skip
+    ]
 
 
 def _diagnosed(story: Story) -> list[str]:
@@ -121,19 +140,30 @@ def _diagnosed(story: Story) -> list[str]:
     gap = worst_gap(segment)
     worst = by_excess(histories(segment, gap.output))[0]
     along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, found.base))]
-    shown = [figures.gap_bars(segment, gap), *(figures.along(one, explained=bool(found.effects)) for one in along),
-             figures.history(worst, POINTS), figures.left_over(worst, gap.noise_floor, POINTS)]  # fmt: skip
+    shown = [
+        figures.gap_bars(segment, gap),
+        *(figures.along(one, explained=bool(found.effects)) for one in along),
+        figures.history(worst, POINTS),
+        figures.left_over(worst, gap.noise_floor, POINTS),
+    ]
     after = picture(to_svg(found.augmented, highlight=[e.block for e in found.effects])) if found.effects else ""
     return [
         "<h2>4. What is missing is found</h2><p>Every effect of the catalogue is put on every wire where it can stand, "
         "fitted together with the model, and judged on stretches of time held out.</p>",
-        f'<div class="verdict {escape(found.verdict)}"><p>{sentence(verdict(segment))}</p></div>', after,
-        key([("--measured", "measured"), ("--before", "before"),
-             *([("--after", "with what was found")] if found.effects else []),
-             ("hollow", "hollow: fitted to these data too"), ("--noise", "noise, ± 2 rms")]),
+        f'<div class="verdict {escape(found.verdict)}"><p>{sentence(verdict(segment))}</p></div>',
+        after,
+        key(
+            [
+                ("--measured", "measured"),
+                ("--before", "before"),
+                *([("--after", "with what was found")] if found.effects else []),
+                ("hollow", "hollow: fitted to these data too"),
+                ("--noise", "noise, ± 2 rms"),
+            ]
+        ),
         _cards(*shown),
         '<p>The whole of it, with all that was tried: <a href="found/report.html">report</a>.</p>',
-    ]  # fmt: skip
+    ]
 
 
 def _rebuilt(story: Story) -> list[str]:
@@ -152,31 +182,40 @@ def _rebuilt(story: Story) -> list[str]:
         "Peak-to-peak error in deg, rms in brackets. The loop knows the present only; what is planned knows the whole "
         "reference, and is the best command there is for its model.</p>",
         table(names, rows),
-        _cards(_keyed(ends, _chart(lines, "t [s]", "x_ref - x_out [deg]", "error behind the best compensators")),
-               _keyed(paper_s, _chart(loops, "x_ref [deg]", "x_out [deg]", "what arrives over what is wanted"))),
-    ]  # fmt: skip
+        _cards(
+            _keyed(ends, _chart(lines, "t [s]", "x_ref - x_out [deg]", "error behind the best compensators")),
+            _keyed(paper_s, _chart(loops, "x_ref [deg]", "x_out [deg]", "what arrives over what is wanted")),
+        ),
+    ]
 
 
 def _revealed(story: Story) -> list[str]:
     rows = [(escape(name), *(f"{v:.3g}" for v in values)) for name, *values in story.revealed]
     words = story.hidden.words
-    sizes = "; ".join(f"{escape(k)} {escape(with_interval(q))}" for e in story.diagnosis.effects
-                      for k, q in e.parameters.items())  # fmt: skip
+    sizes = "; ".join(
+        f"{escape(k)} {escape(with_interval(q))}" for e in story.diagnosis.effects for k, q in e.parameters.items()
+    )
     found = f" Found: {sizes}. With it in place the model’s other numbers come right too:" if sizes else ""
     return [
         f"<h2>6. What had been hidden</h2><p>{escape(words[0].upper() + words[1:])}.{found}</p>",
-        table(("l:", "in truth", *story.models), rows), picture(to_svg(story.mechanism)),
-    ]  # fmt: skip
+        table(("l:", "in truth", *story.models), rows),
+        picture(to_svg(story.mechanism)),
+    ]
 
 
 def _on(story: Story) -> str:
     files = " ".join(f"recordings/{name}.csv" for name in story.records)
-    lines = (f"tsmblocks diagnose model.toml --data {files} --noise-floor {FLOOR / DEG:.3f}deg",
-             "tsmblocks run found/augmented.toml --data recordings/small.csv --out again.csv",
-             "tsmblocks demo --hide backlash", "tsmblocks demo --hide none")  # fmt: skip
+    lines = (
+        f"tsmblocks diagnose model.toml --data {files} --noise-floor {FLOOR / DEG:.3f}deg",
+        "tsmblocks run found/augmented.toml --data recordings/small.csv --out again.csv",
+        "tsmblocks demo --hide backlash",
+        "tsmblocks demo --hide none",
+    )
     shown = "\n".join(escape(line) for line in lines)
-    return ("<h2>To go on</h2><p>The recordings and the models are beside this page; with another effect hidden, or "
-            f"none, the story ends otherwise:</p><pre>{shown}</pre>")  # fmt: skip
+    return (
+        "<h2>To go on</h2><p>The recordings and the models are beside this page; with another effect hidden, or "
+        f"none, the story ends otherwise:</p><pre>{shown}</pre>"
+    )
 
 
 # ---- what the chapters are made of ---------------------------------------------------------------
@@ -221,8 +260,10 @@ def _loop(x: np.ndarray, y: np.ndarray, t: np.ndarray, kind: str) -> Line:
 
 
 def _recording(name: str, record: Record) -> str:
-    lines = [(*charts.thinned(record.t, np.rad2deg(record[k]), POINTS), kind)
-             for k, kind in (("x_in", "between"), ("x_out", "measured thin"))]  # fmt: skip
+    lines = [
+        (*charts.thinned(record.t, np.rad2deg(record[k]), POINTS), kind)
+        for k, kind in (("x_in", "between"), ("x_out", "measured thin"))
+    ]
     return _chart(lines, "t [s]", heading(name, "deg"), f"the recording {name} over time")
 
 

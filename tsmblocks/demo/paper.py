@@ -64,7 +64,7 @@ def cases() -> list[Case]:
         Case("sine", "55 deg at 0.2 Hz", one, paper=(27.0, 8.0, 5.8)),
         Case("two_sines", "28 deg at 0.2 and 0.5 Hz", pair(0.2, 0.5), paper=(27.0, 8.5, None)),
         Case("no_period", "28 deg at 0.25 and 0.25√3 Hz", pair(0.25, 0.25 * math.sqrt(3)), paper=(28.0, 9.2, None)),
-    ]  # fmt: skip
+    ]
 
 
 def measured_case(record: Record, name: str, unit: str) -> Case:

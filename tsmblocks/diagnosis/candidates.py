@@ -71,8 +71,15 @@ class Surroundings:
     def scales(self, site: Site) -> Scales:
         """The sizes that an effect at a site sees."""
         wire = self.span(site.signal)
-        return Scales(wire, self.span(site.other) if site.other else wire, self.start, self.stop, self.step,
-                      self.shortest, self.lines)  # fmt: skip
+        return Scales(
+            wire,
+            self.span(site.other) if site.other else wire,
+            self.start,
+            self.stop,
+            self.step,
+            self.shortest,
+            self.lines,
+        )
 
     def span(self, signal: str) -> Span:
         """How a signal moved."""
@@ -97,9 +104,14 @@ def surroundings(model: Model, places: Sequence[Site]) -> Surroundings:
     times = [trial.t for trial in model.setup.trials]
     steps = [trial.record.step for trial in model.setup.trials]
     return Surroundings(
-        signals, steps, min(float(t[0]) for t in times), max(float(t[-1]) for t in times), max(steps),
-        min(float(t[-1] - t[0]) for t in times), lines(model),
-    )  # fmt: skip
+        signals,
+        steps,
+        min(float(t[0]) for t in times),
+        max(float(t[-1]) for t in times),
+        max(steps),
+        min(float(t[-1] - t[0]) for t in times),
+        lines(model),
+    )
 
 
 def _inside(diagram: Diagram, signal: str) -> str:

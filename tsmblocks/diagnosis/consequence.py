@@ -45,8 +45,10 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
         return "It was not tracked in simulation: that takes one input and one output."
     unit = augmented.diagram.unit(outputs[0])
     if not unit or augmented.diagram.inports[inputs[0]].unit != unit:
-        return (f"It was not tracked in simulation: {inputs[0]} and {outputs[0]} are not one motion, since they are "
-                "not in one unit.")  # fmt: skip
+        return (
+            f"It was not tracked in simulation: {inputs[0]} and {outputs[0]} are not one motion, since they are "
+            "not in one unit."
+        )
     record = trial.record
     wanted, plant = record.values(inputs[0], unit), _own(augmented)
     models = [None, _own(base), plant]
@@ -62,8 +64,10 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
         if np.isfinite(errors).all():
             none, before, after = errors
             if after[1] >= max(none[1], float(np.std(wanted))):
-                return ("It was not tracked in simulation: a loop around the model, which a compensator is, errs more "
-                        "there than a command that stands still.")  # fmt: skip
+                return (
+                    "It was not tracked in simulation: a loop around the model, which a compensator is, errs more "
+                    "there than a command that stands still."
+                )
             words = _words(before, after, unit, 4 * loop / FAST)
             return Consequence(unit, trial.name, none, before, after, words)
     return "It was not tracked in simulation: the loop around the model, which a compensator is, does not stand there."
@@ -79,16 +83,17 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     if augmented[0] <= base[0] and augmented[1] <= base[1]:
         return ""
     which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
-    return (f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that "
-            f"model itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot "
-            "do: where it would have to jump, as at a reversal to cross a gap, it takes some "
-            f"{1000 * delay:.2g} ms.")  # fmt: skip
+    return (
+        f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that "
+        f"model itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot "
+        "do: where it would have to jump, as at a reversal to cross a gap, it takes some "
+        f"{1000 * delay:.2g} ms."
+    )
 
 
 def _errors(
-    model: Diagram | None, plant: Diagram, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray,
-    step: float,
-) -> Errors:  # fmt: skip
+    model: Diagram | None, plant: Diagram, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray, step: float
+) -> Errors:
     """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model; infinite for a loop that
     runs away.
     """
@@ -98,13 +103,19 @@ def _errors(
         blocks["compensator"] = inverse(model, inlet, outlet, gain=FAST / step, start=float(wanted[0]))
         wires, ports = [f"compensator -> plant.{inlet}"], ["compensator.wanted"]
     unit = plant.unit(outlet)
-    loop = Diagram(title="consequence", blocks=blocks, wires=wires, inputs={"wanted": Inlet(ports, unit)},
-                   outputs={"x_out": f"plant.{outlet}"})  # fmt: skip
+    loop = Diagram(
+        title="consequence",
+        blocks=blocks,
+        wires=wires,
+        inputs={"wanted": Inlet(ports, unit)},
+        outputs={"x_out": f"plant.{outlet}"},
+    )
     start, stop = float(t[0]), float(t[-1])
     with warnings.catch_warnings():  # a step that is too long shows in what it gives
         warnings.simplefilter("ignore")
-        run = simulate(loop, start=start, stop=stop, step=step / FINER, inputs={"wanted": (t, wanted)}, hold="cubic",
-                       log="outputs")  # fmt: skip
+        run = simulate(
+            loop, start=start, stop=stop, step=step / FINER, inputs={"wanted": (t, wanted)}, hold="cubic", log="outputs"
+        )
     error = run["x_out"] - np.interp(run.t, t, wanted)
     late = error[run.t >= start + SETTLING * (stop - start)]
     if np.abs(late).max() > AWAY * np.abs(wanted).max():

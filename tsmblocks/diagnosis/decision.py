@@ -83,8 +83,10 @@ class Tried:
 def losses_of(model: Model, parts: Parts, known: Sizes) -> tuple[np.ndarray, np.ndarray]:
     """Losses of a model by blocks (B,), held out by folds and by experiments; ``known`` are the effects in it."""
     pull, null = weights(known, model)
-    return (parts.losses(held_out(model, parts.fold, pull, null)),
-            parts.losses(held_out(model, parts.experiment, pull, null)))  # fmt: skip
+    return (
+        parts.losses(held_out(model, parts.fold, pull, null)),
+        parts.losses(held_out(model, parts.experiment, pull, null)),
+    )
 
 
 def tried(candidate: Candidate, model: Model, parts: Parts, known: Sizes) -> Tried:
@@ -165,15 +167,23 @@ def decide(base: np.ndarray, found: Sequence[Tried], parts: Parts, floor: float,
     close = [one for one in alike if before - one.loss >= NEARLY * (before - best.loss)]
     named = _plainest(min(close, key=lambda one: (one.count, one.loss)), ranking, before)
     says_more = named not in alike  # a general form that leaves no less says nothing else
-    others = [one for one in alike if one is not named
-              and (says_more or named.candidate.effect.name not in one.candidate.effect.contains)]  # fmt: skip
+    others = [
+        one
+        for one in alike
+        if one is not named and (says_more or named.candidate.effect.name not in one.candidate.effect.contains)
+    ]
     return Verdict(tuple(ranking), tuple(t), line, named, (named, *others), beyond)
 
 
 def _plainest(named: Tried, ranking: Sequence[Tried], before: float) -> Tried:
     """The candidate, or a special case of it that removes nearly all that it does: the rest may be another effect."""
-    special = [one for one in ranking if one.candidate.effect.name in named.candidate.effect.contains
-               and not one.outside and before - one.loss >= NEARLY * (before - named.loss)]  # fmt: skip
+    special = [
+        one
+        for one in ranking
+        if one.candidate.effect.name in named.candidate.effect.contains
+        and not one.outside
+        and before - one.loss >= NEARLY * (before - named.loss)
+    ]
     return special[0] if special else named
 
 

@@ -49,11 +49,22 @@ Inside = Mapping[str, Window] | None
 
 
 def diagnose(
-    diagram: Diagram, experiments: Data, *, free: Iterable[str] | None = None, noise_floor: Any = None,
-    effects: Iterable[str] | None = None, outputs: Sequence[str] | None = None, window: Any = None,
-    start_states: bool = True, condition: bool = True, seed: int = 0, step: float | None = None,
-    integrator: str = "rk4", hold: str = "cubic", progress: Tell | None = None,
-) -> Diagnosis:  # fmt: skip
+    diagram: Diagram,
+    experiments: Data,
+    *,
+    free: Iterable[str] | None = None,
+    noise_floor: Any = None,
+    effects: Iterable[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    window: Any = None,
+    start_states: bool = True,
+    condition: bool = True,
+    seed: int = 0,
+    step: float | None = None,
+    integrator: str = "rk4",
+    hold: str = "cubic",
+    progress: Tell | None = None,
+) -> Diagnosis:
     """Find what a model misses, name it, add it to the diagram, and show how the gap shrinks on data held out.
 
     ``experiments`` is a recording, a list of them or a mapping by name, as for ``tsm.fit``; several with different
@@ -88,9 +99,17 @@ def diagnose(
     if free is not None:
         chosen(diagram, free)  # names nobody has are told before any work
     given = asked_floors(noise_floor, diagram, records, measured)
-    asked = Asked(None if free is None else tuple(asking.names("free", free, "tsm.*")), {}, (),
-                  asking.flag("start_states", start_states), step, integrator, hold, seed=seed,
-                  window=inside)  # fmt: skip
+    asked = Asked(
+        None if free is None else tuple(asking.names("free", free, "tsm.*")),
+        {},
+        (),
+        asking.flag("start_states", start_states),
+        step,
+        integrator,
+        hold,
+        seed=seed,
+        window=inside,
+    )
     done, stopped = list[Work](), False
     spans = {k: (float(t[0]), float(t[-1])) for k, t in _compared(records, inside).items() if len(t) < len(records[k])}
     notes = without_units(records, diagram, measured)
@@ -109,20 +128,24 @@ def diagnose(
                 break
     if not done:
         raise KeyboardInterrupt
-    rests_on = Provenance(__version__, source(diagram), recorded(records, [*diagram.inputs, *diagram.outputs]),
-                          _options(asked, effects, condition, done))  # fmt: skip
+    rests_on = Provenance(
+        __version__,
+        source(diagram),
+        recorded(records, [*diagram.inputs, *diagram.outputs]),
+        _options(asked, effects, condition, done),
+    )
     made = _result(diagram, spans, tuple(records), done, seed, notes, "interrupted" if stopped else "done")
     return attrs.evolve(made, given=diagram, simulated=_simulated(done, condition), provenance=rests_on)
 
 
-def _options(
-    asked: Asked, effects: Iterable[str] | None, condition: bool, done: Sequence[Work]
-) -> dict[str, str]:  # fmt: skip
+def _options(asked: Asked, effects: Iterable[str] | None, condition: bool, done: Sequence[Work]) -> dict[str, str]:
     """What the diagnosis was told to do, in words."""
     steps = sorted({trial.times.h for work in done for trial in work.final.setup.trials})
-    floors = {k: f"{work.floors.given.get(k) or in_people_units(v, work.part.diagram.unit(k))} "
-                 f"({work.floors.method[k]})"
-              for work in done for k, v in work.floors.sigma.items()}  # fmt: skip
+    floors = {
+        k: f"{work.floors.given.get(k) or in_people_units(v, work.part.diagram.unit(k))} ({work.floors.method[k]})"
+        for work in done
+        for k, v in work.floors.sigma.items()
+    }
     return {
         "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
         "effects": "all of the catalogue" if effects is None else ", ".join(asking.names("effects", effects, "")),
@@ -130,9 +153,11 @@ def _options(
         "start states": "found in each experiment" if asked.start_states else "as in the diagram",
         "inputs": "noise taken out (zero phase)" if condition else "as they are",
         "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
-                f" ({'given' if asked.step is not None else 'found'})",
-        "integrator": asked.integrator, "hold": asked.hold, "seed": str(asked.seed),
-    }  # fmt: skip
+        f" ({'given' if asked.step is not None else 'found'})",
+        "integrator": asked.integrator,
+        "hold": asked.hold,
+        "seed": str(asked.seed),
+    }
 
 
 def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
@@ -141,8 +166,11 @@ def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
     for work in done:
         last = work.final
         for trial in last.setup.trials:
-            own = {i.parameter: float(v) for i, v in zip(last.problem.unknowns.items, last.theta, strict=True)
-                   if i.experiment == trial.name}  # fmt: skip
+            own = {
+                i.parameter: float(v)
+                for i, v in zip(last.problem.unknowns.items, last.theta, strict=True)
+                if i.experiment == trial.name
+            }
             starts.setdefault(trial.name, {}).update(own)
             steps[trial.name] = trial.times.h
             if whole_name(trial.name) != trial.name:
@@ -172,18 +200,22 @@ def _told(progress: Tell | None, stop: Stop) -> Tell:
 
 def _measured(
     records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str] | None, inside: Inside
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """The outputs that were measured. Raises DataError where there are too few samples to judge by."""
     asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
     names = compared(records, diagram, asked)
     total = sum(len(t) for t in _compared(records, inside).values())
     if total < ENOUGH:
-        raise DataError(f"a diagnosis takes at least {ENOUGH} samples of all experiments together, and there are "
-                        f"{total}: with fewer, no effect can be told from chance.")  # fmt: skip
+        raise DataError(
+            f"a diagnosis takes at least {ENOUGH} samples of all experiments together, and there are "
+            f"{total}: with fewer, no effect can be told from chance."
+        )
     found = tuple(k for k in names if diagram.shown[k][0])
     if not found:
-        raise DataError(f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
-                        "itself: there is nothing in between to diagnose.")  # fmt: skip
+        raise DataError(
+            f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
+            "itself: there is nothing in between to diagnose."
+        )
     for name, record in records.items():  # before anything is filtered, which would spread it
         for k in (*(k for k in diagram.inports if k in record), *found):
             signal_of(name, record, k, diagram.unit(k))
@@ -213,9 +245,15 @@ def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
 
 
 def _work(
-    part: Part, raw: Mapping[str, Record], asked: Asked, effects: tuple[Effect, ...],
-    given: Mapping[str, tuple[float, str]], condition: bool, tell: Tell, notes: list[str],
-) -> Work | None:  # fmt: skip
+    part: Part,
+    raw: Mapping[str, Record],
+    asked: Asked,
+    effects: tuple[Effect, ...],
+    given: Mapping[str, tuple[float, str]],
+    condition: bool,
+    tell: Tell,
+    notes: list[str],
+) -> Work | None:
     """Everything that is done for one part."""
     names = tuple(part.diagram.inputs)
     tell("conditioned", 0, 1)
@@ -279,9 +317,14 @@ def _floors(records: Mapping[str, Record], part: Part, given: Mapping[str, tuple
 
 
 def _result(
-    diagram: Diagram, spans: Mapping[str, tuple[float, float]], experiments: tuple[str, ...], done: Sequence[Work],
-    seed: int, notes: list[str], status: str,
-) -> Diagnosis:  # fmt: skip
+    diagram: Diagram,
+    spans: Mapping[str, tuple[float, float]],
+    experiments: tuple[str, ...],
+    done: Sequence[Work],
+    seed: int,
+    notes: list[str],
+    status: str,
+) -> Diagnosis:
     segments = tuple(summed(work, diagram) for work in done)
     order = {"named": 2, "unknown": 1, "none": 0}
     verdict = max((s.verdict for s in segments), key=lambda v: order[v])
@@ -291,10 +334,21 @@ def _result(
     base, augmented = _whole(diagram, done, False), _whole(diagram, done, True)
     means = _consequence(done, segments)
     return Diagnosis(
-        diagram.title, experiments, seed, verdict, " ".join(said), tuple(e for s in segments for e in s.effects),
-        segments, base, augmented, None if isinstance(means, str) else means, tuple(dict.fromkeys(notes)), status,
-        spans, no_consequence=means if isinstance(means, str) else "",
-    )  # fmt: skip
+        diagram.title,
+        experiments,
+        seed,
+        verdict,
+        " ".join(said),
+        tuple(e for s in segments for e in s.effects),
+        segments,
+        base,
+        augmented,
+        None if isinstance(means, str) else means,
+        tuple(dict.fromkeys(notes)),
+        status,
+        spans,
+        no_consequence=means if isinstance(means, str) else "",
+    )
 
 
 def _whole(diagram: Diagram, done: Sequence[Work], with_effects: bool) -> Diagram:

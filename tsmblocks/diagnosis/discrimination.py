@@ -68,7 +68,7 @@ def proposed(named: Tried, others: Sequence[Tried], records: Mapping[str, Record
 
 def separations(
     named: Tried, others: Sequence[Tried], records: Mapping[str, Record], asked: Asked
-) -> Iterator[Separation]:  # fmt: skip
+) -> Iterator[Separation]:
     """For each motion the separation from that of ``others`` that comes closest."""
     inputs, asked = list(named.model.diagram.inputs), attrs.evolve(asked, window=None)  # all of a motion counts
     if not inputs:
@@ -165,18 +165,30 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
     yield f"a slow ramp over the whole range and back, {lasts}", middle + reach * _triangle(t / long)
     yield f"a sine over the whole range at {digits(top)} Hz, {lasts}", middle + reach * np.sin(2 * np.pi * top * t)
     size = np.where(t < long / 2, 1.0, 0.2)
-    yield (f"a sine at {digits(slow)} Hz over the whole range, then over a fifth of it, {lasts}",
-           middle + reach * size * np.sin(2 * np.pi * slow * t))  # fmt: skip
-    yield (f"a triangle that decays from the whole range to nothing in 8 periods, {lasts}",
-           middle + reach * (1 - t / long) * _triangle(8 * t / long))  # fmt: skip
-    yield (f"a chirp of {in_people_units(SMALL * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
-           middle + SMALL * reach * _chirp(t, slow, quick))  # fmt: skip
-    yield (f"a chirp over the whole range from {digits(slow / 4)} to {digits(top)} Hz, {lasts}",
-           middle + reach * _chirp(t, slow / 4, top))  # fmt: skip
-    yield (f"a staircase over the whole range with a reversal of a tenth of it on each of 8 steps, {lasts}",
-           middle + reach * _staircase(t / long, 8, SMALL))  # fmt: skip
-    yield (f"steps over the whole range with holds of {digits(long / 6)} s, {lasts}",
-           middle + reach * _holds(t, long, 2 * reach / (0.9 * span.fastest)))  # fmt: skip
+    yield (
+        f"a sine at {digits(slow)} Hz over the whole range, then over a fifth of it, {lasts}",
+        middle + reach * size * np.sin(2 * np.pi * slow * t),
+    )
+    yield (
+        f"a triangle that decays from the whole range to nothing in 8 periods, {lasts}",
+        middle + reach * (1 - t / long) * _triangle(8 * t / long),
+    )
+    yield (
+        f"a chirp of {in_people_units(SMALL * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
+        middle + SMALL * reach * _chirp(t, slow, quick),
+    )
+    yield (
+        f"a chirp over the whole range from {digits(slow / 4)} to {digits(top)} Hz, {lasts}",
+        middle + reach * _chirp(t, slow / 4, top),
+    )
+    yield (
+        f"a staircase over the whole range with a reversal of a tenth of it on each of 8 steps, {lasts}",
+        middle + reach * _staircase(t / long, 8, SMALL),
+    )
+    yield (
+        f"steps over the whole range with holds of {digits(long / 6)} s, {lasts}",
+        middle + reach * _holds(t, long, 2 * reach / (0.9 * span.fastest)),
+    )
 
 
 def _frequency(amplitude: float, span: Span, t: np.ndarray) -> float:

@@ -99,8 +99,11 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
     As the model has it where it does not matter at all.
     """
     unknowns = model.problem.unknowns
-    sizes = [max(abs(value), abs(begin)) for item, value, begin
-             in zip(unknowns.items, model.theta, unknowns.start, strict=True) if item.parameter == name]  # fmt: skip
+    sizes = [
+        max(abs(value), abs(begin))
+        for item, value, begin in zip(unknowns.items, model.theta, unknowns.start, strict=True)
+        if item.parameter == name
+    ]
     far = FAR * (max(sizes) or 1.0)
     of = np.zeros(len(own), dtype=int)  # the experiment that each belongs to
     for e in range(len(model.problem.trials)):
@@ -143,5 +146,9 @@ def _moved(model: Model) -> np.ndarray:
 def _by_experiment(model: Model, r: np.ndarray) -> np.ndarray:
     """Sum of the squares of ``r`` (N,) in each experiment, shape (experiments,)."""
     count, segments = len(model.setup.outputs), model.problem.segments
-    return np.array([sum(float(np.sum(r[part] ** 2)) for part in segments[e * count : (e + 1) * count])
-                     for e in range(len(model.problem.trials))])  # fmt: skip
+    return np.array(
+        [
+            sum(float(np.sum(r[part] ** 2)) for part in segments[e * count : (e + 1) * count])
+            for e in range(len(model.problem.trials))
+        ]
+    )

@@ -55,8 +55,7 @@ class Site:
         wires = self._wires(name, block)
         if _several(block):
             more = f", add={wires!r}" if wires else ""
-            made = (f"diagram.insert({name!r}, Bias(), {place})"
-                    f".rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})")  # fmt: skip
+            made = f"diagram.insert({name!r}, Bias(), {place}).rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})"
         else:
             more = f", wires={wires!r}" if wires else ""
             made = f"diagram.insert({name!r}, …, {place}{more})"
@@ -84,9 +83,12 @@ def _several(block: Block | Diagram) -> bool:
 
 
 def sites(
-    diagram: Diagram, outputs: Sequence[str], effects: Iterable[Effect] = (), named: Collection[str] = (),
+    diagram: Diagram,
+    outputs: Sequence[str],
+    effects: Iterable[Effect] = (),
+    named: Collection[str] = (),
     measured: Mapping[str, str] | None = None,
-) -> list[Site]:  # fmt: skip
+) -> list[Site]:
     """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
 
     ``measured`` are the units of the recordings, for outputs of which the diagram tells none.
@@ -103,8 +105,9 @@ def sites(
             continue  # the output shows an input: there is nothing in between
         source = f"{head}.{port}"
         found.append(Site("output", name, source, after=source))
-        reading = [_behind(diagram, k, named)
-                   for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0]  # fmt: skip
+        reading = [
+            _behind(diagram, k, named) for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0
+        ]
         found += [Site("across", name, source, other=k, after=source) for k in reading]
         signal, port = _in_front(diagram, source, named)
         if port:

@@ -78,8 +78,10 @@ class Model:
     def left(self) -> dict[str, float]:
         """Rms of what is left of each output, in units of its noise."""
         count = len(self.setup.outputs)
-        rows = {name: [self.r[part] for part in self.problem.segments[k::count]]
-                for k, name in enumerate(self.setup.outputs)}  # fmt: skip
+        rows = {
+            name: [self.r[part] for part in self.problem.segments[k::count]]
+            for k, name in enumerate(self.setup.outputs)
+        }
         return {name: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for name, parts in rows.items()}
 
     @property
@@ -111,30 +113,54 @@ def calibrated(diagram: Diagram, records: Mapping[str, Record], asked: Asked, te
     """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises."""
     problem, setup = posed(diagram, records, asked, asked.free)
     begin = feasible_start(problem, problem.unknowns.start)
-    ends = [gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
-            for one in begins(problem, setup, begin, asked.starts, asked.seed)]  # fmt: skip
+    ends = [
+        gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
+        for one in begins(problem, setup, begin, asked.starts, asked.seed)
+    ]
     best = min(ends, key=lambda found: found.cost)
     return at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
 
 
 def posed(
-    diagram: Diagram, records: Mapping[str, Record], asked: Asked, free: Iterable[str] | None,
-    bounds: Mapping[str, Any] | None = None, local: Iterable[str] | None = None,
-) -> tuple[Problem, Setup]:  # fmt: skip
+    diagram: Diagram,
+    records: Mapping[str, Record],
+    asked: Asked,
+    free: Iterable[str] | None,
+    bounds: Mapping[str, Any] | None = None,
+    local: Iterable[str] | None = None,
+) -> tuple[Problem, Setup]:
     """The problem of fitting a diagram, weighed by the noise; ``local`` names what belongs to one experiment."""
     known = {k: Floor(k, v, diagram.unit(k)) for k, v in asked.sigma.items()}
     return pose(
-        diagram, dict(records), free=free, bounds=bounds, start=None, local=local or (),
+        diagram,
+        dict(records),
+        free=free,
+        bounds=bounds,
+        start=None,
+        local=local or (),
         start_states=asked.start_states and local is None,
-        constraints=None, ties=None, priors=None, sigma=known, outputs=asked.outputs,
-        window=asked.window, step=asked.step, integrator=asked.integrator, hold=asked.hold, backend="",
-    )  # fmt: skip
+        constraints=None,
+        ties=None,
+        priors=None,
+        sigma=known,
+        outputs=asked.outputs,
+        window=asked.window,
+        step=asked.step,
+        integrator=asked.integrator,
+        hold=asked.hold,
+        backend="",
+    )
 
 
 def posed_as(
-    model: Model, diagram: Diagram, more: Iterable[str], records: Mapping[str, Record], asked: Asked,
-    bounds: Mapping[str, Any] | None = None, begins: Iterable[str] = (),
-) -> tuple[Problem, Setup]:  # fmt: skip
+    model: Model,
+    diagram: Diagram,
+    more: Iterable[str],
+    records: Mapping[str, Record],
+    asked: Asked,
+    bounds: Mapping[str, Any] | None = None,
+    begins: Iterable[str] = (),
+) -> tuple[Problem, Setup]:
     """The problem of a diagram that has more blocks than a model: the model's unknowns, and ``more`` of its own.
 
     States of the added blocks, and the memories named in ``begins``, start free in each experiment, as those of the
@@ -151,9 +177,7 @@ def posed_as(
     return posed(diagram, records, asked, [*free, *more], {**kept, **(bounds or {})}, local)
 
 
-def searched(
-    problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH, coarse: bool = True
-) -> Model:  # fmt: skip
+def searched(problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH, coarse: bool = True) -> Model:
     """The model at the end of a search downhill from ``start``, where nothing else is left by coarse differences."""
     begin = held(problem, start)
     return at(problem, setup, gauss_newton(problem, begin, iterations=STEPS, enough=enough, coarse=coarse))

@@ -63,8 +63,10 @@ def difference(before: Diagram, after: Diagram) -> Difference:
     return Difference(
         {k: in_code(b) for k, b in after.blocks.items() if k not in before.blocks},
         {k: in_code(b) for k, b in before.blocks.items() if k not in after.blocks},
-        tuple(w for w in new if w not in old), tuple(w for w in old if w not in new), numbers,
-    )  # fmt: skip
+        tuple(w for w in new if w not in old),
+        tuple(w for w in old if w not in new),
+        numbers,
+    )
 
 
 def in_code(block: Block | Diagram) -> str:

@@ -39,7 +39,7 @@ class Floors:
 
 def floors(
     records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str], asked: Mapping[str, tuple[float, str]]
-) -> Floors:  # fmt: skip
+) -> Floors:
     """The noise floors: those that were asked for (see asked_floors), and for the other outputs those found.
 
     Raises DataError where an output shows no noise at all.
@@ -57,14 +57,16 @@ def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[
     """The noise that the recordings show. Raises DataError where they show none."""
     middle, method = noise_of(records, diagram, name)
     if not middle > 0:
-        raise DataError(f"no noise was found in {name}, so nothing says what counts as a difference. Give the noise "
-                        f"floor with its unit: noise_floor=…{diagram.unit(name)}.")  # fmt: skip
+        raise DataError(
+            f"no noise was found in {name}, so nothing says what counts as a difference. Give the noise "
+            f"floor with its unit: noise_floor=…{diagram.unit(name)}."
+        )
     return middle, method
 
 
 def lowered(
     found: Floors, left: Mapping[str, float], records: Mapping[str, Record], diagram: Diagram
-) -> tuple[Floors, list[str]]:  # fmt: skip
+) -> tuple[Floors, list[str]]:
     """Floors that are none above what a model leaves, and what was done about it in words.
 
     ``left`` is the rms that the model leaves of each output, in units of its floor. A floor that was looked for gives
@@ -78,14 +80,18 @@ def lowered(
         floor, rms = (in_people_units(k * sigma[name], unit) for k in (1.0, share))
         if method[name] == GIVEN:
             meant = f" ({unit})" if unit else ""
-            words.append(f"the noise floor given for {name} ({floor}) is above all that the base leaves ({rms} rms), "
-                         f"so nothing can be found: is it in the right unit{meant}?")  # fmt: skip
+            words.append(
+                f"the noise floor given for {name} ({floor}) is above all that the base leaves ({rms} rms), "
+                f"so nothing can be found: is it in the right unit{meant}?"
+            )
             continue
         middle = fast_noise_of(records, diagram, name)
         if 0 < middle < sigma[name]:
             taken = f"{in_people_units(middle, unit)} of fast noise is taken instead"
-            words.append(f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base "
-                         f"leaves ({rms} rms); {taken}.")  # fmt: skip
+            words.append(
+                f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base "
+                f"leaves ({rms} rms); {taken}."
+            )
             sigma[name], method[name] = middle, WEAK
     return attrs.evolve(found, sigma=sigma, method=method, known=all(m != WEAK for m in method.values())), words
 
@@ -104,9 +110,18 @@ def carried(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed
         if noisy is None:
             continue
         again = conditioned(noisy, names)
-        other = prepare(trial.name, again, model.diagram, model.setup.eq, outputs=model.setup.outputs, rule=trial.rule,
-                        step=trial.times.h, hold=trial.hold, window=(trial.t[0], trial.t[-1]),
-                        backend=trial.backend)  # fmt: skip
+        other = prepare(
+            trial.name,
+            again,
+            model.diagram,
+            model.setup.eq,
+            outputs=model.setup.outputs,
+            rule=trial.rule,
+            step=trial.times.h,
+            hold=trial.hold,
+            window=(trial.t[0], trial.t[-1]),
+            backend=trial.backend,
+        )
         p = model.problem.unknowns.parameters(model.theta, e)
         change = (other.outputs(p) - trial.outputs(p)) * model.problem.weights
         total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))

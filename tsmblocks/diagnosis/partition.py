@@ -96,9 +96,12 @@ def _groups(diagram: Diagram, links: Sequence[Link]) -> list[list[str]]:
 
 
 def _part(
-    diagram: Diagram, blocks: Sequence[str], links: Sequence[Link], cut: Mapping[str, list[Link]],
+    diagram: Diagram,
+    blocks: Sequence[str],
+    links: Sequence[Link],
+    cut: Mapping[str, list[Link]],
     measured: Sequence[str],
-) -> Part:  # fmt: skip
+) -> Part:
     """One group of blocks as a diagram of its own."""
     inside = set(blocks)
     inputs: dict[str, Inlet] = {}
@@ -114,9 +117,11 @@ def _part(
             replaced[name] = ".".join(diagram.shown[name])
     outputs = {k: v for k, v in diagram.outputs.items() if diagram.shown[k][0] in inside and k not in inputs}
     sub = diagram._with(
-        blocks={k: diagram.blocks[k] for k in blocks}, wires=[x for x in links if x.source[0] in inside],
-        inputs=inputs, outputs=outputs,
-    )  # fmt: skip
+        blocks={k: diagram.blocks[k] for k in blocks},
+        wires=[x for x in links if x.source[0] in inside],
+        inputs=inputs,
+        outputs=outputs,
+    )
     own = tuple(k for k in measured if k in outputs)
     return Part(f"{', '.join(inputs) or 'start'} -> {', '.join(own)}", sub, own, replaced)
 

@@ -17,9 +17,16 @@ from tsmblocks.model.diagram import Diagram
 FEWEST = 3
 """Blocks of time that a bin needs before what they differ by says how sure its mean is."""
 COORDINATE_UNITS = {
-    "position": "{}", "direction": "", "direction x position": "{}", "speed": "{}/s", "acceleration": "{}/s^2",
-    "distance since reversal": "{}", "time since reversal": "s", "session time": "s", "experiment": "",
-}  # fmt: skip
+    "position": "{}",
+    "direction": "",
+    "direction x position": "{}",
+    "speed": "{}/s",
+    "acceleration": "{}/s^2",
+    "distance since reversal": "{}",
+    "time since reversal": "s",
+    "session time": "s",
+    "experiment": "",
+}
 """The unit of each coordinate, the motion's in the place of the braces."""
 
 
@@ -75,8 +82,16 @@ def _joined(name: str, parts: Sequence[Trace]) -> Trace:
     def put(key: str) -> np.ndarray:
         return np.concatenate([getattr(one, key) for one in parts])
 
-    return attrs.evolve(parts[0], experiment=name, t=put("t"), measured=put("measured"), before=put("before"),
-                        after=put("after"), drive=put("drive"), excess=put("excess"))  # fmt: skip
+    return attrs.evolve(
+        parts[0],
+        experiment=name,
+        t=put("t"),
+        measured=put("measured"),
+        before=put("before"),
+        after=put("after"),
+        drive=put("drive"),
+        excess=put("excess"),
+    )
 
 
 def fitted_rms(trace: Trace) -> tuple[float, float]:
@@ -146,8 +161,14 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     for k in range(int(place.max()) + 1):
         here = place == k
         if here.any():
-            rows.append((x[here].mean(), *_mean(columns[0][here], blocks[here]), *_mean(columns[1][here], blocks[here]),
-                         columns[2][here].mean()))  # fmt: skip
+            rows.append(
+                (
+                    x[here].mean(),
+                    *_mean(columns[0][here], blocks[here]),
+                    *_mean(columns[1][here], blocks[here]),
+                    columns[2][here].mean(),
+                )
+            )
     if len(rows) < 2:
         return None
     table = np.array(rows).T

@@ -49,8 +49,10 @@ def as_fit(model: Model) -> Fit | None:
 def _told(first: float, last: float) -> list[str]:
     if last == first:
         return []
-    return [f"the numbers were found anew at a step of {last:.3g} s, since they depended on that of {first:.3g} s with "
-            "which the candidates were compared."]  # fmt: skip
+    return [
+        f"the numbers were found anew at a step of {last:.3g} s, since they depended on that of {first:.3g} s with "
+        "which the candidates were compared."
+    ]
 
 
 def _held(model: Model) -> np.ndarray | None:

@@ -42,10 +42,16 @@ def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.n
         side = np.where(last >= 0, side[np.maximum(last, 0)], side[moving[0]])
     begin = np.maximum.accumulate(np.where(np.diff(side, prepend=side[0]) != 0, np.arange(len(side)), 0))
     return {
-        "position": x, "direction": side, "direction x position": side * x, "speed": v, "acceleration": a,
-        "distance since reversal": side * np.abs(x - x[begin]), "time since reversal": side * (t - t[begin]),
-        "session time": t, "experiment": np.full(len(t), float(experiment)),
-    }  # fmt: skip
+        "position": x,
+        "direction": side,
+        "direction x position": side * x,
+        "speed": v,
+        "acceleration": a,
+        "distance since reversal": side * np.abs(x - x[begin]),
+        "time since reversal": side * (t - t[begin]),
+        "session time": t,
+        "experiment": np.full(len(t), float(experiment)),
+    }
 
 
 def located(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess: float) -> tuple[Where, ...]:

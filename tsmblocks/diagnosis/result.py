@@ -241,9 +241,14 @@ class Diagnosis:
         """Return everything as plain values, as ``diagnosis.json`` holds it."""
         worst = self.worst
         return {
-            "format": 1, "diagram": self.diagram, "experiments": list(self.experiments),
-            "windows": _plain({k: list(pair) for k, pair in self.windows.items()}), "seed": self.seed,
-            "verdict": self.verdict, "sentence": self.sentence, "status": self.status,
+            "format": 1,
+            "diagram": self.diagram,
+            "experiments": list(self.experiments),
+            "windows": _plain({k: list(pair) for k, pair in self.windows.items()}),
+            "seed": self.seed,
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "status": self.status,
             "effects": [_effect(e) for e in self.effects],
             "gap": _gap(worst.gaps[0]),
             "where": [_where(w) for w in worst.where],
@@ -256,7 +261,7 @@ class Diagnosis:
             "simulated": None if self.simulated is None else self.simulated.to_dict(),
             "provenance": None if self.provenance is None else _plain(attrs.asdict(self.provenance)),
             "notes": list(self.notes),
-        }  # fmt: skip
+        }
 
     def to_pandas(self) -> Any:
         """A frame with a row per candidate of each round, as the ranking of ``diagnosis.json`` has it. Needs pandas."""
@@ -289,21 +294,32 @@ class Diagnosis:
 
 def _effect(e: Named) -> dict[str, Any]:
     return {
-        "name": e.name, "family": e.family, "words": e.words, "segment": e.segment, "wire": e.wire, "block": e.block,
+        "name": e.name,
+        "family": e.family,
+        "words": e.words,
+        "segment": e.segment,
+        "wire": e.wire,
+        "block": e.block,
         "parameters": {k: _plain(attrs.asdict(q)) for k, q in e.parameters.items()},
-        "share_removed": _round(e.share_removed), "share_removed_across_experiments": _round(e.across),
-        "also_possible": list(e.also_possible), "separating_experiment": e.separating_experiment, "code": e.code,
-    }  # fmt: skip
+        "share_removed": _round(e.share_removed),
+        "share_removed_across_experiments": _round(e.across),
+        "also_possible": list(e.also_possible),
+        "separating_experiment": e.separating_experiment,
+        "code": e.code,
+    }
 
 
 def _gap(gap: Gap) -> dict[str, Any]:
     return {
-        "output": gap.output, "unit": gap.unit, "noise_floor": _round(gap.noise_floor), "noise_floor_from": gap.method,
+        "output": gap.output,
+        "unit": gap.unit,
+        "noise_floor": _round(gap.noise_floor),
+        "noise_floor_from": gap.method,
         "train": {"before": _round(gap.train[0]), "after": _round(gap.train[-1])},
         "held_out": {"before": _round(gap.held_out[0]), "after": _round(gap.held_out[-1])},
         "steps": {"train": _plain(gap.train), "held_out": _plain(gap.held_out)},
         "experiments": {k: _plain(v) for k, v in gap.experiments.items()},
-    }  # fmt: skip
+    }
 
 
 def _where(w: Where) -> dict[str, Any]:
@@ -312,26 +328,45 @@ def _where(w: Where) -> dict[str, Any]:
 
 def _ranked(r: Ranked) -> dict[str, Any]:
     return {
-        "round": r.round, "segment": r.segment, "name": r.name, "variant": r.variant, "family": r.family,
-        "wire": r.wire, "held_out_gain": _round(r.gain), "share": _round(r.share), "across": _round(r.across),
-        "share_across": _round(r.new), "statistic": _round(r.t), "line": _round(r.line), "in_set": r.in_set,
-        "named": r.named, "fitted": r.fitted,
-        "at_bound": list(r.at_bound), "parameters": _plain(r.parameters),
-    }  # fmt: skip
+        "round": r.round,
+        "segment": r.segment,
+        "name": r.name,
+        "variant": r.variant,
+        "family": r.family,
+        "wire": r.wire,
+        "held_out_gain": _round(r.gain),
+        "share": _round(r.share),
+        "across": _round(r.across),
+        "share_across": _round(r.new),
+        "statistic": _round(r.t),
+        "line": _round(r.line),
+        "in_set": r.in_set,
+        "named": r.named,
+        "fitted": r.fitted,
+        "at_bound": list(r.at_bound),
+        "parameters": _plain(r.parameters),
+    }
 
 
 def _segment(s: Segment) -> dict[str, Any]:
     return {
-        "name": s.name, "inputs": list(s.inputs), "outputs": list(s.outputs), "verdict": s.verdict,
-        "excess": _round(s.excess), "sentence": s.sentence, "effects": [e.name for e in s.effects],
+        "name": s.name,
+        "inputs": list(s.inputs),
+        "outputs": list(s.outputs),
+        "verdict": s.verdict,
+        "excess": _round(s.excess),
+        "sentence": s.sentence,
+        "effects": [e.name for e in s.effects],
         "numbers": [] if s.fit is None else [_plain(e.to_dict()) for e in s.fit],
-        "cautions": list(s.cautions), "ceiling": _round(s.ceiling), "gaps": [_gap(g) for g in s.gaps],
+        "cautions": list(s.cautions),
+        "ceiling": _round(s.ceiling),
+        "gaps": [_gap(g) for g in s.gaps],
         "where": [_where(w) for w in s.where],
         "detection_limits": {
             m.name: None if m.value is None else {"parameter": m.parameter, "value": _round(m.value), "unit": m.unit}
             for m in s.limits
         },
-    }  # fmt: skip
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -91,9 +91,14 @@ class _Try:
 
 
 def promise(
-    candidate: Candidate, model: Model, records: Mapping, asked: Asked, around: Surroundings, base: Absorbing,
+    candidate: Candidate,
+    model: Model,
+    records: Mapping,
+    asked: Asked,
+    around: Surroundings,
+    base: Absorbing,
     shows: float,
-) -> Promise:  # fmt: skip
+) -> Promise:
     """Try a candidate's shapes and sizes, all side by side in lanes. ``shows`` is a change of the sum of squares."""
     trials = candidate.trials
     problem, setup = posed_as(
@@ -110,8 +115,15 @@ def promise(
     tried.sort(key=lambda one: -one.gain)
     best = tried[0]
     if trials.refine:
-        return Promise(candidate, _pinned(problem, candidate, best), setup, best.gain, (best.theta,),
-                       base.rest(best.moved[:, None])[:, 0], smallest)  # fmt: skip
+        return Promise(
+            candidate,
+            _pinned(problem, candidate, best),
+            setup,
+            best.gain,
+            (best.theta,),
+            base.rest(best.moved[:, None])[:, 0],
+            smallest,
+        )
     chosen = [best, *(one for one in tried[1:OTHERS] if _differs(one, best, base))][:2]
     starts = [_sounder(problem, one) for one in chosen]
     return Promise(candidate, problem, setup, best.gain, tuple(starts), base.rest(best.moved[:, None])[:, 0], smallest)
@@ -166,14 +178,18 @@ class _Screen:
     @property
     def reach(self) -> float:
         """How far the outputs went, in units of the noise."""
-        return max(float(np.ptp(trial.measured[:, i])) * weight
-                   for trial in self.problem.trials for i, weight in enumerate(self.problem.weights))  # fmt: skip
+        return max(
+            float(np.ptp(trial.measured[:, i])) * weight
+            for trial in self.problem.trials
+            for i, weight in enumerate(self.problem.weights)
+        )
 
     def tries(self, shapes: Sequence[Mapping[str, float]]) -> list[_Try]:
         """Every shape with its best size."""
         strengths = self.candidate.trials.strengths
-        sets = [self._set({**shape, **one}) for shape in shapes
-                for one in ([{k: v} for k, v in strengths.items()] or [{}])]  # fmt: skip
+        sets = [
+            self._set({**shape, **one}) for shape in shapes for one in ([{k: v} for k, v in strengths.items()] or [{}])
+        ]
         changes = self._changes(sets)
         wide = np.ascontiguousarray(changes.T)
         inside = product(np.ascontiguousarray(self.base.basis.T), changes)
@@ -209,7 +225,7 @@ class _Screen:
 
     def _sized(
         self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray
-    ) -> _Try:  # fmt: skip
+    ) -> _Try:
         """A shape with the sizes of its strengths that leave least.
 
         ``z`` (N, k) are the changes of the outputs, ``g`` (k,) and ``m`` (k, k) what of them the base does not absorb
@@ -264,8 +280,11 @@ def _pinned(problem: Problem, candidate: Candidate, best: _Try) -> Problem:
     name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
     k = unknowns.names.index(name)
     reach, value = PINNED * candidate.transition, float(best.theta[k])
-    item = attrs.evolve(unknowns.items[k], low=max(value - reach, unknowns.items[k].low),
-                        high=min(value + reach, unknowns.items[k].high))  # fmt: skip
+    item = attrs.evolve(
+        unknowns.items[k],
+        low=max(value - reach, unknowns.items[k].low),
+        high=min(value + reach, unknowns.items[k].high),
+    )
     items = (*unknowns.items[:k], item, *unknowns.items[k + 1 :])
     return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=items))
 

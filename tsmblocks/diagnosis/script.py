@@ -93,8 +93,10 @@ def literal(value: Any) -> str:
         inside = ", ".join(f"{k!r}: {literal(b)}" for k, b in value.blocks.items())
         more = f", values={literal(dict(value.values))}" if value.values else ""
         more += f", source={value.source!r}" if value.source else ""
-        return (f"tsm.Diagram(title={value.title!r}, blocks={{{inside}}}, wires={[str(x) for x in value.links]!r}, "
-                f"inputs={literal(dict(value.inputs))}, outputs={literal(dict(value.outputs))}{more})")  # fmt: skip
+        return (
+            f"tsm.Diagram(title={value.title!r}, blocks={{{inside}}}, wires={[str(x) for x in value.links]!r}, "
+            f"inputs={literal(dict(value.inputs))}, outputs={literal(dict(value.outputs))}{more})"
+        )
     if isinstance(value, Inlet):
         return f"tsm.Inlet({', '.join(literal(getattr(value, a.name)) for a in attrs.fields(Inlet))})"
     if isinstance(value, Block):

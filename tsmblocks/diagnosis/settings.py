@@ -31,10 +31,13 @@ class Simulated:
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as plain values, numbers with all their digits."""
         return {
-            "steps": dict(self.steps), "integrator": self.integrator, "hold": self.hold,
-            "conditioned": list(self.conditioned), "outputs": list(self.outputs),
+            "steps": dict(self.steps),
+            "integrator": self.integrator,
+            "hold": self.hold,
+            "conditioned": list(self.conditioned),
+            "outputs": list(self.outputs),
             "pieces": {name: list(one) for name, one in self.pieces.items()},
-        }  # fmt: skip
+        }
 
 
 @attrs.frozen

@@ -75,10 +75,22 @@ def summed(work: Work, whole_diagram: Diagram) -> Segment:
     gaps = tuple(_gap(work, i, held) for i in range(len(base.setup.outputs)))
     limits = _limits(work)
     made = Segment(
-        work.part.name, tuple(work.part.diagram.inputs), work.part.outputs, verdict, float(excess),
-        {k: v * np.sqrt(floor) for k, v in work.floors.sigma.items()}, effects, gaps, where, _ranking(work), limits,
-        _traces(work), top, "", as_fit(work.final),
-    )  # fmt: skip
+        work.part.name,
+        tuple(work.part.diagram.inputs),
+        work.part.outputs,
+        verdict,
+        float(excess),
+        {k: v * np.sqrt(floor) for k, v in work.floors.sigma.items()},
+        effects,
+        gaps,
+        where,
+        _ranking(work),
+        limits,
+        _traces(work),
+        top,
+        "",
+        as_fit(work.final),
+    )
     return attrs.evolve(made, sentence=verdict_in_words(made))
 
 
@@ -109,13 +121,19 @@ def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) 
     # Beside the others its more general form may come first; it is the effect named that is to be set apart.
     same = next((one for one in alike if one.candidate.effect.name == effect.name), work.named[k])
     return Named(
-        effect.name, effect.family, effect.words, work.part.name, site.words(_so_far(work, k, whole_diagram)),
-        candidate.block, _quantities(work.models[-1], candidate.block, candidate.free),
+        effect.name,
+        effect.family,
+        effect.words,
+        work.part.name,
+        site.words(_so_far(work, k, whole_diagram)),
+        candidate.block,
+        _quantities(work.models[-1], candidate.block, candidate.free),
         float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
-        None if across is None else float(min(across, 1.0)), tuple(name for name in also if name != effect.name),
+        None if across is None else float(min(across, 1.0)),
+        tuple(name for name in also if name != effect.name),
         proposed(same, alike, work.search.records, work.search.asked),
         site.code(candidate.block, effect.block),
-    )  # fmt: skip
+    )
 
 
 def _so_far(work: Work, k: int, whole_diagram: Diagram) -> Diagram:
@@ -160,10 +178,15 @@ def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
 
     each = {key: tuple(rms(r, some) for r in held) for key, some in groups.items()}
     return Gap(
-        name, base.diagram.unit(name), sigma * float(np.sqrt(work.search.floor)), work.floors.method[name],
-        tuple(rms(m.r, rows) for m in work.models), tuple(rms(r, rows) for r in held), each,
+        name,
+        base.diagram.unit(name),
+        sigma * float(np.sqrt(work.search.floor)),
+        work.floors.method[name],
+        tuple(rms(m.r, rows) for m in work.models),
+        tuple(rms(r, rows) for r in held),
+        each,
         _given(work, name),
-    )  # fmt: skip
+    )
 
 
 def _given(work: Work, output: str) -> str:
@@ -180,8 +203,10 @@ def _ranking(work: Work) -> tuple[Ranked, ...]:
         # Beside a base at the noise there is nothing left to explain, and a share of nothing says nothing.
         blank = _Blank(number, one, work, max(before - floor, MATERIAL * floor))
         seen = {tried.candidate.key for tried in one.verdict.ranking}
-        made += [blank.tried(tried, float(t), before, mean(one.across, parts), floor)
-                 for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)]  # fmt: skip
+        made += [
+            blank.tried(tried, float(t), before, mean(one.across, parts), floor)
+            for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)
+        ]
         made += [blank.promised(p) for p in one.promises if p.candidate.key not in seen]
     return tuple(made)
 
@@ -208,17 +233,39 @@ class _Blank:
         added = verdict.named is not None and self.number <= self.work.count
         gone = across - mean(one.across, parts) if _several(self.work) else float("nan")
         return attrs.evolve(
-            self._made(c, before - one.loss), t=t, in_set=added and one in verdict.alike, fitted=True,
-            at_bound=one.at_bounds, named=added and one is verdict.named, parameters=values, units=units,
-            across=gone, new=gone / max(across - floor, MATERIAL * floor),
-        )  # fmt: skip
+            self._made(c, before - one.loss),
+            t=t,
+            in_set=added and one in verdict.alike,
+            fitted=True,
+            at_bound=one.at_bounds,
+            named=added and one is verdict.named,
+            parameters=values,
+            units=units,
+            across=gone,
+            new=gone / max(across - floor, MATERIAL * floor),
+        )
 
     def _made(self, c: Candidate, gain: float) -> Ranked:
         wire, nothing = c.site.words(self.round.base.diagram), float("nan")
         return Ranked(
-            self.number, self.work.part.name, c.effect.name, c.effect.variant, c.effect.family, wire, gain,
-            gain / self.excess, nothing, nothing, self.round.verdict.line, False, False, False, (), {}, {},
-        )  # fmt: skip
+            self.number,
+            self.work.part.name,
+            c.effect.name,
+            c.effect.variant,
+            c.effect.family,
+            wire,
+            gain,
+            gain / self.excess,
+            nothing,
+            nothing,
+            self.round.verdict.line,
+            False,
+            False,
+            False,
+            (),
+            {},
+            {},
+        )
 
 
 def _limits(work: Work) -> tuple[Limit, ...]:
@@ -262,11 +309,20 @@ def _traces(work: Work) -> tuple[Trace, ...]:
         for i, name in enumerate(base.setup.outputs):
             rows, sigma = base.problem.segments[e * count + i], work.floors.sigma[name]
             drive = _drive(trial, base, inputs[0]) if inputs else np.empty(0)
-            made.append(Trace(
-                trial.name, name, base.diagram.unit(name), trial.t, trial.measured[:, i],
-                trial.measured[:, i] + sigma * base.r[rows], trial.measured[:, i] + sigma * final.r[rows], drive,
-                inputs[0] if inputs else "", _blocks(base.r[rows], work.search.parts.block[rows], trial.t),
-            ))  # fmt: skip
+            made.append(
+                Trace(
+                    trial.name,
+                    name,
+                    base.diagram.unit(name),
+                    trial.t,
+                    trial.measured[:, i],
+                    trial.measured[:, i] + sigma * base.r[rows],
+                    trial.measured[:, i] + sigma * final.r[rows],
+                    drive,
+                    inputs[0] if inputs else "",
+                    _blocks(base.r[rows], work.search.parts.block[rows], trial.t),
+                )
+            )
     return tuple(made)
 
 

@@ -81,8 +81,10 @@ def verdict(segment: Segment) -> str:
     if segment.verdict == "unknown":
         best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
         along = "; ".join(w.words for w in segment.where) or "it follows none of the coordinates looked at"
-        return (f"{between} the model misses something that no block of the catalogue explains: the best removes "
-                f"{percent(max(best, 0.0))} of the error. Where it is: {along}. {_left(segment)}{ahead}")  # fmt: skip
+        return (
+            f"{between} the model misses something that no block of the catalogue explains: the best removes "
+            f"{percent(max(best, 0.0))} of the error. Where it is: {along}. {_left(segment)}{ahead}"
+        )
     weak = " There is a weak excess, below what these data can name." if segment.excess > WEAK else ""
     return f"{between} nothing is missing that these data could show. {_left(segment)}{weak}{_doubt(segment)}"
 
@@ -90,8 +92,11 @@ def verdict(segment: Segment) -> str:
 def _doubt(segment: Segment) -> str:
     """A word about a noise floor above what the model leaves."""
     high = [g.output for g in segment.gaps if g.held_out[0] * ABOVE < g.noise_floor]
-    return (f" But the noise floor given for {listed(high, 3)} cannot be right: the model leaves less than that."
-            if high else "")  # fmt: skip
+    return (
+        f" But the noise floor given for {listed(high, 3)} cannot be right: the model leaves less than that."
+        if high
+        else ""
+    )
 
 
 def _ahead(segment: Segment) -> str:
@@ -123,9 +128,11 @@ def _shrinks(segment: Segment) -> str:
     k, unit = for_people(gap.unit)
     share = percent(min(sum(e.share_removed for e in segment.effects), 1.0))
     them = "it" if len(segment.effects) == 1 else "them"
-    return (f"With {them}, the error of {gap.output} on data held out falls from {digits(k * gap.held_out[0])} to "
-            f"{_rms(k * gap.held_out[-1], unit)} (noise {digits(k * gap.noise_floor)}), which is {share} of "
-            f"what can be explained. {_remains(segment, gap)}".rstrip())  # fmt: skip
+    return (
+        f"With {them}, the error of {gap.output} on data held out falls from {digits(k * gap.held_out[0])} to "
+        f"{_rms(k * gap.held_out[-1], unit)} (noise {digits(k * gap.noise_floor)}), which is {share} of "
+        f"what can be explained. {_remains(segment, gap)}".rstrip()
+    )
 
 
 def _remains(segment: Segment, gap: Gap) -> str:
@@ -150,8 +157,10 @@ def _also(segment: Segment) -> str:
 def _left(segment: Segment) -> str:
     gap = worst_gap(segment)
     k, unit = for_people(gap.unit)
-    return (f"The error of {gap.output} on data held out is {_rms(k * gap.held_out[0], unit)}, "
-            f"its noise {digits(k * gap.noise_floor)}.")  # fmt: skip
+    return (
+        f"The error of {gap.output} on data held out is {_rms(k * gap.held_out[0], unit)}, "
+        f"its noise {digits(k * gap.noise_floor)}."
+    )
 
 
 def _verdicts(diagnosis: Diagnosis) -> str:
@@ -187,8 +196,14 @@ def gap_table(one: tuple[Segment, Gap]) -> str:
     rows.append(["all", *(digits(k * v) for v in gap.held_out), *(digits(k * v) for v in ends)])
     for name, values in gap.experiments.items() if len(gap.experiments) > 1 else ():
         own = fitted.get(name, ())[: len(last)]
-        rows.append([_cut(name), *(digits(k * v) for v in values), *(digits(k * v) for v in own),
-                     *[""] * (len(last) - len(own))])  # fmt: skip
+        rows.append(
+            [
+                _cut(name),
+                *(digits(k * v) for v in values),
+                *(digits(k * v) for v in own),
+                *[""] * (len(last) - len(own)),
+            ]
+        )
     floor = f"noise floor ({gap.given or gap.method})"
     rows.append([floor, digits(k * gap.noise_floor), *[""] * (len(gap.held_out) - 1 + len(last))])
     return columns(rows)
@@ -212,22 +227,31 @@ def _ranking(segment: Segment) -> list[str]:
         shown = fitted[: FEW if segment.effects and not any(r.named for r in fitted) else MOST]
         room = ROOM + (0 if several > 1 else len("  new exp.")) - max(len(_cut(titled(r))) for r in shown)
         rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
-        rows += [[f"{mark(r) or ' '} {_cut(titled(r))}", _cut(r.wire.strip(), room), percent(r.share),
-                  *[percent(across(r, several))][: several - 1], f"{r.t:.1f}"] for r in shown]  # fmt: skip
+        rows += [
+            [
+                f"{mark(r) or ' '} {_cut(titled(r))}",
+                _cut(r.wire.strip(), room),
+                percent(r.share),
+                *[percent(across(r, several))][: several - 1],
+                f"{r.t:.1f}",
+            ]
+            for r in shown
+        ]
         rest = len(here) - len(shown)
         more = f"\nOther candidates, which promised or removed less: {rest}." if rest else ""
         key = "* named, ~ cannot be told from it" if any(r.named for r in here) else "none named"
-        made.append(f"candidates, round {number} ({key}):\n"
-                    f"{columns(rows, left=(0, 1))}{more}")  # fmt: skip
+        made.append(f"candidates, round {number} ({key}):\n{columns(rows, left=(0, 1))}{more}")
     return [*made, _filled(columns_in_words(several > 1))] if made else []
 
 
 def columns_in_words(several: bool) -> str:
     """What the columns of the tables of candidates say."""
     new = "new exp.: the same with whole experiments held out; " if several else ""
-    return ("removes: share of the error above the noise that goes with it, on blocks of time held out; "
-            f"{new}< 0 %: the error grows. t: how many times its own scatter that is; (in brackets) what chance stays "
-            "below.")  # fmt: skip
+    return (
+        "removes: share of the error above the noise that goes with it, on blocks of time held out; "
+        f"{new}< 0 %: the error grows. t: how many times its own scatter that is; (in brackets) what chance stays "
+        "below."
+    )
 
 
 def mark(one: Ranked) -> str:
@@ -279,9 +303,10 @@ def starts_words(diagnosis: Diagnosis) -> str:
     """How the start states that were found are used; empty where there are none."""
     if not any(diagnosis.start_states.values()):
         return ""
-    return ("The errors told are those of simulations that begin at start states found for each experiment: "
-            "found.start_states, and start_states in diagnosis.json; found.diagrams has a diagram for each."
-            )  # fmt: skip
+    return (
+        "The errors told are those of simulations that begin at start states found for each experiment: "
+        "found.start_states, and start_states in diagnosis.json; found.diagrams has a diagram for each."
+    )
 
 
 def _script(diagnosis: Diagnosis) -> list[str]:
@@ -293,9 +318,14 @@ def _script(diagnosis: Diagnosis) -> list[str]:
 
 
 def _confusion(segment: Segment) -> list[str]:
-    said = [_bullet(f"{e.name} cannot be told from {listed(e.also_possible, 9)} with these data. To separate them: "
-                    f"{e.separating_experiment or 'another experiment'}.")
-            for e in segment.effects if e.also_possible]  # fmt: skip
+    said = [
+        _bullet(
+            f"{e.name} cannot be told from {listed(e.also_possible, 9)} with these data. To separate them: "
+            f"{e.separating_experiment or 'another experiment'}."
+        )
+        for e in segment.effects
+        if e.also_possible
+    ]
     return ["\n".join(["what may be confused:", *said])] if said else []
 
 
@@ -312,13 +342,20 @@ def _limits(segment: Segment, several: bool) -> str:
     where = f" in {segment.name}" if several else ""
     parts = []
     if seen:
-        parts.append(f"the smallest sizes that would have been seen{where}:\n"
-                     + columns([[m.name, limit(m)] for m in seen], "  ", left=(0, 1)))  # fmt: skip
+        parts.append(
+            f"the smallest sizes that would have been seen{where}:\n"
+            + columns([[m.name, limit(m)] for m in seen], "  ", left=(0, 1))
+        )
     if blind:
         names = ", ".join(m.name for m in blind)
-        parts.append(textwrap.fill(f"of any size unseen{where}, since these experiments do not excite them or the "
-                                   f"diagram has no wire for them: {names}.", WIDTH,
-                                   break_on_hyphens=False))  # fmt: skip
+        parts.append(
+            textwrap.fill(
+                f"of any size unseen{where}, since these experiments do not excite them or the "
+                f"diagram has no wire for them: {names}.",
+                WIDTH,
+                break_on_hyphens=False,
+            )
+        )
     return "\n\n".join(parts)
 
 
@@ -328,8 +365,11 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
         return [_filled(f"What it means for control: {diagnosis.no_consequence}")] if diagnosis.no_consequence else []
     k, unit = for_people(found.unit)
     rows = [[f"tracking {_cut(found.reference)} [{unit}]", "peak to peak", "rms"]]
-    for words, (peak, rms) in (("without compensation", found.none), ("compensated with the base", found.base),
-                               ("compensated with the new model", found.augmented)):  # fmt: skip
+    for words, (peak, rms) in (
+        ("without compensation", found.none),
+        ("compensated with the base", found.base),
+        ("compensated with the new model", found.augmented),
+    ):
         rows.append([words, digits(k * peak), digits(k * rms)])
     return [columns(rows), *([_filled(found.words)] if found.words else [])]
 
@@ -393,8 +433,14 @@ def _bullet(text: str) -> str:
 
 def _filled(text: str, first: str = "", others: str = "") -> str:
     """A text in lines that fit a terminal; no percent sign stands alone."""
-    lines = textwrap.fill(text.replace(" %", "\xa0%"), WIDTH, initial_indent=first, subsequent_indent=others,
-                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    lines = textwrap.fill(
+        text.replace(" %", "\xa0%"),
+        WIDTH,
+        initial_indent=first,
+        subsequent_indent=others,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
     return lines.replace("\xa0", " ")
 
 

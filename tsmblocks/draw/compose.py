@@ -51,13 +51,16 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     start = x + way * (14 if net.tapped else 6)
     label = Label(text, start, y - 5, SMALL, "signal", "end" if turned else "start")
     taps: tuple[Point, ...] = ((x + 7, y),) if net.tapped else ()
-    returned = [(key, plan.graph.nodes[key].ins[0]) for loop in plan.graph.loops
-                for one, key in zip(loop.nets, loop.blocks, strict=False) if one is net]  # fmt: skip
+    returned = [
+        (key, plan.graph.nodes[key].ins[0])
+        for loop in plan.graph.loops
+        for one, key in zip(loop.nets, loop.blocks, strict=False)
+        if one is net
+    ]
     targets = tuple(map(_said, (*net.ahead, *returned, *net.back)))
     unit = diagram.unit(_said(net.source))
     about = f"{_said(net.source)}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
-    return Wire(_said(net.source), targets, lines, tuple(plan.arrows[net]), dots, taps,
-                (label,) if text else (), about)  # fmt: skip
+    return Wire(_said(net.source), targets, lines, tuple(plan.arrows[net]), dots, taps, (label,) if text else (), about)
 
 
 def _said(end: End) -> str:
@@ -82,6 +85,11 @@ def _framed(diagram: Diagram, boxes: list[Any], wires: list[Wire]) -> Picture:
     y += 18 if heads else 0
     width = max([right - left, *(text_width(h.text, h.size) for h in heads)]) + 2 * MARGIN
     dx, dy = round(MARGIN - left), round(y - top)
-    return Picture(diagram.title, float(round(width + 1)), float(round(dy + bottom + MARGIN)),
-                   tuple(b.moved(dx, dy) for b in boxes), tuple(w.moved(dx, dy) for w in wires),
-                   tuple(heads))  # fmt: skip
+    return Picture(
+        diagram.title,
+        float(round(width + 1)),
+        float(round(dy + bottom + MARGIN)),
+        tuple(b.moved(dx, dy) for b in boxes),
+        tuple(w.moved(dx, dy) for w in wires),
+        tuple(heads),
+    )

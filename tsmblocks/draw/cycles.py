@@ -121,10 +121,7 @@ def _length(group: list[str], edges: list[Edge], back: set[Edge], shown: Collect
 
 
 def columns(
-    nodes: list[str],
-    edges: Iterable[Edge],
-    first: Callable[[str], int] = lambda _: 0,
-    fixed: Collection[str] = (),
+    nodes: list[str], edges: Iterable[Edge], first: Callable[[str], int] = lambda _: 0, fixed: Collection[str] = ()
 ) -> dict[str, int]:
     """The column of each node: one more than the last that feeds it, at least ``first(node)``.
 

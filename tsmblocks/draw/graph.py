@@ -97,8 +97,9 @@ def graph(diagram: Diagram, notes: Notes) -> Graph:
 def _read(diagram: Diagram, notes: Notes) -> tuple[dict[str, Node], list[Net]]:
     """Nodes and signals in the order of the diagram's blocks and ports, whatever the order of the wires."""
     nodes = {">" + name: Node(">" + name, name, "terminal") for name in diagram.inputs}
-    place = {end: k for k, end in enumerate(
-        (name, port) for name, block in diagram.blocks.items() for port in block.inports)}  # fmt: skip
+    place = {
+        end: k for k, end in enumerate((name, port) for name, block in diagram.blocks.items() for port in block.inports)
+    }
     targets: dict[End, list[End]] = {(">" + name, ""): list(ends) for name, ends in diagram.inlets.items()}
     for link in diagram.links:
         targets.setdefault(link.source, []).append(link.target)

@@ -28,8 +28,10 @@ def to_mermaid(diagram: Diagram) -> str:
     lines += [f"  out_{name}([{_quoted(name)}])" for name in diagram.outputs]
     for name, ends in diagram.inlets.items():
         lines += [f"  in_{name} -->{_ports(diagram, ('', ''), end)} b_{end[0]}" for end in ends]
-    lines += [f"  b_{link.source[0]} -->{_ports(diagram, link.source, link.target)} b_{link.target[0]}"
-              for link in diagram.links]  # fmt: skip
+    lines += [
+        f"  b_{link.source[0]} -->{_ports(diagram, link.source, link.target)} b_{link.target[0]}"
+        for link in diagram.links
+    ]
     for name, (block_name, port) in diagram.shown.items():
         start = f"b_{block_name}" if block_name else f"in_{port}"
         lines.append(f"  {start} -->{_ports(diagram, (block_name, port), ('', ''))} out_{name}")

@@ -62,8 +62,12 @@ def rows(graph: Graph) -> Rows:
 
 def main_chain(graph: Graph) -> set[tuple[str, str]]:
     """Edges of the longest chain of blocks ahead; one that ends at an output of the diagram wins a tie."""
-    edges = [(net.source[0], key) for net in graph.nets for key, _ in net.ahead
-             if net.source[0] in graph.column and key in graph.column]  # fmt: skip
+    edges = [
+        (net.source[0], key)
+        for net in graph.nets
+        for key, _ in net.ahead
+        if net.source[0] in graph.column and key in graph.column
+    ]
     edges.sort(key=lambda e: graph.column[e[0]])
     length: dict[str, float] = {}
     before: dict[str, str] = {}

@@ -18,9 +18,13 @@ POINT = 72 / DPI
 
 
 def to_png(
-    diagram: Diagram, path: str | Path, scale: float = 2, *, highlight: Iterable[str] = (),
+    diagram: Diagram,
+    path: str | Path,
+    scale: float = 2,
+    *,
+    highlight: Iterable[str] = (),
     values: Mapping[str, Any] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Write the drawing to a PNG file, ``scale`` pixels for each of the SVG's.
 
     ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, when ``path`` ends in anything but
@@ -28,7 +32,8 @@ def to_png(
     """
     _fits(path, ".png")
     _figure(diagram, highlight, values, DPI * scale).savefig(
-        Path(path), format="png", dpi=DPI * scale, metadata={"Software": None})  # fmt: skip
+        Path(path), format="png", dpi=DPI * scale, metadata={"Software": None}
+    )
 
 
 def to_pdf(
@@ -85,16 +90,29 @@ def _text(axes: Any, label: Label, accent: bool = False) -> None:
     fill = ACCENT if accent and label.kind in ("name", "symbol") else colour(label.kind)
     font = dict(size=label.size * POINT, weight=weight(label.kind), family="DejaVu Sans")
     align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
-    axes.text(label.x, label.y, label.text, ha=align, va="baseline", color=fill, zorder=5,
-              parse_math=False, usetex=False, **font)  # fmt: skip
+    axes.text(
+        label.x,
+        label.y,
+        label.text,
+        ha=align,
+        va="baseline",
+        color=fill,
+        zorder=5,
+        parse_math=False,
+        usetex=False,
+        **font,
+    )
 
 
 def _line(axes: Any, points: Any, color: str, width: float, zorder: float) -> None:
     from matplotlib.lines import Line2D
 
     xs, ys = zip(*points, strict=True)
-    axes.add_line(Line2D(xs, ys, color=color, linewidth=width * POINT, solid_joinstyle="round",
-                         solid_capstyle="butt", zorder=zorder))  # fmt: skip
+    axes.add_line(
+        Line2D(
+            xs, ys, color=color, linewidth=width * POINT, solid_joinstyle="round", solid_capstyle="butt", zorder=zorder
+        )
+    )
 
 
 def _wire(axes: Any, wire: Wire) -> None:
@@ -117,13 +135,17 @@ def _box(axes: Any, box: Box, accent: bool) -> None:
     if box.shape in ("round", "terminal"):
         axes.add_patch(Circle((box.x + box.width / 2, box.y + box.height / 2), box.width / 2, **pen))
     else:
-        axes.add_patch(FancyBboxPatch((box.x, box.y), box.width, box.height,
-                                      boxstyle=f"round,pad=0,rounding_size={box.rim}", **pen))  # fmt: skip
+        axes.add_patch(
+            FancyBboxPatch(
+                (box.x, box.y), box.width, box.height, boxstyle=f"round,pad=0,rounding_size={box.rim}", **pen
+            )
+        )
     if box.shape == "double":
         pen |= dict(facecolor="none", linewidth=POINT, zorder=4)
         width, height = box.width - 2 * FRAME, box.height - 2 * FRAME
-        axes.add_patch(FancyBboxPatch((box.x + FRAME, box.y + FRAME), width, height,
-                                      boxstyle="round,pad=0,rounding_size=1", **pen))  # fmt: skip
+        axes.add_patch(
+            FancyBboxPatch((box.x + FRAME, box.y + FRAME), width, height, boxstyle="round,pad=0,rounding_size=1", **pen)
+        )
     for stroke in box.strokes:
         _line(axes, stroke, ink, 1.2, 4)
     for label in box.labels:

@@ -93,8 +93,9 @@ def _channels(plan: Plan) -> None:
     for channel in plan.channels:
         _seat(channel)
         sizes = [size(graph.nodes[k], plan.sides) for k in channel.loop.blocks]
-        channel.above, channel.below = (max([0.0, *heights]) for heights in ([_up(s.above) for s in sizes],
-                                                                            [s.below for s in sizes]))  # fmt: skip
+        channel.above, channel.below = (
+            max([0.0, *heights]) for heights in ([_up(s.above) for s in sizes], [s.below for s in sizes])
+        )
         blocks = [span for column in spans[channel.left : channel.right] for span in column]
         met = blocks + [(c.y - c.above, c.y + c.below) for c in done if c.meets(channel)]
         floor = _up(max(high for _, high in met)) + max(2 * GRID, channel.above)

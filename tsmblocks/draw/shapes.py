@@ -9,19 +9,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.draw.graph import SUMS, End, Node, sign_of, symbol_of
-from tsmblocks.draw.picture import (
-    GRID,
-    NAME,
-    PITCH,
-    RADIUS,
-    SMALL,
-    SYMBOL,
-    Box,
-    Label,
-    Point,
-    fitted,
-    text_width,
-)
+from tsmblocks.draw.picture import GRID, NAME, PITCH, RADIUS, SMALL, SYMBOL, Box, Label, Point, fitted, text_width
 from tsmblocks.model.diagram import Diagram
 
 LONGEST = 170
@@ -158,8 +146,7 @@ def box(node: Node, middle: Point, sides: Mapping[End, str], turned: bool = Fals
         shift = _widest(port_names(node, "in")) - _widest(port_names(node, "out"))
         drawn, strokes = _face(node, x + (-shift if turned else shift) / 2, y)
         labels += drawn
-    return Box(node.name, node.shape, left, top, whole.width, whole.height,
-               tuple(labels), tuple(strokes), about(node))  # fmt: skip
+    return Box(node.name, node.shape, left, top, whole.width, whole.height, tuple(labels), tuple(strokes), about(node))
 
 
 def _name(node: Node, middle: Point, whole: Size, sides: Mapping[End, str]) -> Label:
@@ -189,15 +176,21 @@ def _ports(node: Node, left: float, right: float, y: float, sides: Mapping[End, 
     inset = 5 if node.shape == "box" else 8
     for side in ("in", "out"):
         x, anchor = (left + inset, "start") if (side == "in") != turned else (right - inset, "end")
-        labels += [Label(port, x, y + port_offset(node, port, side, sides) + 3.5, SMALL, "port", anchor)
-                   for port in port_names(node, side)]  # fmt: skip
+        labels += [
+            Label(port, x, y + port_offset(node, port, side, sides) + 3.5, SMALL, "port", anchor)
+            for port in port_names(node, side)
+        ]
     if node.shape == "tall":
-        labels += [Label(sign_of(node, p), left + 8, y + port_offset(node, p, "in", sides) + 4, NAME, "sign")
-                   for p in node.ins]  # fmt: skip
+        labels += [
+            Label(sign_of(node, p), left + 8, y + port_offset(node, p, "in", sides) + 4, NAME, "sign") for p in node.ins
+        ]
     if node.round and symbol_of(node.block) in SUMS:
         x = (left + right) / 2
-        place = {"left": (x - RADIUS - 6, y - 6, "end"), "top": (x - 5, y - RADIUS - 4, "end"),
-                 "bottom": (x + 6, y + RADIUS + 11, "start")}  # fmt: skip
+        place = {
+            "left": (x - RADIUS - 6, y - 6, "end"),
+            "top": (x - 5, y - RADIUS - 4, "end"),
+            "bottom": (x + 6, y + RADIUS + 11, "start"),
+        }
         for port in node.ins:
             at, height, anchor = place[sides[node.key, port]]
             labels.append(Label(sign_of(node, port), at, height, NAME + 1, "sign", anchor))

@@ -49,8 +49,10 @@ def _text(label: Label, accent: bool = False) -> str:
     anchor = "" if label.anchor == "start" else f' text-anchor="{label.anchor}"'
     bold = f' font-weight="{weight(label.kind)}"' if weight(label.kind) != "normal" else ""
     fill = ACCENT if accent and label.kind in ("name", "symbol") else colour(label.kind)
-    return (f'<text x="{_n(label.x)}" y="{_n(label.y)}" font-size="{_n(label.size)}"{anchor}{bold} '
-            f'fill="{fill}">{escape(label.text)}</text>')  # fmt: skip
+    return (
+        f'<text x="{_n(label.x)}" y="{_n(label.y)}" font-size="{_n(label.size)}"{anchor}{bold} '
+        f'fill="{fill}">{escape(label.text)}</text>'
+    )
 
 
 def _wire(wire: Wire) -> str:
@@ -58,8 +60,10 @@ def _wire(wire: Wire) -> str:
     parts = [f'<path d="{path}" fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round"/>']
     parts += [_arrow(arrow) for arrow in wire.arrows]
     parts += [f'<circle cx="{_n(x)}" cy="{_n(y)}" r="3" fill="{INK}"/>' for x, y in wire.dots]
-    parts += [f'<circle cx="{_n(x)}" cy="{_n(y)}" r="3" fill="{PAPER}" stroke="{INK}" stroke-width="1.4"/>'
-              for x, y in wire.taps]  # fmt: skip
+    parts += [
+        f'<circle cx="{_n(x)}" cy="{_n(y)}" r="3" fill="{PAPER}" stroke="{INK}" stroke-width="1.4"/>'
+        for x, y in wire.taps
+    ]
     parts += [_text(label) for label in wire.labels]
     return _group("wire", "data-signal", wire.signal, wire.about, parts)
 
@@ -75,8 +79,11 @@ def _group(kind: str, attribute: str, name: str, about: str, parts: list[str]) -
 
 def _box(box: Box, accent: bool) -> str:
     parts = _outline(box, accent)
-    parts += [f'<path d="M{_n(a[0])} {_n(a[1])} L{_n(b[0])} {_n(b[1])}" stroke="{ACCENT if accent else INK}" '
-              f'stroke-width="1.2"/>' for a, b in box.strokes]  # fmt: skip
+    parts += [
+        f'<path d="M{_n(a[0])} {_n(a[1])} L{_n(b[0])} {_n(b[1])}" stroke="{ACCENT if accent else INK}" '
+        f'stroke-width="1.2"/>'
+        for a, b in box.strokes
+    ]
     parts += [_text(label, accent) for label in box.labels]
     attribute = "data-terminal" if box.shape == "terminal" else "data-block"
     return _group(box.shape, attribute, box.name, box.about, parts)

@@ -30,8 +30,10 @@ def register(effect: Effect) -> Effect:
         raise ParameterError(f"register takes an Effect, got {in_words(effect)}.")
     _OWN[:] = [one for one in _OWN if not _outlived(one, effect)]
     if any(_key(e) == _key(effect) for e in catalogue()):
-        raise ParameterError(f"there is an effect '{effect.name}' at the place '{effect.place}' already; give this one "
-                             "another name, or a variant.")  # fmt: skip
+        raise ParameterError(
+            f"there is an effect '{effect.name}' at the place '{effect.place}' already; give this one "
+            "another name, or a variant."
+        )
     _OWN.append(effect)
     return effect
 

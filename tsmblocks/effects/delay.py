@@ -46,16 +46,19 @@ def _ringing(scales: Scales) -> Trials:
     # An oscillator that begins far off and hardly counts would be a source of its own: it begins near the signal.
     wire = scales.wire
     begins = {"swing": (wire.low - wire.reach, wire.high + wire.reach), "rate": (-wire.fastest, wire.fastest)}
-    return Trials({"share": 1.0}, shapes,
-                  bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})  # fmt: skip
+    return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})
 
 
 def _by_speed(scales: Scales) -> Trials | None:
     speed = scales.wire.speed
     if not speed > 0:  # a wire that stands still
         return None
-    return Trials({"coefficient": 0.01}, tuple({"exponent": n} for n in (1.0, 0.5)),
-                  {"smoothing": 0.02 * speed}, {"exponent": (0.25, 3.0)})  # fmt: skip
+    return Trials(
+        {"coefficient": 0.01},
+        tuple({"exponent": n} for n in (1.0, 0.5)),
+        {"smoothing": 0.02 * speed},
+        {"exponent": (0.25, 3.0)},
+    )
 
 
 def _by_speed_of_other(scales: Scales) -> Trials | None:
@@ -65,37 +68,72 @@ def _by_speed_of_other(scales: Scales) -> Trials | None:
 
 EFFECTS = (
     Effect(
-        "dead_time", "delay", "a dead time", "output", DeadTime(), {"time": 0.0}, ("time",), _late,
-        excites="fast motion, at more than one frequency", confused=("first_order_lag", "resonance", "rate_dependence"),
+        "dead_time",
+        "delay",
+        "a dead time",
+        "output",
+        DeadTime(),
+        {"time": 0.0},
+        ("time",),
+        _late,
+        excites="fast motion, at more than one frequency",
+        confused=("first_order_lag", "resonance", "rate_dependence"),
         separates="a chirp to the highest frequency the drive can follow",
     ),
     *(
         Effect(
-            "first_order_lag", "delay", words, "output", block, {"time_constant": 0.0}, ("time_constant",), _lagging,
-            excites="fast motion, at more than one frequency", confused=("dead_time", "resonance", "rate_dependence"),
-            separates="a chirp to the highest frequency the drive can follow", variant=variant,
+            "first_order_lag",
+            "delay",
+            words,
+            "output",
+            block,
+            {"time_constant": 0.0},
+            ("time_constant",),
+            _lagging,
+            excites="fast motion, at more than one frequency",
+            confused=("dead_time", "resonance", "rate_dependence"),
+            separates="a chirp to the highest frequency the drive can follow",
+            variant=variant,
         )
         for words, block, variant in (
-            ("a first-order lag", Lag(), ""), ("two first-order lags in a row", TWO_LAGS, "twice"),
+            ("a first-order lag", Lag(), ""),
+            ("two first-order lags in a row", TWO_LAGS, "twice"),
         )
     ),
     Effect(
-        "resonance", "delay", "a resonance (elasticity behind the sensor)", "output", Resonance(), {"share": 0.0},
-        ("share", "omega", "zeta"), _ringing, excites="motion near its frequency, or steps",
-        confused=("dead_time", "first_order_lag"), separates="a chirp through its frequency, or steps",
-        settled=("swing",), within=("omega", "zeta"),
+        "resonance",
+        "delay",
+        "a resonance (elasticity behind the sensor)",
+        "output",
+        Resonance(),
+        {"share": 0.0},
+        ("share", "omega", "zeta"),
+        _ringing,
+        excites="motion near its frequency, or steps",
+        confused=("dead_time", "first_order_lag"),
+        separates="a chirp through its frequency, or steps",
+        settled=("swing",),
+        within=("omega", "zeta"),
     ),
     *(
         Effect(
-            "rate_dependence", "delay", "a transmission that depends on the speed", place, block,
-            {f"{prefix}coefficient": 0.0}, (f"{prefix}coefficient", f"{prefix}exponent"), trials,
-            excites="several speeds", confused=("dead_time", "first_order_lag", "creep"),
-            separates="one amplitude at 0.05, 0.2, 1 and 2 Hz", variant=place, within=(f"{prefix}exponent",),
+            "rate_dependence",
+            "delay",
+            "a transmission that depends on the speed",
+            place,
+            block,
+            {f"{prefix}coefficient": 0.0},
+            (f"{prefix}coefficient", f"{prefix}exponent"),
+            trials,
+            excites="several speeds",
+            confused=("dead_time", "first_order_lag", "creep"),
+            separates="one amplitude at 0.05, 0.2, 1 and 2 Hz",
+            variant=place,
+            within=(f"{prefix}exponent",),
         )
         for place, block, prefix, trials in (
             ("output", RateDependence(), "", _by_speed),
-            ("across", beside("rate", RateDependence()), "rate.",
-             _by_speed_of_other),
+            ("across", beside("rate", RateDependence()), "rate.", _by_speed_of_other),
         )
     ),
-)  # fmt: skip
+)

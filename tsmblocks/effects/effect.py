@@ -99,8 +99,13 @@ class Trials:
         def named(given: Mapping[str, Any]) -> dict[str, Any]:
             return {f"{block}.{k}": v for k, v in given.items()}
 
-        return Trials(named(self.strengths), tuple(map(named, self.shapes)), named(self.fixed), named(self.bounds),
-                      f"{block}.{self.refine}" if self.refine else "")  # fmt: skip
+        return Trials(
+            named(self.strengths),
+            tuple(map(named, self.shapes)),
+            named(self.fixed),
+            named(self.bounds),
+            f"{block}.{self.refine}" if self.refine else "",
+        )
 
 
 def beside(name: str, block: Block) -> Diagram:
@@ -172,8 +177,9 @@ def _refuse(effect: Effect, faults: Iterator[str]) -> None:
 def _faults(effect: Effect) -> Iterator[str]:
     """What is wrong with an effect; otherwise it would never stand on any wire, and nobody would be told."""
     if not isinstance(effect.name, str) or not effect.name.isidentifier():
-        yield ("blocks are named after it, so its name must be letters, digits and underscores, not starting with "
-               "a digit.")  # fmt: skip
+        yield (
+            "blocks are named after it, so its name must be letters, digits and underscores, not starting with a digit."
+        )
     if effect.place not in PLACES and not effect.receiver:
         yield f"there is no place {in_words(effect.place)}.{near(effect.place, PLACES)}"
     if not isinstance(effect.block, (Block, Diagram)):
@@ -200,10 +206,11 @@ def _strange_names(effect: Effect, trials: Trials) -> Iterator[str]:
     """Names in trials of what cannot be tried, bounded or fixed."""
     free, numbers = effect.free, _known(effect.block)
     for what, given, known in (
-        ("strengths", trials.strengths, free), ("shapes", trials.shapes[0], free),
+        ("strengths", trials.strengths, free),
+        ("shapes", trials.shapes[0], free),
         ("refine", filter(None, [trials.refine]), tuple(trials.shapes[0])),
         ("bounds", trials.bounds, (*free, *_states(effect.block))),
-    ):  # fmt: skip
+    ):
         for name in given:
             if name not in known:
                 yield f"{what} of its trials name '{name}', which is not free to be fitted.{near(name, known)}"
@@ -263,5 +270,10 @@ def span_of(signals: list[np.ndarray], steps: list[float]) -> Span:
     """How signals (one array for each experiment, samples ``steps`` [s] apart) moved, all taken together."""
     rates = np.concatenate([np.abs(np.diff(y)) / h for y, h in zip(signals, steps, strict=True)])
     every = np.concatenate(signals)
-    return Span(float(every.min()), float(every.max()), float(np.sqrt(np.mean(every**2))),
-                float(np.sqrt(np.mean(rates**2))), float(rates.max()))  # fmt: skip
+    return Span(
+        float(every.min()),
+        float(every.max()),
+        float(np.sqrt(np.mean(every**2))),
+        float(np.sqrt(np.mean(rates**2))),
+        float(rates.max()),
+    )

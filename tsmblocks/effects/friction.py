@@ -6,16 +6,7 @@ from collections.abc import Callable
 
 import attrs
 
-from tsmblocks.blocks import (
-    Abs,
-    CoulombFriction,
-    DahlFriction,
-    Derivative,
-    Gain,
-    QuadraticDrag,
-    StribeckFriction,
-    Sum,
-)
+from tsmblocks.blocks import Abs, CoulombFriction, DahlFriction, Derivative, Gain, QuadraticDrag, StribeckFriction, Sum
 from tsmblocks.effects.effect import Effect, Scales, Span, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -63,10 +54,7 @@ def _of_speed(scales: Scales) -> Scales:
     return attrs.evolve(scales, other=Span(-travel, travel, travel, speed.rms, fastest))
 
 
-MOTIONS = (
-    Motion("load", "", Derivative(), lambda scales: scales),
-    Motion("brake", "speed", Gain(), _of_speed),
-)
+MOTIONS = (Motion("load", "", Derivative(), lambda scales: scales), Motion("brake", "speed", Gain(), _of_speed))
 """A position, whose exact rate is formed, and a speed."""
 
 
@@ -118,31 +106,52 @@ def _sliding(motion: Motion) -> tuple[Effect, ...]:
     place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
     return (
         Effect(
-            "coulomb_friction", "friction", "Coulomb friction", place,
+            "coulomb_friction",
+            "friction",
+            "Coulomb friction",
+            place,
             along("Coulomb friction", CoulombFriction(level=0.0)),
-            {"friction.level": 0.0}, ("friction.level", "friction.smoothing"), begins(_dry),
+            {"friction.level": 0.0},
+            ("friction.level", "friction.smoothing"),
+            begins(_dry),
             excites="reversals of the motion",
             confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
-            separates="slow triangles in both directions at two speeds", variant=variant,
+            separates="slow triangles in both directions at two speeds",
+            variant=variant,
         ),
         Effect(
-            "asymmetric_friction", "friction", "viscous friction that differs with the direction", place,
-            motion.resisting("asymmetric friction", {"size": Abs(), "difference": Gain(gain=0.0)},
-                             ["rate -> size -> difference -> left.minus"]),
-            {"difference.gain": 0.0}, ("difference.gain",), begins(_one_sided),
+            "asymmetric_friction",
+            "friction",
+            "viscous friction that differs with the direction",
+            place,
+            motion.resisting(
+                "asymmetric friction",
+                {"size": Abs(), "difference": Gain(gain=0.0)},
+                ["rate -> size -> difference -> left.minus"],
+            ),
+            {"difference.gain": 0.0},
+            ("difference.gain",),
+            begins(_one_sided),
             excites="two speeds or more in each direction",
             confused=("load_offset", "drift", "even_nonlinearity"),
-            separates="two speeds in each direction: an offset does not grow with the speed", variant=variant,
+            separates="two speeds in each direction: an offset does not grow with the speed",
+            variant=variant,
         ),
         Effect(
-            "quadratic_drag", "friction", "drag that grows with the square of the speed", place,
+            "quadratic_drag",
+            "friction",
+            "drag that grows with the square of the speed",
+            place,
             along("quadratic drag", QuadraticDrag(coefficient=0.0)),
-            {"friction.coefficient": 0.0}, ("friction.coefficient",), begins(_drag),
+            {"friction.coefficient": 0.0},
+            ("friction.coefficient",),
+            begins(_drag),
             excites="slow and fast motion",
             confused=("coulomb_friction", "odd_nonlinearity"),
-            separates="constant speeds at three levels or more", variant=variant,
+            separates="constant speeds at three levels or more",
+            variant=variant,
         ),
-    )  # fmt: skip
+    )
 
 
 def _sticking(motion: Motion) -> tuple[Effect, ...]:
@@ -150,24 +159,38 @@ def _sticking(motion: Motion) -> tuple[Effect, ...]:
     place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
     return (
         Effect(
-            "stribeck_friction", "friction", "Stribeck friction (more friction at low speed)", place,
+            "stribeck_friction",
+            "friction",
+            "Stribeck friction (more friction at low speed)",
+            place,
             along("Stribeck friction", StribeckFriction(coulomb=0.0, static=0.0, viscous=0.0)),
-            {"friction.static": 0.0}, ("friction.static", "friction.stribeck"), begins(_falling),
+            {"friction.static": 0.0},
+            ("friction.static", "friction.stribeck"),
+            begins(_falling),
             excites="very slow motion beside fast motion",
             confused=("coulomb_friction", "nonlocal_memory"),
-            separates="very slow ramps and fast sweeps", variant=variant,
+            separates="very slow ramps and fast sweeps",
+            variant=variant,
         ),
         Effect(
-            "presliding_friction", "friction", "friction that yields before it slides (presliding)", place,
-            motion.resisting("presliding friction",
-                             {"friction": DahlFriction(sigma0=1.0, coulomb=1.0), "level": Gain(gain=0.0)},
-                             ["rate -> friction -> level -> left.minus"]),
-            {"level.gain": 0.0}, ("level.gain", "friction.sigma0"), begins(_bristles),
+            "presliding_friction",
+            "friction",
+            "friction that yields before it slides (presliding)",
+            place,
+            motion.resisting(
+                "presliding friction",
+                {"friction": DahlFriction(sigma0=1.0, coulomb=1.0), "level": Gain(gain=0.0)},
+                ["rate -> friction -> level -> left.minus"],
+            ),
+            {"level.gain": 0.0},
+            ("level.gain", "friction.sigma0"),
+            begins(_bristles),
             excites="reversals with small motion between them",
             confused=("coulomb_friction", "nonlocal_memory", "backlash"),
-            separates="tiny amplitudes, below five times the presliding distance", variant=variant,
+            separates="tiny amplitudes, below five times the presliding distance",
+            variant=variant,
         ),
-    )  # fmt: skip
+    )
 
 
 EFFECTS = tuple(effect for group in zip(*map(_all, MOTIONS), strict=True) for effect in group)

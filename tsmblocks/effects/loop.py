@@ -17,8 +17,11 @@ def _numbered(name: str) -> tuple[str, ...]:
 
 def _gap(scales: Scales) -> Trials:
     reach = scales.wire.reach
-    return Trials({}, tuple({"half_width": share * reach} for share in (0.001, 0.003, 0.01, 0.03, 0.08, 0.2, 0.4)),
-                  bounds={"half_width": (0.0, 5 * reach)})  # fmt: skip
+    return Trials(
+        {},
+        tuple({"half_width": share * reach} for share in (0.001, 0.003, 0.01, 0.03, 0.08, 0.2, 0.4)),
+        bounds={"half_width": (0.0, 5 * reach)},
+    )
 
 
 def _loop(scales: Scales) -> Trials:
@@ -44,61 +47,112 @@ def _asymmetry(scales: Scales) -> Trials:
 def _memory(scales: Scales) -> Trials:
     reach = scales.wire.reach
     wider, closer = ({f"radii[{k}]": factor * share * reach for k, share in enumerate(SHARES)} for factor in (1.0, 0.5))
-    return Trials({f"weights[{k}]": 0.05 for k in range(len(SHARES))}, (wider, closer),
-                  bounds=dict.fromkeys(wider, (0.003 * reach, 1.5 * reach)))  # fmt: skip
+    return Trials(
+        {f"weights[{k}]": 0.05 for k in range(len(SHARES))},
+        (wider, closer),
+        bounds=dict.fromkeys(wider, (0.003 * reach, 1.5 * reach)),
+    )
 
 
 def _curvature(scales: Scales) -> Trials:
     share = scales.wire.reach / max(scales.other.reach, 1e-12)
     farthest = max(abs(scales.other.low), abs(scales.other.high))
     return Trials(
-        {"gain": 0.03 * share}, tuple({"distance": part * scales.other.reach} for part in (0.03, 0.12, 0.4)),
+        {"gain": 0.03 * share},
+        tuple({"distance": part * scales.other.reach} for part in (0.03, 0.12, 0.4)),
         bounds={"distance": (3e-3 * scales.other.reach, 2 * scales.other.reach), "z": (-farthest, farthest)},
-    )  # fmt: skip
+    )
 
 
 EFFECTS = (
     *(
         Effect(
-            "backlash", "loop", words, place, Play(half_width=0.0), {"half_width": 0.0}, ("half_width",),
-            _gap, excites="reversals at two amplitudes or more", settled=("m",),
+            "backlash",
+            "loop",
+            words,
+            place,
+            Play(half_width=0.0),
+            {"half_width": 0.0},
+            ("half_width",),
+            _gap,
+            excites="reversals at two amplitudes or more",
+            settled=("m",),
             confused=("nonlocal_memory", "hysteresis", "presliding_friction"),
-            separates="two amplitudes, minor loops, or an odd multisine", variant=variant,
+            separates="two amplitudes, minor loops, or an odd multisine",
+            variant=variant,
         )
         for place, words, variant in (
-            ("output", "a backlash gap", ""), ("input", "a backlash gap in front of the model", "input"),
+            ("output", "a backlash gap", ""),
+            ("input", "a backlash gap in front of the model", "input"),
         )
     ),
     Effect(
-        "hysteresis", "loop", "hysteresis", "output", Stretch(), {"half_width": 0.0}, ("half_width", "distance"), _loop,
-        excites="reversals", confused=("backlash", "nonlocal_memory"),
+        "hysteresis",
+        "loop",
+        "hysteresis",
+        "output",
+        Stretch(),
+        {"half_width": 0.0},
+        ("half_width", "distance"),
+        _loop,
+        excites="reversals",
+        confused=("backlash", "nonlocal_memory"),
         separates="minor loops of several sizes: a gap has a plateau of one width, hysteresis bends",
         within=("distance",),
     ),
     Effect(
-        "asymmetric_hysteresis", "loop", "hysteresis that differs between loading and unloading", "across",
-        LoopAsymmetry(), {"slope_difference": 0.0, "delta": 0.0}, ("slope_difference", "delta", "theta", "speed"),
+        "asymmetric_hysteresis",
+        "loop",
+        "hysteresis that differs between loading and unloading",
+        "across",
+        LoopAsymmetry(),
+        {"slope_difference": 0.0, "delta": 0.0},
+        ("slope_difference", "delta", "theta", "speed"),
         _asymmetry,
-        excites="full loops to both ends", confused=("even_nonlinearity", "position_dependent_friction"),
-        separates="full loops to both ends and small loops at several positions", within=("speed",),
+        excites="full loops to both ends",
+        confused=("even_nonlinearity", "position_dependent_friction"),
+        separates="full loops to both ends and small loops at several positions",
+        within=("speed",),
     ),
     *(
         Effect(
-            "nonlocal_memory", "loop", "memory of earlier reversals (a loop of another shape)", place, block,
-            dict.fromkeys(weights, 0.0), (*weights, *radii), trials, excites="small loops inside large ones",
+            "nonlocal_memory",
+            "loop",
+            "memory of earlier reversals (a loop of another shape)",
+            place,
+            block,
+            dict.fromkeys(weights, 0.0),
+            (*weights, *radii),
+            trials,
+            excites="small loops inside large ones",
             confused=("backlash", "creep", "asymmetric_hysteresis"),
-            separates="a decaying triangle, or first-order reversal curves", variant=place, contains=("backlash",),
+            separates="a decaying triangle, or first-order reversal curves",
+            variant=place,
+            contains=("backlash",),
         )
         for place, block, weights, radii, trials in (
             ("output", _PLAYS, _numbered("weights"), _numbered("radii"), _memory),
-            ("across", beside("memory", _PLAYS), _numbered("memory.weights"), _numbered("memory.radii"),
-             lambda scales: _memory(scales.of_other).under("memory")),
+            (
+                "across",
+                beside("memory", _PLAYS),
+                _numbered("memory.weights"),
+                _numbered("memory.radii"),
+                lambda scales: _memory(scales.of_other).under("memory"),
+            ),
         )
     ),
     Effect(
-        "position_dependent_friction", "loop", "a loop whose width grows with the position", "across",
-        PositionDependentLoop(), {"gain": 0.0}, ("gain", "distance"), _curvature,
-        excites="small reversals at several positions", confused=("asymmetric_hysteresis", "even_nonlinearity"),
-        separates="a staircase with small reversals at several positions", within=("distance",),
+        "position_dependent_friction",
+        "loop",
+        "a loop whose width grows with the position",
+        "across",
+        PositionDependentLoop(),
+        {"gain": 0.0},
+        ("gain", "distance"),
+        _curvature,
+        excites="small reversals at several positions",
+        confused=("asymmetric_hysteresis", "even_nonlinearity"),
+        separates="a staircase with small reversals at several positions",
+        within=("distance",),
     ),
-)  # fmt: skip
+)

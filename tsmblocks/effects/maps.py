@@ -27,10 +27,19 @@ def _slack(side: str) -> Effect:
         return Trials({"share": 0.1}, edges, bounds={"edge": (low, scales.wire.high)})
 
     return Effect(
-        "dead_zone", "map", f"slack at the {side} end", "output", Slack(side=side), {"share": 0.0}, ("share", "edge"),
-        trials, excites="motion into the slack range", confused=("even_nonlinearity", "position_ripple"),
-        separates="a slow ramp over the full range, at two pretensions", variant=side,
-    )  # fmt: skip
+        "dead_zone",
+        "map",
+        f"slack at the {side} end",
+        "output",
+        Slack(side=side),
+        {"share": 0.0},
+        ("share", "edge"),
+        trials,
+        excites="motion into the slack range",
+        confused=("even_nonlinearity", "position_ripple"),
+        separates="a slow ramp over the full range, at two pretensions",
+        variant=side,
+    )
 
 
 def _zone(scales: Scales) -> Trials:
@@ -44,16 +53,23 @@ def _limits(scales: Scales) -> Trials:
     beyond = 0.02 * wire.reach
     sides = [(a, b) for share in (0.98, 0.9, 0.75, 0.55) for a, b in ((share, share), (share, 1.02), (1.02, share))]
     shapes = tuple({"low": wire.middle - a * wire.reach, "high": wire.middle + b * wire.reach} for a, b in sides)
-    return Trials({}, shapes, bounds={"low": (wire.low - 2 * beyond, wire.middle),
-                                      "high": (wire.middle, wire.high + 2 * beyond)})  # fmt: skip
+    return Trials(
+        {}, shapes, bounds={"low": (wire.low - 2 * beyond, wire.middle), "high": (wire.middle, wire.high + 2 * beyond)}
+    )
 
 
 def _soft_limits(scales: Scales) -> Trials:
     hard, reach = _limits(scales), scales.wire.reach
     shapes = tuple({**shape, "softness": share * reach} for shape in hard.shapes for share in (0.03, 0.12))
-    return Trials({}, shapes, bounds={"low": (scales.wire.low - reach, scales.wire.middle),
-                                      "high": (scales.wire.middle, scales.wire.high + reach),
-                                      "softness": (1e-3 * reach, reach)})  # fmt: skip
+    return Trials(
+        {},
+        shapes,
+        bounds={
+            "low": (scales.wire.low - reach, scales.wire.middle),
+            "high": (scales.wire.middle, scales.wire.high + reach),
+            "softness": (1e-3 * reach, reach),
+        },
+    )
 
 
 def _even(scales: Scales) -> Trials:
@@ -87,8 +103,11 @@ def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = ""
     """More than one whole period in the range: less is a bent characteristic."""
     periods = (1.2, 1.35, 1.5, 1.75, 2.0, 2.4, 2.8, 3.3, 3.9, 4.6, 5.4, 6.3, 7.3, 8.4, 9.6, 11.0, 13.0, 15.0)
     shapes = tuple({f"{prefix}cycles": math.pi * n / reach} for n in periods)
-    return Trials({f"{prefix}{k}": size for k in names}, shapes,
-                  bounds={f"{prefix}cycles": (PERIODS * math.pi / reach, 40 * math.pi / reach)})  # fmt: skip
+    return Trials(
+        {f"{prefix}{k}": size for k in names},
+        shapes,
+        bounds={f"{prefix}cycles": (PERIODS * math.pi / reach, 40 * math.pi / reach)},
+    )
 
 
 def _ripple(scales: Scales) -> Trials:
@@ -104,19 +123,31 @@ def _cogging(scales: Scales) -> Trials:
 
 
 def _spring(part: str, power: int) -> Effect:
-    name, words = {2: ("even_nonlinearity", "a spring that differs between the two sides"),
-                   3: ("odd_nonlinearity", "a cubic spring")}[power]  # fmt: skip
+    name, words = {
+        2: ("even_nonlinearity", "a spring that differs between the two sides"),
+        3: ("odd_nonlinearity", "a cubic spring"),
+    }[power]
 
     def trials(scales: Scales) -> Trials:
         other = "force.cubic" if part == "quadratic" else "force.quadratic"
-        return Trials({f"force.{part}": BENT * scales.wire.rms / max(scales.other.rms, 1e-300) ** power},
-                      fixed={other: 0.0})  # fmt: skip
+        return Trials(
+            {f"force.{part}": BENT * scales.wire.rms / max(scales.other.rms, 1e-300) ** power}, fixed={other: 0.0}
+        )
 
     return Effect(
-        name, "map", words, "load", _acting("spring", Bend()), {f"force.{part}": 0.0}, (f"force.{part}",), trials,
-        excites="large and small motion", confused=("position_ripple", "saturation"),
-        separates="two amplitudes", variant="spring",
-    )  # fmt: skip
+        name,
+        "map",
+        words,
+        "load",
+        _acting("spring", Bend()),
+        {f"force.{part}": 0.0},
+        (f"force.{part}",),
+        trials,
+        excites="large and small motion",
+        confused=("position_ripple", "saturation"),
+        separates="two amplitudes",
+        variant="spring",
+    )
 
 
 def _acting(title: str, law: Block) -> Diagram:
@@ -138,61 +169,136 @@ EFFECTS = (
     _slack("low"),
     _slack("high"),
     Effect(
-        "dead_zone", "map", "a dead zone", "drive", DeadZone(low=0.0, high=0.0), {"low": 0.0, "high": 0.0},
-        ("low", "high"), _zone, excites="small and large drive", confused=("coulomb_friction",),
-        separates="a slow ramp of the drive through zero", variant="drive",
+        "dead_zone",
+        "map",
+        "a dead zone",
+        "drive",
+        DeadZone(low=0.0, high=0.0),
+        {"low": 0.0, "high": 0.0},
+        ("low", "high"),
+        _zone,
+        excites="small and large drive",
+        confused=("coulomb_friction",),
+        separates="a slow ramp of the drive through zero",
+        variant="drive",
     ),
     *(
         Effect(
-            "saturation", "map", "a saturation", place, Saturation(low=-math.inf, high=math.inf),
-            {"low": -math.inf, "high": math.inf}, ("low", "high"), _limits, excites="large amplitudes",
-            confused=("odd_nonlinearity", "rate_limit", "dead_zone"), separates="two amplitudes", variant=place,
+            "saturation",
+            "map",
+            "a saturation",
+            place,
+            Saturation(low=-math.inf, high=math.inf),
+            {"low": -math.inf, "high": math.inf},
+            ("low", "high"),
+            _limits,
+            excites="large amplitudes",
+            confused=("odd_nonlinearity", "rate_limit", "dead_zone"),
+            separates="two amplitudes",
+            variant=place,
         )
         for place in ("output", "drive")
     ),
     Effect(
-        "saturation", "map", "a soft saturation", "output",
-        SoftSaturation(low=-math.inf, high=math.inf), {"low": -math.inf, "high": math.inf},
-        ("low", "high", "softness"), _soft_limits, excites="large amplitudes",
-        confused=("odd_nonlinearity", "rate_limit", "dead_zone"), separates="two amplitudes", variant="soft",
+        "saturation",
+        "map",
+        "a soft saturation",
+        "output",
+        SoftSaturation(low=-math.inf, high=math.inf),
+        {"low": -math.inf, "high": math.inf},
+        ("low", "high", "softness"),
+        _soft_limits,
+        excites="large amplitudes",
+        confused=("odd_nonlinearity", "rate_limit", "dead_zone"),
+        separates="two amplitudes",
+        variant="soft",
     ),
     Effect(
-        "even_nonlinearity", "map", "a characteristic bent the same way at both ends", "output", Bend(),
-        {"quadratic": 0.0, "quartic": 0.0}, ("quadratic", "quartic"), _even, excites="the full range",
+        "even_nonlinearity",
+        "map",
+        "a characteristic bent the same way at both ends",
+        "output",
+        Bend(),
+        {"quadratic": 0.0, "quartic": 0.0},
+        ("quadratic", "quartic"),
+        _even,
+        excites="the full range",
         confused=("dead_zone", "asymmetric_hysteresis", "position_ripple"),
         separates="a slow ramp over the full range",
     ),
     Effect(
-        "odd_nonlinearity", "map", "a characteristic that bends opposite ways at the ends", "output", Bend(),
-        {"cubic": 0.0, "quintic": 0.0}, ("cubic", "quintic", "centre"), _odd, excites="large and small amplitudes",
-        confused=("saturation", "position_ripple"), separates="a slow ramp over the full range",
+        "odd_nonlinearity",
+        "map",
+        "a characteristic that bends opposite ways at the ends",
+        "output",
+        Bend(),
+        {"cubic": 0.0, "quintic": 0.0},
+        ("cubic", "quintic", "centre"),
+        _odd,
+        excites="large and small amplitudes",
+        confused=("saturation", "position_ripple"),
+        separates="a slow ramp over the full range",
     ),
     Effect(
-        "odd_nonlinearity", "map", "a characteristic with another slope in the middle than at the ends", "output",
-        Bow(), {"size": 0.0}, ("size", "width", "centre"), _bowed, excites="large and small amplitudes",
-        confused=("saturation", "position_ripple"), separates="a slow ramp over the full range", variant="bow",
+        "odd_nonlinearity",
+        "map",
+        "a characteristic with another slope in the middle than at the ends",
+        "output",
+        Bow(),
+        {"size": 0.0},
+        ("size", "width", "centre"),
+        _bowed,
+        excites="large and small amplitudes",
+        confused=("saturation", "position_ripple"),
+        separates="a slow ramp over the full range",
+        variant="bow",
     ),
     _spring("quadratic", 2),
     _spring("cubic", 3),
     *(
         Effect(
-            "position_ripple", "map", "a ripple over the position (eccentricity)", "output", Ripple(),
-            dict.fromkeys(names, 0.0), (*names, "cycles"), trials, excites="slow motion over several periods",
+            "position_ripple",
+            "map",
+            "a ripple over the position (eccentricity)",
+            "output",
+            Ripple(),
+            dict.fromkeys(names, 0.0),
+            (*names, "cycles"),
+            trials,
+            excites="slow motion over several periods",
             confused=("dead_zone", "even_nonlinearity", "odd_nonlinearity"),
-            separates="slow constant speed over three periods or more", variant=variant, within=("cycles",),
+            separates="slow constant speed over three periods or more",
+            variant=variant,
+            within=("cycles",),
         )
         for names, trials, variant in ((ONE, _ripple, ""), (TWO, _two_ripples, "two harmonics"))
     ),
     Effect(
-        "position_ripple", "map", "a ripple of the force over the position (cogging)", "load",
-        _acting("cogging", Ripple()), {"force.cosine": 0.0, "force.sine": 0.0},
-        ("force.cosine", "force.sine", "force.cycles"), _cogging, excites="slow motion over several periods",
-        confused=("coulomb_friction", "odd_nonlinearity"), separates="slow constant speed over three periods or more",
-        variant="force", within=("force.cycles",),
+        "position_ripple",
+        "map",
+        "a ripple of the force over the position (cogging)",
+        "load",
+        _acting("cogging", Ripple()),
+        {"force.cosine": 0.0, "force.sine": 0.0},
+        ("force.cosine", "force.sine", "force.cycles"),
+        _cogging,
+        excites="slow motion over several periods",
+        confused=("coulomb_friction", "odd_nonlinearity"),
+        separates="slow constant speed over three periods or more",
+        variant="force",
+        within=("force.cycles",),
     ),
     Effect(
-        "load_offset", "load", "an offset of the load", "drive", Bias(bias=0.0), {"bias": 0.0}, ("bias",), _offset,
-        excites="motion both ways", confused=("asymmetric_friction", "drift"),
+        "load_offset",
+        "load",
+        "an offset of the load",
+        "drive",
+        Bias(bias=0.0),
+        {"bias": 0.0},
+        ("bias",),
+        _offset,
+        excites="motion both ways",
+        confused=("asymmetric_friction", "drift"),
         separates="the mechanism turned over, or unloaded",
     ),
-)  # fmt: skip
+)

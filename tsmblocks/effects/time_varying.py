@@ -36,8 +36,13 @@ def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -
     length = (scales.stop - scales.start) / (INSTANTS + 1)
     times = [scales.start + (k + 1) * length for k in range(INSTANTS)]
     # What comes with the first samples, or goes with the last, is no change.
-    return Trials(size, tuple({"time": time, **shape} for time in times), {"width": 2 * scales.step},
-                  {"time": (times[0], times[-1])}, refine="time")  # fmt: skip
+    return Trials(
+        size,
+        tuple({"time": time, **shape} for time in times),
+        {"width": 2 * scales.step},
+        {"time": (times[0], times[-1])},
+        refine="time",
+    )
 
 
 def _jump(scales: Scales) -> Trials:
@@ -63,8 +68,11 @@ def _creep(scales: Scales) -> Trials | None:
     times = [least * times for times in (1.0, 3.0, 10.0, 30.0) if least * times < longest]
     if not times:
         return None
-    return Trials({"share": 0.05}, tuple({"time_constant": time} for time in times),
-                  bounds={"time_constant": (20 * scales.step, longest), "share": (-0.9, 0.9)})  # fmt: skip
+    return Trials(
+        {"share": 0.05},
+        tuple({"time_constant": time} for time in times),
+        bounds={"time_constant": (20 * scales.step, longest), "share": (-0.9, 0.9)},
+    )
 
 
 def _clock(scales: Scales) -> Trials | None:
@@ -72,78 +80,150 @@ def _clock(scales: Scales) -> Trials | None:
         return None
     reach = 1 / (scales.stop - scales.start)
     size = 0.01 * (scales.wire.reach or 1.0)
-    return Trials({"cosine": size, "sine": size}, tuple({"frequency": f} for f in scales.lines), _since(scales),
-                  bounds={"frequency": (reach, 0.5 / scales.step)})  # fmt: skip
+    return Trials(
+        {"cosine": size, "sine": size},
+        tuple({"frequency": f} for f in scales.lines),
+        _since(scales),
+        bounds={"frequency": (reach, 0.5 / scales.step)},
+    )
 
 
 def _slow(scales: Scales) -> Trials:
     fastest = scales.wire.fastest
-    shapes = tuple({"rising": share * fastest, "falling": -share * fastest}
-                   for share in (0.9, 0.7, 0.5, 0.35, 0.25, 0.15))  # fmt: skip
-    return Trials({}, shapes, bounds={"rising": (0.02 * fastest, 3 * fastest),
-                                      "falling": (-3 * fastest, -0.02 * fastest)})  # fmt: skip
+    shapes = tuple(
+        {"rising": share * fastest, "falling": -share * fastest} for share in (0.9, 0.7, 0.5, 0.35, 0.25, 0.15)
+    )
+    return Trials(
+        {}, shapes, bounds={"rising": (0.02 * fastest, 3 * fastest), "falling": (-3 * fastest, -0.02 * fastest)}
+    )
 
 
 def _slow_and_late(scales: Scales) -> Trials:
     hard, fastest = _slow(scales), scales.wire.fastest
     shapes = tuple({**shape, "softness": 0.1 * fastest, "lag": 3 * scales.step} for shape in hard.shapes)
-    return Trials({}, shapes).with_bounds({**hard.bounds, "softness": (1e-3 * fastest, 0.5 * fastest),
-                                           "lag": (0.3 * scales.step, 30 * scales.step)})  # fmt: skip
+    return Trials({}, shapes).with_bounds(
+        {**hard.bounds, "softness": (1e-3 * fastest, 0.5 * fastest), "lag": (0.3 * scales.step, 30 * scales.step)}
+    )
 
 
 EFFECTS = (
     Effect(
-        "drift", "time", "a drift", "output", Drift(), {"rate": 0.0, "curve": 0.0}, ("rate", "curve"),
+        "drift",
+        "time",
+        "a drift",
+        "output",
+        Drift(),
+        {"rate": 0.0, "curve": 0.0},
+        ("rate", "curve"),
         _drift,
-        excites="a long session on one clock", confused=("jump", "creep", "parameter_change"),
+        excites="a long session on one clock",
+        confused=("jump", "creep", "parameter_change"),
         separates="the first experiment repeated at the end",
     ),
     Effect(
-        "jump", "time", "a jump (lost counts)", "output", Jump(), {"size": 0.0}, ("size", "time"), _jump,
-        excites="samples before and after it", confused=("drift", "parameter_change"),
+        "jump",
+        "time",
+        "a jump (lost counts)",
+        "output",
+        Jump(),
+        {"size": 0.0},
+        ("size", "time"),
+        _jump,
+        excites="samples before and after it",
+        confused=("drift", "parameter_change"),
         separates="a reference mark passed again",
     ),
     *(
         Effect(
-            "parameter_change", "time", words, place, block, dict.fromkeys(null, 0.0), (*null, *shape), trials,
-            excites="the same motion before and after it", confused=("drift", "jump", "creep"),
-            separates="the same experiment before and after", variant=variant,
+            "parameter_change",
+            "time",
+            words,
+            place,
+            block,
+            dict.fromkeys(null, 0.0),
+            (*null, *shape),
+            trials,
+            excites="the same motion before and after it",
+            confused=("drift", "jump", "creep"),
+            separates="the same experiment before and after",
+            variant=variant,
         )
         for variant, words, place, block, null, shape, trials in (
             ("gain", "a gain that changes at one time", "output", GainChange(), ("change",), ("time",), _gain),
             ("drift", "a gain that drifts", "output", GainDrift(), ("rate",), (), _steadily),
             ("loop", _LOOP, "output", LoopChange(), ("change", "gain"), ("distance", "time"), _loop),
-            ("loop of the input", _LOOP, "across", beside("loop", LoopChange()), ("loop.change", "loop.gain"),
-             ("loop.distance", "loop.time"), lambda scales: _loop(scales.of_other).under("loop")),
+            (
+                "loop of the input",
+                _LOOP,
+                "across",
+                beside("loop", LoopChange()),
+                ("loop.change", "loop.gain"),
+                ("loop.distance", "loop.time"),
+                lambda scales: _loop(scales.of_other).under("loop"),
+            ),
         )
     ),
     Effect(
-        "creep", "time", "creep", "output", Creep(), {"share": 0.0}, ("share", "time_constant"), _creep,
-        excites="rests after motion, or an offset", confused=("rate_dependence", "drift", "nonlocal_memory"),
-        separates="a staircase with rests of 30 s", settled=("late",), within=("time_constant",),
+        "creep",
+        "time",
+        "creep",
+        "output",
+        Creep(),
+        {"share": 0.0},
+        ("share", "time_constant"),
+        _creep,
+        excites="rests after motion, or an offset",
+        confused=("rate_dependence", "drift", "nonlocal_memory"),
+        separates="a staircase with rests of 30 s",
+        settled=("late",),
+        within=("time_constant",),
     ),
     *(
         Effect(
-            "periodic_disturbance", "time", "a disturbance of its own frequency", place, Disturbance(),
-            {"cosine": 0.0, "sine": 0.0}, ("cosine", "sine", "frequency"), _clock, excites="a long record",
-            confused=("position_ripple",), separates="other input frequencies: a disturbance keeps its own",
+            "periodic_disturbance",
+            "time",
+            "a disturbance of its own frequency",
+            place,
+            Disturbance(),
+            {"cosine": 0.0, "sine": 0.0},
+            ("cosine", "sine", "frequency"),
+            _clock,
+            excites="a long record",
+            confused=("position_ripple",),
+            separates="other input frequencies: a disturbance keeps its own",
             variant=place,
         )
         for place in ("output", "drive")
     ),
     *(
         Effect(
-            "rate_limit", "limit", "a limit of the speed", place, RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
-            {"rising": NO_LIMIT, "falling": -NO_LIMIT}, ("rising", "falling"), _slow,
-            excites="fast motion", confused=("saturation", "rate_dependence"),
-            separates="one amplitude at rising frequencies", variant=place,
+            "rate_limit",
+            "limit",
+            "a limit of the speed",
+            place,
+            RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+            {"rising": NO_LIMIT, "falling": -NO_LIMIT},
+            ("rising", "falling"),
+            _slow,
+            excites="fast motion",
+            confused=("saturation", "rate_dependence"),
+            separates="one amplitude at rising frequencies",
+            variant=place,
         )
         for place in ("output", "drive")
     ),
     Effect(
-        "rate_limit", "limit", "a limit of the speed, neared and left gradually", "output",
-        SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT), {"rising": NO_LIMIT, "falling": -NO_LIMIT},
-        ("rising", "falling", "softness", "lag"), _slow_and_late, excites="fast motion",
-        confused=("saturation", "rate_dependence"), separates="one amplitude at rising frequencies", variant="soft",
+        "rate_limit",
+        "limit",
+        "a limit of the speed, neared and left gradually",
+        "output",
+        SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+        {"rising": NO_LIMIT, "falling": -NO_LIMIT},
+        ("rising", "falling", "softness", "lag"),
+        _slow_and_late,
+        excites="fast motion",
+        confused=("saturation", "rate_dependence"),
+        separates="one amplitude at rising frequencies",
+        variant="soft",
     ),
-)  # fmt: skip
+)

@@ -34,9 +34,20 @@ class CompiledKernel(Kernel):
             self.function = jit.compile_text(self.text, promote=True, quick=quick)
 
     def advance(
-        self, memory: Memory, u: np.ndarray, *, t0: float, h: float, k0: int, n: int, final: bool, every: int,
-        skip: int, hits: tuple[int, ...], y: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        memory: Memory,
+        u: np.ndarray,
+        *,
+        t0: float,
+        h: float,
+        k0: int,
+        n: int,
+        final: bool,
+        every: int,
+        skip: int,
+        hits: tuple[int, ...],
+        y: np.ndarray,
+    ) -> None:
         settings = np.empty(2 + 6 + len(hits))
         settings[:2] = h, t0
         settings[2:].view(np.int64)[:] = (k0, n, int(final), every, skip, memory.mask, *hits)

@@ -32,9 +32,20 @@ class InterpretedKernel(Kernel):
         self.lock = threading.Lock()  # the buffers of a call are shared
 
     def advance(
-        self, memory: Memory, u: np.ndarray, *, t0: float, h: float, k0: int, n: int, final: bool, every: int,
-        skip: int, hits: tuple[int, ...], y: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        memory: Memory,
+        u: np.ndarray,
+        *,
+        t0: float,
+        h: float,
+        k0: int,
+        n: int,
+        final: bool,
+        every: int,
+        skip: int,
+        hits: tuple[int, ...],
+        y: np.ndarray,
+    ) -> None:
         with self.lock:
             if self.quick is not None:
                 self.quick.advance(memory, u, t0, h, k0, n + (1 if final else 0), n, every, skip, y)
@@ -42,12 +53,24 @@ class InterpretedKernel(Kernel):
             self._advance(memory, u, t0, h, k0, n + (1 if final else 0), n, every, skip, hits, y)
 
     def _advance(
-        self, memory: Memory, u: np.ndarray, t0: float, h: float, k0: int, count: int, n: int, every: int, skip: int,
-        hits: tuple[int, ...], y: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        memory: Memory,
+        u: np.ndarray,
+        t0: float,
+        h: float,
+        k0: int,
+        count: int,
+        n: int,
+        every: int,
+        skip: int,
+        hits: tuple[int, ...],
+        y: np.ndarray,
+    ) -> None:
         plan = self.plan
-        x, d, p = (_open(a, lay) for a, lay in ((memory.x, self.layout_x), (memory.d, self.layout_d),
-                                                (memory.p, self.layout_p)))  # fmt: skip
+        x, d, p = (
+            _open(a, lay)
+            for a, lay in ((memory.x, self.layout_x), (memory.d, self.layout_d), (memory.p, self.layout_p))
+        )
         past = _Past(self, memory, p, t0, h) if plan.wide_s else None
         row, left = 0, skip
         for k in range(count):
@@ -106,9 +129,18 @@ class _Quick:
         self.buffer, self.trigger = _bound(f, self.arrays, [self.ahead, self.y, self.total])
 
     def advance(
-        self, memory: Memory, u: np.ndarray, t0: float, h: float, k0: int, count: int, n: int, every: int, skip: int,
+        self,
+        memory: Memory,
+        u: np.ndarray,
+        t0: float,
+        h: float,
+        k0: int,
+        count: int,
+        n: int,
+        every: int,
+        skip: int,
         y: np.ndarray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the steps, as ``Kernel.advance``."""
         t, x, ahead, out, total, trigger = self.t, self.x, self.ahead, self.y, self.total, self.trigger
         row, left = 0, skip
@@ -158,8 +190,11 @@ class _Past:
             columns = np.arange(self.lanes) if part.shape[1] > 1 else np.zeros(self.lanes, dtype=int)
             kept = [part[(newest - back) & self.mask, columns] for back in reversed(range(KEPT))]
             made[PER_DELAY * j : PER_DELAY * (j + 1)] = [
-                *kept, self.t0 + newest * self.h, np.full(self.lanes, 1 / self.h), n + 1.0
-            ]  # fmt: skip
+                *kept,
+                self.t0 + newest * self.h,
+                np.full(self.lanes, 1 / self.h),
+                n + 1.0,
+            ]
         return made
 
 

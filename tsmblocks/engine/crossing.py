@@ -112,8 +112,19 @@ class Crossing:
         """One step of the method from a point to t, or no step but g anew; None if not finite."""
         n, length = (1, t - here.t) if t > here.t else (0, self.h)
         memory, g = self.frozen.memory(here.x, here.d, here.m, self.like), np.empty((1, len(here.m)))
-        self.frozen.part.advance(memory, self._inputs(here.t, length), t0=here.t, h=length, k0=0, n=n,
-                                 final=True, every=1, skip=n, hits=(), y=g)  # fmt: skip
+        self.frozen.part.advance(
+            memory,
+            self._inputs(here.t, length),
+            t0=here.t,
+            h=length,
+            k0=0,
+            n=n,
+            final=True,
+            every=1,
+            skip=n,
+            hits=(),
+            y=g,
+        )
         finite = np.isfinite(memory.x).all() and not np.isnan(g).any()
         return Point(t, memory.x, here.d, here.m, g[0]) if finite else None
 

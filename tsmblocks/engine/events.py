@@ -204,8 +204,7 @@ class _Walk:
     def _advance(self, kernel: Kernel, memory: Memory, n: int, final: bool, rows: np.ndarray) -> None:
         s = self.s
         u = feeds.rows(s.signals, s.start, s.h, self.k, n, kernel.plan.method.instants)
-        kernel.advance(memory, u, t0=s.start, h=s.h, k0=self.k, n=n, final=final, every=1, skip=0,
-                       hits=s.hits, y=rows)  # fmt: skip
+        kernel.advance(memory, u, t0=s.start, h=s.h, k0=self.k, n=n, final=final, every=1, skip=0, hits=s.hits, y=rows)
 
     def _keep(self, rows: np.ndarray) -> None:
         """Put rows from the present instant on where they belong, if they are to be logged."""

@@ -44,17 +44,23 @@ class Signal:
         if self.hold not in HOLDS:
             raise DataError(f"input '{self.name}': there is no hold '{self.hold}'.{near(self.hold, HOLDS)}")
         if self.t.ndim != 1 or self.t.shape != self.y.shape or not len(self.t):
-            raise DataError(f"input '{self.name}': times and values must be two lists of one length, "
-                            f"got shapes {self.t.shape} and {self.y.shape}.")  # fmt: skip
+            raise DataError(
+                f"input '{self.name}': times and values must be two lists of one length, "
+                f"got shapes {self.t.shape} and {self.y.shape}."
+            )
         bad = np.flatnonzero(~np.isfinite(self.y) | ~np.isfinite(self.t))
         if len(bad):
-            raise DataError(f"input '{self.name}': sample {bad[0]} is not finite "
-                            f"(t = {self.t[bad[0]]:g} s, value = {self.y[bad[0]]:g}).")  # fmt: skip
+            raise DataError(
+                f"input '{self.name}': sample {bad[0]} is not finite "
+                f"(t = {self.t[bad[0]]:g} s, value = {self.y[bad[0]]:g})."
+            )
         back = np.flatnonzero(np.diff(self.t) <= 0)
         if len(back):
             k = back[0] + 1
-            raise DataError(f"input '{self.name}': time does not increase at sample {k} "
-                            f"({self.t[k - 1]:g} s, then {self.t[k]:g} s).")  # fmt: skip
+            raise DataError(
+                f"input '{self.name}': time does not increase at sample {k} "
+                f"({self.t[k - 1]:g} s, then {self.t[k]:g} s)."
+            )
 
     def covers(self, start: float, stop: float, step: float) -> None:
         """Raise DataError unless samples reach over the whole run."""
@@ -90,10 +96,14 @@ class Signal:
     def _too_smooth(self, order: int) -> str:
         """What is said where a derivative is needed that the hold does not have."""
         if self.hold == "zero":
-            return (f"input '{self.name}' is held constant between samples, but its derivative is needed. "
-                    "Give it hold='linear' or hold='cubic'.")  # fmt: skip
-        return (f"input '{self.name}' is linear between samples, but its derivative of order {order} is needed. "
-                "Give it hold='cubic'.")  # fmt: skip
+            return (
+                f"input '{self.name}' is held constant between samples, but its derivative is needed. "
+                "Give it hold='linear' or hold='cubic'."
+            )
+        return (
+            f"input '{self.name}' is linear between samples, but its derivative of order {order} is needed. "
+            "Give it hold='cubic'."
+        )
 
     def stands_on(self, start: float, step: float) -> bool:
         """Whether the samples are the values at the steps, linear in between; then nothing need be searched."""
@@ -123,8 +133,10 @@ class Signal:
     def _exact(self, t: np.ndarray, order: int) -> np.ndarray:
         assert self.call is not None
         if order:
-            raise DataError(f"input '{self.name}' is a Python function, but its derivative is needed. "
-                            "Give samples with hold='cubic', or make it a source block.")  # fmt: skip
+            raise DataError(
+                f"input '{self.name}' is a Python function, but its derivative is needed. "
+                "Give samples with hold='cubic', or make it a source block."
+            )
         try:
             values = np.asarray(self.call(t), dtype=float)
         except Exception as error:
@@ -162,8 +174,9 @@ def _number(name: str, value: Any) -> float:
     try:
         number = float(_real(value))
     except (TypeError, ValueError):
-        raise DataError(f"input '{name}' must be a number, samples or a function of time, "
-                        f"got {in_words(value)}.") from None  # fmt: skip
+        raise DataError(
+            f"input '{name}' must be a number, samples or a function of time, got {in_words(value)}."
+        ) from None
     if not np.isfinite(number):
         raise DataError(f"input '{name}' must be a finite number, got {number:g}.")
     return number
@@ -195,20 +208,17 @@ def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
     if values.ndim != 1:
         raise DataError(f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}.")
     if len(values) not in (len(grid), len(grid) - 1):
-        raise DataError(f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "
-                        "Give (times, values) when they are not on the steps.")  # fmt: skip
+        raise DataError(
+            f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "
+            "Give (times, values) when they are not on the steps."
+        )
     return (grid[: len(values)] if len(values) == len(grid) else grid), (
         values if len(values) == len(grid) else np.append(values, values[-1])
     )
 
 
 def rows(
-    signals: list[tuple[Signal, int]],
-    start: float,
-    step: float,
-    first: int,
-    count: int,
-    offsets: tuple[float, ...],
+    signals: list[tuple[Signal, int]], start: float, step: float, first: int, count: int, offsets: tuple[float, ...]
 ) -> np.ndarray:
     """Inputs at each instant of steps ``first`` … ``first+count``, shape (count+1, instants, inputs)."""
     made = np.empty((count + 1, len(offsets), len(signals)))

@@ -13,11 +13,30 @@ import struct
 from tsmblocks.common.errors import TsmError
 
 LIBM = {
-    "EXP": "exp", "LOG": "log", "SIN": "sin", "COS": "cos", "TAN": "tan", "ASIN": "asin", "ACOS": "acos",
-    "ATAN": "atan", "SINH": "sinh", "COSH": "cosh", "TANH": "tanh", "ASINH": "asinh", "ACOSH": "acosh",
-    "ATANH": "atanh", "ERF": "erf", "LOG1P": "log1p", "EXPM1": "expm1", "POW": "pow", "CONSTPOW": "pow",
-    "FMOD": "fmod", "REMAINDER": "remainder", "ATAN2": "atan2", "HYPOT": "hypot",
-}  # fmt: skip
+    "EXP": "exp",
+    "LOG": "log",
+    "SIN": "sin",
+    "COS": "cos",
+    "TAN": "tan",
+    "ASIN": "asin",
+    "ACOS": "acos",
+    "ATAN": "atan",
+    "SINH": "sinh",
+    "COSH": "cosh",
+    "TANH": "tanh",
+    "ASINH": "asinh",
+    "ACOSH": "acosh",
+    "ATANH": "atanh",
+    "ERF": "erf",
+    "LOG1P": "log1p",
+    "EXPM1": "expm1",
+    "POW": "pow",
+    "CONSTPOW": "pow",
+    "FMOD": "fmod",
+    "REMAINDER": "remainder",
+    "ATAN2": "atan2",
+    "HYPOT": "hypot",
+}
 _INTRINSIC = {"SQRT": "sqrt", "FABS": "fabs", "FLOOR": "floor", "CEIL": "ceil", "COPYSIGN": "copysign"}
 _COMPARE = {"LT": "olt", "LE": "ole", "EQ": "oeq", "NE": "une"}
 
@@ -211,9 +230,9 @@ class Writer:
             body = Writer(self.lanes if wide else 1, fused=True)
             body.vector = t
             result = _BODIES[name](_Maths(body, wide), "%x")
-            self.functions[full] = "\n".join([
-                f"define internal {t} @{full}({t} %x) alwaysinline {{", *body.lines, f"  ret {t} {result}", "}"
-            ])  # fmt: skip
+            self.functions[full] = "\n".join(
+                [f"define internal {t} @{full}({t} %x) alwaysinline {{", *body.lines, f"  ret {t} {result}", "}"]
+            )
             self.declared.update(body.declared)
         return self.emit(f"call {t} @{full}({t} {x})")
 

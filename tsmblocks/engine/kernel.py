@@ -69,8 +69,15 @@ class Frame:
     def widths(self, program: Program) -> list[bool]:
         """Which nodes of a program differ between lanes."""
         plan = self.plan
-        slots = {"t": False, "x": plan.wide_x, "d": plan.wide_d, "u": False, "q": plan.wide_q, "p": plan.wide_p,
-                 "hit": False}  # fmt: skip
+        slots = {
+            "t": False,
+            "x": plan.wide_x,
+            "d": plan.wide_d,
+            "u": False,
+            "q": plan.wide_q,
+            "p": plan.wide_p,
+            "hit": False,
+        }
         return [bool(g) for g in program.grade({k: slots[name] for k, name in enumerate(program.inputs)})]
 
     def is_wide_output(self, k: int) -> bool:
@@ -247,8 +254,10 @@ class Frame:
             if not wide:
                 values = each
                 break
-            values = [w.emit(f"insertelement {w.vector} {v}, double {e}, i32 {lane}")
-                      for v, e in zip(values, each, strict=True)]  # fmt: skip
+            values = [
+                w.emit(f"insertelement {w.vector} {v}, double {e}, i32 {lane}")
+                for v, e in zip(values, each, strict=True)
+            ]
         return [*values[: KEPT + 1], w.emit(f"fdiv double {number(1.0)}, %h"), values[-1]]
 
 

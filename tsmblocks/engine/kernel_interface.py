@@ -34,8 +34,19 @@ class Kernel:
         self.layout_s, self.layout_y = frame.s, frame.y
 
     def advance(
-        self, memory: Memory, u: np.ndarray, *, t0: float, h: float, k0: int, n: int, final: bool, every: int,
-        skip: int, hits: tuple[int, ...], y: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        memory: Memory,
+        u: np.ndarray,
+        *,
+        t0: float,
+        h: float,
+        k0: int,
+        n: int,
+        final: bool,
+        every: int,
+        skip: int,
+        hits: tuple[int, ...],
+        y: np.ndarray,
+    ) -> None:
         """Take ``n`` steps from instant ``k0``; write a row of ``y`` at each ``every``-th instant."""
         raise NotImplementedError

@@ -140,8 +140,9 @@ class RegisterKernel:
         need, grade = self.need("dx", "y", "s"), self.grade
         readers = {j for n in need if grade[n] > TIME for j in self.f.rhs.arguments(n)}
         goals = {n for part in self.goals.values() for n in part if n is not None}
-        return sorted(n for n in need if grade[n] == TIME and self.f.rhs.nodes[n][0] != "INPUT"
-                      and (n in readers or n in goals))  # fmt: skip
+        return sorted(
+            n for n in need if grade[n] == TIME and self.f.rhs.nodes[n][0] != "INPUT" and (n in readers or n in goals)
+        )
 
     def _time_only(self, t: str, values: Values) -> Values:
         nodes = {n for n in self.f.rhs.needed(self.front) if self.grade[n] <= TIME}

@@ -37,8 +37,9 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
     tangents = [ca.jtimes(v, moving, along) for v in values]
     inputs = [t, ca.vertcat(x, xs), ca.vertcat(d, ds), u, ca.vertcat(q, qs), ca.vertcat(p, ps)]
     labels = ["t", "x", "d", "u", "q", "p"]
-    rhs = ca.Function("rhs", inputs, [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)],
-                      labels, ["dx", "y", "s"])  # fmt: skip
+    rhs = ca.Function(
+        "rhs", inputs, [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)], labels, ["dx", "y", "s"]
+    )
     update = None
     if eq.update is not None:
         hit = ca.SX.sym("hit", len(eq.periods))
@@ -51,10 +52,22 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
     def both(count: int) -> tuple[bool, ...]:
         return (False,) * count + (True,) * count
 
-    return Plan(rhs=rhs, update=update, lag=lag, method=method, y=(*y, *(n + k for k in y)), groups=len(eq.periods),
-                every_step=eq.every_step, lanes=lanes, wide_x=both(len(eq.x)), wide_d=both(len(eq.d)),
-                wide_p=both(len(eq.p)), wide_s=both(len(eq.q)), inputs=len(eq.u),
-                jumps=time_jumps(Program(eq.rhs)))  # fmt: skip
+    return Plan(
+        rhs=rhs,
+        update=update,
+        lag=lag,
+        method=method,
+        y=(*y, *(n + k for k in y)),
+        groups=len(eq.periods),
+        every_step=eq.every_step,
+        lanes=lanes,
+        wide_x=both(len(eq.x)),
+        wide_d=both(len(eq.d)),
+        wide_p=both(len(eq.p)),
+        wide_s=both(len(eq.q)),
+        inputs=len(eq.u),
+        jumps=time_jumps(Program(eq.rhs)),
+    )
 
 
 @functools.lru_cache(maxsize=64)
@@ -98,8 +111,11 @@ class Sensitivities:
 
         Needs xarray.
         """
-        coords = {"t": (("t",), self.t, "s"), "signal": (("signal",), list(self.signals), ""),
-                  "parameter": (("parameter",), list(self.parameters), "")}  # fmt: skip
+        coords = {
+            "t": (("t",), self.t, "s"),
+            "signal": (("signal",), list(self.signals), ""),
+            "parameter": (("parameter",), list(self.parameters), ""),
+        }
         found = {"y": (("t", "signal"), self.y, ""), "jacobian": (("t", "signal", "parameter"), self.jacobian, "")}
         return dataset(found, coords, {})
 

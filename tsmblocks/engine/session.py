@@ -60,8 +60,10 @@ def steps_per_period(eq: Equations, h: float) -> tuple[int, ...]:
         n = round(period / h)
         if n < 1 or not math.isclose(n * h, period, rel_tol=1e-9):
             owner = next(k for k, v in eq.sampled.items() if v == period)
-            raise RunError(f"the sample period {period:g} s of {owner} is not a multiple of the step {h:g} s."
-                           f"{_shorter_step(eq.periods, period, h)}")  # fmt: skip
+            raise RunError(
+                f"the sample period {period:g} s of {owner} is not a multiple of the step {h:g} s."
+                f"{_shorter_step(eq.periods, period, h)}"
+            )
         made.append(n)
     return tuple(made)
 
@@ -83,11 +85,15 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     tau = np.asarray(eq.lag(p)).ravel() / h
     for name, steps, least in zip(eq.q, tau, eq.least, strict=True):
         if steps > MOST_KEPT:
-            raise RunError(f"the delay of {name} is {steps * h:g} s, of which {steps:.1g} instants would have to be "
-                           f"kept; {MOST_KEPT:.0g} are the most. Take a longer step.")  # fmt: skip
+            raise RunError(
+                f"the delay of {name} is {steps * h:g} s, of which {steps:.1g} instants would have to be "
+                f"kept; {MOST_KEPT:.0g} are the most. Take a longer step."
+            )
         if not steps >= least - 1e-9:
-            raise RunError(f"the delay of {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
-                           "Take a smaller step, or a DeadTime in its place.")  # fmt: skip
+            raise RunError(
+                f"the delay of {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
+                "Take a smaller step, or a DeadTime in its place."
+            )
     return tau
 
 
@@ -191,9 +197,18 @@ class Session:
         kernel = self.kernel
         u = feeds.rows(self.signals, self.start, self.h, self.k, n, kernel.plan.method.instants)
         kernel.advance(
-            self.memory, u, t0=self.start, h=self.h, k0=self.k, n=n, final=final, every=self.every,
-            skip=-self.k % self.every, hits=self.hits, y=y,
-        )  # fmt: skip
+            self.memory,
+            u,
+            t0=self.start,
+            h=self.h,
+            k0=self.k,
+            n=n,
+            final=final,
+            every=self.every,
+            skip=-self.k % self.every,
+            hits=self.hits,
+            y=y,
+        )
         self.k += n
 
     def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:

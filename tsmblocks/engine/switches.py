@@ -174,11 +174,22 @@ def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]
     # Not fused: a memory and the signal it was taken from must differ by exactly nothing.
     memory = rhs.size1_in(rhs.index_in("d"))
     return Plan(
-        rhs=rhs, update=update, lag=eq.lag, method=method, y=tuple(y),
-        groups=0 if update is None else len(eq.periods), every_step=update is not None, lanes=1,
-        wide_x=(False,) * len(eq.x), wide_d=(False,) * memory, wide_p=(False,) * len(eq.p), wide_s=(),
-        inputs=len(eq.u), fused=False, watched=False,  # a branch not taken may be anything
-    )  # fmt: skip
+        rhs=rhs,
+        update=update,
+        lag=eq.lag,
+        method=method,
+        y=tuple(y),
+        groups=0 if update is None else len(eq.periods),
+        every_step=update is not None,
+        lanes=1,
+        wide_x=(False,) * len(eq.x),
+        wide_d=(False,) * memory,
+        wide_p=(False,) * len(eq.p),
+        wide_s=(),
+        inputs=len(eq.u),
+        fused=False,
+        watched=False,  # a branch not taken may be anything
+    )
 
 
 def _rewritten(program: Program, symbols: list[Any], modes: dict[int, Any], moving: list[int]) -> tuple[list[Any], Any]:
@@ -206,8 +217,10 @@ def _rewritten(program: Program, symbols: list[Any], modes: dict[int, Any], movi
             if _rounds(name, moving[node]):
                 values[node] = plain[node]
     when = _when_used(program, values, moving)
-    g = [gap if when[n] is ALWAYS else modes[n] if when[n] is None else ca.if_else(when[n], gap, modes[n])
-         for n, gap in gaps.items()]  # fmt: skip
+    g = [
+        gap if when[n] is ALWAYS else modes[n] if when[n] is None else ca.if_else(when[n], gap, modes[n])
+        for n, gap in gaps.items()
+    ]
     return values, ca.vertcat(*g)
 
 

@@ -58,13 +58,16 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
     """
     diagram, h = prepared(diagram), positive("step", step)
     if not isinstance(name, str) or not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or name in WORDS:
-        raise ParameterError(f"a name in C has letters, digits and underscores, and is none of C's own; got "
-                             f"{in_words(name)}.")  # fmt: skip
+        raise ParameterError(
+            f"a name in C has letters, digits and underscores, and is none of C's own; got {in_words(name)}."
+        )
     eq = equations(diagram)
     for feed in eq.u:
         if feed.block:
-            raise RunError(f"diagram '{eq.title}' cannot be written in C: {feed.block} is made for a whole run at "
-                           "once. Give its signal as an input instead.")  # fmt: skip
+            raise RunError(
+                f"diagram '{eq.title}' cannot be written in C: {feed.block} is made for a whole run at "
+                "once. Give its signal as an input instead."
+            )
     rule, p = method_named(method), parameter_vector(eq, diagram)
     made = _Text(eq, p, h, rule, name).code()
     warn_of_fast_poles([Beginning(eq, p)], rule, h)
@@ -252,8 +255,7 @@ class _Text:
             return
         head = f"{self.name}_rates({self._given}, double *dx)"
         yield "/* Rates of the states. */"
-        yield from self._function(head, self.rhs, _array("dx", 0, self.eq.x),
-                                  ["p", "t", "x", "d", "u", "q", "dx"])  # fmt: skip
+        yield from self._function(head, self.rhs, _array("dx", 0, self.eq.x), ["p", "t", "x", "d", "u", "q", "dx"])
 
     def _past(self) -> Iterator[str]:
         if self.lag is None:
@@ -263,8 +265,16 @@ class _Text:
         yield "/* Delays in s. */"
         yield from self._function(f"{n}_delays(const {n}_parameters *p, double *tau)", self.lag, stored, ["p"])
         yield ""
-        yield from PAST.format(n=n, kept=KEPT, per=PER_DELAY, count=len(self.eq.q), mask=self.room - 1,
-                                room=self.room, h=number(self.h), spare=SPARE).split("\n")  # fmt: skip
+        yield from PAST.format(
+            n=n,
+            kept=KEPT,
+            per=PER_DELAY,
+            count=len(self.eq.q),
+            mask=self.room - 1,
+            room=self.room,
+            h=number(self.h),
+            spare=SPARE,
+        ).split("\n")
 
     def _step(self) -> Iterator[str]:
         n, eq = self.name, self.eq

@@ -40,9 +40,11 @@ def to_mat(diagram: Diagram, path: str | Path) -> Path:
         "title": diagram.title,
         "parameters": _nested({k: v for k, v in numbers.items() if k not in (*eq.x, *eq.d)}),
         "states": _nested({k: v for k, v in numbers.items() if k in (*eq.x, *eq.d)}),
-        "blocks": _texts(kinds), "wires": _texts(map(str, diagram.links)), "inputs": _texts(diagram.inputs),
+        "blocks": _texts(kinds),
+        "wires": _texts(map(str, diagram.links)),
+        "inputs": _texts(diagram.inputs),
         "outputs": _texts(diagram.outputs),
-    }  # fmt: skip
+    }
     savemat(target, {**made, **_linear(diagram)}, long_field_names=True)
     return target
 

@@ -10,17 +10,34 @@ from tsmblocks.engine.ir import LIBM
 from tsmblocks.engine.program import Program
 
 _FORMS = {
-    "ADD": "{0} + {1}", "SUB": "{0} - {1}", "MUL": "{0} * {1}", "DIV": "{0} / {1}", "NEG": "-{0}", "SQ": "{0} * {0}",
-    "TWICE": "{0} + {0}", "INV": "1.0 / {0}", "ASSIGN": "{0}", "LT": "(double)({0} < {1})",
-    "LE": "(double)({0} <= {1})", "EQ": "(double)({0} == {1})", "NE": "(double)({0} != {1})",
-    "NOT": "(double)({0} == 0.0)", "AND": "(double)({0} != 0.0 && {1} != 0.0)",
-    "OR": "(double)({0} != 0.0 || {1} != 0.0)", "IF_ELSE_ZERO": "({0} != 0.0) ? {1} : 0.0",
-    "SIGN": "(double)({0} > 0.0) - (double)({0} < 0.0)", "SQRT": "sqrt({0})", "FABS": "fabs({0})",
-    "FLOOR": "floor({0})", "CEIL": "ceil({0})", "COPYSIGN": "copysign({0}, {1})", "FMIN": "least({0}, {1})",
+    "ADD": "{0} + {1}",
+    "SUB": "{0} - {1}",
+    "MUL": "{0} * {1}",
+    "DIV": "{0} / {1}",
+    "NEG": "-{0}",
+    "SQ": "{0} * {0}",
+    "TWICE": "{0} + {0}",
+    "INV": "1.0 / {0}",
+    "ASSIGN": "{0}",
+    "LT": "(double)({0} < {1})",
+    "LE": "(double)({0} <= {1})",
+    "EQ": "(double)({0} == {1})",
+    "NE": "(double)({0} != {1})",
+    "NOT": "(double)({0} == 0.0)",
+    "AND": "(double)({0} != 0.0 && {1} != 0.0)",
+    "OR": "(double)({0} != 0.0 || {1} != 0.0)",
+    "IF_ELSE_ZERO": "({0} != 0.0) ? {1} : 0.0",
+    "SIGN": "(double)({0} > 0.0) - (double)({0} < 0.0)",
+    "SQRT": "sqrt({0})",
+    "FABS": "fabs({0})",
+    "FLOOR": "floor({0})",
+    "CEIL": "ceil({0})",
+    "COPYSIGN": "copysign({0}, {1})",
+    "FMIN": "least({0}, {1})",
     "FMAX": "greatest({0}, {1})",
     **{name: f"{function}({{0}})" for name, function in LIBM.items()},
     **{name: f"{LIBM[name]}({{0}}, {{1}})" for name in ("POW", "CONSTPOW", "FMOD", "REMAINDER", "ATAN2", "HYPOT")},
-}  # fmt: skip
+}
 LEAST = """\
 static double least(double a, double b)
 {

@@ -9,14 +9,19 @@ from tsmblocks.common.tables import unlike
 
 SPARE = 8
 """Instants kept of a delayed signal beyond its delay."""
-WORDS = frozenset(re.findall(r"\w+", """
+WORDS = frozenset(
+    re.findall(
+        r"\w+",
+        """
     auto break case char const continue default do double else enum extern float for goto if inline int long register
     restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
     NAN INFINITY HUGE_VAL NULL EOF least greatest main stdin stdout stderr
     abs acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh div erf erfc exp exp2 expm1 fabs fdim floor
     fma fmax fmin fmod frexp gamma hypot j0 j1 jn ldexp lgamma log log10 log1p log2 logb modf nan pow remainder rint
     round signbit sin sinh sqrt tan tanh tgamma trunc y0 y1 yn
-"""))  # fmt: skip
+""",
+    )
+)
 """Words that C, or its mathematics, keeps for itself."""
 
 PAST = """\

@@ -100,10 +100,7 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
     except TsmError as error:
         page.fault(path, f"block '{spoken(path)}': {error}")
     except SURPRISES as error:
-        page.fault(
-            path,
-            f"block '{spoken(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}.",
-        )
+        page.fault(path, f"block '{spoken(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}.")
     else:
         return block
     return None
@@ -138,10 +135,7 @@ def _find(page: Page, name: str, path: KeyPath) -> Path | None:
         page.fault((*path, "use"), f"{said} is not the name of a diagram.")
         return None
     if windows.drive or windows.root or ".." in windows.parts:
-        page.fault(
-            (*path, "use"),
-            f"{said} leads out of the folder of this file. Name a diagram next to it or below.",
-        )
+        page.fault((*path, "use"), f"{said} leads out of the folder of this file. Name a diagram next to it or below.")
         return None
     file = name if name.endswith(".toml") else f"{name}.toml"
     folders = [page.folder] if "/" in name else [page.folder, shelf()]
@@ -152,8 +146,10 @@ def _find(page: Page, name: str, path: KeyPath) -> Path | None:
         page.fault((*path, "use"), f"{said} cannot be read: {(error.strerror or str(error)).lower()}.")
         return None
     if found is None:
-        page.fault((*path, "use"), f"{said} is neither next to this file nor among the ready-made diagrams."
-                   f"{near(name, [*beside, *names()])}")  # fmt: skip
+        page.fault(
+            (*path, "use"),
+            f"{said} is neither next to this file nor among the ready-made diagrams.{near(name, [*beside, *names()])}",
+        )
     return found
 
 
@@ -162,8 +158,10 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
     reading, key = page.reading, file.resolve()
     if key in reading.open:
         ring = [*reading.open[reading.open.index(key) :], key]
-        page.fault((*path, "use"), f"block '{spoken(path)}': the files use each other in a ring: "
-                   f"{' -> '.join(p.name for p in ring)}.")  # fmt: skip
+        page.fault(
+            (*path, "use"),
+            f"block '{spoken(path)}': the files use each other in a ring: {' -> '.join(p.name for p in ring)}.",
+        )
         return FAULTY
     if key in reading.done:
         return reading.done[key]

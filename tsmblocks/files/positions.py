@@ -118,10 +118,7 @@ class Places:
     def _record(self, path: Path) -> None:
         self.lines.setdefault(path, self._line)
         if len(self.lines) > MOST:
-            self.trouble = (
-                self._line,
-                f"the file holds more than {MOST:,} keys and texts; it is not read further.",
-            )
+            self.trouble = (self._line, f"the file holds more than {MOST:,} keys and texts; it is not read further.")
 
     def _check_depth(self, more: int) -> None:
         around = self._open[-1][0] if self._open else self._table

@@ -187,7 +187,9 @@ class DiagramPage(Page):
             inner_at = (*at, "ports") if isinstance(spec, dict) else at
             inputs[self._name(name, path, "inputs")] = Inlet(
                 ports=[Located.at(port, self.place(*inner_at, k)) for k, port in enumerate(ports)],
-                unit=self.text(inner, "unit", at), about=self.text(inner, "about", at))  # fmt: skip
+                unit=self.text(inner, "unit", at),
+                about=self.text(inner, "about", at),
+            )
         return inputs, sure
 
     def _outputs(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, str], bool]:

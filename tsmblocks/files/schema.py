@@ -8,11 +8,7 @@ from typing import Any
 from tsmblocks.model.block import REGISTRY, Block, Field
 
 _NAME = "^[A-Za-z_][A-Za-z0-9_]*$"
-_REFERENCE = {
-    "type": "string",
-    "pattern": "^\\$[A-Za-z_][A-Za-z0-9_]*$",
-    "description": "a number of [values]",
-}
+_REFERENCE = {"type": "string", "pattern": "^\\$[A-Za-z_][A-Za-z0-9_]*$", "description": "a number of [values]"}
 _TEXT = {"type": "string"}
 
 
@@ -23,10 +19,7 @@ def schema() -> dict[str, Any]:
     kinds = {name: _kind(cls) for name, cls in sorted(REGISTRY.items())}
     inner = _diagram()
     whole = _diagram()
-    whole["properties"] = {
-        "format": {"const": 1, "description": "version of the file format"},
-        **whole["properties"],
-    }
+    whole["properties"] = {"format": {"const": 1, "description": "version of the file format"}, **whole["properties"]}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "tsmblocks diagram, format 1",
@@ -42,28 +35,25 @@ def schema() -> dict[str, Any]:
 
 
 def _diagram() -> dict[str, Any]:
-    ports = {
-        "anyOf": [_TEXT, {"type": "array", "items": _TEXT}],
-        "description": "the port or ports it drives",
-    }
+    ports = {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}], "description": "the port or ports it drives"}
     inlet = _table({"ports": ports, "unit": _TEXT, "about": _TEXT}, ["ports"])
     wire = {"type": "string", "pattern": "->", "description": "a chain such as error -> pid -> drive"}
-    return _table({
-        "title": _TEXT,
-        "source": {**_TEXT, "description": "where the diagram is from: figure, equation, book"},
-        "wires": {"type": "array", "items": wire},
-        "blocks": _named({"$ref": "#/$defs/block"}, "blocks by name"),
-        "inputs": _named({"anyOf": [*ports["anyOf"], inlet]}, "inputs by name: the port or ports they drive"),
-        "outputs": _named(_TEXT, "outputs by name: the signal they show"),
-        "values": _named({"type": "number"}, "numbers used more than once, as \"$name\""),
-    }, [])  # fmt: skip
+    return _table(
+        {
+            "title": _TEXT,
+            "source": {**_TEXT, "description": "where the diagram is from: figure, equation, book"},
+            "wires": {"type": "array", "items": wire},
+            "blocks": _named({"$ref": "#/$defs/block"}, "blocks by name"),
+            "inputs": _named({"anyOf": [*ports["anyOf"], inlet]}, "inputs by name: the port or ports they drive"),
+            "outputs": _named(_TEXT, "outputs by name: the signal they show"),
+            "values": _named({"type": "number"}, 'numbers used more than once, as "$name"'),
+        },
+        [],
+    )
 
 
 def _use() -> dict[str, Any]:
-    numbers = {
-        "type": "object",
-        "description": 'numbers of that diagram to change, such as "drive.high" = 12.0',
-    }
+    numbers = {"type": "object", "description": 'numbers of that diagram to change, such as "drive.high" = 12.0'}
     name = {**_TEXT, "description": "a diagram file next to this one or below, or a ready-made diagram"}
     return _table({"use": name, "set": numbers}, ["use"])
 
@@ -95,8 +85,12 @@ def _value(field: Field, default: Any) -> dict[str, Any]:
 
 
 def _bounds(field: Field) -> dict[str, float]:
-    bounds = {"exclusiveMinimum": field.above, "exclusiveMaximum": field.below,
-              "minimum": field.at_least, "maximum": field.at_most}  # fmt: skip
+    bounds = {
+        "exclusiveMinimum": field.above,
+        "exclusiveMaximum": field.below,
+        "minimum": field.at_least,
+        "maximum": field.at_most,
+    }
     return {key: bound for key, bound in bounds.items() if math.isfinite(bound)}
 
 
@@ -105,9 +99,4 @@ def _table(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
 
 
 def _named(entry: dict[str, Any], about: str) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "propertyNames": {"pattern": _NAME},
-        "additionalProperties": entry,
-        "description": about,
-    }
+    return {"type": "object", "propertyNames": {"pattern": _NAME}, "additionalProperties": entry, "description": about}

@@ -24,9 +24,10 @@ def read(path: Path) -> str:
             raise FileError(str(path), [f"{path}: this is a folder, and a file is needed."])
         if not path.is_file():
             beside = [p.name for p in path.parent.glob("*.toml")]
-            raise FileError(clip(str(path)), [
-                f"{clip(str(path))}: there is no such file.{near(path.name, beside) if beside else ''}"
-            ])  # fmt: skip
+            raise FileError(
+                clip(str(path)),
+                [f"{clip(str(path))}: there is no such file.{near(path.name, beside) if beside else ''}"],
+            )
         with path.open("rb") as file:
             data = file.read(LARGEST + 1)
     except OSError as error:
@@ -49,9 +50,9 @@ def decoded(data: bytes, where: str) -> str:
 
 def _check_size(size: int, where: str) -> None:
     if size > LARGEST:
-        raise FileError(where, [
-            f"{where}: a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."
-        ])  # fmt: skip
+        raise FileError(
+            where, [f"{where}: a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."]
+        )
 
 
 def tables(text: str, where: str) -> tuple[dict[str, Any], Places]:

@@ -106,12 +106,25 @@ class Comparison:
     def to_dict(self) -> dict[str, Any]:
         """Return the ranking as plain values, as ``tsmblocks compare --json`` prints it."""
         noise = self.noise if np.isfinite(self.noise) else None
-        return {"format": 1, "unit": self.unit, "interrupted": self.interrupted, "noise": noise,
-                "noise_from": self.noise_from, "notes": list(self.notes), "models": [
-            {"name": r.name, "parameters": r.parameters, "fault": r.fault or None,
-             "train": None if r.train is None else r.train.to_dict(),
-             "held_out": None if r.held_out is None else r.held_out.to_dict(),
-             "fit": None if r.fit is None else r.fit.to_dict()} for r in self.rows]}  # fmt: skip
+        return {
+            "format": 1,
+            "unit": self.unit,
+            "interrupted": self.interrupted,
+            "noise": noise,
+            "noise_from": self.noise_from,
+            "notes": list(self.notes),
+            "models": [
+                {
+                    "name": r.name,
+                    "parameters": r.parameters,
+                    "fault": r.fault or None,
+                    "train": None if r.train is None else r.train.to_dict(),
+                    "held_out": None if r.held_out is None else r.held_out.to_dict(),
+                    "fit": None if r.fit is None else r.fit.to_dict(),
+                }
+                for r in self.rows
+            ],
+        }
 
     def to_pandas(self) -> Any:
         """A frame with a row per model, the best first: parameters, rms fitted and held out, fault. Needs pandas."""
@@ -138,11 +151,23 @@ class Comparison:
 
 
 def compare(
-    models: Models, data: Data, *, train: Any = 0.5, held_out: Iterable[str] = (),
-    free: Mapping[str, Iterable[str]] | None = None, start_states: bool = True, outputs: Iterable[str] | None = None,
-    method: str = "gauss-newton", starts: int = 8, seed: int = 0, step: float | None = None, integrator: str = "rk4",
-    hold: str = "linear", progress: Callable[[str, int, float], None] | None = None, backend: str = "",
-) -> Comparison:  # fmt: skip
+    models: Models,
+    data: Data,
+    *,
+    train: Any = 0.5,
+    held_out: Iterable[str] = (),
+    free: Mapping[str, Iterable[str]] | None = None,
+    start_states: bool = True,
+    outputs: Iterable[str] | None = None,
+    method: str = "gauss-newton",
+    starts: int = 8,
+    seed: int = 0,
+    step: float | None = None,
+    integrator: str = "rk4",
+    hold: str = "linear",
+    progress: Callable[[str, int, float], None] | None = None,
+    backend: str = "",
+) -> Comparison:
     """Fit several models to the same recordings and rank them by what they leave of parts held out.
 
     ``models`` maps names to diagrams, or lists diagrams, files and names of ready-made ones, in full or as
@@ -169,9 +194,18 @@ def compare(
         tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
         common = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
         try:
-            found = fit(diagram, {k: records[k] for k in fitted}, window=fitted, free=given.get(name),
-                        start_states=start_states, method=method, starts=starts, seed=seed, progress=tell,
-                        **common)  # type: ignore[arg-type]  # fmt: skip
+            found = fit(
+                diagram,
+                {k: records[k] for k in fitted},
+                window=fitted,
+                free=given.get(name),
+                start_states=start_states,
+                method=method,
+                starts=starts,
+                seed=seed,
+                progress=tell,
+                **common,
+            )  # type: ignore[arg-type]
             rows.append(_judged(name, found, records, tested, common))
             notes += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
             interrupted = found.status == "interrupted"
@@ -211,9 +245,7 @@ def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[
         return float("nan"), ""
 
 
-def _judged(
-    name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any
-) -> Row:  # fmt: skip
+def _judged(name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Row:
     """A model that was fitted, with what it leaves of the parts it was not fitted to, or why that is not known."""
     try:
         left = _held_out(found, records, parts, common) if parts else None
@@ -255,8 +287,10 @@ def _cut(name: str, record: Record, train: Any, records: Mapping[str, Record]) -
     start, stop = float(record.t[0]), float(record.t[-1])
     if isinstance(train, (int, float)) and not isinstance(train, bool):
         if not 0 < train <= 1:
-            raise DataError(f"train must be a share of each recording, above 0 and up to 1, or a window "
-                            f"(start, stop) in s, got {in_words(train)}.")  # fmt: skip
+            raise DataError(
+                f"train must be a share of each recording, above 0 and up to 1, or a window "
+                f"(start, stop) in s, got {in_words(train)}."
+            )
         if train == 1:
             return (None, None), None
         cut = start + train * (stop - start)

@@ -50,8 +50,9 @@ def constraints(
     elif isinstance(given, Sequence):
         pairs = [("", text) for text in given]
     else:
-        raise ParameterError(f"{what}s must be texts such as 'theta > 0', a list or a mapping of them, "
-                             f"got {in_words(given)}.")  # fmt: skip
+        raise ParameterError(
+            f"{what}s must be texts such as 'theta > 0', a list or a mapping of them, got {in_words(given)}."
+        )
     return tuple(one for name, text in pairs for one in constraint(name, text, known, what=what, kind=kind))
 
 

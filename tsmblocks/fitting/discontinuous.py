@@ -79,7 +79,7 @@ class _Walk:
 
 def over_jumps(
     problem: Problem, ends: Sequence[Found], *, iterations: int = 100, tell: Tell | None = None
-) -> list[Found]:  # fmt: skip
+) -> list[Found]:
     """Go on from the best of the ends of searches where the outputs follow an unknown in jumps.
 
     The ends are given best first. A search downhill leaves such an unknown where it began, or ends at a wall: it would

@@ -17,9 +17,16 @@ def raise_cause(diagram: Diagram, trial: Trial, p: np.ndarray) -> NoReturn:
     times, title = trial.times, f"experiment '{trial.name}' cannot be simulated"
     settings = dict(zip(trial.eq.p, map(float, p), strict=True))
     try:
-        simulate(diagram.with_parameters(settings), start=times.start, stop=times.grid[-1], step=times.h,
-                 method=trial.rule.name, inputs=inputs(trial.record, diagram, trial.hold, times.grid[-1]),
-                 log="outputs", backend=trial.backend)  # fmt: skip
+        simulate(
+            diagram.with_parameters(settings),
+            start=times.start,
+            stop=times.grid[-1],
+            step=times.h,
+            method=trial.rule.name,
+            inputs=inputs(trial.record, diagram, trial.hold, times.grid[-1]),
+            log="outputs",
+            backend=trial.backend,
+        )
     except NotFinite as error:
         fault = NotFinite(f"{title}: {error}")
         fault.run, fault.block, fault.time = error.run, error.block, error.time

@@ -128,8 +128,19 @@ class Trial:
             b = kept if final else a + PIECE
             n = (kept - 1 - a if final else PIECE) * every
             rows = self.rows[a * every : a * every + n + 1]
-            kernel.advance(memory, rows, t0=self.times.start, h=self.times.h, k0=a * every, n=n, final=final,
-                           every=every, skip=0, hits=self.hits, y=y[: b - a])  # fmt: skip
+            kernel.advance(
+                memory,
+                rows,
+                t0=self.times.start,
+                h=self.times.h,
+                k0=a * every,
+                n=n,
+                final=final,
+                every=every,
+                skip=0,
+                hits=self.hits,
+                y=y[: b - a],
+            )
             if b > first:
                 lead = max(first - a, 0)
                 yield y[lead : b - a], self.measured[a + lead - first : b - first]
@@ -138,8 +149,19 @@ class Trial:
         """Rows at the instants of measurement, whatever a row of this kernel holds."""
         times = self.times
         y = np.empty((times.kept, kernel.layout_y.size))
-        kernel.advance(memory, self.rows, t0=times.start, h=times.h, k0=0, n=times.steps, final=True,
-                       every=times.every, skip=0, hits=self.hits, y=y)  # fmt: skip
+        kernel.advance(
+            memory,
+            self.rows,
+            t0=times.start,
+            h=times.h,
+            k0=0,
+            n=times.steps,
+            final=True,
+            every=times.every,
+            skip=0,
+            hits=self.hits,
+            y=y,
+        )
         if self.share is not None:
             with np.errstate(over="ignore", invalid="ignore"):
                 return (1 - self.share)[:, None] * y[self.place] + self.share[:, None] * y[self.place + 1]
@@ -148,9 +170,18 @@ class Trial:
 
 
 def prepare(
-    name: str, record: Record, diagram: Diagram, eq: Equations, *, outputs: Sequence[str], rule: Method, step: float,
-    hold: str, window: Window, backend: str,
-) -> Trial:  # fmt: skip
+    name: str,
+    record: Record,
+    diagram: Diagram,
+    eq: Equations,
+    *,
+    outputs: Sequence[str],
+    rule: Method,
+    step: float,
+    hold: str,
+    window: Window,
+    backend: str,
+) -> Trial:
     """Make a recording ready for a diagram. Raises DataError for signals or samples that are missing."""
     cut, start = span(name, record, window), float(record.t[0])
     t, own = record.t[cut], median_step(record.t)
@@ -160,19 +191,31 @@ def prepare(
     steps = (cut.stop - 1) * every if even else math.ceil((t[-1] - start) / h - UNEVEN)
     times = Times(start, h, max(steps, 1), every if even else 1)
     if times.steps > MOST_STEPS:
-        raise RunError(f"experiment '{name}': a step of {h:g} s makes {times.steps:.3g} steps of its {t[-1] - start:g} "
-                       f"s; {MOST_STEPS:.0e} are the most.")  # fmt: skip
+        raise RunError(
+            f"experiment '{name}': a step of {h:g} s makes {times.steps:.3g} steps of its {t[-1] - start:g} "
+            f"s; {MOST_STEPS:.0e} are the most."
+        )
     if h > t[-1] - start:
         raise RunError(f"experiment '{name}': the step of {h:g} s is longer than the run of {t[-1] - start:g} s.")
     exact = (t - start) / h
     place = np.arange(cut.start, cut.stop) if even else np.minimum(exact.astype(int), times.steps - 1)
     ordered = gather_signals(eq, inputs(record, diagram, hold, times.grid[-1]), times.grid, hold)
     return Trial(
-        name, record, eq, rule, tuple(eq.y.index(eq.aliases[k]) for k in outputs), times,
-        feeds.rows(ordered, start, h, 0, times.steps, rule.instants), steps_per_period(eq, h), t,
-        np.stack([signal_of(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1), place,
-        None if even else exact - place, hold, backend,
-    )  # fmt: skip
+        name,
+        record,
+        eq,
+        rule,
+        tuple(eq.y.index(eq.aliases[k]) for k in outputs),
+        times,
+        feeds.rows(ordered, start, h, 0, times.steps, rule.instants),
+        steps_per_period(eq, h),
+        t,
+        np.stack([signal_of(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1),
+        place,
+        None if even else exact - place,
+        hold,
+        backend,
+    )
 
 
 def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf) -> dict[str, Any]:
@@ -207,8 +250,10 @@ def signal_of(name: str, record: Record, k: str, unit: str) -> np.ndarray:
     y = record.values(k, unit)
     bad = np.flatnonzero(~np.isfinite(y))
     if len(bad):
-        raise DataError(f"experiment '{name}': sample {bad[0]} of {k} is not finite (t = {record.t[bad[0]]:g} s, "
-                        f"value = {y[bad[0]]:g}).")  # fmt: skip
+        raise DataError(
+            f"experiment '{name}': sample {bad[0]} of {k} is not finite (t = {record.t[bad[0]]:g} s, "
+            f"value = {y[bad[0]]:g})."
+        )
     return y
 
 
@@ -220,8 +265,9 @@ def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[st
     for record in records.values():
         gone = [k for k in asked or () if k not in record]
         if gone:
-            raise DataError(f"{record.called}: there is no signal '{gone[0]}' to compare with."
-                            f"{near(gone[0], record.names)}")  # fmt: skip
+            raise DataError(
+                f"{record.called}: there is no signal '{gone[0]}' to compare with.{near(gone[0], record.names)}"
+            )
     found = tuple(asked or (k for k in diagram.outputs if all(k in r for r in records.values())))
     if not found:
         bare = [r for r in records.values() if not any(k in r for k in diagram.outputs)]
@@ -229,13 +275,17 @@ def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[st
             each = "; ".join(
                 f"{name}: {', '.join(k for k in diagram.outputs if k in r)}" for name, r in records.items()
             )
-            raise DataError(f"no output of '{diagram.title}' was measured in all experiments ({clip(each)}). Give "
-                            "those together that have an output in common.")  # fmt: skip
+            raise DataError(
+                f"no output of '{diagram.title}' was measured in all experiments ({clip(each)}). Give "
+                "those together that have an output in common."
+            )
         some = next(iter(bare or records.values()))
         known, way = ", ".join(some.names), how_to_map("x_out", bare=not some.units)
-        raise DataError(f"{some.called}: none of the outputs of '{diagram.title}' "
-                        f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {known}. "
-                        f"Map one when reading: {way}; or give the diagram an output of that name.")  # fmt: skip
+        raise DataError(
+            f"{some.called}: none of the outputs of '{diagram.title}' "
+            f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {known}. "
+            f"Map one when reading: {way}; or give the diagram an output of that name."
+        )
     return found
 
 
@@ -245,9 +295,11 @@ def span(name: str, record: Record, window: Window) -> slice:
     first, last = np.searchsorted(record.t, low), int(np.searchsorted(record.t, high, side="right"))
     if last - first < FEWEST:
         count = max(last - int(first), 0)
-        raise DataError(f"experiment '{name}': the window{_ends(window)} holds {count} "
-                        f"sample{'s' if count != 1 else ''}, and at least {FEWEST} are needed; it was recorded from "
-                        f"{record.t[0]:g} to {record.t[-1]:g} s.")  # fmt: skip
+        raise DataError(
+            f"experiment '{name}': the window{_ends(window)} holds {count} "
+            f"sample{'s' if count != 1 else ''}, and at least {FEWEST} are needed; it was recorded from "
+            f"{record.t[0]:g} to {record.t[-1]:g} s."
+        )
     return slice(int(first), last)
 
 

@@ -29,14 +29,31 @@ SCREENED, MOST_SCREENED = 64, 4096
 
 
 def fit(
-    diagram: Diagram, data: Data, *, free: Iterable[str] | None = None, bounds: Mapping[str, Any] | None = None,
-    start: Mapping[str, float] | None = None, local: Iterable[str] = (), start_states: bool = False,
-    constraints: Any = None, ties: Mapping[str, str] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None, outputs: Sequence[str] | None = None, sigma: Any = None,
-    window: Any = None, method: str = "gauss-newton", starts: int = 4, seed: int = 0, segments: int = 1,
-    iterations: int | None = None, step: float | None = None, integrator: str = "rk4", hold: str = "linear",
-    progress: Tell | None = None, backend: str = "",
-) -> Fit:  # fmt: skip
+    diagram: Diagram,
+    data: Data,
+    *,
+    free: Iterable[str] | None = None,
+    bounds: Mapping[str, Any] | None = None,
+    start: Mapping[str, float] | None = None,
+    local: Iterable[str] = (),
+    start_states: bool = False,
+    constraints: Any = None,
+    ties: Mapping[str, str] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    outputs: Sequence[str] | None = None,
+    sigma: Any = None,
+    window: Any = None,
+    method: str = "gauss-newton",
+    starts: int = 4,
+    seed: int = 0,
+    segments: int = 1,
+    iterations: int | None = None,
+    step: float | None = None,
+    integrator: str = "rk4",
+    hold: str = "linear",
+    progress: Tell | None = None,
+    backend: str = "",
+) -> Fit:
     """Find the parameters with which a diagram comes closest to recordings, and how sure they are.
 
     ``data`` is a recording (``tsm.read``, a file name, a pandas frame), a list of them or a mapping by name;
@@ -77,10 +94,24 @@ def fit(
     iterations = iterations if iterations is None else whole("iterations", iterations, 0)
     asking.progress(progress)
     problem, setup = pose(
-        diagram, data, free=free, bounds=bounds, start=start, local=local, start_states=start_states,
-        constraints=constraints, ties=ties, priors=priors, sigma=sigma, outputs=outputs, window=window, step=step,
-        integrator=integrator, hold=hold, backend=backend,
-    )  # fmt: skip
+        diagram,
+        data,
+        free=free,
+        bounds=bounds,
+        start=start,
+        local=local,
+        start_states=start_states,
+        constraints=constraints,
+        ties=ties,
+        priors=priors,
+        sigma=sigma,
+        outputs=outputs,
+        window=window,
+        step=step,
+        integrator=integrator,
+        hold=hold,
+        backend=backend,
+    )
     begin, found = feasible_start(problem, problem.unknowns.start), list[Found]()
     with kept() as asked:
         search = _searcher(method, seed, segments, iterations, _told(progress, problem, asked))
@@ -190,8 +221,10 @@ def begins(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed:
             p = problem.unknowns.parameters(begin, e)
             if not np.isfinite(trial.outputs(p)).all():
                 raise_cause(setup.diagram, trial, p)
-        raise RunError("the search cannot begin: there the simulation is so far from what was measured that the square "
-                       "of the difference is no number. Is a start value or a unit wrong?")  # fmt: skip
+        raise RunError(
+            "the search cannot begin: there the simulation is so far from what was measured that the square "
+            "of the difference is no number. Is a start value or a unit wrong?"
+        )
     return begins
 
 

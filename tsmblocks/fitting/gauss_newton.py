@@ -55,9 +55,14 @@ class _Step:
 
 
 def gauss_newton(
-    problem: Problem, start: np.ndarray, *, iterations: int = 100, tell: Tell | None = None, enough: float = ENOUGH,
+    problem: Problem,
+    start: np.ndarray,
+    *,
+    iterations: int = 100,
+    tell: Tell | None = None,
+    enough: float = ENOUGH,
     coarse: bool = True,
-) -> Found:  # fmt: skip
+) -> Found:
     """Search downhill from ``start``, which must be in the bounds and simulate to finite numbers.
 
     Ends when a step promises less than ``enough`` of one sample's variance, by default far below any
@@ -92,7 +97,7 @@ def _sizes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
 
 def by_differences(
     problem: Problem, start: np.ndarray, reach: np.ndarray, *, iterations: int = 100, tell: Tell | None = None
-) -> Found:  # fmt: skip
+) -> Found:
     """As ``gauss_newton``, with differences over ``reach`` (unknowns,) to each side in place of derivatives."""
     state = _State(start, *problem.normal(start, reach), reach=reach)
     history, status = [state.cost], "interrupted"

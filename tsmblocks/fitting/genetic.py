@@ -129,11 +129,22 @@ def _sizes(unknowns: int, population: int | None, generations: int | None) -> tu
 
 def _outcome(judge: Judge, now: _Generation, history: list[float], status: str) -> Evolved:
     if np.isinf(now.merits[0, COST]):
-        raise RunError(f"none of {judge.evaluations} places tried has a finite cost. Narrow the search ranges, or "
-                       "start where the simulation is stable.")  # fmt: skip
+        raise RunError(
+            f"none of {judge.evaluations} places tried has a finite cost. Narrow the search ranges, or "
+            "start where the simulation is stable."
+        )
     thetas = judge.box.thetas(now.shares)
-    return Evolved(thetas[0], float(now.merits[0, COST]), float(now.merits[0, MISSED]), max(len(history) - 1, 0),
-                   judge.evaluations, np.array(history), thetas, now.merits[:, COST].copy(), status)  # fmt: skip
+    return Evolved(
+        thetas[0],
+        float(now.merits[0, COST]),
+        float(now.merits[0, MISSED]),
+        max(len(history) - 1, 0),
+        judge.evaluations,
+        np.array(history),
+        thetas,
+        now.merits[:, COST].copy(),
+        status,
+    )
 
 
 def _first(

@@ -59,10 +59,19 @@ def sizes(theta: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarra
 
 
 def undetermined(
-    J: np.ndarray, r: np.ndarray, names: Sequence[str], theta: np.ndarray, known: Uncertainty, *,
-    scales: np.ndarray | None = None, prior: np.ndarray | None = None, held: np.ndarray | None = None,
-    low: np.ndarray | None = None, high: np.ndarray | None = None, level: float = 0.95,
-) -> tuple[Undetermined, ...]:  # fmt: skip
+    J: np.ndarray,
+    r: np.ndarray,
+    names: Sequence[str],
+    theta: np.ndarray,
+    known: Uncertainty,
+    *,
+    scales: np.ndarray | None = None,
+    prior: np.ndarray | None = None,
+    held: np.ndarray | None = None,
+    low: np.ndarray | None = None,
+    high: np.ndarray | None = None,
+    level: float = 0.95,
+) -> tuple[Undetermined, ...]:
     """Name what the data cannot tell, the plainest first.
 
     ``J`` (N, p), ``r`` (N,), ``prior`` and ``held`` are those of the ``uncertainty`` that is ``known``.
@@ -208,8 +217,9 @@ class _Teller:
         )
         words = f"{subject}: {chain}{also} changes the outputs by {amount}."
         named = [*main, *(passing if small == SMALL else [])]
-        return Undetermined(COMBINATION, tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named),
-                            effect, words)  # fmt: skip
+        return Undetermined(
+            COMBINATION, tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named), effect, words
+        )
 
     def moves(self, v: np.ndarray, main: list[int]) -> tuple[dict[int, str], float]:
         """What each parameter of ``main`` does along ``v``, the largest step being 1 % of what was found; and how many

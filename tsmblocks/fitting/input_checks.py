@@ -32,8 +32,10 @@ def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarr
     lead = _lead(t, x, y)
     if lead <= 0 or _lead(t, x, simulated) > MOSTLY * lead or not _throughout(lead, t, x, y):
         return ""
-    return (f"{names[1]} runs {lead:.2g} s ahead of {names[0]}, which the model does not: were the two exchanged, or "
-            "was one recorded late?")  # fmt: skip
+    return (
+        f"{names[1]} runs {lead:.2g} s ahead of {names[0]}, which the model does not: were the two exchanged, or "
+        "was one recorded late?"
+    )
 
 
 def _throughout(lead: float, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> bool:
@@ -66,6 +68,8 @@ def standing(record: Record, inputs: Iterable[str], hold: str) -> Iterator[str]:
         steps = np.abs(np.diff(record[name]))
         size = float(np.ptp(record[name]))
         if size > 0 and np.mean(steps == 0) >= STILL and steps.max() >= JUMP * size:
-            yield (f"the input {name} stands still and jumps, and between two samples a jump is drawn out "
-                   f"(hold='{hold}'). If it was held from sample to sample, as a controller holds its command, say "
-                   "hold='zero', or --hold zero.")  # fmt: skip
+            yield (
+                f"the input {name} stands still and jumps, and between two samples a jump is drawn out "
+                f"(hold='{hold}'). If it was held from sample to sample, as a controller holds its command, say "
+                "hold='zero', or --hold zero."
+            )

@@ -16,10 +16,18 @@ import numpy as np
 from tsmblocks.fitting.optimizer import Tell
 
 OPTIONS = {
-    "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "show_eval_warnings": False, "no_nlp_grad": True,
-    "calc_lam_p": False, "ipopt.tol": 1e-9, "ipopt.acceptable_tol": 1e-7, "ipopt.nlp_scaling_method": "none",
-    "ipopt.bound_relax_factor": 0.0, "error_on_fail": False,
-}  # fmt: skip
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "show_eval_warnings": False,
+    "no_nlp_grad": True,
+    "calc_lam_p": False,
+    "ipopt.tol": 1e-9,
+    "ipopt.acceptable_tol": 1e-7,
+    "ipopt.nlp_scaling_method": "none",
+    "ipopt.bound_relax_factor": 0.0,
+    "error_on_fail": False,
+}
 
 
 @attrs.frozen(eq=False)
@@ -179,9 +187,22 @@ def solve(
     task: Any = {"x": x, "f": f(x, rest), "g": g(x) if m else ca.MX(0, 1)}
     solver = ca.nlpsol("fit", "ipopt", task, options)
     with np.errstate(over="ignore", invalid="ignore"):
-        answer = solver(x0=start / box.size, lbx=box.low / box.size, ubx=box.high / box.size, lbg=np.zeros(m),
-                        ubg=np.where(box.equal, 0.0, np.inf))  # fmt: skip
+        answer = solver(
+            x0=start / box.size,
+            lbx=box.low / box.size,
+            ubx=box.high / box.size,
+            lbg=np.zeros(m),
+            ubg=np.where(box.equal, 0.0, np.inf),
+        )
     z = memo.best if memo.stop else np.clip(np.asarray(answer["x"]).ravel() * box.size, box.low, box.high)
     stats = solver.stats()
-    return Solved(z, memo.best, memo.latest, str(stats["return_status"]), int(stats["iter_count"]), memo.evaluations,
-                  tuple(memo.history), memo.stop)  # fmt: skip
+    return Solved(
+        z,
+        memo.best,
+        memo.latest,
+        str(stats["return_status"]),
+        int(stats["iter_count"]),
+        memo.evaluations,
+        tuple(memo.history),
+        memo.stop,
+    )

@@ -52,8 +52,10 @@ class Judge:
         if self.constraints is not None:
             values = np.asarray(self.constraints(thetas), dtype=float)
             if values.ndim != 2 or len(values) != count:
-                raise RunError(f"the constraints must give one row per set, shape ({count}, constraints), "
-                               f"got shape {values.shape}.")  # fmt: skip
+                raise RunError(
+                    f"the constraints must give one row per set, shape ({count}, constraints), "
+                    f"got shape {values.shape}."
+                )
             missed = np.where(np.isnan(values), np.inf, np.maximum(values, 0.0)).sum(axis=1)
         self.evaluations += count
         self.calls += 1

@@ -66,8 +66,12 @@ def multiple_shooting(
     n = len(start)
     size = np.concatenate([sizes(point.matrix[:n, :n], start), states])
     free = np.full(len(begin) - n, np.inf)
-    box = Box(np.concatenate([problem.unknowns.low, -free]), np.concatenate([problem.unknowns.high, free]),
-              np.concatenate([problem.limits.equal, np.ones(len(free), dtype=bool)]), size)  # fmt: skip
+    box = Box(
+        np.concatenate([problem.unknowns.low, -free]),
+        np.concatenate([problem.unknowns.high, free]),
+        np.concatenate([problem.limits.equal, np.ones(len(free), dtype=bool)]),
+        size,
+    )
     scale = max(problem.samples, 1) / max(2 * point.cost, 1e-300)
     ended = solve(target, begin, box, scale=scale, iterations=iterations, tell=tell)
     theta = ended.z[:n]
@@ -76,9 +80,11 @@ def multiple_shooting(
         theta = min((ended.last[:n], theta, start), key=problem.cost)
     elif gap > 1e-6:
         why = f"a state still jumps by {gap:.2g} of its size" if gap < 1e3 else "the states ran away"
-        raise RunError(f"multiple shooting could not join its {segments} pieces ({ended.word}): {why}. Try more "
-                       "segments, another start, tighter bounds, or fewer free parameters: of two that do the same, "
-                       "one must be held.")  # fmt: skip
+        raise RunError(
+            f"multiple shooting could not join its {segments} pieces ({ended.word}): {why}. Try more "
+            "segments, another start, tighter bounds, or fewer free parameters: of two that do the same, "
+            "one must be held."
+        )
     return Found(theta, problem.cost(theta), ended.status, ended.iterations, ended.evaluations, ended.history)
 
 
@@ -87,8 +93,10 @@ def cut(problem: Problem, segments: int) -> list[Segment]:
     made, place = list[Segment](), len(problem.unknowns.items)
     for e, trial in enumerate(problem.trials):
         if trial.eq.q:
-            raise RunError(f"multiple shooting does not go with transport delays ({trial.eq.q[0]}): what lies in a "
-                           "delay cannot be a start state. Use one segment.")  # fmt: skip
+            raise RunError(
+                f"multiple shooting does not go with transport delays ({trial.eq.q[0]}): what lies in a "
+                "delay cannot be a start state. Use one segment."
+            )
         every, states = trial.times.every, len(trial.eq.x) + len(trial.eq.d)
         most = max(1, min(segments, trial.times.steps // every))
         ends = [round(k * (trial.times.steps // every) / most) * every for k in range(most)] + [trial.times.steps]
@@ -170,11 +178,16 @@ class _Pieces:
         seed_p[:, :own] = slopes
         seed_x[:, own:] = np.eye(states, width - own)
         state = z[piece.place : piece.place + states] if piece.place >= 0 else None
-        parts = [_run_lanes(trial, piece, p, seed_p[:, k : k + MOST_DIRECTIONS], state,
-                            seed_x[:, k : k + MOST_DIRECTIONS])
-                 for k in range(0, max(width, 1), MOST_DIRECTIONS)]  # fmt: skip
-        return Ran(parts[0].outputs, np.concatenate([q.slopes for q in parts], axis=2), parts[0].end,
-                   np.concatenate([q.end_slopes for q in parts], axis=1))  # fmt: skip
+        parts = [
+            _run_lanes(trial, piece, p, seed_p[:, k : k + MOST_DIRECTIONS], state, seed_x[:, k : k + MOST_DIRECTIONS])
+            for k in range(0, max(width, 1), MOST_DIRECTIONS)
+        ]
+        return Ran(
+            parts[0].outputs,
+            np.concatenate([q.slopes for q in parts], axis=2),
+            parts[0].end,
+            np.concatenate([q.end_slopes for q in parts], axis=1),
+        )
 
     def first_guess(self, theta: np.ndarray) -> np.ndarray:
         """Start states by simulating on from piece to piece; where that runs away, the last good state is kept."""
@@ -202,8 +215,11 @@ class _Pieces:
         """A sensible change of each start state: how much that state differs between the pieces."""
         made: list[np.ndarray] = []
         for e in range(len(self.problem.trials)):
-            starts = [z[q.place : q.place + len(self._columns(q)) - len(self.problem.unknowns.columns(e))]
-                      for q in self.pieces if q.experiment == e and q.place >= 0]  # fmt: skip
+            starts = [
+                z[q.place : q.place + len(self._columns(q)) - len(self.problem.unknowns.columns(e))]
+                for q in self.pieces
+                if q.experiment == e and q.place >= 0
+            ]
             if starts:
                 size = np.maximum(np.abs(np.array(starts)).max(axis=0), 1e-3)
                 made += [size] * len(starts)
@@ -236,8 +252,12 @@ def _run_lanes(
     spans = [y[:, kernel.layout_y.span(count + k)] for k in range(count)]
     slopes = np.stack([np.broadcast_to(v, (len(y), lanes)) for v in spans], axis=1)
     end, end_slopes = _ends(memory.x, kernel.layout_x, lanes), _ends(memory.d, kernel.layout_d, lanes)
-    return Ran(values, slopes[:, :, :width], np.concatenate([end[0], end_slopes[0]]),
-               np.concatenate([end[1], end_slopes[1]])[:, :width])  # fmt: skip
+    return Ran(
+        values,
+        slopes[:, :, :width],
+        np.concatenate([end[0], end_slopes[0]]),
+        np.concatenate([end[1], end_slopes[1]])[:, :width],
+    )
 
 
 def _ends(flat: np.ndarray, layout: Layout, lanes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -253,8 +273,19 @@ def _rows(trial: Trial, piece: Segment, kernel: Kernel, memory: Memory) -> np.nd
     steps, every = piece.last - piece.first, times.every if even else 1
     final = piece.last == times.steps or not even
     y = np.empty(((steps + every - 1) // every + (1 if final and steps % every == 0 else 0), kernel.layout_y.size))
-    kernel.advance(memory, trial.rows[piece.first : piece.last + 1], t0=times.start, h=times.h, k0=piece.first,
-                   n=steps, final=final, every=every, skip=0, hits=trial.hits, y=y)  # fmt: skip
+    kernel.advance(
+        memory,
+        trial.rows[piece.first : piece.last + 1],
+        t0=times.start,
+        h=times.h,
+        k0=piece.first,
+        n=steps,
+        final=final,
+        every=every,
+        skip=0,
+        hits=trial.hits,
+        y=y,
+    )
     part = samples_of(trial, piece)
     if trial.share is None:
         picked: np.ndarray = y[trial.place[part] - piece.first // every]

@@ -41,8 +41,10 @@ class Range:
                 f"{what} must have finite ends, the lower one first, got {self.low:g} to {self.high:g}."
             )
         if self.log and self.low <= 0:
-            raise ParameterError(f"{what} is searched in the logarithm, so both ends must be positive, "
-                                 f"got {self.low:g} to {self.high:g}.")  # fmt: skip
+            raise ParameterError(
+                f"{what} is searched in the logarithm, so both ends must be positive, "
+                f"got {self.low:g} to {self.high:g}."
+            )
 
 
 @attrs.frozen(eq=False)
@@ -92,14 +94,16 @@ class Box:
         except (TypeError, ValueError):
             made = np.empty((0, 0, 0))
         if made.ndim != 2 or made.shape[1] != len(self.ranges):
-            raise ParameterError(f"{what} must have one number for each of the {len(self.ranges)} ranges, "
-                                 f"got {in_words(thetas)}.")  # fmt: skip
+            raise ParameterError(
+                f"{what} must have one number for each of the {len(self.ranges)} ranges, got {in_words(thetas)}."
+            )
         wrong = np.argwhere(~((made >= self.low) & (made <= self.high)))
         if len(wrong):
             row, k = wrong[0]
             named = f"'{self.ranges[k].name}'" if self.ranges[k].name else f"number {k}"
-            raise ParameterError(f"{what} has {named} at {made[row, k]:g}, outside its search range "
-                                 f"{self.low[k]:g} to {self.high[k]:g}.")  # fmt: skip
+            raise ParameterError(
+                f"{what} has {named} at {made[row, k]:g}, outside its search range {self.low[k]:g} to {self.high[k]:g}."
+            )
         return made
 
     def _stretched(self, thetas: np.ndarray) -> np.ndarray:
@@ -154,8 +158,10 @@ def spread(
         found += len(good)
         if found >= count:
             return np.concatenate(kept)[:count]
-    raise ParameterError(f"of {ROUNDS * max(count, 32)} places spread over the search ranges {found} meet the "
-                         f"constraints, and {count} are needed. Relax a constraint or change the ranges.")  # fmt: skip
+    raise ParameterError(
+        f"of {ROUNDS * max(count, 32)} places spread over the search ranges {found} meet the "
+        f"constraints, and {count} are needed. Relax a constraint or change the ranges."
+    )
 
 
 def hypercube(rng: np.random.Generator, count: int, unknowns: int) -> np.ndarray:

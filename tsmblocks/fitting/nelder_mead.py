@@ -141,15 +141,26 @@ def polish(
             raise
         status = "interrupted"
     theta = box.thetas(now.corners[0])
-    return Polished(theta, float(now.merits[0, COST]), float(now.merits[0, MISSED]), len(path) - 1,
-                    judge.evaluations, judge.calls, again, box.thetas(np.array(path)), status)  # fmt: skip
+    return Polished(
+        theta,
+        float(now.merits[0, COST]),
+        float(now.merits[0, MISSED]),
+        len(path) - 1,
+        judge.evaluations,
+        judge.calls,
+        again,
+        box.thetas(np.array(path)),
+        status,
+    )
 
 
 def _edges(size: float | np.ndarray, best: np.ndarray) -> np.ndarray:
     made = np.asarray(size, dtype=float)
     if made.shape not in ((), best.shape) or not ((made > 0) & (made <= 0.5)).all():
-        raise ParameterError("the size of the first simplex must be a share of the ranges, above 0 and up to 0.5, one "
-                             f"for all or one for each of the {len(best)} unknowns, got {in_words(size)}.")  # fmt: skip
+        raise ParameterError(
+            "the size of the first simplex must be a share of the ranges, above 0 and up to 0.5, one "
+            f"for all or one for each of the {len(best)} unknowns, got {in_words(size)}."
+        )
     return np.broadcast_to(made, best.shape)
 
 
@@ -207,6 +218,8 @@ def _height(now: _Simplex, judge: Judge) -> float:
     """From the least to the greatest cost that is finite. Raises RunError when none is."""
     costs = now.merits[:, COST]
     if np.isinf(costs).all():
-        raise RunError(f"none of the {judge.evaluations} places around the start has a finite cost. Begin where the "
-                       "simulation is stable.")  # fmt: skip
+        raise RunError(
+            f"none of the {judge.evaluations} places around the start has a finite cost. Begin where the "
+            "simulation is stable."
+        )
     return float(np.ptp(costs[np.isfinite(costs)]))

@@ -60,7 +60,7 @@ def parsed(text: str, what: str = "noise_floor") -> Floor:
 
 def asked_floors(
     given: Any, diagram: Diagram, records: Mapping[str, Record], outputs: Sequence[str], what: str = "noise_floor"
-) -> dict[str, tuple[float, str]]:  # fmt: skip
+) -> dict[str, tuple[float, str]]:
     """The floors that were given, by output: in the diagram's unit (the recording's where it has none), and in words.
 
     Raises ParameterError for one that is none, and for a number without a unit where it could be in two.
@@ -97,8 +97,9 @@ def _one(value: Any, what: str, whose: str) -> Floor:
     if isinstance(value, str):
         return parsed(value, what)
     if not is_number(value) or not value > 0:
-        raise ParameterError(f"{what}{whose} must be a positive number, or one with its unit such as '0.05deg', "
-                             f"got {in_words(value)}.")  # fmt: skip
+        raise ParameterError(
+            f"{what}{whose} must be a positive number, or one with its unit such as '0.05deg', got {in_words(value)}."
+        )
     return Floor("", float(value), "")
 
 
@@ -109,7 +110,7 @@ def _unit(name: str, diagram: Diagram, records: Mapping[str, Record]) -> str:
 
 def _size(
     one: Floor, name: str, diagram: Diagram, records: Mapping[str, Record], what: str
-) -> tuple[float, str] | None:  # fmt: skip
+) -> tuple[float, str] | None:
     """A floor in the unit an output is compared in, and in words; None where it measures something else."""
     unit = _unit(name, diagram, records)
     if not one.unit:
@@ -126,9 +127,11 @@ def _refuse_two_meanings(one: Floor, name: str, unit: str, records: Mapping[str,
     for experiment, record in records.items():
         own = record.unit(name) if name in record else ""
         if own and unit and not units.same(own, unit):
-            raise ParameterError(f"{what}={one.text} has no unit, and {name} is in {own} in the recording "
-                                 f"'{experiment}' but compared in {unit}: write '{one.text}{own}' or "
-                                 f"'{one.text}{unit}'.")  # fmt: skip
+            raise ParameterError(
+                f"{what}={one.text} has no unit, and {name} is in {own} in the recording "
+                f"'{experiment}' but compared in {unit}: write '{one.text}{own}' or "
+                f"'{one.text}{unit}'."
+            )
 
 
 def noise_of(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:

@@ -222,9 +222,11 @@ def coloured(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> Col
     of = {s: source for source in sources for s in source.users}
     order = [of[s] for s in range(len(segments))]
     return Coloured(
-        tuple(_tamed(o.colour, o.samples) for o in order), tuple(o.inverse for o in order),
-        tuple(o.samples for o in order), tuple(sources.index(o) for o in order),
-    )  # fmt: skip
+        tuple(_tamed(o.colour, o.samples) for o in order),
+        tuple(o.inverse for o in order),
+        tuple(o.samples for o in order),
+        tuple(sources.index(o) for o in order),
+    )
 
 
 def _settled(before: np.ndarray, now: np.ndarray, size: float) -> bool:

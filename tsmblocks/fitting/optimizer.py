@@ -71,11 +71,14 @@ def feasible_start(problem: Problem, theta: np.ndarray) -> np.ndarray:
         values = problem.limits.values(theta)
         bad = ~np.where(problem.limits.equal, np.abs(values) <= MISSED, values >= -MISSED)
         missed = zip(np.array(problem.limits.names)[bad], values[bad], strict=True)
-        said = "; ".join(f"{name} is {f'missed by {abs(v):.3g}' if np.isfinite(v) else 'no number'}"
-                         for name, v in missed)  # fmt: skip
-        raise ParameterError("no values of the free parameters within their bounds meet all constraints. Where the "
-                             f"search came from, {said}. Relax a constraint or a bound, or free more "
-                             "parameters.")  # fmt: skip
+        said = "; ".join(
+            f"{name} is {f'missed by {abs(v):.3g}' if np.isfinite(v) else 'no number'}" for name, v in missed
+        )
+        raise ParameterError(
+            "no values of the free parameters within their bounds meet all constraints. Where the "
+            f"search came from, {said}. Relax a constraint or a bound, or free more "
+            "parameters."
+        )
     return made
 
 

@@ -310,8 +310,9 @@ def _pair(name: str, pair: Any) -> tuple[float, float]:
         ends = (math.copysign(math.inf, s) if v is None else float(v) for v, s in zip(pair, (-1, 1), strict=True))
         low, high = (math.copysign(math.inf, v) if abs(v) > FAR else v for v in ends)
     except (TypeError, ValueError, OverflowError):
-        raise ParameterError(f"bounds of '{name}' must be a pair (low, high), None for no bound, "
-                             f"got {in_words(pair)}.") from None  # fmt: skip
+        raise ParameterError(
+            f"bounds of '{name}' must be a pair (low, high), None for no bound, got {in_words(pair)}."
+        ) from None
     if not low < high:
         raise ParameterError(f"bounds of '{name}': the lower one must be below the upper one, got ({low:g}, {high:g}).")
     return low, high
@@ -324,11 +325,15 @@ def unknown(name: str, diagram: Diagram, fields: list[Field], own: tuple[float, 
     if own is not None:
         asked, (low, high) = own, (max(low, own[0]), min(high, own[1]))
         if not low < high:
-            raise ParameterError(f"bounds of '{name}': ({asked[0]:g}, {asked[1]:g}) leave nothing of what its block "
-                                 f"allows, {fields[0].bounds() if fields else 'any number'}.")  # fmt: skip
+            raise ParameterError(
+                f"bounds of '{name}': ({asked[0]:g}, {asked[1]:g}) leave nothing of what its block "
+                f"allows, {fields[0].bounds() if fields else 'any number'}."
+            )
     if not low <= value <= high:
-        raise ParameterError(f"'{name}' starts at {value:g}, outside its bounds of {low:g} to {high:g}. Start inside: "
-                             f"start={{'{name}': …}}, or other bounds.")  # fmt: skip
+        raise ParameterError(
+            f"'{name}' starts at {value:g}, outside its bounds of {low:g} to {high:g}. Start inside: "
+            f"start={{'{name}': …}}, or other bounds."
+        )
     unit = next((f.unit for f in fields if f.unit and "?" not in f.unit), "") or _unit_of_port(name, diagram, fields)
     about = fields[0].about if fields else "shared number"
     return Unknown(name, value, low, high, unit, about)

@@ -48,9 +48,15 @@ def quadratic_step(
 
 
 def _enter(
-    p: int, d: np.ndarray, inverse: np.ndarray, rows: np.ndarray, bounds: np.ndarray, equal: np.ndarray,
-    active: list[int], force: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    p: int,
+    d: np.ndarray,
+    inverse: np.ndarray,
+    rows: np.ndarray,
+    bounds: np.ndarray,
+    equal: np.ndarray,
+    active: list[int],
+    force: np.ndarray,
+) -> np.ndarray:
     """Bring constraint ``p`` into the active set, dropping those that let go; changes ``active`` and ``force``."""
     while True:
         normal = inverse @ rows[p]

@@ -112,8 +112,9 @@ class Problem:
         made, first = np.zeros((self.samples, len(theta))), 0
         for e, trial in enumerate(self.trials):
             columns = self.unknowns.columns(e)  # another experiment's start values change nothing here
-            many = self.outputs([np.where(np.arange(len(theta)) == k, side, theta)
-                                 for k in columns for side in (low, high)], e)  # fmt: skip
+            many = self.outputs(
+                [np.where(np.arange(len(theta)) == k, side, theta) for k in columns for side in (low, high)], e
+            )
             for i, weight in enumerate(self.weights):
                 rows = slice(first, first + len(trial.t))
                 for n, k in enumerate(columns):
@@ -166,8 +167,11 @@ class Problem:
         count = len(thetas)
         lanes = lanes_for(count)
         groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
-        jobs = [(trial, *trial.lanes(self.unknowns.sets(group, e), frozenset(self.unknowns.changed(e))))
-                for group in groups for e, trial in enumerate(self.trials)]  # fmt: skip
+        jobs = [
+            (trial, *trial.lanes(self.unknowns.sets(group, e), frozenset(self.unknowns.changed(e))))
+            for group in groups
+            for e, trial in enumerate(self.trials)
+        ]
 
         def squares(job: tuple[Trial, Kernel, Memory]) -> np.ndarray:
             return job[0].squares(job[1], job[2], self.weights)

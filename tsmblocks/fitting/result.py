@@ -120,8 +120,13 @@ class Fit:
         made = {}
         for name, diagram in self.diagrams.items():
             record = self.records[name]
-            made[name] = simulate(diagram, start=float(record.t[0]), step=self.step, method=self.integrator,
-                                  inputs=inputs(record, diagram, self.hold))  # fmt: skip
+            made[name] = simulate(
+                diagram,
+                start=float(record.t[0]),
+                step=self.step,
+                method=self.integrator,
+                inputs=inputs(record, diagram, self.hold),
+            )
         return made
 
     def __getitem__(self, name: str) -> Estimate:
@@ -142,8 +147,10 @@ class Fit:
         from tsmblocks.files import save
 
         if (ending := Path(path).suffix).lower() != ".toml":
-            raise DataError(f"'{path}' ends in '{ending}'; a fitted diagram is written to .toml. Its numbers with "
-                            "their intervals are to_dict() and to_pandas().")  # fmt: skip
+            raise DataError(
+                f"'{path}' ends in '{ending}'; a fitted diagram is written to .toml. Its numbers with "
+                "their intervals are to_dict() and to_pandas()."
+            )
         save(self.diagram, path)
         return Path(path)
 
@@ -154,15 +161,24 @@ class Fit:
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the signals as plain values, as ``tsmblocks fit --json`` prints it."""
         return {
-            "format": 1, "diagram": self.diagram.title, "method": self.method, "status": self.status,
-            "step": self.step, "estimates": [e.to_dict() for e in self.estimates],
+            "format": 1,
+            "diagram": self.diagram.title,
+            "method": self.method,
+            "status": self.status,
+            "step": self.step,
+            "estimates": [e.to_dict() for e in self.estimates],
             "correlation": self.correlation.tolist(),
             "undetermined": [{"names": list(u.names), "words": u.words} for u in self.undetermined],
-            "active": list(self.active), "differences": self.differences.to_dict(),
-            "starts": {"tried": len(self.searches), "agreeing": self.agreeing,
-                       "rms": [float(np.sqrt(2 * s.cost / max(self._samples, 1))) for s in self.searches]},
-            "evaluations": sum(s.evaluations for s in self.searches), "notes": list(self.notes),
-        }  # fmt: skip
+            "active": list(self.active),
+            "differences": self.differences.to_dict(),
+            "starts": {
+                "tried": len(self.searches),
+                "agreeing": self.agreeing,
+                "rms": [float(np.sqrt(2 * s.cost / max(self._samples, 1))) for s in self.searches],
+            },
+            "evaluations": sum(s.evaluations for s in self.searches),
+            "notes": list(self.notes),
+        }
 
     @property
     def _samples(self) -> int:

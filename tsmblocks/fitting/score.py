@@ -94,9 +94,16 @@ class Difference:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as plain values."""
-        return {"experiment": self.experiment, "output": self.output, "unit": self.unit, "samples": len(self.t),
-                "rms": self.rms, "largest": self.largest, "relative": self.relative,
-                "fit_percent": self.fit_percent}  # fmt: skip
+        return {
+            "experiment": self.experiment,
+            "output": self.output,
+            "unit": self.unit,
+            "samples": len(self.t),
+            "rms": self.rms,
+            "largest": self.largest,
+            "relative": self.relative,
+            "fit_percent": self.fit_percent,
+        }
 
 
 @attrs.frozen(eq=False)
@@ -191,8 +198,16 @@ def score(
     missing signals, and NotFinite when a simulation runs away.
     """
     diagram = prepared(diagram, parameters)
-    setup = set_up(diagram, recordings(data), outputs=outputs, window=window, step=step, integrator=integrator,
-                   hold=hold, backend=backend)  # fmt: skip
+    setup = set_up(
+        diagram,
+        recordings(data),
+        outputs=outputs,
+        window=window,
+        step=step,
+        integrator=integrator,
+        hold=hold,
+        backend=backend,
+    )
     p = parameter_vector(setup.eq, diagram)
     return between(setup, [p] * len(setup.trials))
 
@@ -204,9 +219,10 @@ def between(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
         y, driven = trial.outputs(p), _driven(setup.diagram, trial.record, trial.t)
         if not np.isfinite(y).all():
             raise_cause(setup.diagram, trial, p)
-        made += [Difference(trial.name, name, setup.diagram.unit(name), trial.t, trial.measured[:, i], y[:, i],
-                            driven)
-                 for i, name in enumerate(setup.outputs)]  # fmt: skip
+        made += [
+            Difference(trial.name, name, setup.diagram.unit(name), trial.t, trial.measured[:, i], y[:, i], driven)
+            for i, name in enumerate(setup.outputs)
+        ]
     return Differences(setup.diagram.title, tuple(made))
 
 
@@ -222,8 +238,17 @@ def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -
     driven = _driven(diagram, record, t)
     for name in outputs:
         measured = signal_of(record.name, record, name, run.unit(name))[cut]
-        made.append(Difference(record.name, name, run.unit(name) or record.unit(name), t, measured,
-                               np.interp(t, run.t, run[name]), driven))  # fmt: skip
+        made.append(
+            Difference(
+                record.name,
+                name,
+                run.unit(name) or record.unit(name),
+                t,
+                measured,
+                np.interp(t, run.t, run[name]),
+                driven,
+            )
+        )
     return Differences(run.title, tuple(made))
 
 

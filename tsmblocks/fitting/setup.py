@@ -67,8 +67,7 @@ def recordings(data: Data) -> dict[str, Record]:
         several = list(data) if isinstance(data, (list, tuple)) else [data]
         records = [_record(one, f"experiment {k}") for k, one in enumerate(several, 1)]
         twice = {r.name for r in records if sum(o.name == r.name for o in records) > 1}
-        named = [(f"{r.name}#{k}" if r.name in twice else r.name or "experiment", r)
-                 for k, r in enumerate(records, 1)]  # fmt: skip
+        named = [(f"{r.name}#{k}" if r.name in twice else r.name or "experiment", r) for k, r in enumerate(records, 1)]
         given = dict(named)
         if len(given) < len(named):
             same = next(name for name, _ in named if sum(name == other for other, _ in named) > 1)
@@ -87,21 +86,26 @@ def _record(one: Any, name: str) -> Record:
         from tsmblocks.data import from_pandas
 
         return _checked(from_pandas(one, name=name))
-    raise DataError(f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}. "
-                    "Of arrays tsm.Record(name, t, signals, units) makes one.")  # fmt: skip
+    raise DataError(
+        f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}. "
+        "Of arrays tsm.Record(name, t, signals, units) makes one."
+    )
 
 
 def _checked(record: Record) -> Record:
     """A record that has samples, and times in order; one made by a script may not."""
     title = f"experiment '{record.name}'"
     if len(record) < FEWEST:
-        raise DataError(f"{title} has {len(record)} sample{'s' if len(record) != 1 else ''}, and at least {FEWEST} "
-                        "are needed.")  # fmt: skip
+        raise DataError(
+            f"{title} has {len(record)} sample{'s' if len(record) != 1 else ''}, and at least {FEWEST} are needed."
+        )
     late = np.flatnonzero(~(np.diff(record.t) > 0))
     if len(late) or not np.isfinite(record.t[[0, -1]]).all():
         k = int(late[0]) + 1 if len(late) else int(np.isinf(record.t[-1])) * (len(record) - 1)
-        raise DataError(f"{title}: times must be finite and increase, and sample {k} is at {record.t[k]:g} s "
-                        f"after one at {record.t[max(k - 1, 0)]:g} s.")  # fmt: skip
+        raise DataError(
+            f"{title}: times must be finite and increase, and sample {k} is at {record.t[k]:g} s "
+            f"after one at {record.t[max(k - 1, 0)]:g} s."
+        )
     return record
 
 
@@ -129,9 +133,16 @@ def windows(given: Any, names: Iterable[str], what: str = "window") -> dict[str,
 
 
 def set_up(
-    diagram: Diagram, records: Mapping[str, Record], *, outputs: Iterable[str] | None, window: Any,
-    step: float | None, integrator: str, hold: str, backend: str,
-) -> Setup:  # fmt: skip
+    diagram: Diagram,
+    records: Mapping[str, Record],
+    *,
+    outputs: Iterable[str] | None,
+    window: Any,
+    step: float | None,
+    integrator: str,
+    hold: str,
+    backend: str,
+) -> Setup:
     """Every recording beside the diagram; without ``step``, one that resolves the diagram is found."""
     for what, word in (("integrator", integrator), ("hold", hold), ("backend", backend)):
         asking.text(what, word)
@@ -144,8 +155,18 @@ def set_up(
     for name, record in records.items():
 
         def made(h: float, name: str = name, record: Record = record) -> Trial:
-            return prepare(name, record, diagram, eq, outputs=names, rule=rule, step=h, hold=hold,
-                           window=parts[name], backend=backend)  # fmt: skip
+            return prepare(
+                name,
+                record,
+                diagram,
+                eq,
+                outputs=names,
+                rule=rule,
+                step=h,
+                hold=hold,
+                window=parts[name],
+                backend=backend,
+            )
 
         if step is None:
             trial, half = _resolved(made, record, eq.periods, p, notes)
@@ -155,8 +176,11 @@ def set_up(
         finer.append(half)
         if trials[-1].share is not None:
             own = median_step(record.t)
-            why = (f"the samples, {own:.4g} s apart, are no multiples of the step of {trial.times.h:.4g} s"
-                   if is_even(record.t, own) else "the samples are unevenly spaced")  # fmt: skip
+            why = (
+                f"the samples, {own:.4g} s apart, are no multiples of the step of {trial.times.h:.4g} s"
+                if is_even(record.t, own)
+                else "the samples are unevenly spaced"
+            )
             notes.append(f"{name}: {why}, so the simulation is read off between its steps.")
     return Setup(diagram, eq, tuple(trials), names, tuple(notes), tuple(finer))
 
@@ -185,7 +209,7 @@ def _parts(own: float, periods: Sequence[float]) -> int:
 
 def _resolved(
     made: Any, record: Record, periods: Sequence[float], p: np.ndarray, notes: list[str]
-) -> tuple[Trial, Trial | None]:  # fmt: skip
+) -> tuple[Trial, Trial | None]:
     """A trial whose step is the sampling step, or that divided until dividing it further changes nothing.
 
     With it, the trial at half that step, where there is one.
@@ -206,11 +230,14 @@ def _resolved(
         best, divide = trial, 2 * divide
     if best is None:
         assert fault is not None
-        raise RunError(f"experiment '{record.name}': no step that divides the {own:g} s between samples suits the "
-                       f"diagram: {fault}") from None  # fmt: skip
+        raise RunError(
+            f"experiment '{record.name}': no step that divides the {own:g} s between samples suits the diagram: {fault}"
+        ) from None
     if np.isfinite(best.outputs(p)).all():
-        notes.append(f"{best.name}: halving the step still changes the simulation by more than a thousandth of what "
-                     f"was measured at {FINEST} steps between samples; a step can be given.")  # fmt: skip
+        notes.append(
+            f"{best.name}: halving the step still changes the simulation by more than a thousandth of what "
+            f"was measured at {FINEST} steps between samples; a step can be given."
+        )
     return best, None
 
 
@@ -227,12 +254,25 @@ def _change(coarse: Trial, fine: Trial, p: np.ndarray) -> float:
 
 
 def pose(
-    diagram: Diagram, data: Data, *, free: Iterable[str] | None, bounds: Mapping[str, Any] | None,
-    start: Mapping[str, float] | None, local: Iterable[str], start_states: bool, constraints: Any,
+    diagram: Diagram,
+    data: Data,
+    *,
+    free: Iterable[str] | None,
+    bounds: Mapping[str, Any] | None,
+    start: Mapping[str, float] | None,
+    local: Iterable[str],
+    start_states: bool,
+    constraints: Any,
     ties: Mapping[str, str] | None,
-    priors: Mapping[str, tuple[float, float]] | None, sigma: Any, outputs: Sequence[str] | None, window: Any,
-    step: float | None, integrator: str, hold: str, backend: str,
-) -> tuple[Problem, Setup]:  # fmt: skip
+    priors: Mapping[str, tuple[float, float]] | None,
+    sigma: Any,
+    outputs: Sequence[str] | None,
+    window: Any,
+    step: float | None,
+    integrator: str,
+    hold: str,
+    backend: str,
+) -> tuple[Problem, Setup]:
     """The problem that a fit solves, every name checked. Arguments as for ``fit``."""
     diagram = prepared(diagram).with_parameters(asking.by_name("start", start, "'tsm.theta': 3.0"))
     records = recordings(data)
@@ -245,16 +285,16 @@ def pose(
     followers = [name for name, _ in tie.items]
     names = [k for k in names if k not in followers]
     diagram = diagram.untied([*names, *followers])
-    setup = set_up(diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold,
-                   backend=backend)  # fmt: skip
+    setup = set_up(
+        diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
+    )
     items = _items(diagram, names, own, bounds, tuple(records))
     unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
     unknowns = _delays_of_a_step(unknowns, setup)
     checked = read_constraints([] if constraints is None else constraints, list(setup.eq.p))
     weights = _weights(setup, sigma)
     _in_range(setup, weights)
-    problem = Problem(unknowns, limits(checked, unknowns), setup.trials, weights, _priors(priors, unknowns),
-                      noise=1.0)  # fmt: skip
+    problem = Problem(unknowns, limits(checked, unknowns), setup.trials, weights, _priors(priors, unknowns), noise=1.0)
     return problem, attrs.evolve(setup, diagram=diagram)
 
 
@@ -265,9 +305,12 @@ def _named_alone(names: list[str], free: Any) -> list[str]:
 
 
 def _items(
-    diagram: Diagram, names: Sequence[str], own: Sequence[str], bounds: Mapping[str, Any] | None,
+    diagram: Diagram,
+    names: Sequence[str],
+    own: Sequence[str],
+    bounds: Mapping[str, Any] | None,
     experiments: tuple[str, ...],
-) -> tuple[Unknown, ...]:  # fmt: skip
+) -> tuple[Unknown, ...]:
     known = numbers(diagram)
     if not names:
         raise ParameterError(f"nothing is free in this fit of '{diagram.title}': name parameters (free=['block.*']).")
@@ -322,9 +365,11 @@ def _in_range(setup: Setup, weights: np.ndarray) -> None:
     for trial in setup.trials:
         for name, size, weight in zip(setup.outputs, np.abs(trial.measured).max(axis=0), weights, strict=True):
             if size > 0 and not 1e-140 < float(size) * float(weight) < 1e140:
-                raise DataError(f"experiment '{trial.name}': {name} reaches {size:.3g}, {size * weight:.3g} after "
-                                "weighing, and the square of that is no number to work with. Choose another unit"
-                                f"{' or sigma' if weight != 1 else ''}.")  # fmt: skip
+                raise DataError(
+                    f"experiment '{trial.name}': {name} reaches {size:.3g}, {size * weight:.3g} after "
+                    "weighing, and the square of that is no number to work with. Choose another unit"
+                    f"{' or sigma' if weight != 1 else ''}."
+                )
 
 
 def _priors(given: Mapping[str, tuple[float, float]] | None, unknowns: Unknowns) -> Priors:
@@ -337,13 +382,18 @@ def _priors(given: Mapping[str, tuple[float, float]] | None, unknowns: Unknowns)
         try:
             middle, width = (float(v) for v in pair)
         except (TypeError, ValueError, OverflowError):
-            raise ParameterError(f"the prior of '{name}' must be a pair (mean, standard deviation), "
-                                 f"got {in_words(pair)}.") from None  # fmt: skip
+            raise ParameterError(
+                f"the prior of '{name}' must be a pair (mean, standard deviation), got {in_words(pair)}."
+            ) from None
         if not (math.isfinite(middle) and 0 < width < math.inf):
-            raise ParameterError(f"the prior of '{name}' needs a finite mean and a positive standard deviation, "
-                                 f"got ({middle:g}, {width:g}).")  # fmt: skip
+            raise ParameterError(
+                f"the prior of '{name}' needs a finite mean and a positive standard deviation, "
+                f"got ({middle:g}, {width:g})."
+            )
         if width < 1e-12 * max(abs(middle), 1e-100):
-            raise ParameterError(f"the prior of '{name}' is so narrow ({width:g}) that nothing is left to find. "
-                                 "Set the number, and do not free it.")  # fmt: skip
+            raise ParameterError(
+                f"the prior of '{name}' is so narrow ({width:g}) that nothing is left to find. "
+                "Set the number, and do not free it."
+            )
         which, mean, deviation = [*which, *hits], [*mean, *[middle] * len(hits)], [*deviation, *[width] * len(hits)]
     return Priors(np.array(which, dtype=int), np.array(mean), np.array(deviation))

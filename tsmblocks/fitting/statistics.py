@@ -52,9 +52,14 @@ class Uncertainty:
 
 
 def uncertainty(
-    J: np.ndarray, r: np.ndarray, segments: Sequence[slice] | None = None, *, prior: np.ndarray | None = None,
-    noise: float | None = None, held: np.ndarray | None = None,
-) -> Uncertainty:  # fmt: skip
+    J: np.ndarray,
+    r: np.ndarray,
+    segments: Sequence[slice] | None = None,
+    *,
+    prior: np.ndarray | None = None,
+    noise: float | None = None,
+    held: np.ndarray | None = None,
+) -> Uncertainty:
     r"""Covariance of a least-squares estimate, robust to coloured residuals.
 
     .. math:: \mathrm{cov} = H^{-1} S H^{-1}, \quad H = J^T J + P, \quad
@@ -97,7 +102,7 @@ def uncertainty(
 
 def moved(
     J: np.ndarray, change: np.ndarray, *, prior: np.ndarray | None = None, held: np.ndarray | None = None
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     r"""How far the estimate moves, to first order, when the residuals change by ``change`` (N,), shape (p,).
 
     .. math:: \Delta\theta = -H^{-1} J^T \Delta r
@@ -113,8 +118,9 @@ def _check(J: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> None:
     if J.ndim != 2 or r.shape != J.shape[:1]:
         raise DataError(f"a Jacobian of shape (N, p) and N residuals are needed, got shapes {J.shape} and {r.shape}.")
     if len(r) <= J.shape[1]:
-        raise DataError(f"{len(r)} samples cannot tell how sure {J.shape[1]} parameters are: it takes more samples "
-                        "than parameters.")  # fmt: skip
+        raise DataError(
+            f"{len(r)} samples cannot tell how sure {J.shape[1]} parameters are: it takes more samples than parameters."
+        )
     if not (np.isfinite(r).all() and np.isfinite(J).all()):
         raise DataError("residuals and their Jacobian must be finite to tell how sure a fit is.")
     if sum(s.stop - s.start for s in segments) != len(r):

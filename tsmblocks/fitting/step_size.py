@@ -26,18 +26,34 @@ def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
     made = []
     for e, trial in enumerate(setup.trials):
         fine = setup.finer[e] if setup.finer else None
-        made.append(fine or prepare(
-            trial.name, trial.record, setup.diagram, setup.eq, outputs=setup.outputs, rule=trial.rule,
-            step=trial.times.h / 2, hold=trial.hold, window=(trial.t[0], trial.t[-1]), backend=trial.backend,
-        ))  # fmt: skip
+        made.append(
+            fine
+            or prepare(
+                trial.name,
+                trial.record,
+                setup.diagram,
+                setup.eq,
+                outputs=setup.outputs,
+                rule=trial.rule,
+                step=trial.times.h / 2,
+                hold=trial.hold,
+                window=(trial.t[0], trial.t[-1]),
+                backend=trial.backend,
+            )
+        )
     trials = tuple(made)
     return attrs.evolve(problem, trials=trials), attrs.evolve(setup, trials=trials, finer=())
 
 
 def shifts(
-    coarse: np.ndarray, fine: np.ndarray, J: np.ndarray, half_widths: np.ndarray, *, prior: np.ndarray | None = None,
+    coarse: np.ndarray,
+    fine: np.ndarray,
+    J: np.ndarray,
+    half_widths: np.ndarray,
+    *,
+    prior: np.ndarray | None = None,
     held: np.ndarray | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """How far each number moves by halving the step, in half widths of its interval, shape (p,); 0 without interval.
 
     ``coarse`` and ``fine`` (N,) are the residuals with the same numbers, ``J`` (N, p) their derivatives. ``prior`` and
@@ -57,5 +73,7 @@ def shift_note(names: Sequence[str], found: np.ndarray, step: float) -> list[str
     worst, others = int(np.argmax(found)), int(np.sum(found > COVERED)) - 1
     size = f"{found[worst]:.2g} times" if found[worst] < FAR else f"more than {FAR:g} times"
     rest = f" and {others} other{'s' if others > 1 else ''} by more than half of theirs" if others else ""
-    return [f"halving the step of {step:.3g} s moves {names[worst]} by {size} the half width of its interval{rest}: "
-            "the intervals do not cover the error of the step; give a smaller step."]  # fmt: skip
+    return [
+        f"halving the step of {step:.3g} s moves {names[worst]} by {size} the half width of its interval{rest}: "
+        "the intervals do not cover the error of the step; give a smaller step."
+    ]

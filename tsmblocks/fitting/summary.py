@@ -41,30 +41,58 @@ def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found]) -
     steep = ~np.isfinite(jacobian).all(axis=0)
     if steep.any():
         name = np.array(unknowns.names)[steep][0]
-        raise RunError(f"the search ended where the slope of the outputs along {name} is no number, as that of a "
-                       "square root at zero. Start elsewhere, or bound it away.")  # fmt: skip
+        raise RunError(
+            f"the search ended where the slope of the outputs along {name} is no number, as that of a "
+            "square root at zero. Start elsewhere, or bound it away."
+        )
     where, rows = held(problem, theta)
     prior = np.diag(problem.prior_slopes(theta)[1]) if len(problem.priors.which) else None
     fixed = rows if len(rows) else None
-    known = uncertainty(jacobian, r, problem.segments, prior=prior, noise=None if prior is None else problem.noise,
-                        held=fixed)  # fmt: skip
+    known = uncertainty(
+        jacobian, r, problem.segments, prior=prior, noise=None if prior is None else problem.noise, held=fixed
+    )
     if best.blur is not None:  # anything between two jumps is as good
         known = attrs.evolve(known, covariance=known.covariance + np.diag(best.blur**2 / 3))
     scales = _sizes(problem, theta, jacobian)
-    open_ = undetermined(jacobian, r, unknowns.names, theta, known, scales=scales, prior=prior, held=fixed,
-                         low=unknowns.low, high=unknowns.high)  # fmt: skip
+    open_ = undetermined(
+        jacobian,
+        r,
+        unknowns.names,
+        theta,
+        known,
+        scales=scales,
+        prior=prior,
+        held=fixed,
+        low=unknowns.low,
+        high=unknowns.high,
+    )
     diagrams = {name: _fitted(setup.diagram, problem, theta, e) for e, name in enumerate(unknowns.experiments)}
     variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
     agreeing = sum(abs(f.cost - best.cost) <= SAME * variance for f in found)
     seen = _Seen(theta, r, jacobian, known, prior, fixed)
-    notes = [*setup.notes, *_of_the_step(problem, setup, seen), *_remarks(setup, differences),
-             *_of_what_is_known(setup, [item.parameter for item in unknowns.items])]  # fmt: skip
+    notes = [
+        *setup.notes,
+        *_of_the_step(problem, setup, seen),
+        *_remarks(setup, differences),
+        *_of_what_is_known(setup, [item.parameter for item in unknowns.items]),
+    ]
     return Fit(
-        next(iter(diagrams.values())), diagrams, _estimates(problem, setup, theta, known, where, open_),
-        differences, known.covariance, open_, tuple(where.values()),
-        method, tuple(found), agreeing, setup.trials[0].times.h, setup.trials[0].rule.name, setup.trials[0].hold,
-        {trial.name: trial.record for trial in setup.trials}, tuple(notes),
-    )  # fmt: skip
+        next(iter(diagrams.values())),
+        diagrams,
+        _estimates(problem, setup, theta, known, where, open_),
+        differences,
+        known.covariance,
+        open_,
+        tuple(where.values()),
+        method,
+        tuple(found),
+        agreeing,
+        setup.trials[0].times.h,
+        setup.trials[0].rule.name,
+        setup.trials[0].hold,
+        {trial.name: trial.record for trial in setup.trials},
+        tuple(notes),
+    )
 
 
 @attrs.frozen(eq=False)
@@ -106,8 +134,9 @@ def _fitted(diagram: Diagram, problem: Problem, theta: np.ndarray, e: int) -> Di
     try:
         return diagram.with_parameters(settings)
     except ParameterError as error:
-        raise ParameterError(f"the fit ended where a block refuses its numbers: {error} "
-                             "A constraint would keep it away from there.") from None  # fmt: skip
+        raise ParameterError(
+            f"the fit ended where a block refuses its numbers: {error} A constraint would keep it away from there."
+        ) from None
 
 
 def held(problem: Problem, theta: np.ndarray) -> tuple[dict[int | str, str], np.ndarray]:
@@ -130,9 +159,13 @@ def held(problem: Problem, theta: np.ndarray) -> tuple[dict[int | str, str], np.
 
 
 def _estimates(
-    problem: Problem, setup: Setup, theta: np.ndarray, known: Uncertainty, where: dict[int | str, str],
+    problem: Problem,
+    setup: Setup,
+    theta: np.ndarray,
+    known: Uncertainty,
+    where: dict[int | str, str],
     open_: tuple[Undetermined, ...],
-) -> tuple[Estimate, ...]:  # fmt: skip
+) -> tuple[Estimate, ...]:
     low, high = intervals(theta, known.covariance, known.freedom)
     verdicts = {name: VERDICTS[u.kind] for u in open_ for name in u.names}
     fields = numbers(setup.diagram)
@@ -142,11 +175,20 @@ def _estimates(
         verdict = f"at its {side} bound" if k in where else verdicts.get(item.name, "")
         said = k not in where and 0 < known.errors[k] < np.inf
         verdict = verdict or ("held by a constraint" if known.errors[k] == 0 else "")
-        made.append(Estimate(
-            item.name, float(theta[k]), float(known.errors[k]) if said else float("nan"),
-            float(low[k]) if said else float("nan"), float(high[k]) if said else float("nan"), item.unit, item.about,
-            item.start, verdict, is_start(fields.get(item.parameter, [])),
-        ))  # fmt: skip
+        made.append(
+            Estimate(
+                item.name,
+                float(theta[k]),
+                float(known.errors[k]) if said else float("nan"),
+                float(low[k]) if said else float("nan"),
+                float(high[k]) if said else float("nan"),
+                item.unit,
+                item.about,
+                item.start,
+                verdict,
+                is_start(fields.get(item.parameter, [])),
+            )
+        )
     return tuple(made)
 
 
@@ -165,9 +207,12 @@ def _cautions(record: Record, names: tuple[str, ...]) -> tuple[str, ...]:
 def _of_what_is_known(setup: Setup, free: list[str]) -> list[str]:
     """Numbers that were freed though data sheets say them: counts of an encoder have a valley for each of them."""
     fields = numbers(setup.diagram)
-    return [f"{name} is as a rule known. A search finds such a number only from close by, and its interval is that of "
-            "where this one ended: compare what is left with what the number on the data sheet leaves."
-            for name in dict.fromkeys(free) if any(f.known for f in fields[name])]  # fmt: skip
+    return [
+        f"{name} is as a rule known. A search finds such a number only from close by, and its interval is that of "
+        "where this one ended: compare what is left with what the number on the data sheet leaves."
+        for name in dict.fromkeys(free)
+        if any(f.known for f in fields[name])
+    ]
 
 
 def _remarks(setup: Setup, differences: Differences) -> list[str]:
@@ -180,10 +225,16 @@ def _remarks(setup: Setup, differences: Differences) -> list[str]:
         said += [f"{trial.name}: {text}" for text in standing(trial.record, setup.diagram.inports, trial.hold)]
         begins = trial.record.t[0]
         if not setup.diagram.inports and begins != 0:
-            said.append(f"{trial.name}: nothing that was measured drives the diagram. Its sources run by the clock "
-                        f"of the recording, and it is at rest until that begins, at {begins:g} s.")  # fmt: skip
-    said += [f"{d.experiment}: the diagram explains {d.output} {'no' if d.fit_percent <= 0 else 'hardly'} better than "
-             "its mean does." for d in differences if d.fit_percent <= NEXT_TO_NOTHING]  # fmt: skip
+            said.append(
+                f"{trial.name}: nothing that was measured drives the diagram. Its sources run by the clock "
+                f"of the recording, and it is at rest until that begins, at {begins:g} s."
+            )
+    said += [
+        f"{d.experiment}: the diagram explains {d.output} {'no' if d.fit_percent <= 0 else 'hardly'} better than "
+        "its mean does."
+        for d in differences
+        if d.fit_percent <= NEXT_TO_NOTHING
+    ]
     for d in differences:
         ahead = (runs_ahead((k, d.output), d.t, x, d.measured, d.simulated) for k, (x, _) in d.inputs.items())
         said += [f"{d.experiment}: {text}" for text in ahead if text]

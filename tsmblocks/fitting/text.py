@@ -69,13 +69,30 @@ def left_rows(differences: Differences) -> list[tuple[str, ...]]:
     """The rows of the table of what is left, the heading first: signal, rms, largest, unit, fit, samples."""
     rows: list[tuple[str, ...]] = [("what is left", "rms", "largest", "unit", "fit", "samples")]
     shown = [d.in_degrees() for d in differences]
-    rows += [(f"{d.experiment}, {d.output}", f"{d.rms:.4g}", f"{d.largest:.4g}", d.unit, _share(d.fit_percent),
-              str(len(d.t))) for d in shown]  # fmt: skip
+    rows += [
+        (
+            f"{d.experiment}, {d.output}",
+            f"{d.rms:.4g}",
+            f"{d.largest:.4g}",
+            d.unit,
+            _share(d.fit_percent),
+            str(len(d.t)),
+        )
+        for d in shown
+    ]
     if len(shown) > 1 and len({(d.output, d.unit) for d in shown}) == 1:
         n = np.array([len(d.t) for d in shown])
         rms = np.sqrt(n @ np.array([d.rms**2 for d in shown]) / n.sum())
-        rows.append((f"all, {shown[0].output}", f"{rms:.4g}", f"{max(d.largest for d in shown):.4g}", shown[0].unit,
-                     "", str(n.sum())))  # fmt: skip
+        rows.append(
+            (
+                f"all, {shown[0].output}",
+                f"{rms:.4g}",
+                f"{max(d.largest for d in shown):.4g}",
+                shown[0].unit,
+                "",
+                str(n.sum()),
+            )
+        )
     return rows
 
 
@@ -92,8 +109,9 @@ def cautions(fit: Fit) -> list[str]:
     if silent:
         told = [*dict.fromkeys(_gathered([(name,) for name in silent]))]
         where = "there" if all(name not in silent for name in told) else "in these experiments"
-        said.append(f"{listed(told, len(told))} {'has' if len(told) == 1 else 'have'} no influence on the outputs "
-                    f"{where}.")  # fmt: skip
+        said.append(
+            f"{listed(told, len(told))} {'has' if len(told) == 1 else 'have'} no influence on the outputs {where}."
+        )
     said += [u.words for u in fit.undetermined if u.kind != NO_INFLUENCE]
     said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
     together = [set(u.names) for u in fit.undetermined]
@@ -114,9 +132,12 @@ def _gathered(groups: Sequence[tuple[str, ...]]) -> list[str]:
     own = [tuple(sorted(p for p, *_ in parts)) if len({e for *_, e in parts}) == 1 else () for parts in split]
     for key, parts in zip(own, split, strict=True):
         found.setdefault(key, []).append(parts[0][2])
-    return [f"{listed(key)} in {len(found[key])} experiments ({listed(found[key], 2)})"
-            if key and all(found[key]) and len(found[key]) > 2 else listed(group)
-            for key, group in zip(own, groups, strict=True)]  # fmt: skip
+    return [
+        f"{listed(key)} in {len(found[key])} experiments ({listed(found[key], 2)})"
+        if key and all(found[key]) and len(found[key]) > 2
+        else listed(group)
+        for key, group in zip(own, groups, strict=True)
+    ]
 
 
 def tangled(fit: Fit) -> list[tuple[str, str, float]]:
@@ -189,9 +210,15 @@ def beside_noise(comparison: Comparison) -> list[str]:
     noise = f"The noise of the recordings is {k * comparison.noise:.3g} {unit} rms ({comparison.noise_from})"
     if ratio < FAR:
         return [textwrap.fill(f"{noise}; {comparison.best.name} leaves {ratio:.2g} times that.", WIDTH)]
-    return [textwrap.fill(f"{noise}, and {comparison.best.name} leaves {ratio:.2g} times that: something is missing in "
-                          f"every one. `tsmblocks diagnose {comparison.best.name} --data …` (tsm.diagnose) looks for "
-                          "what it is.", WIDTH, break_on_hyphens=False)]  # fmt: skip
+    return [
+        textwrap.fill(
+            f"{noise}, and {comparison.best.name} leaves {ratio:.2g} times that: something is missing in "
+            f"every one. `tsmblocks diagnose {comparison.best.name} --data …` (tsm.diagnose) looks for "
+            "what it is.",
+            WIDTH,
+            break_on_hyphens=False,
+        )
+    ]
 
 
 def open_numbers(fit: Fit) -> list[str]:
@@ -208,17 +235,33 @@ def by_file(found: Mapping[str, Comparison]) -> str:
     rows: list[Sequence[str]] = [("model", *(f"{name} " for name in (*found, "all")))]
     for model, rms in ranked:
         figures = [next((row.figure for row in one if row.name == model), np.inf) for one in found.values()]
-        rows.append((model, *(f"{k * y:.4g}{'*' if y == best else ' '}" if np.isfinite(y) else "- "
-                              for y, best in zip((*figures, rms), least, strict=True))))  # fmt: skip
+        rows.append(
+            (
+                model,
+                *(
+                    f"{k * y:.4g}{'*' if y == best else ' '}" if np.isfinite(y) else "- "
+                    for y, best in zip((*figures, rms), least, strict=True)
+                ),
+            )
+        )
     text = columns(rows)
     if sum(2 + max(len(row[j]) for row in rows) for j in range(len(rows[0]))) > WIDTH:
-        text = in_parts([["file", *(f"{row[0]} " for row in rows[1:])], *(
-            [rows[0][j].strip(), *(row[j] for row in rows[1:])] for j in range(1, len(rows[0])))])  # fmt: skip
+        text = in_parts(
+            [
+                ["file", *(f"{row[0]} " for row in rows[1:])],
+                *([rows[0][j].strip(), *(row[j] for row in rows[1:])] for j in range(1, len(rows[0]))),
+            ]
+        )
     what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held out"
     parts = [f"{what} [{unit}], every file fitted by itself; * is the best", text]
     best = ranked[0][0]
-    said = [_bullet(f"{best}, {name}: {words}") for name, one in found.items() for row in one if row.name == best
-            for words in ([row.fault] if row.fit is None else row_doubts(row))]  # fmt: skip
+    said = [
+        _bullet(f"{best}, {name}: {words}")
+        for name, one in found.items()
+        for row in one
+        if row.name == best
+        for words in ([row.fault] if row.fit is None else row_doubts(row))
+    ]
     return "\n\n".join([*parts, *(["\n".join(["beware:", *said])] if said else [])])
 
 
@@ -247,8 +290,14 @@ def for_people(unit: str) -> tuple[float, str]:
 
 def _bullet(text: str) -> str:
     """A sentence in lines that fit a terminal, after a dash; no percent sign stands alone."""
-    lines = textwrap.fill(text.replace(" %", "\xa0%"), WIDTH, initial_indent="- ", subsequent_indent="  ",
-                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    lines = textwrap.fill(
+        text.replace(" %", "\xa0%"),
+        WIDTH,
+        initial_indent="- ",
+        subsequent_indent="  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
     return lines.replace("\xa0", " ")
 
 

@@ -10,9 +10,17 @@ from typing import Any
 FAMILIES = {"lti": "linear"}
 """Modules whose blocks belong to the family of another."""
 ORDER = [
-    "sources", "arithmetic", "linear", "limits", "friction", "hysteresis", "control", "motor", "discrete",
+    "sources",
+    "arithmetic",
+    "linear",
+    "limits",
+    "friction",
+    "hysteresis",
+    "control",
+    "motor",
+    "discrete",
     "sensors",
-]  # fmt: skip
+]
 
 
 def family(cls: type) -> str:
@@ -54,13 +62,28 @@ def card(cls: Any) -> dict[str, Any]:
     sentence, equation, remarks = words(cls)
     ports = block.inports.items()
     return {
-        "name": cls.__name__, "family": family(cls), "words": sentence, "equation": equation,
-        "remarks": remarks, "source": block.source, "symbol": block.symbol, "sampled": block.sampled,
+        "name": cls.__name__,
+        "family": family(cls),
+        "words": sentence,
+        "equation": equation,
+        "remarks": remarks,
+        "source": block.source,
+        "symbol": block.symbol,
+        "sampled": block.sampled,
         "inputs": [{"name": k, "unit": p.unit, "about": p.about, "rate_of": p.rate_of} for k, p in ports],
         "outputs": [{"name": k, "unit": p.unit, "about": p.about} for k, p in block.outports.items()],
         "parameters": [
-            {"name": k, "kind": f.kind, "default": getattr(block, k), "unit": f.unit, "bounds": f.bounds(),
-             "low": f.low, "high": f.high, "choices": list(f.choices), "about": f.about}
+            {
+                "name": k,
+                "kind": f.kind,
+                "default": getattr(block, k),
+                "unit": f.unit,
+                "bounds": f.bounds(),
+                "low": f.low,
+                "high": f.high,
+                "choices": list(f.choices),
+                "about": f.about,
+            }
             for k, f in cls.fields().items()
         ],
-    }  # fmt: skip
+    }

@@ -24,7 +24,8 @@ ROUNDED = 1e-12
 LEFT, RIGHT = 46, WIDTH - 10
 SIGNS = "".join(f".tsmblocks .c{k}{{stroke:var(--c{k})}}" for k in range(len(COLOURS)))
 STYLE = (
-    ".tsmblocks{" + "".join(f"--c{k}:{c};" for k, c in enumerate(COLOURS))
+    ".tsmblocks{"
+    + "".join(f"--c{k}:{c};" for k, c in enumerate(COLOURS))
     + "--rule:color-mix(in srgb,currentColor 22%,transparent);--before:#d9661f;--after:#2b7fc4;--between:#8f9fae;"
     "--floor:#1f9a72;--noise:#1f9a7333;--band:#2b7fc433;--ink:currentColor;"
     "--measured:color-mix(in srgb,currentColor 50%,transparent);"
@@ -59,7 +60,7 @@ STYLE = (
     ".tsmblocks math{font-size:15px;margin:0;width:fit-content}"
     ".tsmblocks mtd.right{text-align:right}.tsmblocks mtd.left{text-align:left}"
     ".tsmblocks pre{background:transparent;color:inherit;margin:.4em 0;padding:0;white-space:pre-wrap}" + SIGNS
-)  # fmt: skip
+)
 """The style sheet of every card: ink and paper are those of the page, so it is read on light and dark ones."""
 
 

@@ -72,8 +72,10 @@ def ticks(low: float, high: float, most: int = TICKS) -> list[float]:
 
 def chart(parts: Sequence[str], height: float, words: str) -> str:
     """A whole chart; ``words`` say what it shows to those who do not see it."""
-    return (f'<svg class="chart" viewBox="0 0 {WIDTH} {_n(height)}" role="img" aria-label={quoteattr(words)}>'
-            f'{"".join(parts)}</svg>')  # fmt: skip
+    return (
+        f'<svg class="chart" viewBox="0 0 {WIDTH} {_n(height)}" role="img" aria-label={quoteattr(words)}>'
+        f"{''.join(parts)}</svg>"
+    )
 
 
 def axes(frame: Frame, x_label: str, y_label: str, *, numbers: bool = True) -> str:
@@ -144,8 +146,10 @@ def points(frame: Frame, x: np.ndarray, y: np.ndarray, error: np.ndarray, kind: 
 
 def box(x: float, y: float, width: float, height: float, kind: str, more: str = "") -> str:
     """A rectangle of a class."""
-    return (f'<rect class="{kind}" x="{_n(x)}" y="{_n(y)}" width="{_n(max(width, 0))}" '
-            f'height="{_n(max(height, 0))}"{more}/>')  # fmt: skip
+    return (
+        f'<rect class="{kind}" x="{_n(x)}" y="{_n(y)}" width="{_n(max(width, 0))}" '
+        f'height="{_n(max(height, 0))}"{more}/>'
+    )
 
 
 def rule(x: float, y: float, x2: float, y2: float, kind: str) -> str:

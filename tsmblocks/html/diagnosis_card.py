@@ -16,18 +16,40 @@ from tsmblocks.html.report import WORDS
 
 def diagnosis_card(found: Diagnosis) -> str:
     """A diagnosis: verdict, effects with their numbers, gaps before and after; ``save`` writes the whole report."""
-    boxes = [f'<div class="verdict {escape(s.verdict)}"><p><b>{escape(WORDS.get(s.verdict, s.verdict))}.</b> '
-             f"{sentence(verdict(s))}</p></div>" for s in in_order(found)]  # fmt: skip
-    effects = [(e.name, e.wire.strip(), "; ".join(f"{k} {with_interval(q)}" for k, q in e.parameters.items()),
-                percent(e.share_removed), ", ".join(e.also_possible)) for e in found.effects]  # fmt: skip
+    boxes = [
+        f'<div class="verdict {escape(s.verdict)}"><p><b>{escape(WORDS.get(s.verdict, s.verdict))}.</b> '
+        f"{sentence(verdict(s))}</p></div>"
+        for s in in_order(found)
+    ]
+    effects = [
+        (
+            e.name,
+            e.wire.strip(),
+            "; ".join(f"{k} {with_interval(q)}" for k, q in e.parameters.items()),
+            percent(e.share_removed),
+            ", ".join(e.also_possible),
+        )
+        for e in found.effects
+    ]
     head = ("effect", "on the wire", "numbers", "of the excess", "cannot be told from")
     named = table_of([head, *effects], {0, 1, 2, 4}) if effects else ""
     gaps = [gap_bars(s, g) for s in found.segments for g in s.gaps][:MOST_CHARTS]
-    colours = key([("--before", "before"), *([("--after", "with all that was named")] if effects else []),
-                   ("hollow", "hollow: fitted to these data too")])  # fmt: skip
+    colours = key(
+        [
+            ("--before", "before"),
+            *([("--after", "with all that was named")] if effects else []),
+            ("hollow", "hollow: fitted to these data too"),
+        ]
+    )
     stopped = "" if found.status == "done" else f"; {STATUS.get(found.status, found.status)}"
     count = len(found.experiments)
     about = f"{count} experiment{'s' if count > 1 else ''}: {few(found.experiments)}{stopped}"
-    return card(f"Diagnosis: {found.diagram or 'diagram'}", about, *boxes, named, colours,
-                f'<div class="charts">{"".join(gaps)}</div>',
-                listed(["diagnosis.save(folder) writes the whole report."]))  # fmt: skip
+    return card(
+        f"Diagnosis: {found.diagram or 'diagram'}",
+        about,
+        *boxes,
+        named,
+        colours,
+        f'<div class="charts">{"".join(gaps)}</div>',
+        listed(["diagnosis.save(folder) writes the whole report."]),
+    )

@@ -13,10 +13,13 @@ WIDE, TEXTS = 5, 2
 
 def document(title: str, parts: Iterable[str]) -> str:
     """The whole page; ``title`` is text, the parts are HTML."""
-    return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-            '<meta name="viewport" content="width=device-width,initial-scale=1">'
-            f'<meta name="color-scheme" content="light dark"><style>{CSS}</style></head>\n<body>\n'
-            + "\n".join(parts) + "\n</body></html>\n")  # fmt: skip
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f'<meta name="color-scheme" content="light dark"><style>{CSS}</style></head>\n<body>\n'
+        + "\n".join(parts)
+        + "\n</body></html>\n"
+    )
 
 
 def table(names: Sequence[str], rows: Iterable[Sequence[str]], kinds: Sequence[str] = ()) -> str:

@@ -42,8 +42,11 @@ def gap_bars(segment: Segment, gap: Gap) -> str:
     parts = [_grid(frame, heading(f"rms of {gap.output}", unit))]
     for place, (name, values, train) in enumerate(rows):
         y = top + tall * place + SPACE / 2
-        parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, charts.cut(name, names - 8), "end",
-                                 "strong" if not place else ""))  # fmt: skip
+        parts.append(
+            charts.text(
+                names - 6, y + count * BAR / 2 + 4, charts.cut(name, names - 8), "end", "strong" if not place else ""
+            )
+        )
         parts += _bars(frame, y, k, values, train)
     x = float(frame.across(np.array(k * gap.noise_floor)))
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
@@ -142,11 +145,15 @@ def left_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) ->
     k_in, unit_in = for_people(diagram.unit(trace.drive_name))
     x, left = k_in * trace.drive, [k * (trace.measured - y) for y in _models(trace)]
     frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*left, zero=True))
-    parts = [charts.axes(frame, heading(trace.drive_name, unit_in), ""),
-             charts.band(frame, -2 * k * noise, 2 * k * noise, "noise"),
-             charts.text(2, 12, heading(f"{trace.output} measured less simulated", unit))]  # fmt: skip
-    parts += [charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), f"{kind} thin")
-              for kind, y in zip(KINDS[1:], left, strict=False)]  # fmt: skip
+    parts = [
+        charts.axes(frame, heading(trace.drive_name, unit_in), ""),
+        charts.band(frame, -2 * k * noise, 2 * k * noise, "noise"),
+        charts.text(2, 12, heading(f"{trace.output} measured less simulated", unit)),
+    ]
+    parts += [
+        charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), f"{kind} thin")
+        for kind, y in zip(KINDS[1:], left, strict=False)
+    ]
     return charts.chart(parts, 184, f"what is left of {trace.output} over {trace.drive_name} in {trace.experiment}")
 
 

@@ -23,9 +23,13 @@ def fit_card(fit: Fit) -> str:
     """A fit: the numbers with intervals, the experiment that is left most of, and what to beware of."""
     tried = len(fit.searches)
     agree = f"; {fit.agreeing} of {tried} starts ended at this optimum" if tried > 1 else ""
-    return card(fit.diagram.title or "Fit", f"{fit.method}: {STATUS[fit.status]}{agree}",
-                table_of(estimate_rows(fit), {0, 4, 6}, MOST), *_left(fit.differences),
-                listed(cautions(fit), "beware"))  # fmt: skip
+    return card(
+        fit.diagram.title or "Fit",
+        f"{fit.method}: {STATUS[fit.status]}{agree}",
+        table_of(estimate_rows(fit), {0, 4, 6}, MOST),
+        *_left(fit.differences),
+        listed(cautions(fit), "beware"),
+    )
 
 
 def differences_card(differences: Differences) -> str:
@@ -40,8 +44,14 @@ def comparison_card(found: Comparison) -> str:
     best = found.best.held_out or found.best.train
     shown = _chart(_worst(best), f"{found.best.name}: ") if best is not None and len(best) else ""
     about = "interrupted; these are the models that were reached" if found.interrupted else ""
-    return card(f"{len(found)} models compared", about, table_of(ranking_rows(found), {0}, MOST), shown,
-                listed(faults, "could not be fitted"), listed(warnings, "beware"))  # fmt: skip
+    return card(
+        f"{len(found)} models compared",
+        about,
+        table_of(ranking_rows(found), {0}, MOST),
+        shown,
+        listed(faults, "could not be fitted"),
+        listed(warnings, "beware"),
+    )
 
 
 def _left(differences: Differences) -> tuple[str, str]:
@@ -60,11 +70,16 @@ def _chart(one: Difference, before: str = "") -> str:
     measured, simulated, left = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
     above = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(measured, simulated))
     below = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(left, zero=True))
-    first = [charts.axes(above, "t [s]", heading(f"{before}{one.experiment}, {one.output}", unit)),
-             charts.line(above, *charts.thinned(one.t, measured, POINTS), "measured"),
-             charts.line(above, *charts.thinned(one.t, simulated, POINTS), "c0")]  # fmt: skip
-    second = [charts.axes(below, "t [s]", heading("measured less simulated", unit)),
-              charts.line(below, *charts.thinned(one.t, left, POINTS), "c1")]  # fmt: skip
-    both = (charts.chart(first, 152, f"{one.output} of {one.experiment} over time, measured and simulated")
-            + charts.chart(second, 152, f"what is left of {one.output} in {one.experiment} over time"))  # fmt: skip
+    first = [
+        charts.axes(above, "t [s]", heading(f"{before}{one.experiment}, {one.output}", unit)),
+        charts.line(above, *charts.thinned(one.t, measured, POINTS), "measured"),
+        charts.line(above, *charts.thinned(one.t, simulated, POINTS), "c0"),
+    ]
+    second = [
+        charts.axes(below, "t [s]", heading("measured less simulated", unit)),
+        charts.line(below, *charts.thinned(one.t, left, POINTS), "c1"),
+    ]
+    both = charts.chart(
+        first, 152, f"{one.output} of {one.experiment} over time, measured and simulated"
+    ) + charts.chart(second, 152, f"what is left of {one.output} in {one.experiment} over time")
     return f'<div class="charts">{both}</div>{key([("--measured", "measured"), ("--c0", "simulated")])}'

@@ -22,14 +22,19 @@ def mathml(latex: str, *, block: bool = False) -> str:
     else:
         inner = f'<mtable class="aligned" displaystyle="true">{"".join(map(_row, rows))}</mtable>'
     shape = ' display="block"' if block else ""
-    return f'<math xmlns="http://www.w3.org/1998/Math/MathML"{shape}><semantics><mrow>{inner}</mrow>' \
-           f'<annotation encoding="application/x-tex">{escape(latex)}</annotation></semantics></math>'  # fmt: skip
+    return (
+        f'<math xmlns="http://www.w3.org/1998/Math/MathML"{shape}><semantics><mrow>{inner}</mrow>'
+        f'<annotation encoding="application/x-tex">{escape(latex)}</annotation></semantics></math>'
+    )
 
 
 def _row(cells: list[str]) -> str:
     sides = [("right", "left")[k % 2] for k in range(len(cells))] if len(cells) > 1 else ["left"]
-    return "<mtr>" + "".join(f'<mtd class="{side}">{_converted(cell)}</mtd>'
-                             for side, cell in zip(sides, cells, strict=True)) + "</mtr>"  # fmt: skip
+    return (
+        "<mtr>"
+        + "".join(f'<mtd class="{side}">{_converted(cell)}</mtd>' for side, cell in zip(sides, cells, strict=True))
+        + "</mtr>"
+    )
 
 
 def _cells(row: str) -> list[str]:

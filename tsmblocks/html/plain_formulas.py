@@ -35,8 +35,13 @@ def plain(latex: str) -> str:
 def _cases(found: re.Match[str]) -> str:
     """Cases on one line, each with its condition."""
     rows = [row.split("&") for row in re.split(r"\\\\", found[1].strip())]
-    return r"\{" + "; ".join(" if ".join(part.strip() for part in row) for row in rows).replace(
-        r"if \text{otherwise}", "otherwise") + r"\}"  # fmt: skip
+    return (
+        r"\{"
+        + "; ".join(" if ".join(part.strip() for part in row) for row in rows).replace(
+            r"if \text{otherwise}", "otherwise"
+        )
+        + r"\}"
+    )
 
 
 def _spaced(line: str) -> str:

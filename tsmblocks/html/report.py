@@ -50,8 +50,19 @@ def page(diagnosis: Diagnosis) -> str:
     """The whole page; the same diagnosis gives the same text."""
     title = f"Diagnosis: {diagnosis.diagram or 'diagram'}"
     parts = [_head(diagnosis, title)]
-    for build in (_gaps, _disagreement, _ranking, _diagrams, _own_numbers, _script, _confusion, _limits, _consequence,
-                  _provenance, _notes):  # fmt: skip
+    for build in (
+        _gaps,
+        _disagreement,
+        _ranking,
+        _diagrams,
+        _own_numbers,
+        _script,
+        _confusion,
+        _limits,
+        _consequence,
+        _provenance,
+        _notes,
+    ):
         body = build(diagnosis)
         if body:
             parts.append(body)
@@ -65,8 +76,10 @@ def _head(diagnosis: Diagnosis, title: str) -> str:
     boxes = []
     for segment in in_order(diagnosis):
         word = WORDS.get(segment.verdict, segment.verdict)
-        boxes.append(f'<div class="verdict {escape(segment.verdict)}"><p><b class="word">{escape(word)}.</b> '
-                     f"{sentence(verdict(segment))}</p></div>")  # fmt: skip
+        boxes.append(
+            f'<div class="verdict {escape(segment.verdict)}"><p><b class="word">{escape(word)}.</b> '
+            f"{sentence(verdict(segment))}</p></div>"
+        )
     named = ", ".join(diagnosis.experiments)
     count = len(diagnosis.experiments)
     stopped = "" if diagnosis.status == "done" else f" <b>{escape(STATUS.get(diagnosis.status, diagnosis.status))}.</b>"
@@ -76,15 +89,24 @@ def _head(diagnosis: Diagnosis, title: str) -> str:
 
 def _gaps(diagnosis: Diagnosis) -> str:
     shown = [(segment, gap) for segment in diagnosis.segments for gap in segment.gaps]
-    charts = "".join(f"<figure>{figures.gap_bars(s, g)}<figcaption>{_gap_words(s, g)}</figcaption></figure>"
-                     for s, g in shown)  # fmt: skip
+    charts = "".join(
+        f"<figure>{figures.gap_bars(s, g)}<figcaption>{_gap_words(s, g)}</figcaption></figure>" for s, g in shown
+    )
     between = any(len(s.effects) > 1 for s in diagnosis.segments)
     any_named = any(s.effects for s in diagnosis.segments)
-    colours = key([("--before", "before"), *([("--between", "on the way")] if between else []),
-                   *([("--after", "with all that was named")] if any_named else []),
-                   ("hollow", "hollow: the same, fitted to these data too"), ("--floor", "noise floor")])  # fmt: skip
-    words = ("Error on blocks of time that the model was not fitted to. Where a hollow bar is much shorter than its "
-             "filled one, the model fits what it will not foretell.")  # fmt: skip
+    colours = key(
+        [
+            ("--before", "before"),
+            *([("--between", "on the way")] if between else []),
+            *([("--after", "with all that was named")] if any_named else []),
+            ("hollow", "hollow: the same, fitted to these data too"),
+            ("--floor", "noise floor"),
+        ]
+    )
+    words = (
+        "Error on blocks of time that the model was not fitted to. Where a hollow bar is much shorter than its "
+        "filled one, the model fits what it will not foretell."
+    )
     return f'<h2>How the gap shrinks</h2><p>{words}</p>{colours}<div class="cards">{charts}</div>'
 
 
@@ -92,8 +114,10 @@ def _gap_words(segment: Segment, gap: Gap) -> str:
     steps_ = steps(segment)
     k, unit = for_people(gap.unit)
     path = " → ".join(f"{digits(k * v)} ({sentence(name)})" for v, name in zip(gap.held_out, steps_, strict=True))
-    return (f"{escape(gap.output)} ({escape(segment.name)}): {path} {escape(unit)}; noise floor "
-            f"{digits(k * gap.noise_floor)} {escape(unit)} ({escape(gap.given or gap.method)}).")  # fmt: skip
+    return (
+        f"{escape(gap.output)} ({escape(segment.name)}): {path} {escape(unit)}; noise floor "
+        f"{digits(k * gap.noise_floor)} {escape(unit)} ({escape(gap.given or gap.method)})."
+    )
 
 
 # ---- where they disagree -------------------------------------------------------------------------
@@ -103,10 +127,17 @@ def _disagreement(diagnosis: Diagnosis) -> str:
     count = sum(len(histories(s, g.output)) for s in diagnosis.segments for g in s.gaps)
     points = max(LEAST, min(MOST, ROOM // max(count, 1)))
     several = len(diagnosis.segments) > 1
-    parts = ["<h2>Where model and data disagree</h2>",
-             key([("--measured", "measured"), ("--before", "before"),
-                   *([("--after", "with what was named")] if diagnosis.effects else []),
-                   ("--noise", "noise, ± 2 rms")])]  # fmt: skip
+    parts = [
+        "<h2>Where model and data disagree</h2>",
+        key(
+            [
+                ("--measured", "measured"),
+                ("--before", "before"),
+                *([("--after", "with what was named")] if diagnosis.effects else []),
+                ("--noise", "noise, ± 2 rms"),
+            ]
+        ),
+    ]
     for segment in in_order(diagnosis):
         parts += [f"<h3>{escape(segment.name)}</h3>"] if several else []
         if segment.where:
@@ -122,19 +153,24 @@ def _output(diagnosis: Diagnosis, segment: Segment, gap: Gap, points: int) -> st
     made = [profile(segment, gap.output, w.coordinate, diagnosis.base) for w in segment.where[:2]]
     charts = [figures.along(one, explained=bool(segment.effects)) for one in made if one is not None]
     words = "Mean error in bins, with standard errors from blocks of time" + (
-        "; the dashed line is what the named effects add." if segment.effects else ".")  # fmt: skip
+        "; the dashed line is what the named effects add." if segment.effects else "."
+    )
     parts = []
     if charts:
         inner = "".join(f"<figure>{c}</figure>" for c in charts)
         parts.append(f'<div class="cards">{inner}</div><p class="soft">{words}</p>')
     first, *others = by_excess(histories(segment, gap.output))
     parts.append(_experiment(diagnosis, gap, first, points))
-    parts.append('<p class="soft">The cells above the error are blocks of time: the stronger the colour, the further '
-                 f"above the noise (strongest from {figures.DARKEST:g} times its variance).</p>")  # fmt: skip
+    parts.append(
+        '<p class="soft">The cells above the error are blocks of time: the stronger the colour, the further '
+        f"above the noise (strongest from {figures.DARKEST:g} times its variance).</p>"
+    )
     inner = "".join(_experiment(diagnosis, gap, one, points) for one in others)
     if inner:
-        parts.append(f"<details><summary>{escape(gap.output)} in {len(others)} more experiment"
-                     f"{'s' if len(others) > 1 else ''}</summary>{inner}</details>")  # fmt: skip
+        parts.append(
+            f"<details><summary>{escape(gap.output)} in {len(others)} more experiment"
+            f"{'s' if len(others) > 1 else ''}</summary>{inner}</details>"
+        )
     return "".join(parts)
 
 
@@ -143,23 +179,28 @@ def _experiment(diagnosis: Diagnosis, gap: Gap, trace: Trace, points: int) -> st
     before, after = (digits(k * v) for v in fitted_rms(trace))
     charts = [figures.history(trace, points), figures.left_over(trace, gap.noise_floor, points)]
     if len(trace.drive):
-        charts += [figures.loop(trace, diagnosis.base, points),
-                   figures.left_over_input(trace, diagnosis.base, gap.noise_floor, points)]  # fmt: skip
+        charts += [
+            figures.loop(trace, diagnosis.base, points),
+            figures.left_over_input(trace, diagnosis.base, gap.noise_floor, points),
+        ]
     inner = "".join(f"<figure>{c}</figure>" for c in charts)
     change = f"rms {before} → {after} {unit}" if before != after else f"rms {before} {unit}"
-    return (f"<h3>{escape(trace.experiment)}, {escape(trace.output)}: {escape(change)}</h3>"
-            f'<div class="cards">{inner}</div>')  # fmt: skip
+    return (
+        f'<h3>{escape(trace.experiment)}, {escape(trace.output)}: {escape(change)}</h3><div class="cards">{inner}</div>'
+    )
 
 
 # ---- candidates ----------------------------------------------------------------------------------
 
 
 def _ranking(diagnosis: Diagnosis) -> str:
-    parts = ["<h2>What was tried</h2><p>Each candidate was put into the diagram and fitted together with it. "
-             "<i>Removes</i>: share of the error above the noise that goes with it, on blocks of time held out; <i>new "
-             "experiments</i>: the same with whole experiments held out, of what the round's base leaves there; "
-             "&lt;&nbsp;0&nbsp;%: the error grows. <i>t</i>: how many times its own scatter that is; <i>line</i>: what "
-             "chance stays below.</p>"]  # fmt: skip
+    parts = [
+        "<h2>What was tried</h2><p>Each candidate was put into the diagram and fitted together with it. "
+        "<i>Removes</i>: share of the error above the noise that goes with it, on blocks of time held out; <i>new "
+        "experiments</i>: the same with whole experiments held out, of what the round's base leaves there; "
+        "&lt;&nbsp;0&nbsp;%: the error grows. <i>t</i>: how many times its own scatter that is; <i>line</i>: what "
+        "chance stays below.</p>"
+    ]
     several = len(diagnosis.segments) > 1
     tables = 0
     for segment in diagnosis.segments:
@@ -174,17 +215,7 @@ def _ranking(diagnosis: Diagnosis) -> str:
 def _round(rows: Sequence[Ranked], experiments: int) -> str:
     fitted, rest = [r for r in rows if r.fitted], [r for r in rows if not r.fitted]
     body = [_ranked(r, experiments) for r in fitted]
-    names = (
-        "l:effect",
-        "l:family",
-        "l:on the wire",
-        "l:numbers",
-        "removes",
-        "new experiments",
-        "t",
-        "line",
-        "l:",
-    )
+    names = ("l:effect", "l:family", "l:on the wire", "l:numbers", "removes", "new experiments", "t", "line", "l:")
     shown = table(names, body, ["named" if r.named else "" for r in fitted]) if fitted else ""
     if not rest:
         return shown
@@ -200,8 +231,17 @@ def _ranked(r: Ranked, experiments: int) -> tuple[str, ...]:
         for name, value in r.parameters.items()
     )
     said = "named" if r.named else "cannot be told from it" if r.in_set else ""
-    return (escape(titled(r)), escape(r.family), escape(r.wire.strip()), numbers, percent(r.share),
-            percent(across(r, experiments)), f"{r.t:.1f}", f"{r.line:.1f}", said)  # fmt: skip
+    return (
+        escape(titled(r)),
+        escape(r.family),
+        escape(r.wire.strip()),
+        numbers,
+        percent(r.share),
+        percent(across(r, experiments)),
+        f"{r.t:.1f}",
+        f"{r.line:.1f}",
+        said,
+    )
 
 
 # ---- diagrams ------------------------------------------------------------------------------------
@@ -211,12 +251,15 @@ def _diagrams(diagnosis: Diagnosis) -> str:
     if not diagnosis.effects:
         return f"<h2>The diagram</h2>{picture(to_svg(diagnosis.base))}"
     blocks = [e.block for e in diagnosis.effects]
-    pictures = (f"<h3>Before</h3>{picture(to_svg(diagnosis.base))}"
-                f"<h3>After</h3>{picture(_marked(diagnosis, blocks))}")  # fmt: skip
-    lines = "\n".join(f'<span class="{_sign(sign)}">{sign} {escape(line)}</span>'
-                      for sign, line in difference(diagnosis.base, diagnosis.augmented).lines)  # fmt: skip
-    listed_blocks = [(escape(e.block), escape(e.words), escape(e.wire.strip()), _numbers(diagnosis, e.block))
-                     for e in diagnosis.effects]  # fmt: skip
+    pictures = f"<h3>Before</h3>{picture(to_svg(diagnosis.base))}<h3>After</h3>{picture(_marked(diagnosis, blocks))}"
+    lines = "\n".join(
+        f'<span class="{_sign(sign)}">{sign} {escape(line)}</span>'
+        for sign, line in difference(diagnosis.base, diagnosis.augmented).lines
+    )
+    listed_blocks = [
+        (escape(e.block), escape(e.words), escape(e.wire.strip()), _numbers(diagnosis, e.block))
+        for e in diagnosis.effects
+    ]
     shown = table(("l:block", "l:what it is", "l:on the wire", "l:numbers"), listed_blocks)
     return f"<h2>The diagram, before and after</h2>{shown}{pictures}<h3>What changed</h3><pre>{lines}</pre>"
 
@@ -254,12 +297,19 @@ def _numbers(diagnosis: Diagnosis, block: str) -> str:
     effect = next(e for e in diagnosis.effects if e.block == block)
     shown = [f"{escape(name)} {escape(with_interval(q))}" for name, q in effect.parameters.items()]
     known = numbers(diagnosis.augmented)
-    fixed = [name for name in diagnosis.augmented.parameters if name.startswith(f"{block}.")
-             and name.removeprefix(f"{block}.") not in effect.parameters and not is_start(known[name])]  # fmt: skip
+    fixed = [
+        name
+        for name in diagnosis.augmented.parameters
+        if name.startswith(f"{block}.")
+        and name.removeprefix(f"{block}.") not in effect.parameters
+        and not is_start(known[name])
+    ]
     parameters = diagnosis.augmented.parameters
-    shown += [f"<small>{escape(name.removeprefix(f'{block}.'))} "
-              f"{escape(in_people_units(parameters[name], unit_of(diagnosis.augmented, name)))} (not fitted)</small>"
-              for name in fixed]  # fmt: skip
+    shown += [
+        f"<small>{escape(name.removeprefix(f'{block}.'))} "
+        f"{escape(in_people_units(parameters[name], unit_of(diagnosis.augmented, name)))} (not fitted)</small>"
+        for name in fixed
+    ]
     return "<br>".join(shown)
 
 
@@ -271,17 +321,22 @@ def _sign(sign: str) -> str:
 
 
 def _confusion(diagnosis: Diagnosis) -> str:
-    rows = [f"<li><b>{escape(e.name)}</b> cannot be told from {sentence(listed(e.also_possible, 9))} with these data. "
-            f"To separate them: {escape(e.separating_experiment or 'another experiment')}.</li>"
-            for e in diagnosis.effects if e.also_possible]  # fmt: skip
+    rows = [
+        f"<li><b>{escape(e.name)}</b> cannot be told from {sentence(listed(e.also_possible, 9))} with these data. "
+        f"To separate them: {escape(e.separating_experiment or 'another experiment')}.</li>"
+        for e in diagnosis.effects
+        if e.also_possible
+    ]
     if not rows:
         return ""
     return f"<h2>What may be confused</h2><ul>{''.join(rows)}</ul>"
 
 
 def _limits(diagnosis: Diagnosis) -> str:
-    parts = ["<h2>What could have been seen</h2><p>The smallest size of each effect that these experiments would have "
-             "shown. Grey: of any size unseen, not being excited or without a wire in the diagram.</p>"]  # fmt: skip
+    parts = [
+        "<h2>What could have been seen</h2><p>The smallest size of each effect that these experiments would have "
+        "shown. Grey: of any size unseen, not being excited or without a wire in the diagram.</p>"
+    ]
     several = len(diagnosis.segments) > 1
     for segment in diagnosis.segments:
         parts += [f"<h3>{escape(segment.name)}</h3>"] if several else []
@@ -298,11 +353,18 @@ def _consequence(diagnosis: Diagnosis) -> str:
         said = diagnosis.no_consequence
         return f"<h2>What it means for control</h2><p>{escape(said)}</p>" if said else ""
     k, unit = for_people(found.unit)
-    rows = [(words, digits(k * peak), digits(k * rms)) for words, (peak, rms) in (
-        ("no compensation", found.none), ("compensator on the base", found.base),
-        ("compensator on the new model", found.augmented))]  # fmt: skip
-    said = (f"The motion of <i>{escape(found.reference)}</i> tracked in simulation, the new model being the plant; "
-            f"errors in {escape(unit)}.")  # fmt: skip
+    rows = [
+        (words, digits(k * peak), digits(k * rms))
+        for words, (peak, rms) in (
+            ("no compensation", found.none),
+            ("compensator on the base", found.base),
+            ("compensator on the new model", found.augmented),
+        )
+    ]
+    said = (
+        f"The motion of <i>{escape(found.reference)}</i> tracked in simulation, the new model being the plant; "
+        f"errors in {escape(unit)}."
+    )
     more = f"<p>{sentence(found.words)}</p>" if found.words else ""
     return f"<h2>What it means for control</h2><p>{said}</p>{table(('l:', 'peak to peak', 'rms'), rows)}{more}"
 

@@ -39,8 +39,9 @@ def folder_for(named: str | Path) -> Path:
     if place.exists():
         raise TsmError(f"'{place}' is a file; name a folder for {listed(NAMES)}.")
     if place.suffix.lower() in FILES:
-        raise TsmError(f"'{place}' is the name of a file; name a folder for {listed(NAMES)}, such as "
-                       f"'{place.with_suffix('')}'.")  # fmt: skip
+        raise TsmError(
+            f"'{place}' is the name of a file; name a folder for {listed(NAMES)}, such as '{place.with_suffix('')}'."
+        )
     return place
 
 

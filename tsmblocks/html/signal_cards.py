@@ -45,8 +45,12 @@ def record_card(record: Record) -> str:
     uneven = f", uneven by {100 * record.jitter:.2g} %" if even and not record.uniform else ""
     about = ", ".join(filter(None, [f"{len(record)} samples", span, even + uneven, record.origin]))
     signals = {name: (record[name], record.unit(name)) for name in record.names}
-    return card(record.name or "Record", about, *_shown(record.t, signals, "as recorded over time"),
-                listed(record.notes, "repaired"))  # fmt: skip
+    return card(
+        record.name or "Record",
+        about,
+        *_shown(record.t, signals, "as recorded over time"),
+        listed(record.notes, "repaired"),
+    )
 
 
 def responses_card(found: Responses) -> str:
@@ -54,8 +58,12 @@ def responses_card(found: Responses) -> str:
     count = len(next(iter(found.signals.values()), ()))
     drawn = [_envelope(found, name) for name in list(found.signals)[:MOST_ROWS]]
     bands = key([("--c0", "median"), ("--band", "5 to 95 %, and 25 to 75 %")])
-    return card(f"{found.title}: responses of {count} runs", f"{len(found.t)} instants",
-                f'<div class="charts">{"".join(drawn)}</div>', bands)  # fmt: skip
+    return card(
+        f"{found.title}: responses of {count} runs",
+        f"{len(found.t)} instants",
+        f'<div class="charts">{"".join(drawn)}</div>',
+        bands,
+    )
 
 
 def batch_card(batch: Batch) -> str:

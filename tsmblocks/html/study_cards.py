@@ -32,20 +32,35 @@ def study_card(found: Results) -> str:
     failed = int(found.failed.sum())
     said = [f"{failed} runs have a metric that is no number (an unstable loop, say)."] if failed else []
     drawn = [_spread(found, name) for name in list(found.metrics)[:MOST_CHARTS]]
-    return card(f"{found.title}: {found.kind}, {done}", f"over {few(found.parameters)}",
-                rows(["l:metric", *QUANTILES, "l:lowest at"], cells), f'<div class="charts">{"".join(drawn)}</div>',
-                listed(said))  # fmt: skip
+    return card(
+        f"{found.title}: {found.kind}, {done}",
+        f"over {few(found.parameters)}",
+        rows(["l:metric", *QUANTILES, "l:lowest at"], cells),
+        f'<div class="charts">{"".join(drawn)}</div>',
+        listed(said),
+    )
 
 
 def tuned_card(found: Tuned) -> str:
     """What tuning found: the parameters, and each metric in each case before and after."""
     at = found.at_bounds
-    values = rows(["l:parameter", "before", "tuned", "from", "to", "l:"],
-                  [(name, *map(number, (found.own[name], v, *found.bounds[name])),
-                    f"at its {at[name]} bound" if name in at else "") for name, v in found.values.items()])  # fmt: skip
+    values = rows(
+        ["l:parameter", "before", "tuned", "from", "to", "l:"],
+        [
+            (
+                name,
+                *map(number, (found.own[name], v, *found.bounds[name])),
+                f"at its {at[name]} bound" if name in at else "",
+            )
+            for name, v in found.values.items()
+        ],
+    )
     people = {name: units.for_people(unit) for name, unit in found.units.items()}
-    cells = [(case, found.title(name), number(k * found.before[case][name]), number(k * after[name]))
-             for case, after in found.after.items() for name, (k, _) in people.items()]  # fmt: skip
+    cells = [
+        (case, found.title(name), number(k * found.before[case][name]), number(k * after[name]))
+        for case, after in found.after.items()
+        for name, (k, _) in people.items()
+    ]
     k, unit = people[found.objective]
     worst = f"{named(found.objective)[0]} in the worst case: {_ends([k * v for v in found.worst], unit)}"
     return card(
@@ -68,8 +83,10 @@ def _spread(found: Results, name: str) -> str:
     frame = Frame(LEFT, 22, RIGHT, 100, (float(edges[0]), float(edges[-1])), (0.0, float(counts.max()) * 1.05))
     across = frame.across(edges)
     up = frame.up(counts)
-    bars = [charts.box(x, y, end - x - 1, frame.bottom - y, "bar")
-            for x, end, y in zip(across, across[1:], up, strict=False)]  # fmt: skip
+    bars = [
+        charts.box(x, y, end - x - 1, frame.bottom - y, "bar")
+        for x, end, y in zip(across, across[1:], up, strict=False)
+    ]
     return charts.chart([charts.axes(frame, heading(name, unit), "runs"), *bars], 132, f"how {name} is spread")
 
 

@@ -43,9 +43,12 @@ FUNCTIONS = {
     "max": _Function(2, ca.fmax, np.maximum),
 }
 _OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
-    ast.Div: lambda a, b: a / b, ast.Pow: lambda a, b: a**b,
-}  # fmt: skip
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b,
+    ast.Pow: lambda a, b: a**b,
+}
 
 
 @attrs.frozen
@@ -191,8 +194,11 @@ class Reader:
         if isinstance(node, ast.Tuple):
             self.refuse("these are several. Give each as a text of its own.", node)
         if not isinstance(node, ast.Call):
-            self.refuse(f"this is no arithmetic. Known here: numbers, + - * / **, {', '.join(FUNCTIONS)}, pi, and "
-                        f"names of {self.kind}s.", node)  # fmt: skip
+            self.refuse(
+                f"this is no arithmetic. Known here: numbers, + - * / **, {', '.join(FUNCTIONS)}, pi, and "
+                f"names of {self.kind}s.",
+                node,
+            )
         return self._arguments(node)
 
     def _arguments(self, node: ast.Call) -> list[ast.expr]:

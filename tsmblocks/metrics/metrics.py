@@ -44,8 +44,10 @@ class Part:
         """The number for each run, shape (runs,), from signals (N, runs); NaN where the signal is not finite."""
         inside = (t >= self.after - 1e-9) & (t <= self.before + 1e-9)
         if not inside.any():
-            raise DataError(f"metric '{clip(name)}': no instant of the run lies between {self.after:g} and "
-                            f"{self.before:g} s; it goes from {t[0]:g} to {t[-1]:g} s.")  # fmt: skip
+            raise DataError(
+                f"metric '{clip(name)}': no instant of the run lies between {self.after:g} and "
+                f"{self.before:g} s; it goes from {t[0]:g} to {t[-1]:g} s."
+            )
         if not inside.all():
             t, signals = t[inside], {k: v[inside] for k, v in signals.items()}
         runs = np.shape(next(iter(signals.values())))[1]
@@ -135,8 +137,10 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
     if given is None:
         given = {name: text for name, text in USUAL.items() if _reads(text, signals)}
         if not given:
-            raise ParameterError("say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
-                                 f"example 'rms({next(iter(signals), 'y')})'.")  # fmt: skip
+            raise ParameterError(
+                "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
+                f"example 'rms({next(iter(signals), 'y')})'."
+            )
     if isinstance(given, str):
         given = [given]
     if isinstance(given, Mapping) and given:
@@ -144,8 +148,9 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
     elif isinstance(given, Sequence) and given:
         made = tuple(metric(text, signals) for text in given)
     else:
-        raise ParameterError("metrics must be texts such as 'rms(x_ref - x_out)', a list or a mapping of them, "
-                             f"got {in_words(given)}.")  # fmt: skip
+        raise ParameterError(
+            f"metrics must be texts such as 'rms(x_ref - x_out)', a list or a mapping of them, got {in_words(given)}."
+        )
     for one in made:
         if sum(one.name == other.name for other in made) > 1:
             raise ParameterError(f"two metrics have the name '{clip(one.name)}'.")
@@ -202,11 +207,13 @@ class _Lift:
         written = name_in(node)
         if written is not None and written != "pi":
             full = self.read.full(written, node)
-            self.read.refuse(f"'{clip(full)}' is a signal over time; make one number of it: rms({clip(full)}), "
-                             "for example.", node)  # fmt: skip
+            self.read.refuse(
+                f"'{clip(full)}' is a signal over time; make one number of it: rms({clip(full)}), for example.", node
+            )
         if isinstance(node, (ast.Compare, ast.BoolOp)):
-            self.read.refuse("this compares, but a number is wanted here. The share of the time at which it holds is "
-                             "share(…).", node)  # fmt: skip
+            self.read.refuse(
+                "this compares, but a number is wanted here. The share of the time at which it holds is share(…).", node
+            )
         if isinstance(node, ast.Call):
             return self._call(node)
         if isinstance(node, ast.UnaryOp):

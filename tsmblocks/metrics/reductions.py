@@ -103,15 +103,32 @@ REDUCTIONS = {
     "integral": Reduction("integral over time, by trapezoids", _integral, unit=lambda label: units.times(label, "s")),
     "variation": Reduction("total variation: how far it goes, all changes added up whatever their sign", _variation),
     "share": Reduction("share of the instants at which a comparison holds", _share, unit=lambda _: NONE),
-    "settling_time": Reduction("time until the magnitude stays within a band; infinite where it never does",
-                               _settling_time, ("band",), lambda _: "s"),
-    "rise_time": Reduction("time from 10 % to 90 % of the way to a target; infinite where it is never reached",
-                           _rise_time, ("target",), lambda _: "s"),
-    "overshoot": Reduction("how far beyond a target, as a share of the way there", _overshoot, ("target",),
-                           lambda _: NONE),
-}  # fmt: skip
+    "settling_time": Reduction(
+        "time until the magnitude stays within a band; infinite where it never does",
+        _settling_time,
+        ("band",),
+        lambda _: "s",
+    ),
+    "rise_time": Reduction(
+        "time from 10 % to 90 % of the way to a target; infinite where it is never reached",
+        _rise_time,
+        ("target",),
+        lambda _: "s",
+    ),
+    "overshoot": Reduction(
+        "how far beyond a target, as a share of the way there", _overshoot, ("target",), lambda _: NONE
+    ),
+}
 """Reductions by name. ``share`` is given a comparison; all others a signal."""
 
-OTHER_NAMES = {"travel": "variation", "total_variation": "variation", "tv": "variation", "ptp": "peak_to_peak",
-               "std": "rms", "maximum": "highest", "minimum": "lowest", "average": "mean"}  # fmt: skip
+OTHER_NAMES = {
+    "travel": "variation",
+    "total_variation": "variation",
+    "tv": "variation",
+    "ptp": "peak_to_peak",
+    "std": "rms",
+    "maximum": "highest",
+    "minimum": "lowest",
+    "average": "mean",
+}
 """What people call some of them elsewhere, for a message to say what they are called here."""

@@ -70,9 +70,15 @@ def loop_area(x: Any, y: Any) -> float:
 
 
 def tracking_error(
-    run: Any, x_out: Any = None, *, t: Any = None, after: float | None = None,
-    reference: str = "x_ref", output: str = "x_out", unit: str = "rad",
-) -> TrackingError:  # fmt: skip
+    run: Any,
+    x_out: Any = None,
+    *,
+    t: Any = None,
+    after: float | None = None,
+    reference: str = "x_ref",
+    output: str = "x_out",
+    unit: str = "rad",
+) -> TrackingError:
     r"""How far the output of a run stays from its reference.
 
     .. math:: e = x_{ref} - x_{out}

@@ -244,8 +244,10 @@ def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
     """
     owner = cls.__name__
     if "__init__" in own:
-        raise BlockError(f"{owner} must not have __init__: it is made from what is declared. Numbers that must go "
-                         "together are for check().")  # fmt: skip
+        raise BlockError(
+            f"{owner} must not have __init__: it is made from what is declared. Numbers that must go "
+            "together are for check()."
+        )
     for name, annotation in vars(cls).get("__annotations__", {}).items():
         if name in cls._declared:
             raise BlockError(f"{owner}.{name} is a port and takes no annotation: {name} = Input(…) or Output(…).")
@@ -301,6 +303,24 @@ def _register(cls: type[Block]) -> None:
     REGISTRY[cls.__name__] = cls
 
 
-__all__ = ["REGISTRY", "Block", "Field", "Input", "Output", "Past", "Samples", "State", "Tape", "block",
-           "is_reference", "leaves", "map_leaves", "option", "parameter", "plain", "signals", "state",
-           "validate"]  # fmt: skip
+__all__ = [
+    "REGISTRY",
+    "Block",
+    "Field",
+    "Input",
+    "Output",
+    "Past",
+    "Samples",
+    "State",
+    "Tape",
+    "block",
+    "is_reference",
+    "leaves",
+    "map_leaves",
+    "option",
+    "parameter",
+    "plain",
+    "signals",
+    "state",
+    "validate",
+]

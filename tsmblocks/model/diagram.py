@@ -258,13 +258,7 @@ class Diagram:
         return self.blocks[name]
 
     def insert(
-        self,
-        name: str,
-        block: Block | Diagram,
-        *,
-        after: str = "",
-        before: str = "",
-        wires: Iterable[str] = (),
+        self, name: str, block: Block | Diagram, *, after: str = "", before: str = "", wires: Iterable[str] = ()
     ) -> Diagram:
         """The diagram with a block put on a wire.
 
@@ -330,8 +324,12 @@ class Diagram:
             "title": title,
             "source": source,
         }
-        return edits.rewired(self, edits.wires_in(self, "cut", cut), edits.wires_in(self, "add", add),
-                       {k: v for k, v in fields.items() if v is not None})  # fmt: skip
+        return edits.rewired(
+            self,
+            edits.wires_in(self, "cut", cut),
+            edits.wires_in(self, "add", add),
+            {k: v for k, v in fields.items() if v is not None},
+        )
 
     def __hash__(self) -> int:  # of what tells most diagrams apart
         return hash((self.title, frozenset(self.blocks), frozenset(self.links)))
@@ -343,10 +341,13 @@ class Diagram:
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        ends = {"inputs": {k: p.unit for k, p in self.inports.items()},
-                "outputs": {k: self.unit(k) for k in self.outputs}}  # fmt: skip
-        said = [f"{word} {few(f'{k} [{u}]' if u else k for k, u in named.items())}"
-                for word, named in ends.items() if named]  # fmt: skip
+        ends = {
+            "inputs": {k: p.unit for k, p in self.inports.items()},
+            "outputs": {k: self.unit(k) for k in self.outputs},
+        }
+        said = [
+            f"{word} {few(f'{k} [{u}]' if u else k for k, u in named.items())}" for word, named in ends.items() if named
+        ]
         count = f"{len(self.blocks)} block{'' if len(self.blocks) == 1 else 's'}"
         return f"Diagram({', '.join([repr(self.title), count, *said])})"
 
@@ -359,9 +360,16 @@ class Diagram:
         return view("svg", self)
 
     def __reduce__(self) -> Any:  # mapping proxies do not pickle
-        plain = {"title": self.title, "source": self.source, "blocks": dict(self.blocks), "wires": self.links,
-                 "inputs": dict(self.inputs), "outputs": dict(self.outputs), "values": dict(self.values),
-                 "where": self.where}  # fmt: skip
+        plain = {
+            "title": self.title,
+            "source": self.source,
+            "blocks": dict(self.blocks),
+            "wires": self.links,
+            "inputs": dict(self.inputs),
+            "outputs": dict(self.outputs),
+            "values": dict(self.values),
+            "where": self.where,
+        }
         return _rebuild, (plain,)
 
 

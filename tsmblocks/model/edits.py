@@ -69,7 +69,7 @@ def inserted(
 
 def _from_inputs(
     diagram: Diagram, wires: tuple[str, ...], inputs: dict[str, Inlet]
-) -> tuple[list[str], dict[str, Inlet]]:  # fmt: skip
+) -> tuple[list[str], dict[str, Inlet]]:
     """Wires that begin at an input of the diagram become ports of that input; the others stay wires."""
     kept, made = list[str](), dict(inputs)
     for wire in wires:
@@ -135,8 +135,10 @@ def replaced(diagram: Diagram, name: str, block: Block | Diagram, ports: Mapping
     old = diagram.blocks[name]
     for port in ports:
         if port not in {**old.inports, **old.outports}:
-            raise _fail(diagram, f"replace '{name}': {kind(old)} has no port '{port}'."
-                        f"{near(port, {**old.inports, **old.outports})}")  # fmt: skip
+            raise _fail(
+                diagram,
+                f"replace '{name}': {kind(old)} has no port '{port}'.{near(port, {**old.inports, **old.outports})}",
+            )
     faults: list[str] = []
     entering, leaving = block.inports, block.outports
 
@@ -154,10 +156,11 @@ def replaced(diagram: Diagram, name: str, block: Block | Diagram, ports: Mapping
 
     links = [Link(moved(x.source, leaving, str(x)), moved(x.target, entering, str(x)), x.place) for x in diagram.links]
     inputs = {
-        k: attrs.evolve(v, ports=[".".join(moved(e, entering, f"input {k} -> {'.'.join(e)}"))
-                                  for e in diagram.inlets[k]])
+        k: attrs.evolve(
+            v, ports=[".".join(moved(e, entering, f"input {k} -> {'.'.join(e)}")) for e in diagram.inlets[k]]
+        )
         for k, v in diagram.inputs.items()
-    }  # fmt: skip
+    }
     outputs = {
         k: ".".join(moved(end, leaving, f"output {k}")) if end[0] == name else diagram.outputs[k]
         for k, end in diagram.shown.items()
@@ -210,8 +213,11 @@ def rewired(diagram: Diagram, cut: tuple[str, ...], add: tuple[str, ...], change
     gone: list[Link] = []
     for text in cut:
         links, faults = parse(text, diagram.blocks)
-        faults += [f"cut '{link}': there is no such wire.{near(str(link), map(str, diagram.links))}"
-                   for link in links if link not in diagram.links]  # fmt: skip
+        faults += [
+            f"cut '{link}': there is no such wire.{near(str(link), map(str, diagram.links))}"
+            for link in links
+            if link not in diagram.links
+        ]
         if faults:
             raise DiagramError(diagram.title, faults, diagram.where)
         gone += links

@@ -167,8 +167,7 @@ def option(
 ) -> Any:
     """A choice that shapes the equations (a sign string, an order, a period); never a symbol."""
     return _field(
-        default,
-        Field("option", about, unit, above=above, at_least=at_least, at_most=at_most, choices=choices),
+        default, Field("option", about, unit, above=above, at_least=at_least, at_most=at_most, choices=choices)
     )
 
 

@@ -112,9 +112,12 @@ class _Survey:
                     self.faults.append(located(f"{name}.{port}: {error}", place_of(name)))
                     continue
                 if not sound:
-                    self.faults.append(located(
-                        f"{name}.{port} cannot have the unit '{spec.unit}' beside the block's other ports.",
-                        place_of(name)))  # fmt: skip
+                    self.faults.append(
+                        located(
+                            f"{name}.{port} cannot have the unit '{spec.unit}' beside the block's other ports.",
+                            place_of(name),
+                        )
+                    )
 
     def _port(self, end: End, unit: str) -> bool:
         match = SHARED.fullmatch(unit)
@@ -165,8 +168,9 @@ def unit_faults(
         if unit:
             survey.inlet(name, unit)
     wires: list[Wire] = [(link.source, link.target, str(link), link.place) for link in links]
-    wires += [(("", n), end, f"input {n} -> {'.'.join(end)}", place_of(n))
-              for n, ends in inlets.items() for end in ends]  # fmt: skip
+    wires += [
+        (("", n), end, f"input {n} -> {'.'.join(end)}", place_of(n)) for n, ends in inlets.items() for end in ends
+    ]
     wrong = [wire for wire in wires if not survey.units.join(wire[0], wire[1], ONE)]
     wrong = [wire for wire in wrong if survey.units.known(wire[0]) is not None]
     ends = [*survey.labels, *(end for end, _ in survey.shared), *(e for s, t, *_ in wires for e in (s, t))]
@@ -203,8 +207,10 @@ def _reason(survey: _Survey, beside: Mapping[Any, list[Any]], end: End) -> str:
     while queue:
         node = queue.popleft()
         if node in survey.labels:
-            return (f" {'.'.join(filter(None, end))} is in {survey.label(end)} because "
-                    f"{'.'.join(filter(None, node))} is in {survey.labels[node]}.")  # fmt: skip
+            return (
+                f" {'.'.join(filter(None, end))} is in {survey.label(end)} because "
+                f"{'.'.join(filter(None, node))} is in {survey.labels[node]}."
+            )
         more = [n for n in beside.get(node, ()) if n not in seen]
         seen.update(more)
         queue.extend(more)

@@ -62,8 +62,12 @@ def examine(
     faulty themselves; nothing is said that could follow from that. ``silent`` leaves out open
     inputs, for use when some wires could not be read.
     """
-    faults = [*name_faults(blocks, "block"), *name_faults(inputs, "input"),
-              *name_faults(outputs, "output"), *name_faults(values, "value")]  # fmt: skip
+    faults = [
+        *name_faults(blocks, "block"),
+        *name_faults(inputs, "input"),
+        *name_faults(outputs, "output"),
+        *name_faults(values, "value"),
+    ]
     unsure = {*unsure, *(k for k in blocks if not _is_name(k))}
     links, bad_wires = read_wires(wires, blocks, inputs, outputs)
     inlets, bad_inputs = resolve_inlets(inputs, blocks)
@@ -160,9 +164,12 @@ def resolve_inlets(
     for name, inlet in inlets.items():
         ends = []
         if name in blocks:
-            faults.append(located(
-                f"'{name}' is both an input of the diagram and a block; give one of them another name.",
-                place_of(name)))  # fmt: skip
+            faults.append(
+                located(
+                    f"'{name}' is both an input of the diagram and a block; give one of them another name.",
+                    place_of(name),
+                )
+            )
         for port in inlet.ports:
             if len(faults) >= ENOUGH:
                 break
@@ -184,9 +191,12 @@ def resolve_outputs(
         if len(faults) >= ENOUGH:
             break
         if name in inputs and name != signal:
-            faults.append(located(
-                f"'{name}' is both an input and an output of the diagram; give one of them another name.",
-                place_of(name)))  # fmt: skip
+            faults.append(
+                located(
+                    f"'{name}' is both an input and an output of the diagram; give one of them another name.",
+                    place_of(name),
+                )
+            )
         if signal in inputs:
             found[name] = ("", str(signal))
             continue
@@ -220,9 +230,11 @@ def driver_faults(
             if (name, port) not in driven and not getattr(spec, "rate_of", ""):
                 unit = f" [{spec.unit}]" if spec.unit and "?" not in spec.unit else ""
                 about = f" It is: {spec.about}{unit}." if spec.about else ""
-                yield located(f"{name}.{port} ({kind(block)}) is driven by nothing.{about} "
-                              f"Wire it, list it under inputs, or drive it with a Constant.",
-                              place_of(name))  # fmt: skip
+                yield located(
+                    f"{name}.{port} ({kind(block)}) is driven by nothing.{about} "
+                    f"Wire it, list it under inputs, or drive it with a Constant.",
+                    place_of(name),
+                )
 
 
 def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str] = ()) -> Iterator[str]:
@@ -244,8 +256,9 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
         missing = wanted - set(values) - set(unsure)
         place = place_of(name)
         for key in sorted(missing)[:ENOUGH]:
-            yield located(f"{name}: '${clip(key)}' stands for a number that is not in values."
-                          f"{near(key, values)}", place)  # fmt: skip
+            yield located(
+                f"{name}: '${clip(key)}' stands for a number that is not in values.{near(key, values)}", place
+            )
         if used and not wanted & set(unsure) and not missing and all(_is_number(values[k]) for k in wanted):
             try:
                 block.replace(

@@ -110,8 +110,10 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, st
     if numbered and numbered[1] in blocks:
         block = blocks[numbered[1]]
         ports = block.inports if side == "input" else block.outports
-        raise Fault(f"the ports of {numbered[1]} ({kind(block)}) go by name, not by number."
-                    f" Its {side}s: {', '.join(ports) or 'none'}.")  # fmt: skip
+        raise Fault(
+            f"the ports of {numbered[1]} ({kind(block)}) go by name, not by number."
+            f" Its {side}s: {', '.join(ports) or 'none'}."
+        )
     if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
         raise Fault(f"'{clip(text.strip())}' is not a name. Write block or block.port.")
     if name not in blocks:

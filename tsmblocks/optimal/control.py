@@ -20,19 +20,40 @@ ROUNDED = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 """Sizes over which kinks are rounded off in one search after another, as shares of what lies in them."""
 ROOM = 1.01
 """How far, over the smallest peak, errors may be where of all such commands those of least mean square are taken."""
-OPTIONS = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "show_eval_warnings": False,
-           "calc_lam_p": False, "ipopt.tol": 1e-8, "ipopt.mu_strategy": "adaptive", "error_on_fail": False}  # fmt: skip
+OPTIONS = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "show_eval_warnings": False,
+    "calc_lam_p": False,
+    "ipopt.tol": 1e-8,
+    "ipopt.mu_strategy": "adaptive",
+    "error_on_fail": False,
+}
 """For the solver."""
 
 
 def optimal_control(
-    diagram: Diagram, commands: Mapping[str, Any], error: str, *, smallest: str = "peak",
-    rates: Mapping[str, Any] | None = None, limits: Sequence[str] | str = (),
-    references: Mapping[str, Any] | None = None, stop: float | None = None, start: float = 0.0, step: float = 0.01,
-    pieces: int | None = None, periodic: bool = False, inputs: Mapping[str, Any] | None = None, hold: str = "linear",
-    parameters: Mapping[str, Any] | None = None, guess: Mapping[str, Any] | None = None, iterations: int = 1000,
+    diagram: Diagram,
+    commands: Mapping[str, Any],
+    error: str,
+    *,
+    smallest: str = "peak",
+    rates: Mapping[str, Any] | None = None,
+    limits: Sequence[str] | str = (),
+    references: Mapping[str, Any] | None = None,
+    stop: float | None = None,
+    start: float = 0.0,
+    step: float = 0.01,
+    pieces: int | None = None,
+    periodic: bool = False,
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    parameters: Mapping[str, Any] | None = None,
+    guess: Mapping[str, Any] | None = None,
+    iterations: int = 1000,
     progress: Tell | None = None,
-) -> OptimalControl:  # fmt: skip
+) -> OptimalControl:
     """The commands that keep an error smallest: what a controller with full foresight could do.
 
     ``commands`` maps inputs of the diagram to their limits ``(low, high)``, None for no limit; ``rates`` does so for
@@ -71,8 +92,10 @@ def optimal_control(
         search = _Search(interval, count, goal, periodic, options, table, tell, stopped)
         ended = search.best(begins(task, guess, t, interval, table), x, begin)
     if not ended.feasible:
-        raise RunError(f"no commands were found that keep all limits ({ended.word}). Loosen limits, ranges or rates, "
-                       "allow more iterations, or begin at a guess that keeps them.")  # fmt: skip
+        raise RunError(
+            f"no commands were found that keep all limits ({ended.word}). Loosen limits, ranges or rates, "
+            "allow more iterations, or begin at a guess that keeps them."
+        )
     return outcome(diagram, interval, goal, periodic, ended, x, begin, given)
 
 
@@ -91,8 +114,10 @@ class _Search:
 
     def best(self, begins: Sequence[np.ndarray], x: np.ndarray, start: float) -> Solution:
         """The best end of searches from several commands."""
-        square, peak, within = (Programme(self.interval, self.count, goal, self.periodic, self.options)
-                                for goal in ("rms", "peak", "within"))  # fmt: skip
+        square, peak, within = (
+            Programme(self.interval, self.count, goal, self.periodic, self.options)
+            for goal in ("rms", "peak", "within")
+        )
         ends = []
         for k, commands in enumerate(begins):
             self.tell("searched", k, len(begins))

@@ -52,20 +52,33 @@ class RecedingHorizon:
     """
 
     def __init__(
-        self, diagram: Diagram, commands: Mapping[str, Any], error: str, *, references: Sequence[str] | str,
-        preview: int = 25, smallest: str = "rms", rates: Mapping[str, Any] | None = None,
-        limits: Sequence[str] | str = (), start: float = 0.0, step: float = 0.02, pieces: int | None = None,
-        parameters: Mapping[str, Any] | None = None, iterations: int = FEW,
-    ) -> None:  # fmt: skip
+        self,
+        diagram: Diagram,
+        commands: Mapping[str, Any],
+        error: str,
+        *,
+        references: Sequence[str] | str,
+        preview: int = 25,
+        smallest: str = "rms",
+        rates: Mapping[str, Any] | None = None,
+        limits: Sequence[str] | str = (),
+        start: float = 0.0,
+        step: float = 0.02,
+        pieces: int | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        iterations: int = FEW,
+    ) -> None:
         self.diagram, goal = prepared(diagram, parameters), goal_of(smallest)
         task = asked(self.diagram, commands, error, limits, rates, _names(references))
         h, ahead = positive("step", step), whole("preview", preview, 2)
         few = whole("iterations", iterations, 1)
         self.interval = Interval(task, h, pieces_of(task, pieces, h))
         self._first, self._later = (
-            Programme(self.interval, ahead, "both" if goal == "peak" else goal, False,
-                      {**OPTIONS, "ipopt.max_iter": most}) for most in (10 * few, few)
-        )  # fmt: skip
+            Programme(
+                self.interval, ahead, "both" if goal == "peak" else goal, False, {**OPTIONS, "ipopt.max_iter": most}
+            )
+            for most in (10 * few, few)
+        )
         self.t = number("start", start)
         self.state = np.asarray(task.eq.start(task.p)[0]).ravel()
         self.command = np.clip(np.zeros(len(task.commands)), *task.ranges)
@@ -88,9 +101,11 @@ class RecedingHorizon:
         return self._first.count
 
     def next(
-        self, references: Mapping[str, Any], inputs: Mapping[str, Any] | None = None,
+        self,
+        references: Mapping[str, Any],
+        inputs: Mapping[str, Any] | None = None,
         state: Mapping[str, float] | None = None,
-    ) -> dict[str, float]:  # fmt: skip
+    ) -> dict[str, float]:
         """The commands at the next sample, towards which to go in a straight line from those of now.
 
         ``references`` and other ``inputs`` of the diagram are numbers, or ``preview`` + 1 samples from now on;
@@ -101,8 +116,10 @@ class RecedingHorizon:
         ahead = grid[:: self.interval.pieces]
         for name, value in {**given.references, **given.inputs}.items():
             if np.ndim(value) and np.shape(value) != (self.preview + 1,):
-                raise DataError(f"'{name}' must be a number or {self.preview + 1} samples, one for now and one for "
-                                f"each sample of the preview; got shape {np.shape(value)}.")  # fmt: skip
+                raise DataError(
+                    f"'{name}' must be a number or {self.preview + 1} samples, one for now and one for "
+                    f"each sample of the preview; got shape {np.shape(value)}."
+                )
         table = given_rows(task, given.on(ahead), grid)
         self._known_better(state)
         return self.planned(table)
@@ -202,12 +219,25 @@ def _shifted(rows: np.ndarray) -> np.ndarray:
 
 
 def receding_horizon(
-    diagram: Diagram, commands: Mapping[str, Any], error: str, *, references: Mapping[str, Any], preview: int = 25,
-    smallest: str = "rms", rates: Mapping[str, Any] | None = None, limits: Sequence[str] | str = (),
-    stop: float | None = None, start: float = 0.0, step: float = 0.02, pieces: int | None = None,
-    inputs: Mapping[str, Any] | None = None, hold: str = "linear", parameters: Mapping[str, Any] | None = None,
-    iterations: int = FEW, progress: Tell | None = None,
-) -> OptimalControl:  # fmt: skip
+    diagram: Diagram,
+    commands: Mapping[str, Any],
+    error: str,
+    *,
+    references: Mapping[str, Any],
+    preview: int = 25,
+    smallest: str = "rms",
+    rates: Mapping[str, Any] | None = None,
+    limits: Sequence[str] | str = (),
+    stop: float | None = None,
+    start: float = 0.0,
+    step: float = 0.02,
+    pieces: int | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    parameters: Mapping[str, Any] | None = None,
+    iterations: int = FEW,
+    progress: Tell | None = None,
+) -> OptimalControl:
     """The commands of a ``RecedingHorizon`` along references that are known ``preview`` samples ahead.
 
     Arguments as for ``optimal_control``; references and inputs must reach ``preview`` samples beyond ``stop``, and
@@ -216,9 +246,21 @@ def receding_horizon(
     """
     title, tell = prepared(diagram).title, teller(progress)
     given = given_of(title, commands, inputs, references, hold)
-    control = RecedingHorizon(diagram, commands, error, references=tuple(given.references), preview=preview,
-                              smallest=smallest, rates=rates, limits=limits, start=start, step=step, pieces=pieces,
-                              parameters=parameters, iterations=iterations)  # fmt: skip
+    control = RecedingHorizon(
+        diagram,
+        commands,
+        error,
+        references=tuple(given.references),
+        preview=preview,
+        smallest=smallest,
+        rates=rates,
+        limits=limits,
+        start=start,
+        step=step,
+        pieces=pieces,
+        parameters=parameters,
+        iterations=iterations,
+    )
     interval, h, begin = control.interval, control.interval.step, control.t
     count = _count(given, begin, stop, h, preview)
     given = given.on(begin + h * np.arange(count + preview + 1))
@@ -245,8 +287,10 @@ def _count(given: Given, begin: float, stop: float | None, h: float, preview: in
         return count_of(begin, number("stop", stop), h)
     last = ending(given, begin, h)
     if last - preview * h < begin + h * (1 - 1e-6):
-        raise RunError(f"what is given ends at {last:g} s, before one preview of {preview} samples of {h:g} s and one "
-                       "sample are over. Give more, or a shorter preview.")  # fmt: skip
+        raise RunError(
+            f"what is given ends at {last:g} s, before one preview of {preview} samples of {h:g} s and one "
+            "sample are over. Give more, or a shorter preview."
+        )
     return whole_steps(begin, last - preview * h, h)
 
 

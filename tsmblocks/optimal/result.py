@@ -100,8 +100,10 @@ class OptimalControl:
         """Peak to peak, peak and rms of the error, angles in degrees."""
         scale, unit = for_people(self.unit)
         numbers = (self.peak_to_peak, self.peak, self.rms)
-        return ", ".join(f"{what} {scale * v:.3g} {unit}".rstrip()
-                         for what, v in zip(("peak to peak", "peak", "rms"), numbers, strict=True))  # fmt: skip
+        return ", ".join(
+            f"{what} {scale * v:.3g} {unit}".rstrip()
+            for what, v in zip(("peak to peak", "peak", "rms"), numbers, strict=True)
+        )
 
     def __str__(self) -> str:
         ended = "" if self.found else f" (not the end of the search: {self.word})"
@@ -109,9 +111,15 @@ class OptimalControl:
 
 
 def outcome(
-    diagram: Diagram, interval: Interval, goal: str, periodic: bool, ended: Solution, begin: np.ndarray, start: float,
+    diagram: Diagram,
+    interval: Interval,
+    goal: str,
+    periodic: bool,
+    ended: Solution,
+    begin: np.ndarray,
+    start: float,
     given: Given,
-) -> OptimalControl:  # fmt: skip
+) -> OptimalControl:
     """The commands as they are in truth: run through the equations without rounding, in finer steps.
 
     Raises RunError where they cannot be run.
@@ -125,19 +133,39 @@ def outcome(
     states = dict(zip(task.eq.x, x.tolist(), strict=True))
     driven = {**given.inputs, **{k: straight(t, v) for k, v in commands.items()}}
     try:
-        run = simulate(diagram, start=start, stop=float(t[-1]), step=fine.step / fine.pieces, inputs=driven,
-                       hold=given.hold, initial=states)  # fmt: skip
+        run = simulate(
+            diagram,
+            start=start,
+            stop=float(t[-1]),
+            step=fine.step / fine.pieces,
+            inputs=driven,
+            hold=given.hold,
+            initial=states,
+        )
     except NotFinite as failed:
-        raise RunError(f"the commands lead where the equations are not finite: {failed} Ask for more pieces of each "
-                       f"interval (pieces={2 * interval.pieces}), or narrower ranges.") from failed  # fmt: skip
+        raise RunError(
+            f"the commands lead where the equations are not finite: {failed} Ask for more pieces of each "
+            f"interval (pieces={2 * interval.pieces}), or narrower ranges."
+        ) from failed
     path, error, limits = fine.followed(values, x, start, given_rows(task, given, fine.grid(start, count)))
     missed, amiss = _missed(task, limits)
     if not ended.found:
         amiss = ended.word
     elif periodic and not amiss:
         amiss = _open(task, path)
-    return OptimalControl(goal, t, commands, states, periodic, run, error.ravel(), _unit(task.error, run), missed,
-                          not amiss, amiss or ended.word)  # fmt: skip
+    return OptimalControl(
+        goal,
+        t,
+        commands,
+        states,
+        periodic,
+        run,
+        error.ravel(),
+        _unit(task.error, run),
+        missed,
+        not amiss,
+        amiss or ended.word,
+    )
 
 
 def _missed(task: Task, limits: np.ndarray) -> tuple[float, str]:

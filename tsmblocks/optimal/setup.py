@@ -28,16 +28,21 @@ Tell = Callable[[str, int, int], Any]
 
 
 def asked(
-    diagram: Diagram, commands: Mapping[str, Any], error: str, limits: Sequence[str] | str,
-    rates: Mapping[str, Any] | None, references: Sequence[str],
-) -> Task:  # fmt: skip
+    diagram: Diagram,
+    commands: Mapping[str, Any],
+    error: str,
+    limits: Sequence[str] | str,
+    rates: Mapping[str, Any] | None,
+    references: Sequence[str],
+) -> Task:
     """The task. Raises ParameterError and RunError."""
     eq = equations(diagram)
     inputs = [f.name for f in eq.u if not f.block and not f.order]
     low_high = _ranges("commands", commands, inputs, eq.title)
     if not low_high:
-        raise RunError("name at least one input of the diagram as a command, with its limits: "
-                       "commands={'u': (-24, 24)}.")  # fmt: skip
+        raise RunError(
+            "name at least one input of the diagram as a command, with its limits: commands={'u': (-24, 24)}."
+        )
     _smooth(eq)
     slow_fast = _ranges("rates", {} if rates is None else rates, tuple(low_high), eq.title)
     names = {**{name: name for name in eq.y}, **eq.aliases}
@@ -49,13 +54,23 @@ def asked(
     held = constraints(limits, known, what="limit", kind="signal") if limits else ()
     equal = next((one.text for one in held if one.equality), "")
     if equal:
-        raise ParameterError(f"limit '{equal}': an equality at every instant leaves nothing to choose. Make it the "
-                             "error, or write two limits.")  # fmt: skip
+        raise ParameterError(
+            f"limit '{equal}': an equality at every instant leaves nothing to choose. Make it the "
+            "error, or write two limits."
+        )
     paces = [slow_fast.get(name, (-np.inf, np.inf)) for name in low_high]
     used = {name for one in (needed, *(h.expression for h in held)) for name in one.names}
-    task = Task(eq, parameter_vector(eq, diagram), tuple(low_high), np.array(list(low_high.values())).T,
-                np.array(paces).T, needed, held, {k: v for k, v in names.items() if k in used},
-                tuple(references))  # fmt: skip
+    task = Task(
+        eq,
+        parameter_vector(eq, diagram),
+        tuple(low_high),
+        np.array(list(low_high.values())).T,
+        np.array(paces).T,
+        needed,
+        held,
+        {k: v for k, v in names.items() if k in used},
+        tuple(references),
+    )
     _searchable(task)
     return task
 
@@ -63,23 +78,31 @@ def asked(
 def _searchable(task: Task) -> None:
     """Raise RunError for what a search by slopes cannot see past, and what commands cannot give."""
     if task.rounded.steps:
-        raise RunError(f"'{task.eq.title}' rounds a signal to steps, and a search by slopes cannot see from one step "
-                       "to the next. Leave the block that rounds out of the model.")  # fmt: skip
+        raise RunError(
+            f"'{task.eq.title}' rounds a signal to steps, and a search by slopes cannot see from one step "
+            "to the next. Leave the block that rounds out of the model."
+        )
     bent = [task.commands[command] for _, command, order in task.places if order > 1]
     if bent:
-        raise RunError(f"'{task.eq.title}' needs the second derivative of '{bent[0]}', and a command that is linear "
-                       "between its samples has none. Put a lag or an integrator behind it.")  # fmt: skip
+        raise RunError(
+            f"'{task.eq.title}' needs the second derivative of '{bent[0]}', and a command that is linear "
+            "between its samples has none. Put a lag or an integrator behind it."
+        )
 
 
 def _smooth(eq: Equations) -> None:
     """Raise RunError for memory that jumps, and for delays."""
     if eq.d or eq.periods:
         owner = next(iter(eq.sampled), eq.d[0] if eq.d else "")
-        raise RunError(f"'{eq.title}' has a part that works in jumps ({owner}); optimal control needs states that move "
-                       "smoothly. Put a continuous block in its place.")  # fmt: skip
+        raise RunError(
+            f"'{eq.title}' has a part that works in jumps ({owner}); optimal control needs states that move "
+            "smoothly. Put a continuous block in its place."
+        )
     if eq.q:
-        raise RunError(f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
-                       "give the references that much earlier.")  # fmt: skip
+        raise RunError(
+            f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
+            "give the references that much earlier."
+        )
 
 
 def _ranges(what: str, given: Any, known: Sequence[str], title: str) -> dict[str, tuple[float, float]]:
@@ -92,14 +115,19 @@ def _ranges(what: str, given: Any, known: Sequence[str], title: str) -> dict[str
             kind = "input" if what == "commands" else "command"
             raise ParameterError(f"{what}: '{title}' has no {kind} '{name}'.{near(str(name), known)}")
         if not isinstance(pair, (tuple, list)) or len(pair) != 2:
-            raise ParameterError(f"{what} of '{name}' must be a pair (low, high), None for no limit, "
-                                 f"got {in_words(pair)}.")  # fmt: skip
-        low, high = (end if one is None or (isinstance(one, float) and one == end)
-                     else number(f"{what} of '{name}'", one, ParameterError)
-                     for one, end in zip(pair, (-np.inf, np.inf), strict=True))  # fmt: skip
+            raise ParameterError(
+                f"{what} of '{name}' must be a pair (low, high), None for no limit, got {in_words(pair)}."
+            )
+        low, high = (
+            end
+            if one is None or (isinstance(one, float) and one == end)
+            else number(f"{what} of '{name}'", one, ParameterError)
+            for one, end in zip(pair, (-np.inf, np.inf), strict=True)
+        )
         if not low < high:
-            raise ParameterError(f"{what} of '{name}': the lower limit must be below the upper one, "
-                                 f"got ({low:g}, {high:g}).")  # fmt: skip
+            raise ParameterError(
+                f"{what} of '{name}': the lower limit must be below the upper one, got ({low:g}, {high:g})."
+            )
         made[str(name)] = (low, high)
     return made
 
@@ -114,8 +142,9 @@ def goal_of(smallest: Any) -> str:
 def teller(progress: Any) -> Tell:
     """The function that is told how far it is. Raises RunError."""
     if progress is not None and not callable(progress):
-        raise RunError(f"progress is a function of a stage, how much of it is done and of how much, "
-                       f"got {in_words(progress)}.")  # fmt: skip
+        raise RunError(
+            f"progress is a function of a stage, how much of it is done and of how much, got {in_words(progress)}."
+        )
     return progress or (lambda *_: None)
 
 
@@ -123,8 +152,9 @@ def given_of(title: str, commands: Any, inputs: Any, references: Any, hold: str)
     """Everything that is known beforehand. Raises DataError where it is no mapping, or gives a command."""
     for what, given in (("inputs", inputs), ("references", references)):
         if given is not None and not (isinstance(given, Mapping) and all(isinstance(k, str) for k in given)):
-            raise DataError(f"{what} must map names to signals, such as {{'x_ref': (t, values)}}, "
-                            f"got {in_words(given)}.")  # fmt: skip
+            raise DataError(
+                f"{what} must map names to signals, such as {{'x_ref': (t, values)}}, got {in_words(given)}."
+            )
     named = commands if isinstance(commands, (Mapping, tuple)) else ()  # anything else is refused where it is read
     both = [name for name in inputs or () if name in named]
     if both:
@@ -171,8 +201,10 @@ def guessed(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
             times = values = np.full(1, np.nan)
         right = values.ndim == 1 and values.shape == times.shape and len(values) > 0
         if not right or not np.isfinite([times, values]).all() or np.any(np.diff(times) <= 0):
-            raise ParameterError(f"guess of '{name}' must be {len(t)} finite numbers, one for each sample, or a pair "
-                                 "(times, values) with times that increase.")  # fmt: skip
+            raise ParameterError(
+                f"guess of '{name}' must be {len(t)} finite numbers, one for each sample, or a pair "
+                "(times, values) with times that increase."
+            )
         commands[task.commands.index(name)] = np.interp(t, times, values)
     return task.within(commands)
 

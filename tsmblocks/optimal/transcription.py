@@ -260,15 +260,22 @@ class Programme:
         )
         e = ca.vec(errors) / unit_e
         first, before_it = (x[:, -1], c[:, -1]) if self.periodic else (begin, before)
-        joints = [ca.vec((x[:, 1:] - ends) / ca.repmat(unit_x, 1, count)), (x[:, 0] - first) / unit_x,
-                  (c[:, 0] - before_it) / unit_c]  # fmt: skip
+        joints = [
+            ca.vec((x[:, 1:] - ends) / ca.repmat(unit_x, 1, count)),
+            (x[:, 0] - first) / unit_x,
+            (c[:, 0] - before_it) / unit_c,
+        ]
         rates = ca.vec((c[:, 1:] - c[:, :-1]) / self.interval.step)
         below = [peak - e, peak + e]
         bounded = {"peak": below, "both": below, "within": [most - e, most + e], "rms": []}[self.goal]
         square = ca.sumsqr(e) / e.numel()
         f = 100.0 * {"peak": peak, "both": square + PRICE * peak**2}.get(self.goal, square)
-        made = {"x": z, "f": f, "g": ca.vertcat(*joints, rates, *bounded, ca.vec(limits)),
-                "p": ca.vertcat(begin, before, ca.vec(w), t0, size, most, unit_c, unit_x, unit_e)}  # fmt: skip
+        made = {
+            "x": z,
+            "f": f,
+            "g": ca.vertcat(*joints, rates, *bounded, ca.vec(limits)),
+            "p": ca.vertcat(begin, before, ca.vec(w), t0, size, most, unit_c, unit_x, unit_e),
+        }
         return ca.nlpsol("programme", "ipopt", made, dict(self.options))
 
     def bounds(self, units: Units) -> dict[str, np.ndarray]:
@@ -290,18 +297,30 @@ class Programme:
         units = known.units
         c0, x0 = guess.commands / units.commands[:, None], guess.states / units.states[:, None]
         start = np.concatenate([c0.ravel(order="F"), x0.ravel(order="F"), [guess.peak / units.error]])
-        given = np.concatenate([known.begin, known.before, self.interval.given(known.table).ravel(order="F"),
-                                [known.start], size, [most / units.error], units.commands, units.states,
-                                [units.error]])  # fmt: skip
+        given = np.concatenate(
+            [
+                known.begin,
+                known.before,
+                self.interval.given(known.table).ravel(order="F"),
+                [known.start],
+                size,
+                [most / units.error],
+                units.commands,
+                units.states,
+                [units.error],
+            ]
+        )
         answer = self.solver(x0=start, p=given, **self.bounds(units))
         z, stats = np.asarray(answer["x"]).ravel(), self.solver.stats()
         task, count = self.interval.task, self.count + 1
         c, n = len(task.commands), len(task.eq.x)
         return Solution(
             units.commands[:, None] * z[: c * count].reshape(c, count, order="F"),
-            units.states[:, None] * z[c * count : -1].reshape(n, count, order="F"), units.error * float(z[-1]),
-            str(stats["return_status"]), _missed(stats) <= JOINED,
-        )  # fmt: skip
+            units.states[:, None] * z[c * count : -1].reshape(n, count, order="F"),
+            units.error * float(z[-1]),
+            str(stats["return_status"]),
+            _missed(stats) <= JOINED,
+        )
 
 
 NOTHING = 1e-9

@@ -26,21 +26,35 @@ def plot_frequency_response(found: FrequencyResponse, ax: Any = None) -> Any:
     rows = ((gain, "gain"), (found.phase, "phase [deg]"), (100 * found.distortion, "distortion [%]"))
     for panel, (values, label) in zip(panels, rows, strict=True):
         for k, (amplitude, line) in enumerate(zip(sizes, values, strict=True)):
-            panel.semilogx(found.frequencies, line, "o-", ms=3, lw=1.2, color=COLOURS[k % len(COLOURS)],
-                           label=f"{amplitude:.3g}")  # fmt: skip
+            panel.semilogx(
+                found.frequencies, line, "o-", ms=3, lw=1.2, color=COLOURS[k % len(COLOURS)], label=f"{amplitude:.3g}"
+            )
         panel.set_ylabel(label)
         dress(panel, legend=False)
     for k, line in enumerate(gain):
         none = found.frequencies[np.isnan(line)]
         if len(none):
-            panels[0].plot(none, np.zeros(len(none)), "x", ms=5, color=COLOURS[k % len(COLOURS)], clip_on=False,
-                           transform=panels[0].get_xaxis_transform(), label="_no answer")  # fmt: skip
+            panels[0].plot(
+                none,
+                np.zeros(len(none)),
+                "x",
+                ms=5,
+                color=COLOURS[k % len(COLOURS)],
+                clip_on=False,
+                transform=panels[0].get_xaxis_transform(),
+                label="_no answer",
+            )
     panels[0].set_yscale("log")
     decimal(panels[0].yaxis)
     for panel in panels:
         decimal(panel.xaxis)
     panels[-1].set_xlabel("frequency [Hz]")
-    panels[0].legend(title=heading(f"size of {found.driven}", unit), frameon=False, fontsize=9, loc="center left",
-                     bbox_to_anchor=(1.0, 0.5))  # fmt: skip
+    panels[0].legend(
+        title=heading(f"size of {found.driven}", unit),
+        frameon=False,
+        fontsize=9,
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+    )
     panels[0].set_title(f"{found.title}: {found.output} over {found.driven}", loc="left", fontsize=11)
     return panels[0].figure

@@ -85,8 +85,10 @@ def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
         return traces[0]
     found = [one for one in traces if one.experiment == experiment]
     if not found:
-        raise TsmError(f"there is no experiment '{experiment}' in this diagnosis."
-                       f"{near(experiment, [one.experiment for one in traces])}")  # fmt: skip
+        raise TsmError(
+            f"there is no experiment '{experiment}' in this diagnosis."
+            f"{near(experiment, [one.experiment for one in traces])}"
+        )
     return found[0]
 
 
@@ -102,8 +104,9 @@ def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
         places = np.arange(len(rows)) + step * tall - 0.4 + tall / 2
         colour = BEFORE if step == 0 else AFTER
         between = 0.5 if 0 < step < count - 1 else 1.0
-        panel.barh(places, [k * values[step] for _, values, _ in rows], 0.9 * tall, color=colour, alpha=between,
-                   label=name)  # fmt: skip
+        panel.barh(
+            places, [k * values[step] for _, values, _ in rows], 0.9 * tall, color=colour, alpha=between, label=name
+        )
         if step in (0, count - 1):
             own = [k * train[0 if step == 0 else 1] for _, _, train in rows]
             panel.barh(places, own, 0.9 * tall, fill=False, edgecolor=INK, lw=0.8, label="" if step else "as fitted")
@@ -144,8 +147,11 @@ def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
     else:
         x, label = trace.t, "t [s]"
     here = _worst_stretch(trace)
-    for y, colour, width, name in ((trace.measured, PALE, 4.0, "measured"), (trace.before, BEFORE, 1.0, "before"),
-                                   (trace.after, AFTER, 1.0, "after")):  # fmt: skip
+    for y, colour, width, name in (
+        (trace.measured, PALE, 4.0, "measured"),
+        (trace.before, BEFORE, 1.0, "before"),
+        (trace.after, AFTER, 1.0, "after"),
+    ):
         panel.plot(x[here], k * y[here], color=colour, lw=width, label=name)
     panel.set_title(f"{trace.t[here][0]:.3g} s to {trace.t[here][-1]:.3g} s", loc="left", fontsize=10)
     panel.locator_params(axis="x", nbins=5)

@@ -201,9 +201,13 @@ def _errors(panel: Any, comparison: Comparison) -> None:
         fitted = k * np.array([row.train.rms for row in rows if row.train is not None])
         panel.plot(fitted, places, "D", color=INK, mfc="none", ms=6, label="rms fitted")
     panel.plot(figures, places, "o", color=COLOURS[0], ms=8, label="rms held out" if _held_out([comparison]) else "rms")
-    panel.set_yticks(places, [
-        f"{row.name}  {f'{value:.3g}' if np.isfinite(value) else '-'}" for row, value in zip(rows, figures, strict=True)
-    ])  # fmt: skip
+    panel.set_yticks(
+        places,
+        [
+            f"{row.name}  {f'{value:.3g}' if np.isfinite(value) else '-'}"
+            for row, value in zip(rows, figures, strict=True)
+        ],
+    )
     _over_models(panel, unit, [comparison])
 
 

@@ -19,12 +19,7 @@ QUANTITY = {"deg": "angle", "deg/s": "speed", "V": "voltage", "s": "time", "N": 
 """What an axis shared by several signals of a unit is called."""
 FEW, MANY = 20.0, 2000.0
 """Ranges of a logarithmic axis: below, more ticks between powers of ten are needed; above, they would be too many."""
-LEGEND: dict[str, Any] = {
-    "loc": "center left",
-    "bbox_to_anchor": (1.0, 0.5),
-    "frameon": False,
-    "fontsize": 9,
-}
+LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False, "fontsize": 9}
 
 
 def shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
@@ -48,9 +43,7 @@ def _given(ax: Any, count: int) -> list[Any]:
     return given
 
 
-def sheet(
-    ax: Any, rows: int, columns: int, *, width: float, height: float, widths: Sequence[float]
-) -> tuple[Any, Any]:  # fmt: skip
+def sheet(ax: Any, rows: int, columns: int, *, width: float, height: float, widths: Sequence[float]) -> tuple[Any, Any]:
     """``rows`` by ``columns`` panels: the axes given, row by row, or those of a new figure; figure and panels.
 
     In a new figure columns are as wide as ``widths`` says. Raises TsmError where other axes are wanted.

@@ -61,9 +61,14 @@ def _over_time(run: Run | Record, title: str, what: str, chosen: list[str], ax: 
 
 
 def plot_tracking(
-    runs: Mapping[str, Run], ax: Sequence[Any] | None = None, *, title: str = "", after: float | None = None,
-    reference: str = "x_ref", output: str = "x_out",
-) -> Any:  # fmt: skip
+    runs: Mapping[str, Run],
+    ax: Sequence[Any] | None = None,
+    *,
+    title: str = "",
+    after: float | None = None,
+    reference: str = "x_ref",
+    output: str = "x_out",
+) -> Any:
     """Draw reference and outputs of several runs over time, by label, and below them the errors.
 
     ``ax`` may be two axes, for the signals and the errors. With ``after`` [s], what comes before is left
@@ -80,8 +85,9 @@ def plot_tracking(
         unit = wanted[1]
         if k == 0:
             above.plot(t, wanted[0], color=INK, lw=1.2, ls=(0, (4, 2)), label="reference")
-        error = tracking_error(wanted[0], reached[0], t=t, unit=unit,
-                               after=(run.t[0] + run.t[-1]) / 2 if after is None else after)  # fmt: skip
+        error = tracking_error(
+            wanted[0], reached[0], t=t, unit=unit, after=(run.t[0] + run.t[-1]) / 2 if after is None else after
+        )
         colour = COLOURS[k % len(COLOURS)]
         above.plot(t, reached[0], color=colour, lw=1.4, label=label)
         below.plot(t, wanted[0] - reached[0], color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip())
@@ -96,9 +102,8 @@ def plot_tracking(
 
 
 def plot_loop(
-    x: Any, y: Any, ax: Any = None, *, unit: str = "rad", label: str = "",
-    names: tuple[str, str] = ("x_in", "x_out"),
-) -> Any:  # fmt: skip
+    x: Any, y: Any, ax: Any = None, *, unit: str = "rad", label: str = "", names: tuple[str, str] = ("x_in", "x_out")
+) -> Any:
     """One signal over another, both in ``unit``: the loop of a hysteresis. Returns the figure."""
     (panel,) = axes(ax, 1, height=4.6, width=6.6)
     (across, label_unit), (up, _) = (shown(np.asarray(v, dtype=float), unit) for v in (x, y))

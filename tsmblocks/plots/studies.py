@@ -138,9 +138,7 @@ def plot_pareto(results: Results, x: str, y: str, ax: Any = None) -> Any:
     return panel.figure
 
 
-def plot_heat_map(
-    results: Results, metric: str, x: str | None = None, y: str | None = None, ax: Any = None
-) -> Any:  # fmt: skip
+def plot_heat_map(results: Results, metric: str, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
     """A metric over a grid of two parameters, the first two unless named, at the smallest values of all others.
 
     The cross marks the smallest value. Returns the figure. Raises RunError where the plan is no grid of numbers.
@@ -181,16 +179,15 @@ def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
     found = {name: factor * value for name, value in results.quantiles(metric).items()}
     for name in ("5 %", "median", "95 %"):
         panel.axvline(found[name], color=INK, lw=1.4 if name == "median" else 0.8, ls="-" if name == "median" else "--")
-    panel.set_xlabel(f"{heading(metric, unit)}: median {found['median']:.4g}, "
-                     f"5 to 95 % {found['5 %']:.4g} to {found['95 %']:.4g}")  # fmt: skip
+    panel.set_xlabel(
+        f"{heading(metric, unit)}: median {found['median']:.4g}, 5 to 95 % {found['5 %']:.4g} to {found['95 %']:.4g}"
+    )
     panel.set_ylabel("runs")
     dress(panel, legend=False)
     return panel.figure
 
 
-def plot_envelope(
-    responses: Any, signal: str, ax: Any = None, *, reference: str | None = None
-) -> Any:  # fmt: skip
+def plot_envelope(responses: Any, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
     """Where a signal lies in the runs of ``studies.responses``: all of them, 5 to 95 %, 25 to 75 %, and the median.
 
     ``reference`` is another signal of them, drawn once. Returns the figure. Raises RunError for an unknown signal.
@@ -201,8 +198,14 @@ def plot_envelope(
     if not len(y):
         raise DataError(f"no run has a finite '{signal}' all along.")
     for k, (low, high, label) in enumerate(BANDS):
-        panel.fill_between(responses.t, *np.quantile(y, [low, high], axis=0), color=COLOURS[0], alpha=0.15 + 0.12 * k,
-                           lw=0, label=label)  # fmt: skip
+        panel.fill_between(
+            responses.t,
+            *np.quantile(y, [low, high], axis=0),
+            color=COLOURS[0],
+            alpha=0.15 + 0.12 * k,
+            lw=0,
+            label=label,
+        )
     panel.plot(responses.t, np.median(y, axis=0), color=COLOURS[0], lw=1.4, label="median")
     if reference is not None:
         wanted = shown(responses[reference], responses.unit(reference))[0][0]

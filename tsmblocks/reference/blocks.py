@@ -55,14 +55,22 @@ def pages() -> dict[str, str]:
 
 
 def _index(found: dict[str, dict[str, type[Block]]]) -> str:
-    parts = [rst.heading("Blocks"), "Every block of the toolbox, by family. The page of a block is written from the "
-             "block: its equations are those that are simulated, fitted, differentiated and exported. How to write "
-             "one of your own: :doc:`/python/blocks`."]  # fmt: skip
+    parts = [
+        rst.heading("Blocks"),
+        "Every block of the toolbox, by family. The page of a block is written from the "
+        "block: its equations are those that are simulated, fitted, differentiated and exported. How to write "
+        "one of your own: :doc:`/python/blocks`.",
+    ]
     for family, some in found.items():
-        rows = [(rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(_sentence(cls)))
-                for name, cls in some.items()]  # fmt: skip
-        parts += [rst.heading(family.capitalize(), 1), FAMILY_WORDS.get(family, ""),
-                  rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58))]  # fmt: skip
+        rows = [
+            (rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(_sentence(cls)))
+            for name, cls in some.items()
+        ]
+        parts += [
+            rst.heading(family.capitalize(), 1),
+            FAMILY_WORDS.get(family, ""),
+            rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58)),
+        ]
     return rst.page(*parts, rst.contents(sorted(name for some in found.values() for name in some)))
 
 
@@ -81,7 +89,7 @@ def page(cls: type[Block], family: list[str]) -> str:
         rst.heading(cls.__name__),
         inspect.cleandoc(cls.__doc__ or ""),
         f":Source: {rst.plain(block.source)}\n:In Python: ``from tsmblocks.blocks import {cls.__name__}``\n"
-        f":In a file: ``{{ type = \"{cls.__name__}\" }}``",
+        f':In a file: ``{{ type = "{cls.__name__}" }}``',
         rst.html(uses.linked_picture(made)),
         rst.html(_charts(cls)),
         _ports(block),
@@ -91,7 +99,7 @@ def page(cls: type[Block], family: list[str]) -> str:
         _computed(shown, _apart(block, shown)),
         _shown(cls),
         _related(cls.__name__, family),
-    )  # fmt: skip
+    )
 
 
 # ---- tables ---------------------------------------------------------------------------------------
@@ -127,20 +135,32 @@ def _units(block: Block) -> list[str]:
 
 def _numbers(block: Block, label: str) -> str:
     fields = block.fields().items()
-    rows = [(rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
-            for k, f in fields if f.kind == "parameter"]  # fmt: skip
-    options = [(rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
-               for k, f in fields if f.kind == "option"]  # fmt: skip
+    rows = [
+        (rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
+        for k, f in fields
+        if f.kind == "parameter"
+    ]
+    options = [
+        (rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
+        for k, f in fields
+        if f.kind == "option"
+    ]
     parts = []
     head = ("Name", "Default", "Unit", "Bounds", "Meaning")
     if rows:
         named = next(leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key))
-        parts += [rst.heading("Parameters", 1), "They stay symbols until the run: they can be set, swept, fitted and "
-                  f"differentiated, each by its name, as ``{label}.{named}`` in the example below.",
-                  rst.table(head, rows, (16, 14, 10, 18, 42))]  # fmt: skip
+        parts += [
+            rst.heading("Parameters", 1),
+            "They stay symbols until the run: they can be set, swept, fitted and "
+            f"differentiated, each by its name, as ``{label}.{named}`` in the example below.",
+            rst.table(head, rows, (16, 14, 10, 18, 42)),
+        ]
     if options:
-        parts += [rst.heading("Options", 1), "They shape the equations, and cannot be fitted.",
-                  rst.table(head, options, (16, 14, 10, 18, 42))]  # fmt: skip
+        parts += [
+            rst.heading("Options", 1),
+            "They shape the equations, and cannot be fitted.",
+            rst.table(head, options, (16, 14, 10, 18, 42)),
+        ]
     return rst.page(*parts)
 
 
@@ -165,10 +185,14 @@ def _states(block: Block) -> str:
     shape, states = structure_of(block), block.states
     if not states:
         return ""
-    rows = [(rst.code(k), _kind(block, shape, k), _start(s), unit(s.unit) if s.unit else "", rst.words(s.about))
-            for k, s in states.items()]  # fmt: skip
-    return rst.page(rst.heading("States", 1), rst.table(("State", "Kind", "Starts at", "Unit", "Meaning"), rows,
-                                                        (16, 20, 12, 10, 42)))  # fmt: skip
+    rows = [
+        (rst.code(k), _kind(block, shape, k), _start(s), unit(s.unit) if s.unit else "", rst.words(s.about))
+        for k, s in states.items()
+    ]
+    return rst.page(
+        rst.heading("States", 1),
+        rst.table(("State", "Kind", "Starts at", "Unit", "Meaning"), rows, (16, 20, 12, 10, 42)),
+    )
 
 
 def _start(state: State) -> str:
@@ -195,8 +219,10 @@ def _behaviour(block: Block) -> str:
 def _time(block: Block) -> str:
     shape = structure_of(block)
     if block.sampled:
-        return ("**Sampled**: it acts at multiples of its ``period`` and holds its outputs in between; see "
-                ":doc:`/concepts/fixed_step`.")  # fmt: skip
+        return (
+            "**Sampled**: it acts at multiples of its ``period`` and holds its outputs in between; see "
+            ":doc:`/concepts/fixed_step`."
+        )
     if shape.memory:
         return "**Time**: continuous, with memory that is set once at the start of each step."
     if shape.continuous:
@@ -208,13 +234,17 @@ def _time(block: Block) -> str:
 
 def _feedthrough(block: Block) -> str:
     passed = {key: past.of for key, past in block.past_ports.items() if past.now}  # a delay that may be none
-    found = {name: [f"``{k}``" for k in block.inports if k in wanted | {passed.get(key, key) for key in wanted}]
-             for name, wanted in structure_of(block).outputs.items()}  # fmt: skip
+    found = {
+        name: [f"``{k}``" for k in block.inports if k in wanted | {passed.get(key, key) for key in wanted}]
+        for name, wanted in structure_of(block).outputs.items()
+    }
     if not block.inports:
         return "**Direct feedthrough**: none; it has no input."
     if not any(found.values()):
-        return ("**Direct feedthrough** (read from the equations): none; no output depends on an input at the same "
-                "instant, so it breaks algebraic loops.")  # fmt: skip
+        return (
+            "**Direct feedthrough** (read from the equations): none; no output depends on an input at the same "
+            "instant, so it breaks algebraic loops."
+        )
     parts = [f"``{name}`` depends on {' and '.join(inputs) or 'no input'}" for name, inputs in found.items()]
     return f"**Direct feedthrough** (read from the equations): at the same instant {', '.join(parts)}."
 
@@ -252,9 +282,11 @@ def _computed(block: Block, apart: str) -> str:
         return ""
     lines = [*made.shared, *made.equations]
     text = "\\\\\n".join(f"{left} &= {spaced(right)}" for left, right in lines)
-    rows = ["What is simulated, fitted, differentiated and exported, written out of the expressions themselves. Names "
-            "in upright letters are those of the tables above; a dot is a rate, a plus the value after the next "
-            f"{'sample' if block.sampled else 'step'}.{apart}"]  # fmt: skip
+    rows = [
+        "What is simulated, fitted, differentiated and exported, written out of the expressions themselves. Names "
+        "in upright letters are those of the tables above; a dot is a rate, a plus the value after the next "
+        f"{'sample' if block.sampled else 'step'}.{apart}"
+    ]
     return rst.page(rst.heading("As it is computed", 1), *rows, rst.formula(text))
 
 
@@ -297,6 +329,9 @@ def _related(name: str, family: Iterable[str]) -> str:
     kin = ", ".join(rst.link(f"/blocks/{k}", k) for k in family if k != name)
     diagrams = ", ".join(rst.link(f"/diagrams/{k}", k) for k in uses.diagrams_with(name))
     effects = ", ".join(rst.link(f"/effects/{k}", k) for k in uses.effects_with(name))
-    items = [f"In the diagrams {diagrams}." if diagrams else "", f"In the effects {effects}." if effects else "",
-             f"Of the same family: {kin}." if kin else ""]  # fmt: skip
+    items = [
+        f"In the diagrams {diagrams}." if diagrams else "",
+        f"In the effects {effects}." if effects else "",
+        f"Of the same family: {kin}." if kin else "",
+    ]
     return rst.page(rst.heading("Where it is used", 1), rst.listed(filter(None, items)))

@@ -25,8 +25,10 @@ PLOTTED = ("x_ref", "x_in", "x_out")
 def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
     made = {f"diagrams/{name}": page(name, diagram) for name, diagram in uses.shipped().items()}
-    rows = [(rst.link(f"/diagrams/{name}", name), rst.plain(d.title), rst.plain(d.source))
-            for name, d in uses.shipped().items()]  # fmt: skip
+    rows = [
+        (rst.link(f"/diagrams/{name}", name), rst.plain(d.title), rst.plain(d.source))
+        for name, d in uses.shipped().items()
+    ]
     index = rst.page(
         rst.heading("Diagrams"),
         "Files that come with the toolbox. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
@@ -45,10 +47,10 @@ def page(name: str, diagram: Diagram) -> str:
     return rst.page(
         rst.heading(name),
         f"{rst.plain(diagram.title)}.",
-        f":Source: {rst.plain(diagram.source) or 'definition'}\n:In Python: ``tsm.load(\"{name}\")``\n"
+        f':Source: {rst.plain(diagram.source) or "definition"}\n:In Python: ``tsm.load("{name}")``\n'
         f":At the terminal: ``tsmblocks run {name}``"
-        if not diagram.inputs else
-        f":Source: {rst.plain(diagram.source) or 'definition'}\n:In Python: ``tsm.load(\"{name}\")``\n"
+        if not diagram.inputs
+        else f':Source: {rst.plain(diagram.source) or "definition"}\n:In Python: ``tsm.load("{name}")``\n'
         f":At the terminal: ``tsmblocks run {name} --data FILE``, ``tsmblocks fit {name} --data FILE``",
         "Each block leads to its page.",
         rst.html(uses.linked_picture(diagram)),
@@ -58,7 +60,7 @@ def page(name: str, diagram: Diagram) -> str:
         _structure(diagram),
         rst.heading("The file", 1),
         rst.block(text, "toml"),
-    )  # fmt: skip
+    )
 
 
 def _chart(diagram: Diagram) -> str:
@@ -88,8 +90,10 @@ def _chart(diagram: Diagram) -> str:
 
 
 def _edges(diagram: Diagram) -> str:
-    rows = [(rst.code(k), "input", unit(v.unit), rst.words(v.about), ", ".join(map(rst.code, diagram.inputs[k].ports)))
-            for k, v in diagram.inports.items()]  # fmt: skip
+    rows = [
+        (rst.code(k), "input", unit(v.unit), rst.words(v.about), ", ".join(map(rst.code, diagram.inputs[k].ports)))
+        for k, v in diagram.inports.items()
+    ]
     rows += [(rst.code(k), "output", unit(diagram.unit(k)), "", rst.code(diagram.outputs[k])) for k in diagram.outputs]
     head = ("Name", "", "Unit", "Meaning", "Drives, or shows")
     return rst.page(rst.heading("Inputs and outputs", 1), rst.table(head, rows, (16, 12, 10, 36, 26)))
@@ -101,8 +105,11 @@ def _blocks(diagram: Diagram) -> str:
         if isinstance(block, Diagram):
             rows.append((rst.code(name), rst.plain(block.title), ""))
             continue
-        said = [f"{k} = {_value(getattr(block, k))}{_unit(f.unit)}" for k, f in block.fields().items()
-                if f.kind != "state" or getattr(block, k)]  # fmt: skip
+        said = [
+            f"{k} = {_value(getattr(block, k))}{_unit(f.unit)}"
+            for k, f in block.fields().items()
+            if f.kind != "state" or getattr(block, k)
+        ]
         kind = type(block).__name__
         rows.append((rst.code(name), rst.link(f"/blocks/{kind}", kind), ", ".join(said)))
     parts = [rst.heading("Blocks and numbers", 1), rst.table(("Name", "Block", "Numbers"), rows, (18, 26, 56))]
@@ -126,12 +133,18 @@ def _structure(diagram: Diagram) -> str:
 
     eq = equations(diagram)
     items = [f"{_count(len(eq.p), 'parameter')} to be set, swept and fitted, {_count(len(eq.y), 'signal')} to look at."]
-    items += [f"{_count(len(names), what)}: {', '.join(map(rst.code, names))}."
-              for names, what in ((eq.x, "continuous state"), (eq.d, "memory")) if names]  # fmt: skip
+    items += [
+        f"{_count(len(names), what)}: {', '.join(map(rst.code, names))}."
+        for names, what in ((eq.x, "continuous state"), (eq.d, "memory"))
+        if names
+    ]
     if eq.periods:
         items.append(f"Sampled every {', '.join(f'{p:g} s' for p in eq.periods)}.")
-    return rst.page(rst.heading("The equations", 1), "How they are formed is told in "
-                    + rst.link("/concepts/equations") + ".", rst.listed(items))  # fmt: skip
+    return rst.page(
+        rst.heading("The equations", 1),
+        "How they are formed is told in " + rst.link("/concepts/equations") + ".",
+        rst.listed(items),
+    )
 
 
 def _count(number: int, what: str) -> str:

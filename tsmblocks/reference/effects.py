@@ -41,9 +41,10 @@ SPEED = {"v": "motor.v"}
 """What is measured of the motor where a speed is."""
 INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
-    "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(1.5707963267948966, 1.5707963267948966),
-                   unit="V"),
-}  # fmt: skip
+    "u": MultiSine(
+        amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(1.5707963267948966, 1.5707963267948966), unit="V"
+    ),
+}
 LINE = 0.7
 """Frequency [Hz] at which the pages let a disturbance run."""
 
@@ -51,16 +52,30 @@ LINE = 0.7
 def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
     found = uses.effects()
-    parts = [rst.heading("Effects"), "What a model may miss. ``tsm.diagnose`` puts each of these on every wire where "
-             "it can stand and fits it together with the model; how it decides is told in "
-             + rst.link("/concepts/diagnosis") + ". An effect of your own takes part when it is registered: "
-             + rst.link("/python/diagnosis") + "."]  # fmt: skip
+    parts = [
+        rst.heading("Effects"),
+        "What a model may miss. ``tsm.diagnose`` puts each of these on every wire where "
+        "it can stand and fits it together with the model; how it decides is told in "
+        + rst.link("/concepts/diagnosis")
+        + ". An effect of your own takes part when it is registered: "
+        + rst.link("/python/diagnosis")
+        + ".",
+    ]
     for family in dict.fromkeys(some[0].family for some in found.values()):
-        rows = [(rst.link(f"/effects/{name}", name), rst.words("; ".join(dict.fromkeys(e.words for e in some))),
-                 ", ".join(dict.fromkeys(e.place for e in some)))
-                for name, some in found.items() if some[0].family == family]  # fmt: skip
-        parts += [rst.heading(family.capitalize(), 1), FAMILIES.get(family, ""),
-                  rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20))]  # fmt: skip
+        rows = [
+            (
+                rst.link(f"/effects/{name}", name),
+                rst.words("; ".join(dict.fromkeys(e.words for e in some))),
+                ", ".join(dict.fromkeys(e.place for e in some)),
+            )
+            for name, some in found.items()
+            if some[0].family == family
+        ]
+        parts += [
+            rst.heading(family.capitalize(), 1),
+            FAMILIES.get(family, ""),
+            rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20)),
+        ]
     parts += [rst.heading("Places", 1), rst.table(("Place", "Where that is"), PLACES.items(), (18, 82)), _wires()]
     index = rst.page(*parts, rst.contents(found))
     return {"effects/index": index, **{f"effects/{name}": page(name, some) for name, some in found.items()}}
@@ -73,8 +88,10 @@ def _wires() -> str:
         if diagram.inputs:
             found = [f"{site.place} ``{site.words(diagram)}``" for site in _sites(diagram)]
             rows.append((rst.link(f"/diagrams/{name}", name), ", ".join(found)))
-    return rst.page("In the ready-made diagrams that recordings can drive:",
-                    rst.table(("Diagram", "Places and their wires"), rows, (34, 66)))  # fmt: skip
+    return rst.page(
+        "In the ready-made diagrams that recordings can drive:",
+        rst.table(("Diagram", "Places and their wires"), rows, (34, 66)),
+    )
 
 
 def page(name: str, some: list[Effect]) -> str:
@@ -90,8 +107,12 @@ def page(name: str, some: list[Effect]) -> str:
         *([f":Contains: {', '.join(rst.link(f'/effects/{k}', k) for k in contains)}"] if contains else []),
     ]
     opening = "; ".join(dict.fromkeys(e.words for e in some))
-    return rst.page(rst.heading(name), f"{rst.words(opening[0].upper() + opening[1:])}.", "\n".join(facts),
-                    *(_variant(effect) for effect in some))  # fmt: skip
+    return rst.page(
+        rst.heading(name),
+        f"{rst.words(opening[0].upper() + opening[1:])}.",
+        "\n".join(facts),
+        *(_variant(effect) for effect in some),
+    )
 
 
 def _variant(effect: Effect) -> str:
@@ -116,10 +137,22 @@ def _numbers(effect: Effect, trials: Trials) -> str:
         low, high = trials.bounds.get(name, (None, None))
         here = [f"{words} {v:.3g}" for words, v in (("from", low), ("to", high)) if v is not None]
         null = effect.null.get(name)
-        rows.append((rst.code(name), unit(field.unit) if field.unit else "", "" if null is None else number(null),
-                     bounds(field), " ".join(here), rst.words(field.about)))  # fmt: skip
-    within = f" It must not end at a bound of {' or '.join(map(rst.code, effect.within))}: there it has turned into " \
-        "something else." if effect.within else ""  # fmt: skip
+        rows.append(
+            (
+                rst.code(name),
+                unit(field.unit) if field.unit else "",
+                "" if null is None else number(null),
+                bounds(field),
+                " ".join(here),
+                rst.words(field.about),
+            )
+        )
+    within = (
+        f" It must not end at a bound of {' or '.join(map(rst.code, effect.within))}: there it has turned into "
+        "something else."
+        if effect.within
+        else ""
+    )
     return rst.page(
         rst.table(("Fitted", "Unit", "None at", "Bounds", "Looked for here", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
         f"With the value under *None at* the effect passes its signal on bit for bit.{within}",
@@ -129,14 +162,18 @@ def _numbers(effect: Effect, trials: Trials) -> str:
 def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
     """What is declared of each number of an effect's block, by the name the effect uses."""
     if isinstance(block, Block):
-        return {prefix + leaf: block.fields()[key] for key, value in block.parameters.items()
-                for leaf, _ in leaves(value, key)}  # fmt: skip
+        return {
+            prefix + leaf: block.fields()[key]
+            for key, value in block.parameters.items()
+            for leaf, _ in leaves(value, key)
+        }
     found: dict[str, Any] = {}
     for name, inner in block.blocks.items():
         found |= _fields(inner, f"{prefix}{name}.")
     for name in block.values:  # a shared number is what the blocks that use it say it is
-        user = next(k for b in block.blocks.values() if isinstance(b, Block) for k, v in b.parameters.items()
-                    if v == f"${name}")  # fmt: skip
+        user = next(
+            k for b in block.blocks.values() if isinstance(b, Block) for k, v in b.parameters.items() if v == f"${name}"
+        )
         owner = next(b for b in block.blocks.values() if isinstance(b, Block) and user in b.parameters)
         found[prefix + name] = owner.fields()[user]
     return found
@@ -188,8 +225,10 @@ def _run(diagram: Diagram) -> Any:
     (name,) = diagram.inputs
     t = np.arange(0.0, STOP, STEP)
     source = INPUTS[name]
-    u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in zip(source.amplitudes, source.frequencies, source.phases,
-                                                                 strict=True))  # fmt: skip
+    u = sum(
+        a * np.sin(2 * np.pi * f * t + p)
+        for a, f, p in zip(source.amplitudes, source.frequencies, source.phases, strict=True)
+    )
     return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP)
 
 

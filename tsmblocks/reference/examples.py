@@ -18,28 +18,58 @@ TWO = MultiSine(amplitudes=(0.6, 0.36), frequencies=(0.2, 0.5))
 """Large and small reversals, for blocks that remember them."""
 SLOW = MultiSine(amplitudes=(0.6, 0.36), frequencies=(0.2, 0.5), unit="rad")
 SET: dict[str, dict[str, Any]] = {
-    "Bend": dict(cubic=-0.2), "Bias": dict(bias=0.3), "Bow": dict(size=0.2),
+    "Bend": dict(cubic=-0.2),
+    "Bias": dict(bias=0.3),
+    "Bow": dict(size=0.2),
     "Creep": dict(share=0.3, time_constant=2.0),
-    "DeadTime": dict(time=0.3), "Delay": dict(time=0.3), "DeadZone": dict(low=-0.3, high=0.3),
-    "Disturbance": dict(sine=0.1, frequency=2.0), "Drift": dict(rate=0.05), "Gain": dict(gain=2.0),
-    "GainChange": dict(change=0.3, time=5.0), "GainDrift": dict(rate=0.03), "Jump": dict(size=0.2, time=5.0),
+    "DeadTime": dict(time=0.3),
+    "Delay": dict(time=0.3),
+    "DeadZone": dict(low=-0.3, high=0.3),
+    "Disturbance": dict(sine=0.1, frequency=2.0),
+    "Drift": dict(rate=0.05),
+    "Gain": dict(gain=2.0),
+    "GainChange": dict(change=0.3, time=5.0),
+    "GainDrift": dict(rate=0.03),
+    "Jump": dict(size=0.2, time=5.0),
     "Lag": dict(time_constant=0.5),
-    "LoopAsymmetry": dict(slope_difference=0.2, delta=0.3), "LoopChange": dict(change=0.2, gain=0.2, time=5.0),
-    "NonlocalMemory": dict(weights=(0.3, 0.3, 0.3)), "PositionDependentLoop": dict(gain=0.4),
-    "Stretch": dict(half_width=0.2), "RateDependence": dict(coefficient=0.2), "Resonance": dict(share=1.0, omega=12.0),
-    "Ripple": dict(sine=0.05, cycles=12.0), "Slack": dict(share=0.5, edge=-0.3), "Overflow": dict(rim=0.5, rate=1.0,
-    caught=1.0), "Saturation": dict(low=-0.6, high=0.6), "SoftSaturation": dict(low=-0.6, high=0.6, softness=0.1),
-    "RateLimit": dict(rising=0.8, falling=-0.8), "SoftRateLimit": dict(rising=0.8, falling=-0.8, softness=0.05),
-    "Relay": dict(on=0.4, off=-0.4, high=1.0, low=-1.0), "Quantiser": dict(interval=0.25), "Encoder": dict(counts=24.0),
-    "SensorNoise": dict(std=0.05, interval=0.02), "LeadLag": dict(lead=0.5, lag=0.05), "Chirp": dict(duration=10.0),
-    "Derivative": {}, "FilteredDerivative": dict(time_constant=0.05), "FirstOrderLag": dict(time_constant=0.5),
-    "SecondOrderLag": dict(omega=8.0, zeta=0.2), "TransferFunction": dict(num=(1.0,), den=(0.1, 0.2, 1.0)),
-    "DiscreteIntegrator": dict(period=0.2), "DiscretePID": dict(period=0.2, kd=0.2),
-    "DiscreteStateSpace": dict(period=0.2), "DiscreteTransferFunction": dict(period=0.2),
-    "MovingAverage": dict(period=0.2), "UnitDelay": dict(period=0.2), "ZeroOrderHold": dict(period=0.2),
-    "PID": dict(kd=0.2, tau=0.05), "Random": dict(interval=0.05), "Recorded": dict(times=(0.0, 2.0, 5.0, 8.0, 10.0),
-    values=(0.0, 1.0, -1.0, 0.5, 0.0)), "Ramp": dict(start=2.0, slope=0.5), "PrandtlIshlinskii": {},
-}  # fmt: skip
+    "LoopAsymmetry": dict(slope_difference=0.2, delta=0.3),
+    "LoopChange": dict(change=0.2, gain=0.2, time=5.0),
+    "NonlocalMemory": dict(weights=(0.3, 0.3, 0.3)),
+    "PositionDependentLoop": dict(gain=0.4),
+    "Stretch": dict(half_width=0.2),
+    "RateDependence": dict(coefficient=0.2),
+    "Resonance": dict(share=1.0, omega=12.0),
+    "Ripple": dict(sine=0.05, cycles=12.0),
+    "Slack": dict(share=0.5, edge=-0.3),
+    "Overflow": dict(rim=0.5, rate=1.0, caught=1.0),
+    "Saturation": dict(low=-0.6, high=0.6),
+    "SoftSaturation": dict(low=-0.6, high=0.6, softness=0.1),
+    "RateLimit": dict(rising=0.8, falling=-0.8),
+    "SoftRateLimit": dict(rising=0.8, falling=-0.8, softness=0.05),
+    "Relay": dict(on=0.4, off=-0.4, high=1.0, low=-1.0),
+    "Quantiser": dict(interval=0.25),
+    "Encoder": dict(counts=24.0),
+    "SensorNoise": dict(std=0.05, interval=0.02),
+    "LeadLag": dict(lead=0.5, lag=0.05),
+    "Chirp": dict(duration=10.0),
+    "Derivative": {},
+    "FilteredDerivative": dict(time_constant=0.05),
+    "FirstOrderLag": dict(time_constant=0.5),
+    "SecondOrderLag": dict(omega=8.0, zeta=0.2),
+    "TransferFunction": dict(num=(1.0,), den=(0.1, 0.2, 1.0)),
+    "DiscreteIntegrator": dict(period=0.2),
+    "DiscretePID": dict(period=0.2, kd=0.2),
+    "DiscreteStateSpace": dict(period=0.2),
+    "DiscreteTransferFunction": dict(period=0.2),
+    "MovingAverage": dict(period=0.2),
+    "UnitDelay": dict(period=0.2),
+    "ZeroOrderHold": dict(period=0.2),
+    "PID": dict(kd=0.2, tau=0.05),
+    "Random": dict(interval=0.05),
+    "Recorded": dict(times=(0.0, 2.0, 5.0, 8.0, 10.0), values=(0.0, 1.0, -1.0, 0.5, 0.0)),
+    "Ramp": dict(start=2.0, slope=0.5),
+    "PrandtlIshlinskii": {},
+}
 """Numbers that show what a block does where its defaults do not (an effect of no size, a limit that is not reached)."""
 
 
@@ -50,10 +80,15 @@ def _all(port: str, source: Block, names: str) -> dict[str, dict[str, Block]]:
 
 DRIVE: dict[str, dict[str, Block]] = {
     **_all("u", TWO, "Play TaoBacklash PrandtlIshlinskii NonlocalMemory Stretch"),
-    **_all("x", SLOW, "AsymmetricBoucWen BoucWen DahlHysteresis ElasticBacklash GeneralizedBoucWen "
-                      "FeedforwardCompensator"),
-    **_all("u", Step(), "FirstOrderLag SecondOrderLag TransferFunction StateSpace ZeroPoleGain LeadLag Resonance "
-                        "FilteredDerivative DiscreteStateSpace DiscreteTransferFunction"),
+    **_all(
+        "x", SLOW, "AsymmetricBoucWen BoucWen DahlHysteresis ElasticBacklash GeneralizedBoucWen FeedforwardCompensator"
+    ),
+    **_all(
+        "u",
+        Step(),
+        "FirstOrderLag SecondOrderLag TransferFunction StateSpace ZeroPoleGain LeadLag Resonance "
+        "FilteredDerivative DiscreteStateSpace DiscreteTransferFunction",
+    ),
     **_all("e", Triangle(amplitude=1.0), "PID DiscretePID"),
     "Maximum": {"u1": Sine(amplitude=1.0), "u2": Sine(amplitude=0.6, frequency=0.5)},
     "Minimum": {"u1": Sine(amplitude=1.0), "u2": Sine(amplitude=0.6, frequency=0.5)},
@@ -68,9 +103,15 @@ DRIVE: dict[str, dict[str, Block]] = {
     "RateDependence": {"u": Chirp(amplitude=1.0, f1=1.0, duration=10.0)},
     "Sum": {"plus": Sine(amplitude=1.0), "minus": Step(time=5.0, after=0.5)},
     "Switch": {"u1": Sine(amplitude=1.0), "u2": Constant(value=0.5), "control": Step(time=5.0)},
-}  # fmt: skip
-STOPS = {"DCMotor": 0.3, "MotorTransferFunction": 0.3, "StateSpace": 5.0, "ZeroPoleGain": 3.0, "SecondOrderLag": 4.0,
-         "Step": 3.0}  # fmt: skip
+}
+STOPS = {
+    "DCMotor": 0.3,
+    "MotorTransferFunction": 0.3,
+    "StateSpace": 5.0,
+    "ZeroPoleGain": 3.0,
+    "SecondOrderLag": 4.0,
+    "Step": 3.0,
+}
 """Duration of the runs [s] that are not ``STOP`` long."""
 
 
@@ -84,8 +125,11 @@ def example(cls: type[Block]) -> Diagram:
     name = cls.__name__
     block, label = cls(**SET.get(name, {})), snake(name)
     given = DRIVE.get(name, {})
-    sources = {k: given.get(k) or Sine(amplitude=_amplitude(p.unit), unit=_unit(p.unit))
-               for k, p in block.inports.items() if k in given or not p.rate_of}  # fmt: skip
+    sources = {
+        k: given.get(k) or Sine(amplitude=_amplitude(p.unit), unit=_unit(p.unit))
+        for k, p in block.inports.items()
+        if k in given or not p.rate_of
+    }
     named = {k: f"{k}_source" if len(sources) > 1 else snake(type(source).__name__) for k, source in sources.items()}
     return Diagram(
         title=f"An example of {name}",
@@ -121,12 +165,25 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
     blocks = [f"        {name}={_made(block)}," for name, block in diagram.blocks.items() if isinstance(block, Block)]
     wires = [f'        "{wire}",' for wire in diagram.wires]
     shown = [f'        "{name}": "{".".join(filter(None, end))}",' for name, end in diagram.shown.items()]
-    return "\n".join([
-        "import tsmblocks as tsm", f"from tsmblocks.blocks import {', '.join(used)}", "", "diagram = tsm.Diagram(",
-        f'    title="{diagram.title}",', "    blocks=dict(", *blocks, "    ),",
-        *(["    wires=[", *wires, "    ],"] if wires else []), "    outputs={", *shown, "    },", ")",
-        f"run = tsm.simulate(diagram, stop={stop:g}, step={STEP:g})", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "import tsmblocks as tsm",
+            f"from tsmblocks.blocks import {', '.join(used)}",
+            "",
+            "diagram = tsm.Diagram(",
+            f'    title="{diagram.title}",',
+            "    blocks=dict(",
+            *blocks,
+            "    ),",
+            *(["    wires=[", *wires, "    ],"] if wires else []),
+            "    outputs={",
+            *shown,
+            "    },",
+            ")",
+            f"run = tsm.simulate(diagram, stop={stop:g}, step={STEP:g})",
+            "",
+        ]
+    )
 
 
 def _made(block: Block) -> str:

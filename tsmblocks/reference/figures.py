@@ -27,8 +27,10 @@ def over_time(t: np.ndarray, signals: Mapping[str, np.ndarray], labels: Mapping[
     groups: list[list[str]] = []
     for name in signals:
         same = labels[name].removeprefix(name)  # the unit
-        home = next((g for g in groups if labels[g[0]].removeprefix(g[0]) == same
-                     and _alike(signals[g[0]], signals[name])), None)  # fmt: skip
+        home = next(
+            (g for g in groups if labels[g[0]].removeprefix(g[0]) == same and _alike(signals[g[0]], signals[name])),
+            None,
+        )
         home.append(name) if home else groups.append([name])
     parts, top = [], 24.0
     for place, group in enumerate(groups):

@@ -32,16 +32,31 @@ def _cards() -> str:
     gap = effects.traces(effects.placed(uses.effects()["backlash"][0]))
     cards = [
         ("blocks/index", "Blocks", "Equations, ports, numbers with units and bounds, an example of each.", loop),
-        ("effects/index", "Effects", f"{len(uses.effects())} things a model may miss, where they stand, and what they "
-         "leave in the residuals.", gap.over_position()),
-        ("diagrams/index", "Diagrams", f"{len(uses.shipped())} files that come with the toolbox: the paper's figures, "
-         "plants for fits.", ""),
-        ("concepts/index", "Concepts", "How a diagram becomes equations, what a fixed step means at a kink, how fits "
-         "and diagnoses decide, and when not to believe them.", ""),
+        (
+            "effects/index",
+            "Effects",
+            f"{len(uses.effects())} things a model may miss, where they stand, and what they leave in the residuals.",
+            gap.over_position(),
+        ),
+        (
+            "diagrams/index",
+            "Diagrams",
+            f"{len(uses.shipped())} files that come with the toolbox: the paper's figures, plants for fits.",
+            "",
+        ),
+        (
+            "concepts/index",
+            "Concepts",
+            "How a diagram becomes equations, what a fixed step means at a kink, how fits "
+            "and diagnoses decide, and when not to believe them.",
+            "",
+        ),
         ("python/index", "Python", "Every public name, by what one wants to do.", ""),
         ("commands/index", "Commands", "What can be done at a terminal.", ""),
-    ]  # fmt: skip
+    ]
     drawn = [f"<figure>{picture}</figure>" if picture else "" for *_, picture in cards]
-    made = [f'<a class="card" href="{path}.html"><b>{title}</b><span>{words}</span>{figure}</a>'
-            for (path, title, words, _), figure in zip(cards, drawn, strict=True)]  # fmt: skip
+    made = [
+        f'<a class="card" href="{path}.html"><b>{title}</b><span>{words}</span>{figure}</a>'
+        for (path, title, words, _), figure in zip(cards, drawn, strict=True)
+    ]
     return f'<div class="cards front">{"".join(made)}</div>'

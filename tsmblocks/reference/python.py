@@ -28,16 +28,22 @@ GROUPS: dict[str, tuple[str, str, tuple[str, ...]]] = {
 }  # fmt: skip
 """Page: its heading, what it is about, the names of the package on it."""
 MODULES = {
-    "diagrams": ("export",), "blocks": ("testing",), "diagnosis": ("effects",), "design": ("studies", "tuning"),
-    "linear": ("analysis",), "errors": ("errors",),
-}  # fmt: skip
+    "diagrams": ("export",),
+    "blocks": ("testing",),
+    "diagnosis": ("effects",),
+    "design": ("studies", "tuning"),
+    "linear": ("analysis",),
+    "errors": ("errors",),
+}
 """Modules of the package of which a page shows all public names."""
 
 
 def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
-    rows = [(rst.link(f"/python/{key}", title), words, ", ".join(f"``{n}``" for n in names))
-            for key, (title, words, names) in GROUPS.items()]  # fmt: skip
+    rows = [
+        (rst.link(f"/python/{key}", title), words, ", ".join(f"``{n}``" for n in names))
+        for key, (title, words, names) in GROUPS.items()
+    ]
     index = rst.page(
         rst.heading("Python"),
         "``import tsmblocks as tsm`` gives every name on these pages. Angles are in radians inside; figures and tables "
@@ -56,9 +62,15 @@ def _page(key: str) -> str:
     for module in MODULES.get(key, ()):
         made = import_module(f"tsmblocks.{module}")
         known = [n for n in getattr(made, "__all__", None) or _own(made) if n not in names]
-        parts += [rst.heading(f"tsmblocks.{module}", 1), (made.__doc__ or "").strip().partition("\n\n")[0],
-                  *(_entry(f"tsmblocks.{module}", name, getattr(made, name)) for name in known
-                    if callable(getattr(made, name)))]  # fmt: skip
+        parts += [
+            rst.heading(f"tsmblocks.{module}", 1),
+            (made.__doc__ or "").strip().partition("\n\n")[0],
+            *(
+                _entry(f"tsmblocks.{module}", name, getattr(made, name))
+                for name in known
+                if callable(getattr(made, name))
+            ),
+        ]
     return rst.page(*parts)
 
 
@@ -84,6 +96,8 @@ def command_pages(commands: Mapping[str, tuple[str, str]]) -> dict[str, str]:
         rst.table(("Command", "What it does"), rows, (30, 70)),
         rst.contents(commands),
     )
-    pages = {f"commands/{name}": rst.page(rst.heading(f"tsmblocks {name}"), rst.block(text, "none"))
-             for name, (_, text) in commands.items()}  # fmt: skip
+    pages = {
+        f"commands/{name}": rst.page(rst.heading(f"tsmblocks {name}"), rst.block(text, "none"))
+        for name, (_, text) in commands.items()
+    }
     return {"commands/index": index, **pages}

@@ -17,16 +17,31 @@ from tsmblocks.reference.look import CSS
 
 HAND_WRITTEN = Path(__file__).parent / "pages"
 SETTINGS: dict[str, Any] = {
-    "project": "tsmblocks", "version": __version__, "release": __version__, "copyright": "",
+    "project": "tsmblocks",
+    "version": __version__,
+    "release": __version__,
+    "copyright": "",
     "extensions": ["sphinx.ext.autodoc", "tsmblocks.html.mathml"],
-    "html_theme": "furo", "html_title": f"tsmblocks {__version__}", "html_math_renderer": "mathml",
-    "html_static_path": ["_static"], "html_css_files": ["tsmblocks.css"],
-    "html_copy_source": False, "html_show_sourcelink": False, "html_show_copyright": False, "html_show_sphinx": False,
+    "html_theme": "furo",
+    "html_title": f"tsmblocks {__version__}",
+    "html_math_renderer": "mathml",
+    "html_static_path": ["_static"],
+    "html_css_files": ["tsmblocks.css"],
+    "html_copy_source": False,
+    "html_show_sourcelink": False,
+    "html_show_copyright": False,
+    "html_show_sphinx": False,
     "html_show_search_summary": False,  # it would fetch pages, which browsers refuse for files
-    "html_permalinks_icon": "#", "smartquotes": False, "templates_path": [], "nitpicky": False,
-    "autodoc_member_order": "bysource", "python_maximum_signature_line_length": 110,
-    "pygments_style": "default", "pygments_dark_style": "github-dark", "highlight_language": "none",
-}  # fmt: skip
+    "html_permalinks_icon": "#",
+    "smartquotes": False,
+    "templates_path": [],
+    "nitpicky": False,
+    "autodoc_member_order": "bysource",
+    "python_maximum_signature_line_length": 110,
+    "pygments_style": "default",
+    "pygments_dark_style": "github-dark",
+    "highlight_language": "none",
+}
 """Settings of Sphinx; nothing in a page comes from elsewhere."""
 
 
@@ -46,9 +61,7 @@ def need_sphinx() -> None:
         ) from None
 
 
-def build(
-    out: Path, commands: Mapping[str, tuple[str, str]], tell: Callable[[str, float], None] | None = None
-) -> int:  # fmt: skip
+def build(out: Path, commands: Mapping[str, tuple[str, str]], tell: Callable[[str, float], None] | None = None) -> int:
     """Write all pages as HTML into ``out``; how many there are.
 
     ``commands`` maps each command to what it does and what its help prints. ``tell`` is told what is done, and which
@@ -65,8 +78,14 @@ def build(
 
 
 def _write(source: Path, commands: Mapping[str, tuple[str, str]], tell: Any) -> int:
-    makers = (front.pages, blocks.pages, diagrams.pages, effects.pages, python.pages,
-              lambda: python.command_pages(commands))  # fmt: skip
+    makers = (
+        front.pages,
+        blocks.pages,
+        diagrams.pages,
+        effects.pages,
+        python.pages,
+        lambda: python.command_pages(commands),
+    )
     shutil.copytree(HAND_WRITTEN, source)
     settings = "\n".join(f"{key} = {value!r}" for key, value in SETTINGS.items())
     (source / "conf.py").write_text(settings + "\n", encoding="utf-8", newline="\n")

@@ -82,13 +82,21 @@ def _call(name: str) -> tuple[str, int, tuple[int, ...]]:
 
 LATEX = Tongue(
     {
-        "ADD": ("«0» + «1»", PLUS, (PLUS, PLUS)), "SUB": ("«0» - «1»", PLUS, (PLUS, TIMES)),
-        "NEG": ("-«0»", PLUS, (TIMES,)), "MUL": (r"«0»\,«1»", TIMES, (TIMES, TIMES)),
-        "DIV": (r"\frac{«0»}{«1»}", TIMES, (LOOSE, LOOSE)), "INV": (r"\frac{1}{«0»}", TIMES, (LOOSE,)),
-        "TWICE": (r"2\,«0»", TIMES, (TIMES,)), "SQ": ("{«0»}^{2}", POWER, (ATOM,)),
-        "POW": ("{«0»}^{«1»}", POWER, (ATOM, LOOSE)), "CONSTPOW": ("{«0»}^{«1»}", POWER, (ATOM, LOOSE)),
-        "SQRT": (r"\sqrt{«0»}", ATOM, (LOOSE,)), "FABS": (r"\left|«0»\right|", ATOM, (LOOSE,)),
-        "EXP": ("e^{«0»}", POWER, (LOOSE,)), "SIGN": _call("sgn"), "LOG": _call("ln"),
+        "ADD": ("«0» + «1»", PLUS, (PLUS, PLUS)),
+        "SUB": ("«0» - «1»", PLUS, (PLUS, TIMES)),
+        "NEG": ("-«0»", PLUS, (TIMES,)),
+        "MUL": (r"«0»\,«1»", TIMES, (TIMES, TIMES)),
+        "DIV": (r"\frac{«0»}{«1»}", TIMES, (LOOSE, LOOSE)),
+        "INV": (r"\frac{1}{«0»}", TIMES, (LOOSE,)),
+        "TWICE": (r"2\,«0»", TIMES, (TIMES,)),
+        "SQ": ("{«0»}^{2}", POWER, (ATOM,)),
+        "POW": ("{«0»}^{«1»}", POWER, (ATOM, LOOSE)),
+        "CONSTPOW": ("{«0»}^{«1»}", POWER, (ATOM, LOOSE)),
+        "SQRT": (r"\sqrt{«0»}", ATOM, (LOOSE,)),
+        "FABS": (r"\left|«0»\right|", ATOM, (LOOSE,)),
+        "EXP": ("e^{«0»}", POWER, (LOOSE,)),
+        "SIGN": _call("sgn"),
+        "LOG": _call("ln"),
         "FLOOR": (r"\left\lfloor «0» \right\rfloor", ATOM, (LOOSE,)),
         "CEIL": (r"\left\lceil «0» \right\rceil", ATOM, (LOOSE,)),
         "LOG1P": (r"\operatorname{ln}\left(1 + «0»\right)", ATOM, (PLUS,)),
@@ -96,19 +104,32 @@ LATEX = Tongue(
         "FMIN": (r"\operatorname{min}\left(«0»,\; «1»\right)", ATOM, (LOOSE, LOOSE)),
         "FMAX": (r"\operatorname{max}\left(«0»,\; «1»\right)", ATOM, (LOOSE, LOOSE)),
         "FMOD": (r"«0» \bmod «1»", TIMES, (ATOM, ATOM)),
-        "LT": ("«0» < «1»", COMPARE, (PLUS, PLUS)), "LE": (r"«0» \le «1»", COMPARE, (PLUS, PLUS)),
-        "EQ": ("«0» = «1»", COMPARE, (PLUS, PLUS)), "NE": (r"«0» \ne «1»", COMPARE, (PLUS, PLUS)),
+        "LT": ("«0» < «1»", COMPARE, (PLUS, PLUS)),
+        "LE": (r"«0» \le «1»", COMPARE, (PLUS, PLUS)),
+        "EQ": ("«0» = «1»", COMPARE, (PLUS, PLUS)),
+        "NE": (r"«0» \ne «1»", COMPARE, (PLUS, PLUS)),
         "AND": (r"«0» \text{ and } «1»", LOOSE, (COMPARE, COMPARE)),
-        "OR": (r"«0» \text{ or } «1»", LOOSE, (COMPARE, COMPARE)), "NOT": (r"\text{not } «0»", LOOSE, (ATOM,)),
+        "OR": (r"«0» \text{ or } «1»", LOOSE, (COMPARE, COMPARE)),
+        "NOT": (r"\text{not } «0»", LOOSE, (ATOM,)),
         **{k.upper(): _call(k) for k in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
         **{f"A{k.upper()}": _call(f"arc{k}") for k in ("sin", "cos", "tan")},
     },
-    brackets=r"\left(«0»\right)", shared="«0»_{«1»}", constant=_constant, cases=_cases, result=_result,
-)  # fmt: skip
+    brackets=r"\left(«0»\right)",
+    shared="«0»_{«1»}",
+    constant=_constant,
+    cases=_cases,
+    result=_result,
+)
 SWITCHES = {
-    "FABS": "«0» = 0", "SIGN": "«0» = 0", "FMIN": "«0» = «1»", "FMAX": "«0» = «1»", "LT": "«0» = «1»",
-    "LE": "«0» = «1»", "FLOOR": r"«0» \in \mathbb{Z}", "CEIL": r"«0» \in \mathbb{Z}",
-}  # fmt: skip
+    "FABS": "«0» = 0",
+    "SIGN": "«0» = 0",
+    "FMIN": "«0» = «1»",
+    "FMAX": "«0» = «1»",
+    "LT": "«0» = «1»",
+    "LE": "«0» = «1»",
+    "FLOOR": r"«0» \in \mathbb{Z}",
+    "CEIL": r"«0» \in \mathbb{Z}",
+}
 """Operations with a kink or a jump, and where it is."""
 _LETTERS = """alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi
 psi omega"""
@@ -172,8 +193,11 @@ def _function(block: Block) -> tuple[ca.Function, list[str], list[tuple[str, str
     p = [v for value in twin.parameters.values() for _, v in leaves(value)]
     starts = {k for k, f in block.fields().items() if f.kind == "state"}
     p = [v for v in p if v.name() not in starts]
-    made = {(kind, k): v for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
-            for k, v in call(twin, equation, t, x, u).items()}  # fmt: skip
+    made = {
+        (kind, k): v
+        for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
+        for k, v in call(twin, equation, t, x, u).items()
+    }
     column = [t, *x, *u, *p]
     function = ca.Function("equations", [ca.vertcat(*column)], [ca.vertcat(*made.values())])
     return function, [v.name() for v in column], list(made)

@@ -34,11 +34,21 @@ Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
 
 
 def simulate_batch(
-    diagram: Diagram, parameters: Mapping[str, Any], *, stop: float | None = None, step: float = 1e-3,
-    start: float = 0.0, method: str = "rk4", inputs: Mapping[str, Any] | None = None, hold: str = "linear",
-    outputs: Sequence[str] | None = None, reduce: Reduce | None = None, every: int = 1, threads: int | None = None,
+    diagram: Diagram,
+    parameters: Mapping[str, Any],
+    *,
+    stop: float | None = None,
+    step: float = 1e-3,
+    start: float = 0.0,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    outputs: Sequence[str] | None = None,
+    reduce: Reduce | None = None,
+    every: int = 1,
+    threads: int | None = None,
     backend: str = "",
-) -> Batch:  # fmt: skip
+) -> Batch:
     """Run a diagram once for each set of parameters, sets side by side in SIMD lanes and threads.
 
     ``parameters`` maps names to arrays of one length (sets,); ``outputs`` names the signals kept
@@ -46,8 +56,19 @@ def simulate_batch(
     returns results of shape (lanes,), so that long batches need not be kept whole. Other arguments as
     for ``simulate``. Raises ParameterError for an unknown name or arrays of different lengths.
     """
-    made = batch_of(diagram, parameters, stop=stop, step=step, start=start, method=method, inputs=inputs, hold=hold,
-                    outputs=outputs, every=every, backend=backend)  # fmt: skip
+    made = batch_of(
+        diagram,
+        parameters,
+        stop=stop,
+        step=step,
+        start=start,
+        method=method,
+        inputs=inputs,
+        hold=hold,
+        outputs=outputs,
+        every=every,
+        backend=backend,
+    )
     warn_of_fast_poles([made.beginning(k) for k in extremes(made.sets)], method_named(method), step)
     return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t, {} if reduce else made.units)
 
@@ -124,10 +145,20 @@ class PreparedBatch:
 
 
 def batch_of(
-    diagram: Diagram, parameters: Mapping[str, Any], *, stop: float | None = None, step: float = 1e-3,
-    start: float = 0.0, method: str = "rk4", inputs: Mapping[str, Any] | None = None, hold: str = "linear",
-    outputs: Sequence[str] | None = None, every: int = 1, backend: str = "", lanes: int | None = None,
-) -> PreparedBatch:  # fmt: skip
+    diagram: Diagram,
+    parameters: Mapping[str, Any],
+    *,
+    stop: float | None = None,
+    step: float = 1e-3,
+    start: float = 0.0,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    outputs: Sequence[str] | None = None,
+    every: int = 1,
+    backend: str = "",
+    lanes: int | None = None,
+) -> PreparedBatch:
     """Check and compile a batch without running it; arguments and errors as for ``simulate_batch``.
 
     ``lanes`` is how many sets are run side by side, a power of two (by default what suits the diagram): parts of one
@@ -147,8 +178,18 @@ def batch_of(
     signals = gather_signals(eq, given, times.grid, hold)
     whole = _whole_run(eq, kernel, signals, times)
     columns = {name: chosen.index(k) for name, k in zip(names, _positions(eq, names), strict=True)}
-    return PreparedBatch(sets, times.grid[:: times.every], eq, kernel, whole, parameter_vector(eq, diagram), columns,
-                         times.h, times.start, signals)  # fmt: skip
+    return PreparedBatch(
+        sets,
+        times.grid[:: times.every],
+        eq,
+        kernel,
+        whole,
+        parameter_vector(eq, diagram),
+        columns,
+        times.h,
+        times.start,
+        signals,
+    )
 
 
 def _whole_run(
@@ -216,9 +257,14 @@ def sensitivities(
 
 @functools.lru_cache(maxsize=256)
 def batch_kernel(
-    eq: Equations, method: Method, y: tuple[int, ...], lanes: int, vary: frozenset[int], backend: str,
+    eq: Equations,
+    method: Method,
+    y: tuple[int, ...],
+    lanes: int,
+    vary: frozenset[int],
+    backend: str,
     quick: bool = False,
-) -> Kernel:  # fmt: skip
+) -> Kernel:
     """A kernel with one parameter set per lane (kept); ``quick`` as for ``kernel_for``."""
     return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend, quick)
 
@@ -244,11 +290,7 @@ def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memor
     ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)
     flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
     return Memory(
-        spread(x, kernel.layout_x),
-        spread(d, kernel.layout_d),
-        spread(flat, kernel.layout_p),
-        ring,
-        capacity - 1,
+        spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(flat, kernel.layout_p), ring, capacity - 1
     )  # type: ignore[arg-type]
 
 
@@ -306,8 +348,11 @@ def _go_together(
         if isinstance(block, Diagram):
             yield from _go_together(block, sets, f"{prefix}{name}.")
             continue
-        full = {leaf: prefix + v[1:] if is_reference(v) else f"{prefix}{name}.{leaf}"
-                for key, value in block.parameters.items() for leaf, v in leaves(value, key)}  # fmt: skip
+        full = {
+            leaf: prefix + v[1:] if is_reference(v) else f"{prefix}{name}.{leaf}"
+            for key, value in block.parameters.items()
+            for leaf, v in leaves(value, key)
+        }
         if type(block).check is Block.check or sum(v in sets for v in full.values()) < 2:
             continue
 

@@ -61,12 +61,7 @@ def _output_message(eq: Equations, values: dict[str, float], block: str, time: f
 
 
 def _state_message(
-    eq: Equations,
-    values: dict[str, float],
-    before: dict[str, float],
-    states: list[str],
-    block: str,
-    time: float,
+    eq: Equations, values: dict[str, float], before: dict[str, float], states: list[str], block: str, time: float
 ) -> str:
     kind = eq.reads[block][0] if block in eq.reads else "?"
     now = [(k, values[k]) for k in states[:4]]

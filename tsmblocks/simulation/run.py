@@ -118,8 +118,13 @@ class Run:
         name there, and for names that cannot be written.
         """
         chosen = _listed(names) or list(self.aliases) or self.keys()
-        return written(path, self.t, {n: self[n] for n in chosen}, {n: self.unit(n) for n in chosen},
-                       "Give the output another name, or leave it out with names=[...].")  # fmt: skip
+        return written(
+            path,
+            self.t,
+            {n: self[n] for n in chosen},
+            {n: self.unit(n) for n in chosen},
+            "Give the output another name, or leave it out with names=[...].",
+        )
 
 
 def _listed(names: Sequence[str] | None) -> list[str]:

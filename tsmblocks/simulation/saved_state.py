@@ -43,15 +43,19 @@ def remembered(eq: Equations) -> tuple[str, ...]:
 def taken_up(saved: Saved, eq: Equations, own: Memory, h: float) -> Memory:
     """The memory of a saved state, with the numbers of ``own``. Raises RunError where it does not belong here."""
     if saved.lost is not None:
-        raise RunError(f"the run of '{eq.title}' stopped being finite at t = {saved.lost:g} s, so there is no state to "
-                       "go on from. Take one from a run that ended before.")  # fmt: skip
+        raise RunError(
+            f"the run of '{eq.title}' stopped being finite at t = {saved.lost:g} s, so there is no state to "
+            "go on from. Take one from a run that ended before."
+        )
     if not _same(saved.step, h):
         raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {h:g} s.")
     if saved.names != remembered(eq):
         raise RunError(f"the saved state belongs to a diagram other than '{eq.title}'.")
     if saved.memory.mask != own.mask:
-        raise RunError(f"the saved state keeps the past of '{eq.title}' for delays of another length. Take one from a "
-                       "run with these delays.")  # fmt: skip
+        raise RunError(
+            f"the saved state keeps the past of '{eq.title}' for delays of another length. Take one from a "
+            "run with these delays."
+        )
     made = saved.memory.copy()
     made.p = own.p
     return made
@@ -62,8 +66,9 @@ def begins(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
     if not isinstance(initial, Saved):
         return start, step
     if start != 0.0 and not math.isclose(number("start", start), initial.t, rel_tol=1e-12, abs_tol=SAME * initial.step):
-        raise RunError(f"a run that goes on from a saved state starts when that ended, at {initial.t:g} s. Leave out "
-                       "start.")  # fmt: skip
+        raise RunError(
+            f"a run that goes on from a saved state starts when that ended, at {initial.t:g} s. Leave out start."
+        )
     return initial.t, initial.step if _same(initial.step, positive("step", step)) else step
 
 

@@ -17,14 +17,7 @@ from tsmblocks.engine.events import locating
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel_interface import Memory
 from tsmblocks.engine.methods import Method, method_named
-from tsmblocks.engine.session import (
-    Session,
-    Stopped,
-    gather_signals,
-    single_kernel,
-    start_memory,
-    steps_per_period,
-)
+from tsmblocks.engine.session import Session, Stopped, gather_signals, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.block import is_reference
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import Times, given_inputs, number, positive, prepared, run_times
@@ -51,13 +44,7 @@ def signature(diagram: Diagram) -> Any:
             shape = tuple((k, _shape(v)) for k, v in block.parameters.items())
             parts.append((name, type(block), shape, tuple(block.options.items())))
     inlets = tuple((k, v.unit, diagram.inlets[k]) for k, v in diagram.inputs.items())
-    return (
-        tuple(parts),
-        frozenset(diagram.links),
-        inlets,
-        tuple(diagram.outputs.items()),
-        tuple(diagram.values),
-    )
+    return (tuple(parts), frozenset(diagram.links), inlets, tuple(diagram.outputs.items()), tuple(diagram.values))
 
 
 def _shape(value: Any) -> Any:
@@ -183,15 +170,7 @@ def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, ru
     """The error that says where a run stopped being finite, with the run up to there."""
     kernel = single_kernel(eq, rule, tuple(range(len(eq.y))), backend)
     again = Session(
-        eq,
-        kernel,
-        stopped.memory.copy(),
-        session.signals,
-        session.start,
-        session.h,
-        1,
-        stopped.k,
-        session.hits,
+        eq, kernel, stopped.memory.copy(), session.signals, session.start, session.h, 1, stopped.k, session.hits
     )
     text, block, time = explain(eq, again, stopped.steps)
     error = NotFinite(text)
@@ -221,8 +200,11 @@ def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(pattern)}.")
-    chosen = [k for k, name in enumerate(eq.y)
-              if name in shown or any(fnmatchcase(name, eq.aliases.get(p, p)) for p in patterns)]  # fmt: skip
+    chosen = [
+        k
+        for k, name in enumerate(eq.y)
+        if name in shown or any(fnmatchcase(name, eq.aliases.get(p, p)) for p in patterns)
+    ]
     for pattern in patterns:
         if not any(fnmatchcase(name, eq.aliases.get(pattern, pattern)) for name in eq.y):
             raise RunError(f"log '{pattern}' matches no signal.{near(pattern, eq.y)}")

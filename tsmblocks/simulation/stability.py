@@ -89,8 +89,10 @@ def extremes(columns: Mapping[str, np.ndarray]) -> list[int]:
 
 def set_in_words(numbers: Mapping[str, Any]) -> str:
     """One set of parameters in a line."""
-    return few(f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value!r}"
-               for name, value in numbers.items())  # fmt: skip
+    return few(
+        f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value!r}"
+        for name, value in numbers.items()
+    )
 
 
 def fastest_unstable(begin: Beginning, rule: Method, h: float) -> tuple[complex, str] | None:

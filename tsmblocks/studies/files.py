@@ -75,10 +75,11 @@ class _StudyPage(Page):
         if any(v is None for v in made.values()):
             return None
         build: Callable[[], Plan] = {
-            "grid": lambda: grid(made), "sweep": lambda: sweep(made),
+            "grid": lambda: grid(made),
+            "sweep": lambda: sweep(made),
             "latin_hypercube": lambda: latin_hypercube(made, plan["runs"], seed=plan.get("seed", 0)),
             "monte_carlo": lambda: monte_carlo(made, plan["runs"], seed=plan.get("seed", 0)),
-        }[kind]  # fmt: skip
+        }[kind]
         found = self.tried(build, "plan")
         if found is not None:
             self.tried(lambda: own_numbers(diagram, found), "vary")
@@ -99,8 +100,11 @@ class _StudyPage(Page):
             import numpy as np
 
             return None if between is None else [float(v) for v in between.quantile(np.linspace(0.0, 1.0, count))]
-        self.fault(f"'{name}' needs a list of values, or {{ low = …, high = …, count = … }}, got {in_words(given)}.",
-                   "vary", name)  # fmt: skip
+        self.fault(
+            f"'{name}' needs a list of values, or {{ low = …, high = …, count = … }}, got {in_words(given)}.",
+            "vary",
+            name,
+        )
         return None
 
     def belief(self, name: str, given: Any, diagram: Diagram) -> Belief | None:

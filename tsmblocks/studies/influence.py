@@ -21,8 +21,10 @@ def influence(results: Results, metric: str) -> dict[str, tuple[float, float]]:
     y, finite = results[metric], np.isfinite(results[metric])
     X = np.column_stack([numbers[k] for k in numbers]) if numbers else np.empty((len(y), 0))
     if not finite.sum() > X.shape[1] + 1 or not X.shape[1]:
-        raise RunError(f"'{metric}' is finite in {int(finite.sum())} runs; to tell the influence of {X.shape[1]} "
-                       f"numbers takes {X.shape[1] + 2} at least.")  # fmt: skip
+        raise RunError(
+            f"'{metric}' is finite in {int(finite.sum())} runs; to tell the influence of {X.shape[1]} "
+            f"numbers takes {X.shape[1] + 2} at least."
+        )
     read = _swept if results.kind == "sweep" else _regressed
     made = read(results, X, y, finite, list(numbers))
     middle = unchanged(results, metric)
@@ -57,5 +59,7 @@ def _regressed(
     size = np.where(np.ptp(X, axis=0) > 0, X.std(axis=0), 1.0)
     slope = np.linalg.lstsq((X - X.mean(axis=0)) / size, y - y.mean(), rcond=None)[0] / size
     ends = np.quantile(X, ENDS, axis=0) - X.mean(axis=0)
-    return {name: (float(y.mean() + slope[k] * ends[0, k]), float(y.mean() + slope[k] * ends[1, k]))
-            for k, name in enumerate(names)}  # fmt: skip
+    return {
+        name: (float(y.mean() + slope[k] * ends[0, k]), float(y.mean() + slope[k] * ends[1, k]))
+        for k, name in enumerate(names)
+    }

@@ -46,8 +46,9 @@ class Page:
     def checked(self) -> None:
         """Raise FileError with every fault and its line, where there are any."""
         if self.faults:
-            raise FileError(self.where, [f"{self.where}{f':{line}' if line else ''}: {text}"
-                                         for line, text in sorted(self.faults)])  # fmt: skip
+            raise FileError(
+                self.where, [f"{self.where}{f':{line}' if line else ''}: {text}" for line, text in sorted(self.faults)]
+            )
 
     def tried(self, make: Callable[[], Any], *path: str) -> Any:
         """What is made, or None where it is refused."""

@@ -107,8 +107,10 @@ class Normal:
 
         below, above = (float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))
         if not below < above:
-            raise ParameterError(f"Normal(mean={self.mean:g}, deviation={self.deviation:g}) has nothing between "
-                                 f"{self.low:g} and {self.high:g}.")  # fmt: skip
+            raise ParameterError(
+                f"Normal(mean={self.mean:g}, deviation={self.deviation:g}) has nothing between "
+                f"{self.low:g} and {self.high:g}."
+            )
         values = self.mean + self.deviation * ndtri(below + (above - below) * q)
         return np.clip(values, self.low, self.high)
 
@@ -231,8 +233,9 @@ def _plan(columns: dict[str, np.ndarray], kind: str) -> Plan:
 
 def _lists(values: Any) -> dict[str, np.ndarray]:
     if not isinstance(values, Mapping):
-        raise ParameterError(f"a plan maps parameters to values, such as {{'pid.kp': [1, 1.5, 2]}}, "
-                             f"got {in_words(values)}.")  # fmt: skip
+        raise ParameterError(
+            f"a plan maps parameters to values, such as {{'pid.kp': [1, 1.5, 2]}}, got {in_words(values)}."
+        )
     return {str(name): _listed(str(name), given) for name, given in values.items()}
 
 
@@ -269,8 +272,9 @@ def between(name: str, low: Any, high: Any, log: bool = False) -> Uniform:
 
 def _beliefs(given: Any) -> dict[str, Belief]:
     if not isinstance(given, Mapping) or not given:
-        raise ParameterError(f"say what to vary: {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, "
-                             f"got {in_words(given)}.")  # fmt: skip
+        raise ParameterError(
+            f"say what to vary: {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, got {in_words(given)}."
+        )
     made: dict[str, Belief] = {}
     for name, one in given.items():
         if isinstance(one, (tuple, list)) and len(one) == 2:

@@ -44,8 +44,9 @@ class Responses:
         """A data set over ``run`` and ``t`` [s], one variable per signal, with ``attrs["units"]``. Needs xarray."""
         count = len(next(iter(self.signals.values()), ()))
         coords = {"run": (("run",), np.arange(count), ""), "t": (("t",), self.t, "s")}
-        return dataset({k: (("run", "t"), v, self.unit(k)) for k, v in self.signals.items()}, coords,
-                       {"title": self.title})  # fmt: skip
+        return dataset(
+            {k: (("run", "t"), v, self.unit(k)) for k, v in self.signals.items()}, coords, {"title": self.title}
+        )
 
     def __repr__(self) -> str:
         count = len(next(iter(self.signals.values()), ()))
@@ -60,11 +61,20 @@ class Responses:
 
 
 def responses(
-    diagram: Diagram, plan: Plan | Mapping[str, Any], signals: Sequence[str] | None = None, *,
-    stop: float | None = None, step: float = 1e-3, start: float = 0.0, method: str = "rk4",
-    inputs: Mapping[str, Any] | None = None, hold: str = "linear", every: int = 10, threads: int | None = None,
+    diagram: Diagram,
+    plan: Plan | Mapping[str, Any],
+    signals: Sequence[str] | None = None,
+    *,
+    stop: float | None = None,
+    step: float = 1e-3,
+    start: float = 0.0,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    every: int = 10,
+    threads: int | None = None,
     backend: str = "",
-) -> Responses:  # fmt: skip
+) -> Responses:
     """Signals of every run of a plan, all in memory: for an envelope some hundred runs tell enough.
 
     ``signals`` are the diagram's outputs unless named; every ``every``-th instant is kept. Other arguments as for
@@ -72,8 +82,16 @@ def responses(
     """
     diagram, plan = prepared(diagram), planned(plan)
     units, names = signal_units(diagram), list(signals) if signals is not None else list(diagram.outputs)
-    how = dict(stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold, every=every,
-               backend=backend)  # fmt: skip
+    how = dict(
+        stop=stop,
+        step=step,
+        start=start,
+        method=method,
+        inputs=given_inputs(inputs),
+        hold=hold,
+        every=every,
+        backend=backend,
+    )
     made: dict[str, Any] = {}
     t, columns = np.empty(0), own_numbers(diagram, plan)
     groups = grouped(diagram, columns, how)

@@ -138,8 +138,12 @@ class Results:
         ``attrs["units"]`` has the units of the metrics by column.
         """
         names = {name: self.asked.get(name, name) for name in self}
-        return frame({title: self[name] for name, title in names.items()}, self.runs, "run",
-                     {names[name]: unit for name, unit in self.units.items()})  # fmt: skip
+        return frame(
+            {title: self[name] for name, title in names.items()},
+            self.runs,
+            "run",
+            {names[name]: unit for name, unit in self.units.items()},
+        )
 
     def to_xarray(self) -> Any:
         """A data set of the metrics, with ``attrs["units"]``. Needs xarray.
@@ -151,20 +155,34 @@ class Results:
         shape = tuple(map(len, axes.values()))
         if self.kind == "grid" and np.prod(shape) == len(self) == self.count:
             dims = tuple(axes)
-            return dataset({k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()},
-                           {k: ((k,), v, "") for k, v in axes.items()}, facts)  # fmt: skip
+            return dataset(
+                {k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()},
+                {k: ((k,), v, "") for k, v in axes.items()},
+                facts,
+            )
         coords = {"run": (("run",), self.runs, ""), **{k: (("run",), v, "") for k, v in self.parameters.items()}}
         return dataset({k: (("run",), v, self.units[k]) for k, v in self.metrics.items()}, coords, facts)
 
     def to_dict(self) -> dict[str, Any]:
         """The summary as plain values."""
         return {
-            "title": self.title, "kind": self.kind, "runs": self.count, "done": len(self), "status": self.status,
-            "failed": int(self.failed.sum()), "parameters": list(self.parameters),
-            "metrics": {name: {"unit": self.units[name], "text": self.texts[name], **self.quantiles(name),
-                               "best": self.best(name) if np.isfinite(self[name]).any() else None}
-                        for name in self.metrics},
-        }  # fmt: skip
+            "title": self.title,
+            "kind": self.kind,
+            "runs": self.count,
+            "done": len(self),
+            "status": self.status,
+            "failed": int(self.failed.sum()),
+            "parameters": list(self.parameters),
+            "metrics": {
+                name: {
+                    "unit": self.units[name],
+                    "text": self.texts[name],
+                    **self.quantiles(name),
+                    "best": self.best(name) if np.isfinite(self[name]).any() else None,
+                }
+                for name in self.metrics
+            },
+        }
 
     def plot(self, *metrics: str, ax: Any = None) -> Any:
         """What suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs."""
@@ -222,8 +240,20 @@ def read_study(path: str | Path) -> Results:
         if columns[name].dtype.kind != "f":
             raise DataError(f"{path}: the column '{name}' has a value that is no number.")
     status = "complete" if len(runs) == count else "interrupted"
-    return Results(title, kind, count, runs, {k: columns[k] for k in parameters}, {k: columns[k] for k in units}, units,
-                   texts, own, status, path, asked=asked)  # fmt: skip
+    return Results(
+        title,
+        kind,
+        count,
+        runs,
+        {k: columns[k] for k in parameters},
+        {k: columns[k] for k in units},
+        units,
+        texts,
+        own,
+        status,
+        path,
+        asked=asked,
+    )
 
 
 def _column(table: Table, runs: np.ndarray, k: int) -> np.ndarray:

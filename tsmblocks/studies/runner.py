@@ -196,8 +196,10 @@ class _Given:
 
     def _failed(self, copy: _Copy, error: Exception) -> None:
         if isinstance(error, (PicklingError, AttributeError, TypeError)) and "pickle" in str(error):
-            raise RunError(f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
-                           "samples, and define blocks of your own in a module.") from None  # fmt: skip
+            raise RunError(
+                f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
+                "samples, and define blocks of your own in a module."
+            ) from None
         if copy.number in {other.number for other in self.waiting.values()}:
             return  # a copy of it is under way
         if copy.tries >= TRIES:

@@ -55,8 +55,10 @@ def read_table(path: Path) -> Table:
     rows = {}
     for k, row in enumerate(lines[1:], start=2):
         if len(row) != len(heading) or not (row[0].isascii() and row[0].isdecimal()):
-            raise DataError(f"{path}:{k}: {len(heading)} columns are wanted, the first being the number of a run; "
-                            f"here stands {clip(','.join(row), 60)!r}.")  # fmt: skip
+            raise DataError(
+                f"{path}:{k}: {len(heading)} columns are wanted, the first being the number of a run; "
+                f"here stands {clip(','.join(row), 60)!r}."
+            )
         rows[int(row[0])] = tuple(row[1:])
     return Table(facts, heading, rows)
 
@@ -91,8 +93,10 @@ class Store:
             known = dict.fromkeys([*self.facts, *before.facts])
             other = [k for k in known if json.dumps(self.facts.get(k)) != json.dumps(before.facts.get(k))]
             if other:
-                raise DataError(f"{self.path} holds another study: {_differs(other[0], before.facts, self.facts)}. "
-                                "Name another file, or remove that one to begin anew.")  # fmt: skip
+                raise DataError(
+                    f"{self.path} holds another study: {_differs(other[0], before.facts, self.facts)}. "
+                    "Name another file, or remove that one to begin anew."
+                )
             if before.heading != self.heading:
                 raise DataError(f"{self.path}:1: the heading has been changed; it was {','.join(self.heading)}.")
             for run, row in before.rows.items():
@@ -108,8 +112,10 @@ class Store:
         count = len(self.parameters)
         wanted = tuple(written(plain[run]) for plain in self.parameters) if run < self.runs else ()
         if run >= self.runs or tuple(row[:count]) != wanted or not all(_is_number(v) for v in row[count:]):
-            raise DataError(f"{self.path}: the row of run {run} has been changed: {clip(','.join(row), 80)!r}. Take it "
-                            "out, and it is run again.")  # fmt: skip
+            raise DataError(
+                f"{self.path}: the row of run {run} has been changed: {clip(','.join(row), 80)!r}. Take it "
+                "out, and it is run again."
+            )
 
     def add(self, runs: Iterable[int], columns: Iterable[Iterable[Any]]) -> None:
         """Add the rows of some runs, columns side by side; they are on the disk when this returns."""

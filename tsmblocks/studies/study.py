@@ -34,11 +34,23 @@ Progress = Callable[[int, int], Any]
 
 
 def study(
-    diagram: Diagram, plan: Plan | Mapping[str, Any], metrics: Any = None, *, stop: float | None = None,
-    step: float = 1e-3, start: float = 0.0, method: str = "rk4", inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear", out: str | Path | None = None, executor: Executor | None = None, threads: int | None = None,
-    progress: Progress | None = None, backend: str = "", title: str = "",
-) -> Results:  # fmt: skip
+    diagram: Diagram,
+    plan: Plan | Mapping[str, Any],
+    metrics: Any = None,
+    *,
+    stop: float | None = None,
+    step: float = 1e-3,
+    start: float = 0.0,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    out: str | Path | None = None,
+    executor: Executor | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    backend: str = "",
+    title: str = "",
+) -> Results:
     """Run a diagram once for each set of a plan, and reduce each run to numbers.
 
     ``plan`` is a ``Plan``, or a mapping from parameters (options too) to values, of which every combination is run.
@@ -53,16 +65,20 @@ def study(
     RunError as ``simulate_batch`` and ``metric`` do, before anything is run.
     """
     if isinstance(diagram, Mapping):
-        raise ParameterError("study runs one diagram; of several, make a study each: "
-                             "{name: study(one, plan, metrics) for name, one in diagrams.items()}.")  # fmt: skip
+        raise ParameterError(
+            "study runs one diagram; of several, make a study each: "
+            "{name: study(one, plan, metrics) for name, one in diagrams.items()}."
+        )
     diagram, plan = prepared(diagram), planned(plan)
-    how = dict(stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold,
-               backend=backend)  # fmt: skip
+    how = dict(
+        stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold, backend=backend
+    )
     wanted = read_metrics(metrics, signal_units(diagram))
     asked = _Asked(title or diagram.title, diagram, plan.kind, own_numbers(diagram, plan), wanted, how)
     if progress is not None and not callable(progress):
-        raise RunError(f"progress is a function of how many runs are done and of how many there are, "
-                       f"got {in_words(progress)}.")  # fmt: skip
+        raise RunError(
+            f"progress is a function of how many runs are done and of how many there are, got {in_words(progress)}."
+        )
     if executor is not None and not hasattr(executor, "submit"):
         raise RunError(f"executor is one of concurrent.futures, or Dask's get_executor(), got {in_words(executor)}.")
     if threads is not None:
@@ -88,8 +104,11 @@ def _run(parts: Generator[Found, None, None], asked: _Asked, store: Store, tell:
         parts.close()
         return "interrupted"
     except BrokenExecutor as error:
-        kept = f" {len(store.done)} of {asked.count} runs are in {store.path}; the same call goes on from there." \
-            if store.path else ""  # fmt: skip
+        kept = (
+            f" {len(store.done)} of {asked.count} runs are in {store.path}; the same call goes on from there."
+            if store.path
+            else ""
+        )
         guard = "" if store.done else ' A script that starts processes works under if __name__ == "__main__": alone.'
         raise RunError(f"a worker process came to its end before its runs did ({error}).{kept}{guard}") from None
     store.finish()
@@ -136,24 +155,45 @@ class _Asked:
         values = (f"{k}={v.tolist()!r}" for k, v in self.columns.items())
         driven = (f"{k}={_shown(k, v, times.grid, how['hold'])}" for k, v in how["inputs"].items())
         return {
-            "format": FORMAT, "title": self.title, "runs": self.count, "kind": self.kind, "version": __version__,
-            "diagram": _digest(_described(self.diagram)), "plan": _digest(*values), "inputs": _digest(*driven),
+            "format": FORMAT,
+            "title": self.title,
+            "runs": self.count,
+            "kind": self.kind,
+            "version": __version__,
+            "diagram": _digest(_described(self.diagram)),
+            "plan": _digest(*values),
+            "inputs": _digest(*driven),
             "metrics": {one.asked: one.text for one in self.metrics},
-            "units": {one.name: one.unit for one in self.metrics}, "parameters": self.own,
-            "start": times.start, "step": times.h, "steps": times.steps, "method": how["method"],
-        }  # fmt: skip
+            "units": {one.name: one.unit for one in self.metrics},
+            "parameters": self.own,
+            "start": times.start,
+            "step": times.h,
+            "steps": times.steps,
+            "method": how["method"],
+        }
 
     def results(self, store: Store, status: str) -> Results:
         """The results that a store holds; runs that are missing are left out."""
         runs = np.array(sorted(store.done), dtype=int)
         first = len(self.columns)
-        values = {one.name: np.array([float(store.done[k][m]) for k in runs])
-                  for m, one in enumerate(self.metrics, first)}  # fmt: skip
+        values = {
+            one.name: np.array([float(store.done[k][m]) for k in runs]) for m, one in enumerate(self.metrics, first)
+        }
         return Results(
-            self.title, self.kind, self.count, runs, {k: v[runs] for k, v in self.columns.items()}, values,
-            {one.name: one.unit for one in self.metrics}, {one.name: one.text for one in self.metrics}, self.own,
-            status, store.path, self.diagram, {one.name: one.asked for one in self.metrics},
-        )  # fmt: skip
+            self.title,
+            self.kind,
+            self.count,
+            runs,
+            {k: v[runs] for k, v in self.columns.items()},
+            values,
+            {one.name: one.unit for one in self.metrics},
+            {one.name: one.text for one in self.metrics},
+            self.own,
+            status,
+            store.path,
+            self.diagram,
+            {one.name: one.asked for one in self.metrics},
+        )
 
 
 # ---- what is asked for ------------------------------------------------------------------------------
@@ -165,8 +205,10 @@ def planned(plan: Any) -> Plan:
         return plan
     if isinstance(plan, Mapping):
         return grid(plan)
-    raise ParameterError(f"a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of tsmblocks.studies, "
-                         f"or is a mapping from parameters to values, got {in_words(plan)}.")  # fmt: skip
+    raise ParameterError(
+        f"a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of tsmblocks.studies, "
+        f"or is a mapping from parameters to values, got {in_words(plan)}."
+    )
 
 
 def own_numbers(diagram: Diagram, plan: Plan) -> dict[str, np.ndarray]:
@@ -189,8 +231,10 @@ def _own(diagram: Diagram, name: str, values: np.ndarray) -> np.ndarray:
 def signal_units(diagram: Diagram) -> dict[str, str]:
     """The signals that metrics may name, with their units; outputs of the diagram first."""
     eq = equations(diagram)
-    return {**{name: eq.units.get(signal, "") for name, signal in eq.aliases.items()},
-            **{name: eq.units.get(name, "") for name in eq.y}}  # fmt: skip
+    return {
+        **{name: eq.units.get(signal, "") for name, signal in eq.aliases.items()},
+        **{name: eq.units.get(name, "") for name in eq.y},
+    }
 
 
 def _path(out: str | Path | None) -> Path | None:

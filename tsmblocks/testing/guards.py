@@ -52,8 +52,9 @@ def _text(page: Page, name: str, given: Any) -> Any:
         if key not in ("of", "tolerance"):
             page.fault(f"a metric has no '{key}'.{near(key, ('of', 'tolerance'))}", "metrics", name)
     if "of" not in given:
-        page.fault('a metric with a tolerance says what it measures: { of = "rms(u)", tolerance = "loose" }.',
-                   "metrics", name)  # fmt: skip
+        page.fault(
+            'a metric with a tolerance says what it measures: { of = "rms(u)", tolerance = "loose" }.', "metrics", name
+        )
     return given.get("of")
 
 

@@ -24,8 +24,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare the options."""
     group = parser.getgroup("tracking", "regression tests on tracking error")
     group.addoption("--tracking-accept", action="store_true", help="write the metrics of now as the new baselines")
-    group.addoption("--tracking-pictures", metavar="DIR", default="tracking-failures",
-                    help="where pictures of what moved are drawn (default: tracking-failures)")  # fmt: skip
+    group.addoption(
+        "--tracking-pictures",
+        metavar="DIR",
+        default="tracking-failures",
+        help="where pictures of what moved are drawn (default: tracking-failures)",
+    )
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
@@ -84,9 +88,20 @@ class Tracking:
         self._request = request
         self._names: list[str] = []
 
-    def __call__(self, diagram: Any, metrics: Any = None, *, name: str = "", tolerance: Any = "normal",
-                 stop: float | None = None, step: float = 1e-3, method: str = "rk4", inputs: Any = None,
-                 hold: str = "linear", parameters: Any = None) -> None:  # fmt: skip
+    def __call__(
+        self,
+        diagram: Any,
+        metrics: Any = None,
+        *,
+        name: str = "",
+        tolerance: Any = "normal",
+        stop: float | None = None,
+        step: float = 1e-3,
+        method: str = "rk4",
+        inputs: Any = None,
+        hold: str = "linear",
+        parameters: Any = None,
+    ) -> None:
         """Run a diagram and compare its metrics with their baseline, ``baselines/TEST_NAME.toml`` beside the test.
 
         ``name`` tells several checks of one test apart. Other arguments as for ``testing.tracking.guard``. Raises
@@ -94,8 +109,17 @@ class Tracking:
         """
         from tsmblocks.testing.tracking import guard
 
-        watched = guard(diagram, metrics, tolerance=tolerance, stop=stop, step=step, method=method, inputs=inputs,
-                        hold=hold, parameters=parameters)  # fmt: skip
+        watched = guard(
+            diagram,
+            metrics,
+            tolerance=tolerance,
+            stop=stop,
+            step=step,
+            method=method,
+            inputs=inputs,
+            hold=hold,
+            parameters=parameters,
+        )
         node = self._request.node
         mark = name or (str(len(self._names) + 1) if self._names else "")
         if mark in self._names:

@@ -164,8 +164,12 @@ def equations_cover_what_is_declared(block: Block) -> None:
 @promise
 def units_are_known(block: Block) -> None:
     """Every unit is one this package can read."""
-    parts: list[tuple[str, Any]] = [*block.inports.items(), *block.outports.items(), *block.fields().items(),
-                                    *block.states.items()]  # fmt: skip
+    parts: list[tuple[str, Any]] = [
+        *block.inports.items(),
+        *block.outports.items(),
+        *block.fields().items(),
+        *block.states.items(),
+    ]
     for name, part in parts:
         match = SHARED.fullmatch(part.unit)
         try:
@@ -227,16 +231,12 @@ def tapes_are_supplied(block: Block) -> None:
     """Each tape comes as samples that cover the run, and comes again the same."""
     owner, wanted = type(block).__name__, list(block.tape_ports)
     given, again = block.tapes(-0.5, 2.0), block.tapes(-0.5, 2.0)
-    need(
-        sorted(given) == sorted(wanted),
-        f"{owner}.tapes gives {sorted(given)}, and its tapes are {sorted(wanted)}.",
-    )
+    need(sorted(given) == sorted(wanted), f"{owner}.tapes gives {sorted(given)}, and its tapes are {sorted(wanted)}.")
     for name, tape in given.items():
         same = np.array_equal(tape.t, again[name].t) and np.array_equal(tape.y, again[name].y)
         need(same, f"{owner}.{name} is another one each time.")
         need(
-            len(tape.t) == len(tape.y) and np.isfinite(tape.y).all(),
-            f"{owner}.{name} is not a list of finite numbers.",
+            len(tape.t) == len(tape.y) and np.isfinite(tape.y).all(), f"{owner}.{name} is not a list of finite numbers."
         )
 
 
@@ -249,16 +249,15 @@ def floats_and_symbols_agree(block: Block) -> None:
         expected = np.asarray(f(t, x, u, _numbers(block))).ravel()
         for _ in range(2):
             states, inputs = signals(list(block.states), x), signals(list(block.read_names), u)
-            direct = {f"{kind}.{k}": float(v)
-                      for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
-                      for k, v in call(block, equation, t, states, inputs).items()}  # fmt: skip
+            direct = {
+                f"{kind}.{k}": float(v)
+                for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
+                for k, v in call(block, equation, t, states, inputs).items()
+            }
             for name, value in zip(results, expected, strict=True):
                 same = direct[name] == value or math.isclose(direct[name], value, rel_tol=1e-9, abs_tol=1e-12)
                 same = same or (math.isnan(value) and math.isnan(direct[name]))
-                need(
-                    same,
-                    f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.",
-                )
+                need(same, f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.")
 
 
 def _singular(block: Block) -> bool:
@@ -351,10 +350,7 @@ def refuses_bad_numbers(block: Block) -> None:
             try:
                 block.replace(**{name: given})
             except ParameterError as error:
-                need(
-                    owner in str(error) and name in str(error),
-                    f"the refusal does not name {owner}.{name}: {error}",
-                )
+                need(owner in str(error) and name in str(error), f"the refusal does not name {owner}.{name}: {error}")
             else:
                 raise BrokenPromise(f"{owner}.{name} takes {bad!r}.")
 

@@ -55,8 +55,13 @@ class Guard:
         for name, value in found.items():
             if math.isnan(value):
                 raise RunError(f"metric '{name}' is no number here, so there is nothing to guard by it.")
-        return Baseline(found, {one.name: one.unit for one in self.metrics}, run.t[::step],
-                        {k: run[k][::step] for k in wanted}, {k: run.unit(k) for k in wanted})  # fmt: skip
+        return Baseline(
+            found,
+            {one.name: one.unit for one in self.metrics},
+            run.t[::step],
+            {k: run[k][::step] for k in wanted},
+            {k: run.unit(k) for k in wanted},
+        )
 
 
 @attrs.frozen(eq=False)
@@ -71,8 +76,12 @@ class Baseline:
 
     def text(self) -> str:
         """The baseline as TOML."""
-        lines = ["# What the metrics were when this was accepted; pytest --tracking-accept writes it anew.",
-                 f"format = {FORMAT}", "", "[metrics]"]  # fmt: skip
+        lines = [
+            "# What the metrics were when this was accepted; pytest --tracking-accept writes it anew.",
+            f"format = {FORMAT}",
+            "",
+            "[metrics]",
+        ]
         lines += [f"{_key(heading(k, self.units[k]))} = {_number(v)}" for k, v in self.metrics.items()]
         instants = ", ".join(f"{v:.{DIGITS}g}" for v in self.t)
         lines += ["", "[instants]", f'"t [s]" = [{instants}]', "", "[signals]"]
@@ -106,10 +115,17 @@ class Moved:
 
 
 def guard(
-    diagram: Diagram, wanted: Any = None, *, tolerance: str | Mapping[str, str] = "normal", stop: float | None = None,
-    step: float = 1e-3, method: str = "rk4", inputs: Mapping[str, Any] | None = None, hold: str = "linear",
+    diagram: Diagram,
+    wanted: Any = None,
+    *,
+    tolerance: str | Mapping[str, str] = "normal",
+    stop: float | None = None,
+    step: float = 1e-3,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
     parameters: Mapping[str, Any] | None = None,
-) -> Guard:  # fmt: skip
+) -> Guard:
     """A guard of a diagram: ``wanted`` metrics as for ``measure``, each in a tolerance class.
 
     ``tolerance`` is one class for all (exact, tight, normal, loose, coarse), or a mapping from metrics to classes.
@@ -118,8 +134,9 @@ def guard(
     diagram = diagram if parameters is None else diagram.with_parameters(parameters)
     found = metrics(wanted, signal_units(diagram))
     if not isinstance(tolerance, (str, Mapping)):
-        raise ParameterError(f"tolerance is one of {', '.join(TOLERANCES)}, or maps metrics to them, "
-                             f"got {in_words(tolerance)}.")  # fmt: skip
+        raise ParameterError(
+            f"tolerance is one of {', '.join(TOLERANCES)}, or maps metrics to them, got {in_words(tolerance)}."
+        )
     classes = {one.name: tolerance for one in found} if isinstance(tolerance, str) else dict(tolerance)
     names = [one.name for one in found]
     for name, kind in classes.items():
@@ -169,10 +186,18 @@ def in_sentences(found: Sequence[Moved], before: Baseline, now: Baseline) -> str
 
     rows = [("metric", "baseline", "now", "moved", "allowed")]
     for one in found:
-        share = f"{100 * one.share:+.3g} %" if math.isfinite(one.share) else "new" if one.before is None else \
-            "gone" if one.now is None else "from nothing"  # fmt: skip
-        rows.append((heading(one.name, one.unit), _shown(one.before), _shown(one.now), share,
-                     f"{100 * one.allowed:g} %"))  # fmt: skip
+        share = (
+            f"{100 * one.share:+.3g} %"
+            if math.isfinite(one.share)
+            else "new"
+            if one.before is None
+            else "gone"
+            if one.now is None
+            else "from nothing"
+        )
+        rows.append(
+            (heading(one.name, one.unit), _shown(one.before), _shown(one.now), share, f"{100 * one.allowed:g} %")
+        )
     allowed = min((one.allowed for one in found if one.now is not None), default=1e-3)
     start = since(before, now, max(0.1 * allowed, 1e-7))
     when = f"\nThe signals part at t = {start[1]:.4g} s, {start[0]} first." if start else ""
@@ -192,10 +217,16 @@ def read_baseline(path: Path) -> Baseline:
             raise ValueError("signals and t differ in length")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         why = f"'{error.args[0]}' is missing" if isinstance(error, KeyError) else str(error)
-        raise FileError(str(path), [f"{path}: this is no baseline: {why}. pytest --tracking-accept writes it anew."]) \
-            from None  # fmt: skip
-    return Baseline({k: v for (k, _), v in measured.items()}, dict(measured.keys()), t,
-                    {k: v for (k, _), v in signals.items()}, dict(signals.keys()))  # fmt: skip
+        raise FileError(
+            str(path), [f"{path}: this is no baseline: {why}. pytest --tracking-accept writes it anew."]
+        ) from None
+    return Baseline(
+        {k: v for (k, _), v in measured.items()},
+        dict(measured.keys()),
+        t,
+        {k: v for (k, _), v in signals.items()},
+        dict(signals.keys()),
+    )
 
 
 def draw(found: Sequence[Moved], before: Baseline, now: Baseline, path: Path, title: str) -> Path:

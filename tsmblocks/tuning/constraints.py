@@ -149,8 +149,11 @@ def limit(text: Any, units: Mapping[str, str], diagram: Diagram) -> Limit:
         tree = ast.parse(str(text).strip(), mode="eval").body
     except (SyntaxError, ValueError):
         tree = None
-    if not isinstance(tree, ast.Compare) or len(tree.ops) != 1 or not isinstance(
-            tree.ops[0], (ast.LtE, ast.Lt, ast.GtE, ast.Gt)):  # fmt: skip
+    if (
+        not isinstance(tree, ast.Compare)
+        or len(tree.ops) != 1
+        or not isinstance(tree.ops[0], (ast.LtE, ast.Lt, ast.GtE, ast.Gt))
+    ):
         raise ParameterError(f"'{clip(str(text))}' is no limit of a metric. {EXAMPLE}")
     try:
         most = float(ast.literal_eval(tree.comparators[0]))

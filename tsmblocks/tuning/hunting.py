@@ -42,9 +42,13 @@ class _Way:
 
 
 def hunting(
-    cases: Mapping[str, Diagram], own: Mapping[str, float], values: Mapping[str, float], goal: Metric,
-    watched: Sequence[str], how: Mapping[str, Any],
-) -> list[str]:  # fmt: skip
+    cases: Mapping[str, Diagram],
+    own: Mapping[str, float],
+    values: Mapping[str, float],
+    goal: Metric,
+    watched: Sequence[str],
+    how: Mapping[str, Any],
+) -> list[str]:
     """What to beware of in words, empty where no signal hunts: with some ``values`` against the diagrams' ``own``.
 
     A signal hunts that goes ``MANY`` times as far as before, and as often through its range, as it or what the goal
@@ -64,9 +68,13 @@ def hunting(
 
 
 def _ways(
-    cases: Mapping[str, Diagram], own: Mapping[str, float], values: Mapping[str, float], goal: Metric,
-    names: Sequence[str], how: Mapping[str, Any],
-) -> list[_Way]:  # fmt: skip
+    cases: Mapping[str, Diagram],
+    own: Mapping[str, float],
+    values: Mapping[str, float],
+    goal: Metric,
+    names: Sequence[str],
+    how: Mapping[str, Any],
+) -> list[_Way]:
     window = _window(goal)
     texts = {f"{kind} {name}": f"{kind}({name}{window})" for name in names for kind in ("variation", "peak_to_peak")}
     plan = table({name: [own[name], values[name]] for name in own})
@@ -83,8 +91,10 @@ def _ways(
 
 def _found(ways: Sequence[_Way], goal: Metric, names: Sequence[str]) -> list[_Way]:
     """Those that hunt, each in the case where it goes farthest, the one that has grown most first."""
-    calm = {case: min(one.times[0] for one in ways if one.case == case and one.name in goal.signals)
-            for case in {one.case for one in ways}}  # fmt: skip
+    calm = {
+        case: min(one.times[0] for one in ways if one.case == case and one.name in goal.signals)
+        for case in {one.case for one in ways}
+    }
     worst: dict[str, _Way] = {}
     for one in sorted(ways, key=lambda one: -one.growth):
         often = one.times[1] >= MANY * max(1.0, min(one.times[0], calm[one.case]))
@@ -94,9 +104,14 @@ def _found(ways: Sequence[_Way], goal: Metric, names: Sequence[str]) -> list[_Wa
 
 
 def _said(
-    found: Sequence[_Way], most: float, cases: Mapping[str, Diagram], values: Mapping[str, float], goal: Metric,
-    units: Mapping[str, str], how: Mapping[str, Any],
-) -> str:  # fmt: skip
+    found: Sequence[_Way],
+    most: float,
+    cases: Mapping[str, Diagram],
+    values: Mapping[str, float],
+    goal: Metric,
+    units: Mapping[str, str],
+    how: Mapping[str, Any],
+) -> str:
     one, *others = found
     factor, unit = known_units.for_people(units.get(one.name, ""))
     grown = f"{one.growth:.2g} times as far as before" if one.before > 1e-9 * one.after else "to and fro"
@@ -106,8 +121,10 @@ def _said(
     more = f"; so does {others[0].name}" if len(others) == 1 else more
     sizes = f"{factor * one.before:.3g} -> {factor * one.after:.3g}{f' {unit}' if unit else ''}"
     limit = f"variation({one.name}{_window(goal)}) <= {most:.2g}"
-    return (f"the loop hunts in case '{one.case}': {one.name} goes {grown} ({sizes} of changes in all){swings}{more}. "
-            f"To prevent it: subject_to=['{limit}']")  # fmt: skip
+    return (
+        f"the loop hunts in case '{one.case}': {one.name} goes {grown} ({sizes} of changes in all){swings}{more}. "
+        f"To prevent it: subject_to=['{limit}']"
+    )
 
 
 def _window(goal: Metric) -> str:

@@ -106,17 +106,27 @@ class Tuned:
     def title(self, name: str) -> str:
         """A metric by name as tables and plots show it: its unit (degrees for angles) and the limits it is to keep."""
         k, unit = units.for_people(self.units[name])
-        most = [f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}"
-                for one in self.limits if one.name == name]  # fmt: skip
+        most = [
+            f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}" for one in self.limits if one.name == name
+        ]
         return ", ".join([heading(named(name)[0], unit), *most])
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain values."""
-        return {"values": dict(self.values), "objective": self.objective, "worst": self.worst, "met": self.met,
-                "status": self.status, "before": {k: dict(v) for k, v in self.before.items()},
-                "after": {k: dict(v) for k, v in self.after.items()}, "units": dict(self.units),
-                "own": dict(self.own), "bounds": {k: list(v) for k, v in self.bounds.items()},
-                "starts": {"tried": self.starts, "agreeing": self.agreeing}, "remarks": list(self.remarks)}  # fmt: skip
+        return {
+            "values": dict(self.values),
+            "objective": self.objective,
+            "worst": self.worst,
+            "met": self.met,
+            "status": self.status,
+            "before": {k: dict(v) for k, v in self.before.items()},
+            "after": {k: dict(v) for k, v in self.after.items()},
+            "units": dict(self.units),
+            "own": dict(self.own),
+            "bounds": {k: list(v) for k, v in self.bounds.items()},
+            "starts": {"tried": self.starts, "agreeing": self.agreeing},
+            "remarks": list(self.remarks),
+        }
 
     def to_pandas(self) -> Any:
         """A frame with a row per case and side (``"before"``, ``"tuned"``): metrics, their units in ``attrs``.
@@ -128,8 +138,9 @@ class Tuned:
         rows = [(case, side) for case in self.after for side in sides]
         index = pd.MultiIndex.from_tuples(rows, names=["case", "numbers"])
         names = next(iter(self.after.values()))
-        return frame({name: [sides[side][case][name] for case, side in rows] for name in names}, index,
-                     units=self.units)  # fmt: skip
+        return frame(
+            {name: [sides[side][case][name] for case, side in rows] for name in names}, index, units=self.units
+        )
 
     def plot(self, *metrics: str, ax: Any = None) -> Any:
         """Each metric in each case, before and tuned; see ``plots.plot_tuned``. Needs matplotlib."""
@@ -171,12 +182,14 @@ class Tuned:
             k, _ = units.for_people(self.units[name])
             rows += [("", "", "")] if rows else []
             rows.append((self.title(name), "before", "tuned"))
-            rows += [(case, f"{k * self.before[case][name]:.4g}", f"{k * self.after[case][name]:.4g}")
-                     for case in shown]  # fmt: skip
+            rows += [
+                (case, f"{k * self.before[case][name]:.4g}", f"{k * self.after[case][name]:.4g}") for case in shown
+            ]
             rows += more
         return rows
 
 
 def _bullet(text: str) -> str:
-    return textwrap.fill(text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False,
-                         break_on_hyphens=False)  # fmt: skip
+    return textwrap.fill(
+        text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )

@@ -119,8 +119,10 @@ class Search:
         goal, over = (side[1:] for side in self._scores(self.measured([own, *sets])))
         if sets and not np.any(over <= MET):
             low = np.random.default_rng(seed).random((len(sets), len(self.bounds))) < 1 / 2
-            more = [{name: self.bounds[name].low if off else row[name] for name, off in zip(row, mask, strict=True)}
-                    for row, mask in zip(sets, low, strict=True)]  # fmt: skip
+            more = [
+                {name: self.bounds[name].low if off else row[name] for name, off in zip(row, mask, strict=True)}
+                for row, mask in zip(sets, low, strict=True)
+            ]
             found = self._scores(self.measured(more))
             sets, goal, over = [*sets, *more], np.append(goal, found[0]), np.append(over, found[1])
         order = np.lexsort((goal, np.maximum(over, MET)))
@@ -157,14 +159,19 @@ class Search:
 
         def slope(v: np.ndarray) -> np.ndarray:
             _, _, by, beyond = at(v[:-1])
-            return np.vstack([np.column_stack([-by / size, np.ones(len(by))]),
-                              np.column_stack([-beyond, np.zeros(len(beyond))])])  # fmt: skip
+            return np.vstack(
+                [np.column_stack([-by / size, np.ones(len(by))]), np.column_stack([-beyond, np.zeros(len(beyond))])]
+            )
 
         found = minimize(
-            lambda v: v[-1], np.append(z, float(at(z)[0].max()) / size), jac=lambda _: last, method="SLSQP",
+            lambda v: v[-1],
+            np.append(z, float(at(z)[0].max()) / size),
+            jac=lambda _: last,
+            method="SLSQP",
             bounds=[(max(v - NEAR, 0.0), min(v + NEAR, 1.0)) for v in z] + [(None, None)],
-            options={"maxiter": LAST_STEPS, "ftol": 1e-8}, constraints=[{"type": "ineq", "fun": room, "jac": slope}],
-        ).x[:-1]  # fmt: skip
+            options={"maxiter": LAST_STEPS, "ftol": 1e-8},
+            constraints=[{"type": "ineq", "fun": room, "jac": slope}],
+        ).x[:-1]
         end = np.clip(found, 0.0, 1.0) if np.isfinite(found).all() else z
         return end if self._leads_on(at(z), at(end)) else z
 
@@ -177,8 +184,12 @@ class Search:
             goal, over, by, beyond = at(z)
             size, count = max(float(np.abs(goal).max()), 1e-9), len(z)
             # of the step d, the worst case s and the excess e: min s + PRICE e with s, e above all linear models
-            A = np.vstack([np.column_stack([by / size, -np.ones(len(by)), np.zeros(len(by))]),
-                           np.column_stack([beyond, np.zeros(len(beyond)), -np.ones(len(beyond))])])  # fmt: skip
+            A = np.vstack(
+                [
+                    np.column_stack([by / size, -np.ones(len(by)), np.zeros(len(by))]),
+                    np.column_stack([beyond, np.zeros(len(beyond)), -np.ones(len(beyond))]),
+                ]
+            )
             b = np.concatenate([-goal / size, -over])
             region = [(max(-width, -v), min(width, 1.0 - v)) for v in z]
             found = linprog([*np.zeros(count), 1.0, PRICE], A, b, bounds=[*region, (None, None), (0.0, None)])
@@ -256,8 +267,9 @@ class Search:
     def _margins(self, one: Limit, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A margin in all cases, and its derivatives by central differences: a linear model costs next to nothing."""
         points = [z, *(np.clip(z + side * APART * row, 0.0, 1.0) for row in np.eye(len(z)) for side in (1, -1))]
-        found = np.array([[one.margin_of(d.with_parameters(self._values(p))) for p in points]
-                          for d in self.cases.values()])  # fmt: skip
+        found = np.array(
+            [[one.margin_of(d.with_parameters(self._values(p))) for p in points] for d in self.cases.values()]
+        )
         width = np.array([np.abs(a - b).max() for a, b in zip(points[1::2], points[2::2], strict=True)])
         return found[:, 0], (found[:, 1::2] - found[:, 2::2]) / width
 
@@ -270,8 +282,7 @@ class Search:
         return (value - one.low) / (one.high - one.low)
 
     def _values(self, z: np.ndarray) -> dict[str, float]:
-        return {name: float(one.quantile(np.asarray(v)))
-                for (name, one), v in zip(self.bounds.items(), z, strict=True)}  # fmt: skip
+        return {name: float(one.quantile(np.asarray(v))) for (name, one), v in zip(self.bounds.items(), z, strict=True)}
 
     def _slope(self, name: str, value: float) -> float:
         one = self.bounds[name]

@@ -103,10 +103,18 @@ def _overshoot(e: Array, t: Array, sharp: float, target: float) -> Weighed:
 
 
 SMOOTH: Mapping[str, Callable[..., Weighed]] = {
-    "peak_to_peak": _peak_to_peak, "rms": _rms, "largest": _largest, "highest": _highest, "lowest": _lowest,
-    "mean": _mean, "final": _final, "integral": _integral, "variation": _variation, "share": _share,
+    "peak_to_peak": _peak_to_peak,
+    "rms": _rms,
+    "largest": _largest,
+    "highest": _highest,
+    "lowest": _lowest,
+    "mean": _mean,
+    "final": _final,
+    "integral": _integral,
+    "variation": _variation,
+    "share": _share,
     "overshoot": _overshoot,
-}  # fmt: skip
+}
 """Reductions that have slopes: of (signal, instants, sharpness, numbers)."""
 
 
@@ -133,8 +141,10 @@ def _peaks(name: str, e: Array, along: Array, numbers: tuple[float, ...]) -> tup
     if name == "peak_to_peak":
         up, down = _tops(e), _tops(-e)
         top, bottom = int(np.argmax(e)), int(np.argmin(e))
-        return (np.concatenate([e[up] - e[bottom], e[top] - e[down]]),
-                np.vstack([rows[up] - rows[bottom], rows[top] - rows[down]]))  # fmt: skip
+        return (
+            np.concatenate([e[up] - e[bottom], e[top] - e[down]]),
+            np.vstack([rows[up] - rows[bottom], rows[top] - rows[down]]),
+        )
     if name == "overshoot":
         way = numbers[0] - e[0]
         at = _tops(e / way)
@@ -157,7 +167,7 @@ class Sloped:
 
     def __call__(
         self, t: Array, signals: Mapping[str, Array], slopes: Mapping[str, Array], sharp: float
-    ) -> tuple[Array, Array]:  # fmt: skip
+    ) -> tuple[Array, Array]:
         """Values (m,) and derivatives (m, p), from signals (N,) and their derivatives (N, p)."""
         if self._gain is not None:
             (part,), (inner,) = self.metric.parts, self._inner
@@ -204,8 +214,10 @@ def sloped(metric: Metric) -> Sloped:
     """The metric with its derivatives. Raises ParameterError for a reduction that has none."""
     for part in metric.parts:
         if part.reduction not in SMOOTH:
-            raise ParameterError(f"metric '{metric.name}': {part.reduction} has no slope, so nothing can be tuned by "
-                                 f"it. Known here: {', '.join(SMOOTH)}.")  # fmt: skip
+            raise ParameterError(
+                f"metric '{metric.name}': {part.reduction} has no slope, so nothing can be tuned by "
+                f"it. Known here: {', '.join(SMOOTH)}."
+            )
     marks = [ca.SX.sym(f"m{k}") for k in range(len(metric.parts))]
     value = metric.outer.symbolic({f"#{k}": m for k, m in enumerate(marks)})
     slopes = [ca.jacobian(value, m) for m in marks]

@@ -26,12 +26,23 @@ WIDE = 20.0
 
 
 def tune(
-    diagrams: Diagram | Mapping[str, Diagram], free: Mapping[str, Any],
-    minimise: str | Mapping[str, str], *,
-    subject_to: str | Sequence[str] = (), plants: Plan | None = None, stop: float | None = None, step: float = 1e-3,
-    method: str = "rk4", inputs: Mapping[str, Any] | None = None, hold: str = "linear", starts: int = 4, seed: int = 0,
-    threads: int | None = None, progress: Callable[[str, int, int], Any] | None = None, backend: str = "",
-) -> Tuned:  # fmt: skip
+    diagrams: Diagram | Mapping[str, Diagram],
+    free: Mapping[str, Any],
+    minimise: str | Mapping[str, str],
+    *,
+    subject_to: str | Sequence[str] = (),
+    plants: Plan | None = None,
+    stop: float | None = None,
+    step: float = 1e-3,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    starts: int = 4,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Callable[[str, int, int], Any] | None = None,
+    backend: str = "",
+) -> Tuned:
     """Find parameters that make a metric small, in the worst case, within limits.
 
     ``free`` maps parameters to bounds ``(low, high)``; ``minimise`` is a metric such as
@@ -69,10 +80,22 @@ def tune(
     made = {name: d.with_parameters(values) for name, d in named.items()}
     said = [] if values == own else hunting(cases, own, values, goal, search.watched, how)
     return Tuned(
-        values, made, goal.asked, search.units, judged.of(0), judged.of(best), bool(judged.over[best] <= MET), status,
-        own, {name: (one.low, one.high) for name, one in bounds.items()}, limits, len(judged.ends), judged.agreeing,
-        tuple(search.idle(values)), tuple(said),
-    )  # fmt: skip
+        values,
+        made,
+        goal.asked,
+        search.units,
+        judged.of(0),
+        judged.of(best),
+        bool(judged.over[best] <= MET),
+        status,
+        own,
+        {name: (one.low, one.high) for name, one in bounds.items()},
+        limits,
+        len(judged.ends),
+        judged.agreeing,
+        tuple(search.idle(values)),
+        tuple(said),
+    )
 
 
 def _walked(
@@ -111,16 +134,21 @@ def _cases(named: dict[str, Diagram], plants: Plan | None) -> dict[str, Diagram]
         return named
     if not isinstance(plants, Plan):
         raise ParameterError(f"plants is a plan such as monte_carlo gives, got {in_words(plants)}.")
-    return {f"{name}, plant {k}": one.with_parameters(plants.row(k))
-            for name, one in named.items() for k in range(len(plants))}  # fmt: skip
+    return {
+        f"{name}, plant {k}": one.with_parameters(plants.row(k))
+        for name, one in named.items()
+        for k in range(len(plants))
+    }
 
 
 def _goal(given: Any, units: Mapping[str, str]) -> Metric:
     """The one metric that is to be small."""
     made = metrics(given, units) if isinstance(given, (str, Mapping)) else ()
     if len(made) != 1:
-        raise ParameterError("minimise is one metric, such as 'rms(x_ref - x_out)', or with a name and a unit "
-                             f"{{'error [deg]': 'rms(x_ref - x_out)'}}, got {in_words(given)}.")  # fmt: skip
+        raise ParameterError(
+            "minimise is one metric, such as 'rms(x_ref - x_out)', or with a name and a unit "
+            f"{{'error [deg]': 'rms(x_ref - x_out)'}}, got {in_words(given)}."
+        )
     sloped(made[0])
     return made[0]
 
@@ -130,8 +158,9 @@ def _listed(given: Any) -> list[Any]:
     if isinstance(given, str):
         return [given]
     if not isinstance(given, Iterable) or isinstance(given, Mapping):
-        raise ParameterError(f"subject_to takes a limit such as 'largest(u) <= 20', or a list of them, "
-                             f"got {in_words(given)}.")  # fmt: skip
+        raise ParameterError(
+            f"subject_to takes a limit such as 'largest(u) <= 20', or a list of them, got {in_words(given)}."
+        )
     return list(given)
 
 
