@@ -1,0 +1,49 @@
+"""The words of the field: no private idiom in what a person reads, be it a message, a docstring, a comment or a page."""
+
+import io
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+IDIOM = {
+    r"foretell\w*|foretold": "predict",
+    r"(?:cannot|can not|could not|hard to|can) be told(?: apart| from)?|tell\w* apart|told apart": "indistinguishable",
+    r"(?:is|are|was|were|be|been) (?:told|said)\b": "reported, named, given",
+    r"what is left\b|what was left\b": "residual",
+    r"runs away|left the finite numbers": "diverges",
+    r"start values?": "initial state",
+    r"begins anew|stands? for\b|by itself\b": "restarts; denotes; alone",
+    r"numbers of (?:a|the) (?:diagram|model)": "parameters",
+    r"what the data cannot tell|no slope leads": "not identifiable; nonsmooth",
+    r"goes with it|its own scatter|what chance stays below": "correlation; t-statistic; critical value",
+    r"folds? of time": "cross-validation blocks",
+}
+"""Pattern -> the standard term."""
+SOURCES = sorted((ROOT / "tsmblocks").rglob("*.py"))
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "tsmblocks").rglob("*.md"))]
+
+
+def words_of(path):
+    """(line, text) of every comment and string of a module; every line of another file."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        yield from enumerate(text.splitlines(), 1)
+        return
+    kinds = {tokenize.COMMENT, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING)}
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type in kinds:
+            yield from enumerate(token.string.splitlines(), token.start[0])
+
+
+@pytest.mark.parametrize("path", [*SOURCES, *PAGES], ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_no_private_idiom(path):
+    found = [
+        f"{number}: '{hit.group()}', say: {standard}"
+        for number, text in words_of(path)
+        for pattern, standard in IDIOM.items()
+        for hit in re.finditer(rf"\b(?:{pattern})", text, re.IGNORECASE)
+    ]
+    assert found == []
