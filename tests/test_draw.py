@@ -489,7 +489,7 @@ DIGEST = """
 import hashlib
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
-from tsmblocks.shelf import names
+from tsmblocks.files.shipped import names
 print(hashlib.sha256("".join(to_svg(load(name)) for name in names()).encode()).hexdigest())
 """
 

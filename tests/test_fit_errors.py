@@ -17,24 +17,24 @@ from tsmblocks.fitting import multiple_shooting as shooting
 
 FOLDER = Path(shooting.__file__).parent
 MODULES = (
-    "asking",
+    "arguments",
     "compare",
-    "differences",
-    "estimate",
-    "failing",
+    "divergence",
+    "experiments",
+    "fit",
     "gauss_newton",
-    "interior",
     "ipopt",
-    "problem",
-    "quadratic",
+    "multiple_shooting",
+    "optimizer",
+    "parameters",
+    "quadratic_program",
+    "residuals",
     "result",
     "route",
-    "search",
-    "setting_up",
-    "shooting",
-    "summing_up",
-    "trials",
-    "unknowns",
+    "score",
+    "setup",
+    "single_shooting",
+    "summary",
 )
 TEXTS = [row.text for row in TABLE if row.make.__module__ == fitting.__name__]
 ELSEWHERE = {

@@ -21,7 +21,7 @@ from tsmblocks.diagnosis import text as telling
 from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.html import charts, figures
-from tsmblocks.html import report as page
+from tsmblocks.html.report import page
 from tsmblocks.html.report_files import written
 from tsmblocks.html.style import CSS
 

@@ -285,7 +285,7 @@ def test_a_process_killed_half_way_is_gone_on_with(whole, tmp_path):
     """Killed without warning while it writes; what it wrote counts."""
     path = tmp_path / "s.csv"
     code = (
-        "import time, tests.test_studies as t, tsmblocks.studies.running as r; r.TURNS = 1; "
+        "import time, tests.test_studies as t, tsmblocks.studies.runner as r; r.TURNS = 1; "
         f"t.small({str(path)!r}, threads=1, progress=lambda *_: time.sleep(0.3))"
     )
     child = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[1])

@@ -17,7 +17,7 @@ from tsmblocks.reference import examples, figures, rst, uses
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
 
 LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
-ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "lateness", "arithmetic", "sensors")
+ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "delays", "arithmetic", "sensors")
 """Families whose answer is drawn over the input too, unless that only jumps."""
 LEVELS = 8
 """Values up to which a signal is taken to jump between them."""
@@ -32,10 +32,10 @@ FAMILY_WORDS = {
     "motor": "Motors.",
     "discrete": "Blocks that act at multiples of a period and hold in between.",
     "sensors": "What a measurement does to a signal.",
-    "lateness": "Delays and lags that may be zero, for fits that are to find out.",
+    "delays": "Delays and lags that may be zero, for fits that are to find out.",
     "loops": "Loops added to a signal that passes through; with their defaults they pass it on as it is.",
     "transmission": "Departures added to a signal that passes through; with their defaults they pass it on as it is.",
-    "vessels": "Vessels of liquids.",
+    "hydraulics": "Vessels of liquids.",
 }
 
 
