@@ -240,10 +240,11 @@ def test_what_the_data_leave_open_is_infinitely_uncertain():
     np.testing.assert_allclose(known.covariance[1, 1], uncertainty(J[:, :2], r).covariance[1, 1], rtol=1e-6)
 
 
-def test_parameters_of_very_different_size_are_no_trouble():
+@pytest.mark.parametrize("scale", [(1e9, 1.0, 1e-7, 1e3), (1e90, 1.0, 1e-90, 1e3)])
+def test_parameters_of_very_different_size_are_no_trouble(scale):
     rng = np.random.default_rng(7)
     J, r = regressors(400, 4, 3), autoregressive(0.9)(400, rng)
-    scale = np.array([1e9, 1.0, 1e-7, 1e3])
+    scale = np.array(scale)
     a, b = uncertainty(J, r), uncertainty(J * scale, r)
     np.testing.assert_allclose(b.covariance * np.outer(scale, scale), a.covariance, rtol=1e-6)
     np.testing.assert_allclose(b.freedom, a.freedom, rtol=1e-6)

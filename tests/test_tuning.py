@@ -413,7 +413,8 @@ def test_a_limit_of_zero_can_be_met():
 @pytest.mark.parametrize("most", [5.0, 20.0])
 def test_what_is_limited_ends_within_its_limit(most):
     limit = f"variation(u, after=5) <= {most:g}"
-    found = tune(tsm.load(FIG16), GAINS, ERROR, subject_to=[limit], stop=10.0, step=2e-3, starts=1)
+    # with four starts: where a single one ends, of several limit cycles, is a matter of rounding
+    found = tune(tsm.load(FIG16), GAINS, ERROR, subject_to=[limit], stop=10.0, step=2e-3)
     (values,) = found.after.values()
     assert found.met
     assert 0.95 * most <= values["variation(u, after=5)"] <= most

@@ -172,7 +172,7 @@ def _spread(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (p, p) of ``gains`` (p, N) times the noise, and the degrees of freedom of its diagonal (p,)."""
     p = len(gains)
-    total, doubt = np.zeros((p, p)), np.zeros(p)
+    total, groups = np.zeros((p, p)), []
     for group in dict.fromkeys(noises.source):
         mine = [i for i, s in enumerate(noises.source) if s == group]
         colour = noises.colours[mine[0]]
@@ -183,11 +183,15 @@ def _spread(
             v += np.diag(part)
             slope += more
         known = max(noises.samples[mine[0]] * (1 - share) - 2 * colour.order, 1.0)
-        with np.errstate(over="ignore"):  # of a parameter that is next to open
-            doubt += 2 * v**2 / known + np.sum(slope * (noises.uncertain[mine[0]] @ slope), axis=0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        freedom = 2 * np.diag(total) ** 2 / np.where(doubt > 0, doubt, 1.0)
-    return total, np.where(doubt > 0, np.fmax(freedom, LEAST_FREEDOM), math.inf)
+        groups.append((v, slope, known, noises.uncertain[mine[0]]))
+    # Squares of the variance of a parameter that is next to open overflow: it is brought near one, by powers of two.
+    unit = np.exp2(np.frexp(np.diag(total))[1])
+    doubt = np.zeros(p)
+    with np.errstate(over="ignore", invalid="ignore"):  # of variances that are infinite themselves
+        for v, slope, known, uncertain in groups:
+            doubt += 2 * (v / unit) ** 2 / known + np.sum(slope / unit * (uncertain @ (slope / unit)), axis=0)
+        freedom = 2 * (np.diag(total) / unit) ** 2 / np.where(doubt > 0, doubt, 1.0)
+    return total, np.where(doubt == 0, math.inf, np.fmax(freedom, LEAST_FREEDOM))
 
 
 def _quadratic(rows: np.ndarray, colour: Colour) -> tuple[np.ndarray, np.ndarray]:
