@@ -118,7 +118,8 @@ def test_machines_that_share_a_study_are_sent_it(folder):
 
 def test_its_effects_take_part(folder):
     code = (
-        "import sys; from tsmblocks.cli.extensions import bring; bring(['tested_spring.py']); bring(['./tested_spring.py']); "
+        "import sys; from tsmblocks.cli.extensions import bring; "
+        "bring(['tested_spring.py']); bring(['./tested_spring.py']); "
         "from tsmblocks.effects import catalogue; print(catalogue()[-1].name, len({e.name for e in catalogue()}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)

@@ -1,4 +1,4 @@
-"""Docstrings of what is public follow numpydoc: every argument with its type and meaning, what is returned and raised."""
+"""Public docstrings follow numpydoc: every argument with its type and meaning, what is returned and raised."""
 
 import inspect
 from importlib import import_module

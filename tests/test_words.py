@@ -1,4 +1,4 @@
-"""The words of the field: no private idiom in what a person reads, be it a message, a docstring, a comment or a page."""
+"""The words of the field: no private idiom in messages, docstrings, comments and pages."""
 
 import io
 import re
