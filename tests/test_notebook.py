@@ -10,53 +10,19 @@ import pytest
 
 import tsmblocks as tsm
 from tests.pages import Page
-from tsmblocks.analysis import frequency_response
-from tsmblocks.blocks import PID, LookupTable, Play, Sine
+from tests.views_everywhere import LOOP, T, X, examples
+from tsmblocks.blocks import LookupTable
 from tsmblocks.model.block import REGISTRY
-from tsmblocks.studies import grid, responses
+from tsmblocks.studies import grid
 from tsmblocks.studies.responses import Responses
 
 NASTY = "<b>&\"'</b><script>alert(1)</script>"
-T = np.arange(0.0, 6.0, 0.01)
-X = 0.8 * np.sin(2 * T)
-LOOP = tsm.load("fig16_feedforward_feedback")
-
-
-def record(name="bend", gap=0.03, seed=1, **more):
-    gap = tsm.Diagram(
-        blocks={"gap": Play(half_width=gap)}, inputs={"x_in": tsm.Inlet("gap.u", "rad")}, outputs={"x_out": "gap"}
-    )
-    run = tsm.simulate(gap, inputs={"x_in": (T, X)}, stop=T[-1], step=0.01)
-    y = run["x_out"] + np.random.default_rng(seed).normal(0.0, 0.002, len(T))
-    return tsm.Record(name, T, {"x_in": X, "x_out": y}, {"x_in": "rad", "x_out": "rad"}, **more)
 
 
 @pytest.fixture(scope="module")
 def things():
     """One of everything that has a card, with names that are no HTML."""
-    linear, measured = tsm.load("tendon_sheath_linear").rewire(title=NASTY), record(NASTY, notes=(NASTY,), origin=NASTY)
-    fit = tsm.fit(linear, measured, starts=2)
-    return {
-        "run": tsm.simulate(LOOP.rewire(title=NASTY), stop=2.0),
-        "record": measured,
-        "fit": fit,
-        "differences": fit.differences,
-        "comparison": tsm.compare({NASTY: linear, "play": tsm.load("tendon_sheath_play")}, measured, starts=1),
-        "diagnosis": tsm.diagnose(linear, {NASTY: measured}, noise_floor=0.002, effects=["backlash", "drift"]),
-        "study": tsm.study(LOOP, {"pid.kp": [0.5, 1.0, 2.0]}, {NASTY: "rms(x_ref - x_out)"}, stop=1.0, title=NASTY),
-        "responses": responses(LOOP, {"pid.kp": [0.5, 1.0, 2.0]}, stop=1.0),
-        "batch": tsm.simulate_batch(LOOP, {"pid.kp": [0.5, 1.0]}, stop=0.5),
-        "reduced": tsm.simulate_batch(
-            LOOP, {"pid.kp": np.linspace(0.5, 1.0, 50)}, stop=0.1, reduce=lambda t, y: {"last": y["x_out"][-1]}
-        ),
-        "tuned": tsm.tune({NASTY: LOOP}, {"pid.kp": (0.5, 2.0)}, "rms(x_ref - x_out)", stop=1.0, starts=1),
-        "control": tsm.optimal_control(
-            tsm.load("motor_linear").rewire(title=NASTY), {"u": (-24.0, 24.0)}, "0.5 - x", stop=0.2, step=0.02
-        ),
-        "frequencies": frequency_response(tsm.load("motor_linear").rewire(title=NASTY), [1.0, 2.0], [0.1, 0.2]),
-        "block": PID(kp=2.0),
-        "source": Sine(unit="rad"),
-    }
+    return examples(NASTY)
 
 
 KINDS = [

@@ -2,7 +2,7 @@
 
 A class offers a view of itself without importing the module that makes it, so that the import graph has no cycles.
 Each module named here has a ``view``, a ``functools.singledispatch`` function over the classes it can show; it is
-imported when a view is first asked for.
+imported when a view is first used, and with it no more than that package of classes needs.
 """
 
 from __future__ import annotations
@@ -10,14 +10,19 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from tsmblocks.common.errors import TsmError, near
+
+CARDS = ("analysis", "data", "diagnosis", "fitting", "model", "optimal", "simulation", "studies", "tuning")
+FIGURES = ("analysis", "data", "diagnosis", "fitting", "simulation", "studies", "tuning")
+TEXTS = ("diagnosis", "fitting")
 PROVIDERS = {
-    "html": "tsmblocks.html.cards",
-    "svg": "tsmblocks.draw",
-    "plot": "tsmblocks.plots",
-    "report": "tsmblocks.html.report_files",
-    "text": "{package}.text",
+    "html": {package: f"tsmblocks.html.{package}_cards" for package in CARDS},
+    "plot": dict.fromkeys(FIGURES, "tsmblocks.plots"),
+    "report": {"diagnosis": "tsmblocks.html.report_files"},
+    "svg": {"model": "tsmblocks.draw"},
+    "text": {package: f"tsmblocks.{package}.text" for package in TEXTS},
 }
-"""Module that provides each kind of view; ``{package}`` is the package of the value's class."""
+"""Kind of view -> package of the value's class -> module that provides it."""
 
 
 def view(kind: str, value: Any, **options: Any) -> Any:
@@ -25,10 +30,11 @@ def view(kind: str, value: Any, **options: Any) -> Any:
 
     Parameters
     ----------
-    kind : {"html", "svg", "plot", "report", "text"}
-        What is wanted: a notebook card, a drawing, a figure, files in a folder, or text for a terminal.
+    kind : {"html", "plot", "report", "svg", "text"}
+        What is wanted: a notebook card, a figure, files in a folder, a drawing, or text for a terminal.
     value : object
-        What is shown. Its class must be registered with the ``view`` of the module that provides this kind.
+        What is shown. Its class, or one that it derives from, must be registered with the ``view`` of the module that
+        provides this kind.
     **options
         Passed on to the function registered for the class.
 
@@ -40,13 +46,29 @@ def view(kind: str, value: Any, **options: Any) -> Any:
 
     Raises
     ------
-    NotImplementedError
-        The class offers no view of this kind.
+    TsmError
+        There is no view of this kind, or none of this class.
     """
-    package = type(value).__module__.rpartition(".")[0]
-    return import_module(PROVIDERS[kind].format(package=package)).view(value, **options)
+    if kind not in PROVIDERS:
+        raise TsmError(f"there is no view '{kind}'.{near(kind, PROVIDERS)}")
+    make = _registered(kind, type(value))
+    if make is None:
+        others = [other for other in PROVIDERS if _registered(other, type(value)) is not None]
+        raise TsmError(f"{type(value).__name__} has no view '{kind}'.{near(kind, others)}")
+    return make(value, **options)
+
+
+def _registered(kind: str, cls: type) -> Any:
+    """The function that is registered for a class, None where there is none."""
+    for base in cls.__mro__:
+        root, _, inner = base.__module__.partition(".")
+        module = PROVIDERS[kind].get(inner.partition(".")[0]) if root == "tsmblocks" else None
+        made = import_module(module).view.dispatch(cls) if module else no_view
+        if made is not no_view:
+            return made
+    return None
 
 
 def no_view(value: object, **options: Any) -> Any:
-    """Raise NotImplementedError: the base case of every ``view``."""
-    raise NotImplementedError(f"there is no such view of {type(value).__name__}.")
+    """Base case of every ``view``: the class is not registered."""
+    raise NotImplementedError(type(value).__name__)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from html import escape
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
@@ -27,7 +27,7 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}" style="max-width:100%;height:auto" role="img" '
-        f"aria-label={quoteattr(picture.title or 'block diagram')} font-family={quoteattr(FONT)}>",
+        f"aria-label={_quoted(picture.title or 'block diagram')} font-family={_quoted(FONT)}>",
         f'<rect class="paper" width="100%" height="100%" rx="8" fill="{PAPER}"/>',
         *(_text(label) for label in picture.labels),
         *(_wire(wire) for wire in picture.wires),
@@ -41,6 +41,11 @@ def _n(value: float) -> str:
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
+def _quoted(value: str) -> str:
+    """The value of an attribute."""
+    return '"' + escape(value, quote=False).replace('"', "&quot;") + '"'
+
+
 def _points(points: Iterable[Point]) -> str:
     return " ".join(f"{_n(x)},{_n(y)}" for x, y in points)
 
@@ -51,7 +56,7 @@ def _text(label: Label, accent: bool = False) -> str:
     fill = ACCENT if accent and label.kind in ("name", "symbol") else colour(label.kind)
     return (
         f'<text x="{_n(label.x)}" y="{_n(label.y)}" font-size="{_n(label.size)}"{anchor}{bold} '
-        f'fill="{fill}">{escape(label.text)}</text>'
+        f'fill="{fill}">{escape(label.text, quote=False)}</text>'
     )
 
 
@@ -73,8 +78,8 @@ def _arrow(arrow: Arrow) -> str:
 
 
 def _group(kind: str, attribute: str, name: str, about: str, parts: list[str]) -> str:
-    title = f"<title>{escape(about)}</title>" if about else ""
-    return f'<g class="{kind}" {attribute}={quoteattr(name)}>{title}{"".join(parts)}</g>'
+    title = f"<title>{escape(about, quote=False)}</title>" if about else ""
+    return f'<g class="{kind}" {attribute}={_quoted(name)}>{title}{"".join(parts)}</g>'
 
 
 def _box(box: Box, accent: bool) -> str:

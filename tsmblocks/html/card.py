@@ -108,6 +108,18 @@ def over_time(t: np.ndarray, signals: Mapping[str, tuple[np.ndarray, str]], word
     return f'<div class="charts">{"".join(drawn)}</div>{more}'
 
 
+def over_time_and_ranges(t: np.ndarray, signals: Mapping[str, tuple[np.ndarray, str]], words: str) -> tuple[str, str]:
+    """Charts, and a table of ranges; angles in degrees."""
+    cells = []
+    for name, (values, unit) in signals.items():
+        k, shown = units.for_people(unit)
+        y = np.asarray(values, dtype=float)[np.isfinite(values)]
+        figures = (y.min(), y.max(), values[-1]) if len(y) else (np.nan,) * 3
+        size = float(np.abs(k * y).max(initial=0.0))
+        cells.append([name, *(number(k * float(v), size) for v in figures), shown])
+    return over_time(t, signals, words), rows(["l:signal", "min", "max", "last", "l:unit"], cells)
+
+
 def _chart(t: np.ndarray, lines: Sequence[tuple[str, np.ndarray]], unit: str, words: str) -> str:
     shown = lines[:MOST_LINES]
     frame = Frame(LEFT, 22, RIGHT, 120, ends(t), charts.spread(*(y for _, y in shown)))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from html import escape
 from itertools import pairwise
-from xml.sax.saxutils import escape, quoteattr
 
 import attrs
 import numpy as np
@@ -73,7 +73,7 @@ def ticks(low: float, high: float, most: int = TICKS) -> list[float]:
 def chart(parts: Sequence[str], height: float, words: str) -> str:
     """A whole chart; ``words`` say what it shows to those who do not see it."""
     return (
-        f'<svg class="chart" viewBox="0 0 {WIDTH} {_n(height)}" role="img" aria-label={quoteattr(words)}>'
+        f'<svg class="chart" viewBox="0 0 {WIDTH} {_n(height)}" role="img" aria-label="{escape(words)}">'
         f"{''.join(parts)}</svg>"
     )
 
@@ -161,7 +161,7 @@ def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") 
     """A text; ``anchor`` is which end of it ``x`` is."""
     where = "" if anchor == "start" else f' text-anchor="{anchor}"'
     own = f' class="{kind}"' if kind else ""
-    return f'<text{own} x="{_n(x)}" y="{_n(y)}"{where}>{escape(words)}</text>'
+    return f'<text{own} x="{_n(x)}" y="{_n(y)}"{where}>{escape(words, quote=False)}</text>'
 
 
 def cut(words: str, width: float) -> str:

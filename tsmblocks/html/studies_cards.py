@@ -1,25 +1,34 @@
-"""Cards of studies and tuning results: what metrics range over, and what was found."""
+"""Cards of studies: the range of each metric, and responses of many runs over time."""
 
 from __future__ import annotations
 
+import functools
+from html import escape
 from typing import Any
 
 import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.tables import few
+from tsmblocks.common.views import no_view
 from tsmblocks.data import heading
 from tsmblocks.html import charts
-from tsmblocks.html.card import LEFT, MOST_CHARTS, RIGHT, card, listed, number, rows
+from tsmblocks.html.card import LEFT, MOST_CHARTS, MOST_ROWS, RIGHT, card, ends, listed, number, rows
 from tsmblocks.html.charts import Frame
-from tsmblocks.metrics.metrics import named
+from tsmblocks.html.document import key
+from tsmblocks.studies.responses import Responses
 from tsmblocks.studies.results import QUANTILES, Results
-from tsmblocks.tuning.result import Tuned
 
+view = functools.singledispatch(no_view)
 BARS = 24
 """Bars of a distribution."""
+BANDS = ((0.05, 0.95), (0.25, 0.75))
+"""Shares of the runs in the bands of an envelope."""
+INSTANTS = 200
+"""Instants at which an envelope is drawn."""
 
 
+@view.register
 def study_card(found: Results) -> str:
     """The results of a study: quantiles of each metric, the run where it is lowest, how it is spread."""
     done = f"{len(found)} of {found.count} runs" if len(found) < found.count else f"{found.count} runs"
@@ -41,36 +50,18 @@ def study_card(found: Results) -> str:
     )
 
 
-def tuned_card(found: Tuned) -> str:
-    """What tuning found: the parameters, and each metric in each case before and after."""
-    at = found.at_bounds
-    values = rows(
-        ["l:parameter", "before", "tuned", "from", "to", "l:"],
-        [
-            (
-                name,
-                *map(number, (found.own[name], v, *found.bounds[name])),
-                f"at its {at[name]} bound" if name in at else "",
-            )
-            for name, v in found.values.items()
-        ],
-    )
-    people = {name: units.for_people(unit) for name, unit in found.units.items()}
-    cells = [
-        (case, found.title(name), number(k * found.before[case][name]), number(k * after[name]))
-        for case, after in found.after.items()
-        for name, (k, _) in people.items()
-    ]
-    k, unit = people[found.objective]
-    worst = f"{named(found.objective)[0]} in the worst case: {_ends([k * v for v in found.worst], unit)}"
+@view.register
+def responses_card(found: Responses) -> str:
+    """Responses of many runs: where each signal lies."""
+    count = len(next(iter(found.signals.values()), ()))
+    drawn = [_envelope(found, name) for name in list(found.signals)[:MOST_ROWS]]
+    bands = key([("--c0", "median"), ("--band", "5 to 95 %, and 25 to 75 %")])
     return card(
-        "Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(list(found.remarks))
+        f"{found.title}: responses of {count} runs",
+        f"{len(found.t)} instants",
+        f'<div class="charts">{"".join(drawn)}</div>',
+        bands,
     )
-
-
-def _ends(values: list[float], unit: str) -> str:
-    before, after = values
-    return f"{number(before)} before, {number(after)} {unit} tuned"
 
 
 def _spread(found: Results, name: str) -> str:
@@ -92,3 +83,20 @@ def _spread(found: Results, name: str) -> str:
 
 def _value(value: Any) -> str:
     return number(value) if isinstance(value, float) else str(value)
+
+
+def _envelope(found: Responses, name: str) -> str:
+    """Bands and median of one signal over time."""
+    k, unit = units.for_people(found.unit(name))
+    t, *every = charts.sampled(INSTANTS, found.t, *(k * found[name]))
+    y = np.array(every)
+    y = y[np.isfinite(y).all(axis=1)]
+    if not len(y):
+        return f"<p>{escape(name)}: no run is finite all along.</p>"
+    frame = Frame(LEFT, 22, RIGHT, 120, ends(t), charts.spread(y))
+    parts = [charts.axes(frame, "t [s]", heading(name, unit))]
+    for shares in BANDS:
+        low, high = np.quantile(y, shares, axis=0)
+        parts.append(charts.area(frame, t, low, high, "band"))
+    parts.append(charts.line(frame, t, np.median(y, axis=0), "c0"))
+    return f"<div>{charts.chart(parts, 152, f'{name} of {len(y)} runs over time')}</div>"

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 from html import escape
 from typing import Any
 
 from tsmblocks.common.tables import few
+from tsmblocks.common.views import no_view
 from tsmblocks.html.block_facts import words
 from tsmblocks.html.card import card, rows
 from tsmblocks.model.block import Block
 
+view = functools.singledispatch(no_view)
 NAMESPACE = ' xmlns="http://www.w3.org/1998/Math/MathML"'
 """What a page of HTML need not be told of a formula."""
 LONGEST = 60
 """Characters of a value at most."""
 
 
+@view.register
 def block_card(block: Block) -> str:
     """A block: its first sentence, equation, ports, and the numbers it has, those of its own in bold."""
     ports = [("in", k, p.unit or "any", p.about) for k, p in block.inports.items()]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from html import escape
 
 from tsmblocks.common.tables import few
+from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS, in_order, percent, verdict
@@ -13,7 +15,10 @@ from tsmblocks.html.document import key, sentence
 from tsmblocks.html.figures import gap_bars
 from tsmblocks.html.report import WORDS
 
+view = functools.singledispatch(no_view)
 
+
+@view.register
 def diagnosis_card(found: Diagnosis) -> str:
     """A diagnosis: verdict, effects with their numbers, gaps before and after; ``save`` writes the whole report."""
     boxes = [

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from tsmblocks.common import units
+from tsmblocks.common.views import no_view
 from tsmblocks.data import heading
 from tsmblocks.fitting.compare import Comparison
 from tsmblocks.fitting.result import STATUS, Fit
@@ -15,10 +18,12 @@ from tsmblocks.html.card import LEFT, POINTS, RIGHT, card, ends, listed, table_o
 from tsmblocks.html.charts import Frame
 from tsmblocks.html.document import key
 
+view = functools.singledispatch(no_view)
 MOST = 40
 """Estimates that are shown."""
 
 
+@view.register
 def fit_card(fit: Fit) -> str:
     """A fit: the numbers with intervals, the experiment that is left most of, and what to beware of."""
     tried = len(fit.searches)
@@ -32,11 +37,13 @@ def fit_card(fit: Fit) -> str:
     )
 
 
+@view.register
 def differences_card(differences: Differences) -> str:
     """What is left between one diagram and some recordings."""
     return card(differences.title, "", *_left(differences))
 
 
+@view.register
 def comparison_card(found: Comparison) -> str:
     """Models from best to worst, what could not be fitted, and what the best one leaves."""
     faults = [f"{row.name}: {row.fault}" for row in found if row.fit is None]
