@@ -12,7 +12,7 @@ from tsmblocks.data import Record
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.simulation.arguments import Times, resolve_stop, run_times, whole_steps
-from tsmblocks.simulation.batch import sensitivities
+from tsmblocks.simulation.sensitivities import sensitivities
 from tsmblocks.simulation.simulate import simulate
 
 SINE = Diagram(blocks=dict(ref=Sine(), k=Gain()), wires=["ref -> k"], outputs={"y": "k"})

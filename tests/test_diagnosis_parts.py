@@ -39,7 +39,7 @@ from tsmblocks.diagnosis.presentation import unit_of
 from tsmblocks.diagnosis.screening import absorbing, promise
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 
 STEP, SIGMA = 0.01, 0.01
 T = np.arange(0.0, 12.0, STEP)

@@ -29,7 +29,8 @@ from tsmblocks.blocks import (
 from tsmblocks.common.errors import DiagramError
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.model.diagram import Diagram, Inlet
-from tsmblocks.simulation.simulate import signature, simulate
+from tsmblocks.simulation.compiled import signature
+from tsmblocks.simulation.simulate import simulate
 
 BLOCKS = dict(
     ref=Sine(unit="rad"),

@@ -22,7 +22,7 @@ from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register,
 from tsmblocks.effects.effect import PLACES
 from tsmblocks.model.block import REGISTRY, leaves
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 
 CONTRACT = {
     "friction": {
@@ -240,7 +240,7 @@ def test_nulls_are_the_numbers_of_the_block(effect):
 
 # ---- a null is nothing, and a trial is something
 
-QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulation.simulate.StepWarning")
+QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulation.stability.StepWarning")
 """A drive that jumps turns a loop round at once, which is too fast for any step, and harmless."""
 
 

@@ -46,7 +46,7 @@ from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.engine import jit, session
 from tsmblocks.engine.methods import METHODS
 from tsmblocks.files import shipped as shelf
-from tsmblocks.simulation.simulate import StepWarning
+from tsmblocks.simulation.stability import StepWarning
 
 SHIPPED = shelf.names()
 W = 2 * np.pi * 0.2
@@ -844,7 +844,7 @@ def test_without_llvmlite_the_other_back_end_serves(monkeypatch):
 def test_own_elementary_functions_are_accurate_in_lanes(name):
     """Each against NumPy over its range, side by side in lanes; a few units in the last place."""
     from tsmblocks.engine.backends import CompiledKernel
-    from tsmblocks.engine.kernel_interface import Memory
+    from tsmblocks.engine.kernel import Memory
     from tsmblocks.engine.plan import Plan
 
     x = np.concatenate(

@@ -16,7 +16,9 @@ from tsmblocks.common.errors import AlgebraicLoop, DiagramError, NotFinite, TsmE
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.batch import simulate_batch
-from tsmblocks.simulation.simulate import Stepper, StepWarning, simulate
+from tsmblocks.simulation.simulate import simulate
+from tsmblocks.simulation.stability import StepWarning
+from tsmblocks.simulation.stepper import Stepper
 
 ROWS = {
     "misspelt port": "a_port_is_misspelt",

@@ -14,8 +14,8 @@ from tsmblocks.blocks import FirstOrderLag, RateLimit, Step
 from tsmblocks.cli import main
 from tsmblocks.export import to_c
 from tsmblocks.simulation.batch import simulate_batch
-from tsmblocks.simulation.simulate import Stepper, StepWarning
-from tsmblocks.simulation.stability import LOOKED_AT, extremes
+from tsmblocks.simulation.stability import LOOKED_AT, StepWarning, extremes
+from tsmblocks.simulation.stepper import Stepper
 from tsmblocks.studies import latin_hypercube, responses
 
 TOO_LONG = "the step of 0.1 s is too long for the fastest pole (100 rad/s, at lag.value); rk4 needs a step below about 0.028 s there."

@@ -15,7 +15,7 @@ from tsmblocks.model import block as _block_module
 from tsmblocks.model.block import block as block  # before any module could take its name
 
 _HOME = {
-    "Batch": "simulation.batch",
+    "Batch": "simulation.batch_result",
     "Block": "model.block",
     "Comparison": "fitting.compare",
     "Diagnosis": "diagnosis.result",
@@ -34,7 +34,7 @@ _HOME = {
     "Run": "simulation.run",
     "Samples": "model.block",
     "State": "model.block",
-    "Stepper": "simulation.simulate",
+    "Stepper": "simulation.stepper",
     "Tape": "model.block",
     "TsmError": "common.errors",
     "block": "model.block",
@@ -42,7 +42,7 @@ _HOME = {
     "compare": "fitting.compare",
     "diagnose": "diagnosis.diagnose",
     "dumps": "files",
-    "equations": "simulation.simulate",
+    "equations": "simulation.compiled",
     "fit": "fitting.fit",
     "from_control": "blocks.lti",
     "from_pandas": "data",
@@ -62,7 +62,7 @@ _HOME = {
     "rms": "metrics.tracking",
     "save": "files",
     "score": "fitting.score",
-    "sensitivities": "simulation.batch",
+    "sensitivities": "simulation.sensitivities",
     "signals": "model.block",
     "simulate": "simulation.simulate",
     "simulate_batch": "simulation.batch",
@@ -160,13 +160,13 @@ if TYPE_CHECKING:
     from tsmblocks.optimal.receding_horizon import RecedingHorizon as RecedingHorizon
     from tsmblocks.optimal.receding_horizon import receding_horizon as receding_horizon
     from tsmblocks.optimal.result import OptimalControl as OptimalControl
-    from tsmblocks.simulation.batch import Batch as Batch
-    from tsmblocks.simulation.batch import sensitivities as sensitivities
     from tsmblocks.simulation.batch import simulate_batch as simulate_batch
+    from tsmblocks.simulation.batch_result import Batch as Batch
+    from tsmblocks.simulation.compiled import equations as equations
     from tsmblocks.simulation.run import Run as Run
-    from tsmblocks.simulation.simulate import Stepper as Stepper
-    from tsmblocks.simulation.simulate import equations as equations
+    from tsmblocks.simulation.sensitivities import sensitivities as sensitivities
     from tsmblocks.simulation.simulate import simulate as simulate
+    from tsmblocks.simulation.stepper import Stepper as Stepper
     from tsmblocks.studies.results import read_study as read_study
     from tsmblocks.studies.study import study as study
     from tsmblocks.tuning.tune import tune as tune

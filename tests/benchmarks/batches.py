@@ -11,8 +11,8 @@ from measure import Best, Report, race, three
 
 import tsmblocks as tsm
 from tsmblocks.engine.methods import method_named
-from tsmblocks.simulation.batch import batch_kernel, lane_memory
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.lanes import batch_kernel, lane_memory
 
 TOLERANCE = 1e-9
 STOP, STEPS = 10.0, 10_000

@@ -12,8 +12,8 @@ from measure import Report, difference, ms, race, three
 import tsmblocks as tsm
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.sensitivities import tangent_memory
-from tsmblocks.simulation.batch import tangent_kernel
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.lanes import tangent_kernel
 
 TOLERANCE = 1e-9
 SLOPES = 1e-6

@@ -11,10 +11,10 @@ import numpy as np
 import tsmblocks as tsm
 from tsmblocks import blocks, load  # noqa: F401 - parts that are imported when first asked for; the same
 from tsmblocks.engine import inputs as feeds
-from tsmblocks.engine.kernel_interface import Kernel
+from tsmblocks.engine.kernel import Kernel
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
 
 TOLERANCE = 0.0
 METHOD = "RK4, fixed step"

@@ -36,7 +36,8 @@ from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.compiler.dependencies import structure_of
 from tsmblocks.model.block import Block, Input, Output, Unchanging, block
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.simulate import Stepper, simulate
+from tsmblocks.simulation.simulate import simulate
+from tsmblocks.simulation.stepper import Stepper
 
 
 def lag():

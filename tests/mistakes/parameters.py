@@ -23,7 +23,8 @@ from tsmblocks.blocks import (
 from tsmblocks.common.errors import BlockError, DiagramError, ParameterError
 from tsmblocks.model.block import Block, Input, Output, block, parameter
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.batch import sensitivities, simulate_batch
+from tsmblocks.simulation.batch import simulate_batch
+from tsmblocks.simulation.sensitivities import sensitivities
 from tsmblocks.simulation.simulate import simulate
 
 # ---- names

@@ -25,7 +25,8 @@ from tsmblocks.common.errors import DataError, NotFinite, RunError
 from tsmblocks.model.block import Block, Input, Output, Samples, block, state
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.simulation.batch import simulate_batch
-from tsmblocks.simulation.simulate import Stepper, simulate
+from tsmblocks.simulation.simulate import simulate
+from tsmblocks.simulation.stepper import Stepper
 
 
 def plant(**blocks):

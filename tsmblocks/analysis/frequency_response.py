@@ -22,7 +22,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import number, positive, prepared, whole
 from tsmblocks.simulation.batch import batch_of
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 
 SETTLED = 1e-4
 """Change of a signal from one period to the next, as a share of its size, that counts as none."""

@@ -14,7 +14,7 @@ from tsmblocks.engine.equations import KEPT, Equations
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import given_inputs, number, prepared
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
 
 TOLERANCE = 1e-9
 """Largest rate of a state, or distance of an output from what is wanted, that is none: a share of its terms ..."""

@@ -195,7 +195,7 @@ def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[s
 def _noisy(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:
     """Inputs whose noise would drive a model with memory, a sentence for each."""
     from tsmblocks.fitting.summary import rough_inputs
-    from tsmblocks.simulation.simulate import equations
+    from tsmblocks.simulation.compiled import equations
 
     return [in_options(text, args) for text in rough_inputs(record, equations(diagram))]
 

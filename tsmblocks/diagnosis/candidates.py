@@ -14,7 +14,7 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
 from tsmblocks.engine.inputs import ORDERS
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 
 LINES = 6
 """Frequencies handed to effects that have one of their own."""

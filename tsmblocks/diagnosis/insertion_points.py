@@ -14,7 +14,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import Fault, resolve
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 
 PROBE = "probe_of_the_wire"
 MOTION = 2

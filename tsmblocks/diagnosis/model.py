@@ -17,7 +17,7 @@ from tsmblocks.fitting.optimizer import Found, feasible_start, held
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 
 STEPS = 40
 """Iterations of one search at most; an effect that needs more is not determined by these data."""

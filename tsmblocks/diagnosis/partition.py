@@ -14,7 +14,7 @@ from tsmblocks.diagnosis.model import Asked, posed
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Link
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
 
 PIECE = 1.0
 """Length of a piece [s]: over longer ones the errors of an integrating plant grow and hide what they come from."""

@@ -1,7 +1,13 @@
-"""The fixed-step engine. It receives equations and numbers; it has never heard of blocks.
+"""The fixed-step engine. It receives equations and parameters, and imports neither blocks nor diagrams.
 
-Reading order: ``methods`` (tables), ``session`` (one run), ``feeds`` (its inputs), ``plan`` and ``program`` (what a
-kernel is written from), ``interpret`` (a kernel that can be read as Python), then ``kernel``, ``registers``, ``ir`` and
-``jit`` (the same as machine code; ``chunks`` for large diagrams). Apart from these: ``tangents`` (derivatives of a run)
-and ``events``, ``crossing``, ``switches`` (switching instants located).
+Reading order:
+
+1. ``equations``: x' = f(t, x, d, u, q, p) and its outputs, as the compiler makes them; ``methods``: Runge-Kutta tables.
+2. ``session``: one run, piece by piece; ``inputs``: sampled signals as rows; ``kernel``: what takes the steps.
+3. ``plan`` and ``program``: what a kernel is generated from; ``casadi_kernel``: one that can be read as Python.
+4. The same as machine code: ``kernel_frame`` (loop, time, delays), ``register_kernel``, ``large_kernel``, ``llvm_ir``
+   (scalar operations), ``jit`` (compilation and cache); ``backends`` chooses.
+
+Apart from these: ``sensitivities`` (exact derivatives of a run); ``events``, ``zero_crossing`` and ``switches``
+(switching instants located within a step).
 """

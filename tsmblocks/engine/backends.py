@@ -6,9 +6,9 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine import jit
-from tsmblocks.engine.casadi_kernel import InterpretedKernel
-from tsmblocks.engine.kernel_interface import Kernel, Memory
-from tsmblocks.engine.large_kernel import ChunkKernel
+from tsmblocks.engine.casadi_kernel import CasadiKernel
+from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.large_kernel import LargeKernel
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.register_kernel import RegisterKernel
 
@@ -23,9 +23,9 @@ class CompiledKernel(Kernel):
         host = jit.host()
         size = plan.rhs.n_instructions() + (plan.update.n_instructions() if plan.update else 0)
         if size > LARGE_OPERATIONS:
-            chunked = ChunkKernel(plan, host)
-            super().__init__(chunked.f)
-            self.text, self.work = chunked.text(), chunked.work
+            large = LargeKernel(plan, host)
+            super().__init__(large.f)
+            self.text, self.work = large.text(), large.work
             self.function = jit.compile_text(self.text, promote=False)
         else:
             kernel = RegisterKernel(plan, host)
@@ -68,5 +68,5 @@ def kernel_for(plan: Plan, backend: str = "", quick: bool = False) -> Kernel:
     if backend == "llvm" and not jit.available():
         raise RunError("the back end 'llvm' needs llvmlite, which is not installed here: pip install llvmlite.")
     if backend == "casadi" or not jit.available():
-        return InterpretedKernel(plan)
+        return CasadiKernel(plan)
     return CompiledKernel(plan, quick)

@@ -10,16 +10,16 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.engine.equations import KEPT, PER_DELAY
-from tsmblocks.engine.kernel import HAIR, Frame
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel_frame import HAIR, KernelFrame
 from tsmblocks.engine.plan import Layout, Plan
 
 
-class InterpretedKernel(Kernel):
+class CasadiKernel(Kernel):
     """Steps through CasADi's virtual machine; lanes are columns of a mapped function."""
 
     def __init__(self, plan: Plan) -> None:
-        frame = Frame(plan, "")
+        frame = KernelFrame(plan, "")
         super().__init__(frame)
         self.jumps = frame.jumps
         self.lanes = plan.lanes
@@ -164,7 +164,7 @@ class _Quick:
 class _Past:
     """The ring of delayed signals, read and written as the compiled kernels do."""
 
-    def __init__(self, kernel: InterpretedKernel, memory: Memory, p: np.ndarray, t0: float, h: float) -> None:
+    def __init__(self, kernel: CasadiKernel, memory: Memory, p: np.ndarray, t0: float, h: float) -> None:
         self.layout, self.ring, self.mask, self.t0, self.h = kernel.layout_s, memory.ring, memory.mask, t0, h
         self.lanes = kernel.lanes
         (tau,) = _Call(kernel.plan.lag, kernel.lanes)(p)

@@ -19,11 +19,11 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine import inputs as feeds
-from tsmblocks.engine.crossing import Crossing, Event, Passed, Point
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session, Stopped
 from tsmblocks.engine.switches import Frozen, freeze
+from tsmblocks.engine.zero_crossing import Crossing, Event, Passed, Point
 
 SHORTEST, LONGEST = 32, 8192
 """Steps run at a stretch before their ends are looked at."""

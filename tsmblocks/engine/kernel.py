@@ -1,307 +1,52 @@
-"""A whole fixed-step run as LLVM IR: one function with the loop, the stages and the log inside.
-
-    void run(ptr table)     table: [settings, x, d, p, u, ring, y, work]
-    settings: [h, t0] as doubles, then [k0, n, final, every, skip, mask, n_1 … n_g] as 64-bit integers
-
-``x`` and ``d`` are read at the start and hold the state at the end. Steps k0 … k0+n-1 are taken; with
-``final`` the last instant is logged too. A row of ``y`` is written at every ``every``-th instant, the
-first one after ``skip``. ``u`` has a row per step with the inputs at each instant of the method.
-``ring`` keeps the past of delayed signals, ``mask``+1 instants each. Rate group g acts when k is a
-multiple of n_g.
-
-Up to some hundred operations everything lives in registers; above that (see ``chunks``) the right
-hand side is cut into functions and the states stay in memory, so that compile time grows linearly.
-"""
+"""One way to call a kernel, whichever back end made it; and the memory of a run that it works on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import numpy as np
 
-from tsmblocks.engine.equations import KEPT, PER_DELAY
-from tsmblocks.engine.ir import Writer, number
-from tsmblocks.engine.plan import Layout, Plan
-from tsmblocks.engine.program import Program
-
-SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
-CONSTANT, TIME, HELD, MOVING = range(4)
-HAIR = (1e-9, 8e-12, 1 / 64)
-"""How far the end of a step stands before a jump that falls on it: of the step, of the time itself, of it at most."""
+from tsmblocks.engine.kernel_frame import KernelFrame
+from tsmblocks.engine.plan import Layout
 
 
-SLOTS = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
-"""How often each input of a program changes."""
+class Memory:
+    """The arrays of one run (or one group of lanes); a kernel works on them in place."""
+
+    def __init__(self, x: np.ndarray, d: np.ndarray, p: np.ndarray, ring: np.ndarray, mask: int) -> None:
+        self.x, self.d, self.p, self.ring, self.mask = x, d, p, ring, mask
+
+    def copy(self) -> Memory:
+        """The same state in arrays of its own (parameters are shared, they do not change)."""
+        return Memory(self.x.copy(), self.d.copy(), self.p, self.ring.copy(), self.mask)
 
 
-def grades_of(program: Program) -> list[int]:
-    """How often each node's value changes: never, with time, once a step, at each stage."""
-    return program.grade({k: SLOTS[name] for k, name in enumerate(program.inputs)})
+class Kernel:
+    """A compiled plan. ``advance`` takes steps; layouts say where each number lies."""
 
+    layout_x: Layout
+    layout_d: Layout
+    layout_p: Layout
+    layout_s: Layout
+    layout_y: Layout
 
-def time_jumps(program: Program) -> bool:
-    """Whether time alone decides a comparison (a step, a staircase), or rounds where a past is read (a delay)."""
-    deciding = {"LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL"}
-    read = [args for name, args in program.nodes if name == "INPUT" and program.inputs[args[0]] == "q"]
-    past = [MOVING if k % PER_DELAY < KEPT else TIME for k in range(max((k for _, k in read), default=0) + 1)]
-    late = program.grade({k: past if name == "q" else SLOTS[name] for k, name in enumerate(program.inputs)})
-    return any(
-        (name in deciding and own == TIME) or (name == "FLOOR" and of_past == TIME)
-        for (name, _), own, of_past in zip(program.nodes, grades_of(program), late, strict=True)
-    )
+    def __init__(self, frame: KernelFrame) -> None:
+        self.plan = frame.plan
+        self.layout_x, self.layout_d, self.layout_p = frame.x, frame.d, frame.p
+        self.layout_s, self.layout_y = frame.s, frame.y
 
-
-class Frame:
-    """Names, layouts and programs shared by the two forms of kernel."""
-
-    def __init__(self, plan: Plan, host: str) -> None:
-        self.plan = plan
-        self.w = Writer(plan.lanes, plan.fused)
-        self.host = host
-        self.x, self.d, self.p, self.q, self.s = (
-            Layout.of(wide, plan.lanes) for wide in (plan.wide_x, plan.wide_d, plan.wide_p, plan.wide_q, plan.wide_s)
-        )
-        self.rhs = Program(plan.rhs, plan.fused)
-        self.update = Program(plan.update, plan.fused) if plan.update is not None else None
-        self.lag = Program(plan.lag) if plan.wide_s else None
-        self.wide = self.widths(self.rhs)
-        self.jumps = time_jumps(self.rhs) if plan.jumps is None else plan.jumps
-        self.y = Layout.of(tuple(self.is_wide_output(k) for k in plan.y), plan.lanes)
-
-    def widths(self, program: Program) -> list[bool]:
-        """Which nodes of a program differ between lanes."""
-        plan = self.plan
-        slots = {
-            "t": False,
-            "x": plan.wide_x,
-            "d": plan.wide_d,
-            "u": False,
-            "q": plan.wide_q,
-            "p": plan.wide_p,
-            "hit": False,
-        }
-        return [bool(g) for g in program.grade({k: slots[name] for k, name in enumerate(program.inputs)})]
-
-    def is_wide_output(self, k: int) -> bool:
-        """Whether signal k differs between lanes."""
-        node = self.rhs.outputs.get((1, k))
-        return node is not None and self.wide[node]
-
-    # ---- text common to both forms
-
-    def open(self) -> None:
-        """The function's head: load the table and the settings."""
-        w = self.w
-        w.lines += ["define void @run(ptr noalias readonly %table) {", "entry:"]
-        for k, name in enumerate(("settings", "x", "d", "p", "u", "ring", "y", "work")):
-            place = w.emit(f"getelementptr ptr, ptr %table, i64 {k}")
-            w.do(f"%{name} = load ptr, ptr {place}")
-        w.do("%h = load double, ptr %settings")
-        place = w.emit("getelementptr double, ptr %settings, i64 1")
-        w.do(f"%t0 = load double, ptr {place}")
-        for k, name in enumerate(SETTINGS):
-            place = w.emit(f"getelementptr i64, ptr %settings, i64 {k + 2}")
-            w.do(f"%{name} = load i64, ptr {place}")
-        for g in range(self.plan.groups):
-            place = w.emit(f"getelementptr i64, ptr %settings, i64 {g + 2 + len(SETTINGS)}")
-            w.do(f"%every_{g} = load i64, ptr {place}")
-        self._flush_denormals()
-
-    def _flush_denormals(self) -> None:
-        """Numbers below 1e-308 cost a hundred cycles each and mean nothing here."""
-        if not self.host.startswith("x86_64"):
-            return
-        w = self.w
-        w.declared["mxcsr"] = "declare void @llvm.x86.sse.stmxcsr(ptr)\ndeclare void @llvm.x86.sse.ldmxcsr(ptr)"
-        w.do("%mode = alloca i32")
-        w.do("%quick = alloca i32")
-        w.do("call void @llvm.x86.sse.stmxcsr(ptr %mode)")
-        mode = w.emit("load i32, ptr %mode")
-        w.do(f"store i32 {w.emit(f'or i32 {mode}, 32832')}, ptr %quick")
-        w.do("call void @llvm.x86.sse.ldmxcsr(ptr %quick)")
-
-    def close(self) -> None:
-        """End the function, with the mode of the processor as it was found."""
-        if self.host.startswith("x86_64"):
-            self.w.do("call void @llvm.x86.sse.ldmxcsr(ptr %mode)")
-        self.w.do("ret void")
-        self.w.lines.append("}")
-
-    def counters(self) -> None:
-        """Step counter, log countdown and row pointer, kept in the frame until mem2reg lifts them."""
-        w = self.w
-        for name, kind, start in (("k", "i64", "0"), ("left", "i64", "%skip"), ("row", "ptr", "%y")):
-            w.do(f"%{name}_at = alloca {kind}")
-            w.do(f"store {kind} {start}, ptr %{name}_at")
-
-    def top(self) -> None:
-        """Head of the loop: leave before the last instant unless it is to be logged; the time now."""
-        w = self.w
-        w.do("br label %loop")
-        w.label("loop")
-        w.do("%k = load i64, ptr %k_at")
-        at_end = w.emit("icmp eq i64 %k, %n")
-        last = w.emit("icmp eq i64 %final, 0")
-        leave = w.emit(f"and i1 {at_end}, {last}")
-        w.do(f"br i1 {leave}, label %done, label %begin")
-        w.label("begin")
-        w.do("%kg = add i64 %k, %k0")
-        w.do("%tn = " + self._time("%kg"))
-
-    def _time(self, k: str) -> str:
-        return self._time_of(self.w.emit(f"sitofp i64 {k} to double"))
-
-    def _time_of(self, steps: str) -> str:
-        return f"fadd contract double {self.w.emit(f'fmul contract double {steps}, %h')}, %t0"
-
-    def time_at(self, offset: float) -> str:
-        """The time at a fraction of the present step; at its end, exactly that of the next one.
-
-        Where a signal jumps with time, a hair before: a jump on the grid belongs to the step after it.
-        """
-        w = self.w
-        if offset == 0:
-            return "%tn"
-        if offset == 1:
-            end = w.emit(self._time(w.emit("add i64 %kg, 1")))
-            return self._before(end) if self.jumps else end
-        part = w.emit(f"fmul double %h, {number(offset)}")
-        return w.emit(f"fadd double %tn, {part}")
-
-    def _before(self, t: str) -> str:
-        w = self.w
-        of_step = w.emit(f"fmul double %h, {number(HAIR[0])}")
-        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {number(HAIR[1])}")
-        most = w.emit(f"fmul double %h, {number(HAIR[2])}")
-        hair = w.operation("FMIN", [w.emit(f"fadd double {of_step}, {of_time}"), most], False)
-        return w.emit(f"fsub double {t}, {hair}")
-
-    def hits(self) -> list[str]:
-        """1 or 0 for each rate group at this instant; branches over the update section when idle."""
-        w = self.w
-        flags = []
-        for g in range(self.plan.groups):
-            rest = w.emit(f"srem i64 %kg, %every_{g}")
-            flags.append(w.emit(f"icmp eq i64 {rest}, 0"))
-        numbers = [w.emit(f"uitofp i1 {flag} to double") for flag in flags]
-        if self.plan.every_step or not flags:
-            w.do("br label %update")
-        else:
-            any_hit = flags[0]
-            for flag in flags[1:]:
-                any_hit = w.emit(f"or i1 {any_hit}, {flag}")
-            w.do(f"br i1 {any_hit}, label %update, label %stages")
-        w.label("update")
-        return numbers
-
-    def log(self, values: Iterable[tuple[str, bool]]) -> None:
-        """Write one row when it is due, then leave if this was the last instant."""
-        w = self.w
-        left = w.emit("load i64, ptr %left_at")
-        due = w.emit(f"icmp eq i64 {left}, 0")
-        w.do(f"br i1 {due}, label %write, label %written")
-        w.label("write")
-        row = w.emit("load ptr, ptr %row_at")
-        for k, (value, wide) in enumerate(values):
-            w.store(value, w.at(row, self.y.offset[k]), wide)
-        w.do(f"store ptr {w.at(row, self.y.size)}, ptr %row_at")
-        w.do("br label %written")
-        w.label("written")
-        start = w.emit(f"select i1 {due}, i64 %every, i64 {left}")
-        w.do(f"store i64 {w.emit(f'sub i64 {start}, 1')}, ptr %left_at")
-        w.do(f"br i1 {w.emit('icmp eq i64 %k, %n')}, label %done, label %step")
-        w.label("step")
-
-    def bottom(self) -> None:
-        """End the loop over steps."""
-        w = self.w
-        w.do(f"store i64 {w.emit('add i64 %k, 1')}, ptr %k_at")
-        w.do("br label %loop")
-        w.label("done")
-
-    # ---- the past of delayed signals
-
-    def ring_of(self, k: int) -> str:
-        """Where the past of the k-th delayed signal begins."""
-        w = self.w
-        size = w.emit("add i64 %mask, 1")
-        return w.emit(f"getelementptr double, ptr %ring, i64 {w.emit(f'mul i64 {size}, {self.s.offset[k]}')}")
-
-    def remember(self, k: int, value: str) -> None:
-        """Keep the present value of the k-th delayed signal."""
-        w, wide = self.w, self.s.wide[k]
-        slot = w.emit("and i64 %kg, %mask")
-        place = w.emit(f"mul i64 {slot}, {self.plan.lanes if wide else 1}")
-        w.store(value, w.emit(f"getelementptr double, ptr {self.ring_of(k)}, i64 {place}"), wide)
-
-    def recall(self, k: int, delay: str, wide_delay: bool, offset: float) -> list[str]:
-        """What is kept of the k-th signal around the instant ``delay`` steps before a stage, as ``q`` holds it."""
-        w, wide = self.w, self.s.wide[k]
-        w.functions["tsm_past"] = _PAST
-        w.declared["llvm.floor.f64"] = "declare double @llvm.floor.f64(double)"
-        now = w.emit(f"fadd double {w.emit('sitofp i64 %kg to double')}, {number(offset)}")
-        last = w.emit(f"add i64 %kg, {-1 if offset == 0 else 0}")
-        ring, stride = self.ring_of(k), self.plan.lanes if wide else 1
-        parts = PER_DELAY - 1  # all but the steps per second
-        values = ["poison"] * parts
-        for lane in range(self.plan.lanes if wide else 1):
-            one = w.emit(f"extractelement {w.vector} {delay}, i32 {lane}") if wide_delay else delay
-            place = w.emit(f"fsub double {now}, {one}")
-            base = w.at(ring, lane)
-            found = w.emit(
-                f"call [6 x double] @tsm_past(ptr {base}, i64 %mask, i64 {stride}, double {place}, i64 {last})"
-            )
-            each = [w.emit(f"extractvalue [6 x double] {found}, {i}") for i in range(parts)]
-            each[KEPT] = w.emit(self._time_of(each[KEPT]))
-            if not wide:
-                values = each
-                break
-            values = [
-                w.emit(f"insertelement {w.vector} {v}, double {e}, i32 {lane}")
-                for v, e in zip(values, each, strict=True)
-            ]
-        return [*values[: KEPT + 1], w.emit(f"fdiv double {number(1.0)}, %h"), values[-1]]
-
-
-_PAST = """
-; what is kept around ``pos``: four values, the newest one's instant and how many instants there have been up to it
-define internal [6 x double] @tsm_past(ptr %ring, i64 %mask, i64 %stride, double %pos, i64 %last) {
-  %f = call double @llvm.floor.f64(double %pos)
-  %m = fptosi double %f to i64
-  %m2 = add i64 %m, 2
-  %few = icmp slt i64 %m2, 3
-  %n0 = select i1 %few, i64 3, i64 %m2
-  %early = icmp slt i64 %m, 0
-  %n1 = select i1 %early, i64 0, i64 %n0
-  %over = icmp sgt i64 %n1, %last
-  %n = select i1 %over, i64 %last, i64 %n1
-  %none = icmp slt i64 %n, 0
-  %i3 = select i1 %none, i64 0, i64 %n
-  %i2 = sub i64 %i3, 1
-  %i1 = sub i64 %i3, 2
-  %i0 = sub i64 %i3, 3
-  %s0 = and i64 %i0, %mask
-  %s1 = and i64 %i1, %mask
-  %s2 = and i64 %i2, %mask
-  %s3 = and i64 %i3, %mask
-  %o0 = mul i64 %s0, %stride
-  %o1 = mul i64 %s1, %stride
-  %o2 = mul i64 %s2, %stride
-  %o3 = mul i64 %s3, %stride
-  %p0 = getelementptr double, ptr %ring, i64 %o0
-  %p1 = getelementptr double, ptr %ring, i64 %o1
-  %p2 = getelementptr double, ptr %ring, i64 %o2
-  %p3 = getelementptr double, ptr %ring, i64 %o3
-  %y0 = load double, ptr %p0
-  %y1 = load double, ptr %p1
-  %y2 = load double, ptr %p2
-  %y3 = load double, ptr %p3
-  %at = sitofp i64 %i3 to double
-  %c = add i64 %n, 1
-  %count = sitofp i64 %c to double
-  %z0 = insertvalue [6 x double] poison, double %y0, 0
-  %z1 = insertvalue [6 x double] %z0, double %y1, 1
-  %z2 = insertvalue [6 x double] %z1, double %y2, 2
-  %z3 = insertvalue [6 x double] %z2, double %y3, 3
-  %z4 = insertvalue [6 x double] %z3, double %at, 4
-  %z5 = insertvalue [6 x double] %z4, double %count, 5
-  ret [6 x double] %z5
-}"""
+    def advance(
+        self,
+        memory: Memory,
+        u: np.ndarray,
+        *,
+        t0: float,
+        h: float,
+        k0: int,
+        n: int,
+        final: bool,
+        every: int,
+        skip: int,
+        hits: tuple[int, ...],
+        y: np.ndarray,
+    ) -> None:
+        """Take ``n`` steps from instant ``k0``; write a row of ``y`` at each ``every``-th instant."""
+        raise NotImplementedError

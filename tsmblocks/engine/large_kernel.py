@@ -11,8 +11,8 @@ from collections.abc import Iterable
 import attrs
 
 from tsmblocks.engine.equations import PER_DELAY
-from tsmblocks.engine.ir import Writer, number
-from tsmblocks.engine.kernel import CONSTANT, Frame, grades_of
+from tsmblocks.engine.kernel_frame import CONSTANT, KernelFrame, grades_of
+from tsmblocks.engine.llvm_ir import Writer, number
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
 
@@ -38,11 +38,11 @@ class _Job:
     fixed: dict[int, int]  # node -> place in the array of fixed values
 
 
-class ChunkKernel:
+class LargeKernel:
     """Writes one kernel in the large form."""
 
     def __init__(self, plan: Plan, host: str) -> None:
-        self.f = Frame(plan, host)
+        self.f = KernelFrame(plan, host)
         self.plan, self.w = plan, self.f.w
         self.layouts = {
             "x": self.f.x,

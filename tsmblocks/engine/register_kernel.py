@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tsmblocks.engine.ir import number
-from tsmblocks.engine.kernel import CONSTANT, HELD, TIME, Frame, grades_of
+from tsmblocks.engine.kernel_frame import CONSTANT, HELD, TIME, KernelFrame, grades_of
+from tsmblocks.engine.llvm_ir import number
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
 
@@ -14,7 +14,7 @@ class RegisterKernel:
     """Writes one kernel. Nodes are written where they first hold: once, per instant, or per stage."""
 
     def __init__(self, plan: Plan, host: str) -> None:
-        self.f = Frame(plan, host)
+        self.f = KernelFrame(plan, host)
         self.plan, self.w = plan, self.f.w
         self.grade = grades_of(self.f.rhs)
         self.goals = {

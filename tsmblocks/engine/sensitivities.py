@@ -17,8 +17,8 @@ import numpy as np
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
 from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
-from tsmblocks.engine.kernel import time_jumps
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
@@ -27,7 +27,32 @@ from tsmblocks.engine.session import check_delays, spread
 
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
     """A plan that carries each state and each logged signal together with its derivatives."""
-    f, n = eq.rhs, len(eq.y)
+    rhs, update, lag = _tangent_functions(eq)
+
+    def both(count: int) -> tuple[bool, ...]:
+        return (False,) * count + (True,) * count
+
+    return Plan(
+        rhs=rhs,
+        update=update,
+        lag=lag,
+        method=method,
+        y=(*y, *(len(eq.y) + k for k in y)),
+        groups=len(eq.periods),
+        every_step=eq.every_step,
+        lanes=lanes,
+        wide_x=both(len(eq.x)),
+        wide_d=both(len(eq.d)),
+        wide_p=both(len(eq.p)),
+        wide_s=both(len(eq.q)),
+        inputs=len(eq.u),
+        jumps=time_jumps(Program(eq.rhs)),
+    )
+
+
+def _tangent_functions(eq: Equations) -> tuple[Any, Any, Any]:
+    """``rhs``, ``update`` (None where there is none) and ``lag``, each value followed by its directional derivative."""
+    f = eq.rhs
     t, x, d, u, q, p = f.sx_in()
     xs, ds, qs, ps = (ca.SX.sym(f"d{k}", v.shape[0]) for k, v in zip("xdqp", (x, d, q, p), strict=True))
     # Of what is kept of a delayed signal only its values have derivatives, not the instants.
@@ -47,27 +72,7 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
         pair = [ca.vertcat(v, ca.jtimes(v, moving, along)) for v in new]
         update = ca.Function("update", [*inputs, hit], pair, [*labels, "hit"], ["d_next", "x_next"])
     tau = eq.lag.call([p])[0]
-    lag = ca.Function("lag", [ca.vertcat(p, ps)], [ca.vertcat(tau, tau)], ["p"], ["tau"])
-
-    def both(count: int) -> tuple[bool, ...]:
-        return (False,) * count + (True,) * count
-
-    return Plan(
-        rhs=rhs,
-        update=update,
-        lag=lag,
-        method=method,
-        y=(*y, *(n + k for k in y)),
-        groups=len(eq.periods),
-        every_step=eq.every_step,
-        lanes=lanes,
-        wide_x=both(len(eq.x)),
-        wide_d=both(len(eq.d)),
-        wide_p=both(len(eq.p)),
-        wide_s=both(len(eq.q)),
-        inputs=len(eq.u),
-        jumps=time_jumps(Program(eq.rhs)),
-    )
+    return rhs, update, ca.Function("lag", [ca.vertcat(p, ps)], [ca.vertcat(tau, tau)], ["p"], ["tau"])
 
 
 @functools.lru_cache(maxsize=64)

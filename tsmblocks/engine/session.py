@@ -15,7 +15,7 @@ from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Layout, Plan
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program

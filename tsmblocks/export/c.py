@@ -18,7 +18,7 @@ from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.common.units import times
 from tsmblocks.common.version import __version__
 from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
-from tsmblocks.engine.kernel import HAIR, time_jumps
+from tsmblocks.engine.kernel_frame import HAIR, time_jumps
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
@@ -26,7 +26,7 @@ from tsmblocks.export.operations import GREATEST, LEAST, number, statements
 from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import positive, prepared
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.stability import Beginning, warn_of_fast_poles
 
 

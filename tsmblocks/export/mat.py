@@ -12,7 +12,7 @@ from tsmblocks.analysis import linearize, trim
 from tsmblocks.common.errors import DataError, TsmError
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import prepared
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
 
 LONGEST = 63
 """Characters of a name in MATLAB."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 from tsmblocks.common.errors import TsmError
-from tsmblocks.engine.ir import LIBM
+from tsmblocks.engine.llvm_ir import LIBM
 from tsmblocks.engine.program import Program
 
 _FORMS = {

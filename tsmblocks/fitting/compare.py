@@ -24,7 +24,7 @@ from tsmblocks.fitting.score import Differences, score
 from tsmblocks.fitting.setup import Data, recordings, windows, without_units
 from tsmblocks.fitting.summary import rough_inputs
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 
 SHIPPED = "tendon_sheath_"
 """Ready-made diagrams whose names begin so are compared when no models are given."""

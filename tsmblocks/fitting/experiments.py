@@ -14,14 +14,14 @@ from tsmblocks.data import Record
 from tsmblocks.data.missing_units import how_to_map
 from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.sensitivities import tangent_memory
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import Times
-from tsmblocks.simulation.batch import batch_kernel, directions, lane_memory, tangent_kernel
+from tsmblocks.simulation.lanes import batch_kernel, directions, lane_memory, tangent_kernel
 
 FEWEST = 4
 """Compared samples below which a recording says nothing."""

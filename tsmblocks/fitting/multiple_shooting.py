@@ -12,7 +12,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.plan import Layout
 from tsmblocks.engine.sensitivities import tangent_memory
 from tsmblocks.engine.session import spread
@@ -22,7 +22,7 @@ from tsmblocks.fitting.ipopt import Box, Point, solve
 from tsmblocks.fitting.optimizer import Found, Tell
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.single_shooting import bending, sizes
-from tsmblocks.simulation.batch import MOST_DIRECTIONS, directions, tangent_kernel
+from tsmblocks.simulation.lanes import MOST_DIRECTIONS, directions, tangent_kernel
 
 FAR = 10.0
 """Multiples of the measured range beyond which a first guess counts as run away."""

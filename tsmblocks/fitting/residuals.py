@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 import attrs
 import numpy as np
 
-from tsmblocks.engine.kernel_interface import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.fitting.experiments import Trial
 from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.parameters import Limits, Unknowns

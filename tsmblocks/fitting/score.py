@@ -20,8 +20,8 @@ from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.setup import Setup, recordings, set_up
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import prepared
+from tsmblocks.simulation.compiled import parameter_vector
 from tsmblocks.simulation.run import Run
-from tsmblocks.simulation.simulate import parameter_vector
 
 
 @attrs.frozen(eq=False)

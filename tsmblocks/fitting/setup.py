@@ -36,7 +36,7 @@ from tsmblocks.fitting.residuals import Priors, Problem
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
 from tsmblocks.simulation.arguments import positive, prepared
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
 
 FINEST = 64
 """Simulation steps between two samples beyond which a step is no longer refined."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import attrs
 import numpy as np
@@ -132,21 +133,7 @@ def outcome(
     x = ended.states[:, 0] if periodic else begin
     states = dict(zip(task.eq.x, x.tolist(), strict=True))
     driven = {**given.inputs, **{k: straight(t, v) for k, v in commands.items()}}
-    try:
-        run = simulate(
-            diagram,
-            start=start,
-            stop=float(t[-1]),
-            step=fine.step / fine.pieces,
-            inputs=driven,
-            hold=given.hold,
-            initial=states,
-        )
-    except NotFinite as failed:
-        raise RunError(
-            f"the commands lead where the equations are not finite: {failed} Ask for more pieces of each "
-            f"interval (pieces={2 * interval.pieces}), or narrower ranges."
-        ) from failed
+    run = _simulated(diagram, fine, t, driven, given.hold, states)
     path, error, limits = fine.followed(values, x, start, given_rows(task, given, fine.grid(start, count)))
     missed, amiss = _missed(task, limits)
     if not ended.found:
@@ -166,6 +153,22 @@ def outcome(
         not amiss,
         amiss or ended.word,
     )
+
+
+def _simulated(
+    diagram: Diagram, fine: Interval, t: np.ndarray, inputs: Mapping[str, Any], hold: str, states: Mapping[str, float]
+) -> Run:
+    """The run of the diagram over the samples ``t`` [s]. Raises RunError where it diverges."""
+    step = fine.step / fine.pieces
+    try:
+        return simulate(
+            diagram, start=float(t[0]), stop=float(t[-1]), step=step, inputs=inputs, hold=hold, initial=states
+        )
+    except NotFinite as failed:
+        raise RunError(
+            f"the commands lead where the equations are not finite: {failed} Use more pieces for each "
+            f"interval (pieces={2 * fine.pieces // FINER}), or narrower ranges."
+        ) from failed
 
 
 def _missed(task: Task, limits: np.ndarray) -> tuple[float, str]:

@@ -15,7 +15,7 @@ from tsmblocks.metrics.expressions import expression
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.transcription import Given, Interval, Task
 from tsmblocks.simulation.arguments import ends_of, number, resolve_stop, whole, whole_steps
-from tsmblocks.simulation.simulate import equations, parameter_vector
+from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.stability import poles
 
 REACH = 2.0

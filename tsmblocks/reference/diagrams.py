@@ -129,7 +129,7 @@ def _unit(label: str) -> str:
 
 def _structure(diagram: Diagram) -> str:
     """What the equations of the whole are made of."""
-    from tsmblocks.simulation.simulate import equations
+    from tsmblocks.simulation.compiled import equations
 
     eq = equations(diagram)
     items = [f"{_count(len(eq.p), 'parameter')} to be set, swept and fitted, {_count(len(eq.y), 'signal')} to look at."]

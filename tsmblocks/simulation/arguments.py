@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -41,6 +41,11 @@ def _timed(name: str, column: Any) -> Any:
         raise DataError(f"input '{name}': the index of its samples must be time in s, got {times.dtype}.")
     counted = times.dtype.kind != "f" and np.array_equal(times, np.arange(len(values)))
     return values if counted else (times, values)
+
+
+def listed_names(names: Sequence[str] | str) -> list[str]:
+    """Names asked for, of which one alone need not be a list."""
+    return [names] if isinstance(names, str) else list(names)
 
 
 def is_number(value: Any) -> bool:

@@ -9,7 +9,7 @@ import attrs
 
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.kernel_interface import Memory
+from tsmblocks.engine.kernel import Memory
 from tsmblocks.simulation.arguments import number, positive
 
 SAME = 1e-9

@@ -15,7 +15,7 @@ import numpy as np
 from tsmblocks.common.tables import few
 from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
 from tsmblocks.engine.inputs import Signal
-from tsmblocks.engine.kernel_interface import Memory
+from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import Method
 
 DENSE = 120

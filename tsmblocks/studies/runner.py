@@ -16,8 +16,9 @@ from tsmblocks.common.errors import ParameterError, RunError, TsmError, in_words
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import is_number
-from tsmblocks.simulation.batch import PreparedBatch, batch_of, lanes_for
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.batch import PreparedBatch, batch_of
+from tsmblocks.simulation.compiled import equations
+from tsmblocks.simulation.lanes import lanes_for
 from tsmblocks.simulation.stability import LOOKED_AT, Beginning, extremes, set_in_words
 from tsmblocks.studies.plans import plain
 

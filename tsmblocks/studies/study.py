@@ -22,7 +22,7 @@ from tsmblocks.metrics.metrics import metrics as read_metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
 from tsmblocks.simulation.arguments import given_inputs, prepared, run_times, whole
-from tsmblocks.simulation.simulate import equations
+from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results

@@ -14,7 +14,7 @@ import numpy as np
 from tsmblocks.common.errors import RunError
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.batch import sensitivities
+from tsmblocks.simulation.sensitivities import sensitivities
 from tsmblocks.simulation.stability import LOOKED_AT, Beginning, no_more_of_steps
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
 from tsmblocks.studies.runner import beginnings, checked, grouped

@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine import inputs as feeds
-from tsmblocks.engine.kernel_interface import Memory
+from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.switches import Frozen, margin
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)

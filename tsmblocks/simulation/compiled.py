@@ -1,0 +1,57 @@
+"""Equations of diagrams, compiled once for each structure and kept, and parameters in their order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.engine.equations import Equations
+from tsmblocks.model.block import is_reference
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import prepared
+
+_COMPILED: dict[Any, Equations] = {}
+_KEPT = 256
+
+
+def signature(diagram: Diagram) -> Any:
+    """Everything about a diagram except its numbers; equal signatures have the same equations."""
+    parts: list[Any] = []
+    for name, block in diagram.blocks.items():
+        if isinstance(block, Diagram):
+            parts.append((name, signature(block)))
+        else:
+            shape = tuple((k, _shape(v)) for k, v in block.parameters.items())
+            parts.append((name, type(block), shape, tuple(block.options.items())))
+    inlets = tuple((k, v.unit, diagram.inlets[k]) for k, v in diagram.inputs.items())
+    return (tuple(parts), frozenset(diagram.links), inlets, tuple(diagram.outputs.items()), tuple(diagram.values))
+
+
+def _shape(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_shape(v) for v in value)
+    return value if is_reference(value) else None
+
+
+def equations(diagram: Diagram) -> Equations:
+    """The equations of a diagram, kept so that other numbers do not compile it again.
+
+    Raises RunError for what is no diagram, and what compile raises.
+    """
+    diagram = prepared(diagram)
+    key = (diagram.title, signature(diagram))
+    found = _COMPILED.pop(key, None)
+    if found is None:
+        found = compile_diagram(diagram)
+        while len(_COMPILED) >= _KEPT:
+            _COMPILED.pop(next(iter(_COMPILED)))
+    _COMPILED[key] = found
+    return found
+
+
+def parameter_vector(eq: Equations, diagram: Diagram) -> np.ndarray:
+    """The diagram's numbers in the order of the equations."""
+    values = diagram.parameters
+    return np.array([values[name] for name in eq.p], dtype=float)

@@ -1,0 +1,99 @@
+"""Several runs side by side in SIMD lanes: kernels, memory, and the columns of each lane."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.engine import inputs as feeds
+from tsmblocks.engine.backends import kernel_for
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.methods import Method
+from tsmblocks.engine.sensitivities import tangent_plan
+from tsmblocks.engine.session import check_delays, plan_for, spread, steps_per_period
+from tsmblocks.simulation.arguments import Times
+
+MOST_DIRECTIONS = 32
+"""Derivative directions side by side in one run."""
+
+
+@functools.lru_cache(maxsize=256)
+def batch_kernel(
+    eq: Equations,
+    method: Method,
+    y: tuple[int, ...],
+    lanes: int,
+    vary: frozenset[int],
+    backend: str,
+    quick: bool = False,
+) -> Kernel:
+    """A kernel with one parameter set per lane (kept); ``quick`` as for ``kernel_for``."""
+    return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend, quick)
+
+
+@functools.lru_cache(maxsize=256)
+def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int, backend: str) -> Kernel:
+    """A kernel with one seed direction per lane (kept)."""
+    return kernel_for(tangent_plan(eq, method, y, lanes), backend)
+
+
+@functools.lru_cache(maxsize=64)
+def _start_function(eq: Equations, lanes: int) -> Any:
+    """Start values of many sets at once (kept, since making such a function takes longer than calling it)."""
+    return eq.start.map(lanes)
+
+
+def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memory:
+    """Memory before the first step, one parameter set per lane; ``p`` has shape (parameters, lanes)."""
+    lanes = kernel.plan.lanes
+    x, d, s = (np.asarray(v) for v in _start_function(eq, lanes)(p))
+    tau = max((check_delays(eq, p[:, k], h).max() for k in range(lanes)), default=0.0) if eq.q else 0.0
+    capacity = 1 << int(tau + 8).bit_length()
+    ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)
+    flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
+    return Memory(
+        spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(flat, kernel.layout_p), ring, capacity - 1
+    )  # type: ignore[arg-type]
+
+
+def whole_run(
+    eq: Equations, kernel: Kernel, signals: list[tuple[feeds.Signal, int]], times: Times
+) -> Callable[[Memory], np.ndarray]:
+    """A function that runs from the memory it is given to the end and returns the rows kept."""
+    rows = feeds.rows(signals, times.start, times.h, 0, times.steps, kernel.plan.method.instants)
+    hits = steps_per_period(eq, times.h)
+    fixed: dict[str, Any] = dict(
+        t0=times.start, h=times.h, k0=0, n=times.steps, final=True, every=times.every, skip=0, hits=hits
+    )
+
+    def run(memory: Memory) -> np.ndarray:
+        y = np.empty((times.kept, kernel.layout_y.size))
+        kernel.advance(memory, rows, **fixed, y=y)
+        return y
+
+    return run
+
+
+def lane_columns(y: np.ndarray, kernel: Kernel, k: int, lanes: int) -> np.ndarray:
+    """One logged signal as (N, lanes), whether or not it differs between lanes."""
+    part = y[:, kernel.layout_y.span(k)]
+    return part if part.shape[1] == lanes else np.broadcast_to(part, (len(part), lanes))
+
+
+def directions(count: int) -> int:
+    """Lanes for so many derivative directions; beyond ``MOST_DIRECTIONS`` they take several runs."""
+    return min(MOST_DIRECTIONS, _power_of_two(count))
+
+
+def _power_of_two(n: int) -> int:
+    """The smallest power of two that holds n, at least 2 (a lone lane is an ordinary run)."""
+    return max(2, 1 << (n - 1).bit_length())
+
+
+def lanes_for(count: int, states: int) -> int:
+    """Sets run side by side: 32 lanes while the states fit the registers, 16 above; fewer for a small batch."""
+    return min(_power_of_two(count), 32 if states <= 10 else 16)

@@ -1,0 +1,65 @@
+"""Which signals of a run are kept: names, patterns, and their columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
+
+from tsmblocks.common.errors import RunError, in_words, near
+from tsmblocks.engine.equations import Equations
+from tsmblocks.simulation.arguments import Times
+
+MOST_NUMBERS = 250_000_000
+"""Logged numbers (2 GB) above which a run asks to be told what to log."""
+
+
+def logged_signals(eq: Equations, log: str | Iterable[str], times: Times) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Which signals are kept: columns and names. Raises RunError when they would not fit."""
+    chosen = _chosen(eq, log)
+    if times.kept * len(chosen) > MOST_NUMBERS:
+        fewer = times.every * 10 ** math.ceil(math.log10(times.kept * len(chosen) / MOST_NUMBERS))
+        raise RunError(
+            f"{times.kept} instants of {len(chosen)} signals would take "
+            f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep less: log='outputs', or every={fewer}."
+        )
+    return chosen, tuple(eq.y[k] for k in chosen)
+
+
+def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
+    if log == "all":
+        return tuple(range(len(eq.y)))
+    shown = set(eq.aliases.values())
+    if not isinstance(log, Iterable):
+        raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(log)}.")
+    patterns = [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
+    for pattern in patterns:
+        if not isinstance(pattern, str):
+            raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(pattern)}.")
+    chosen = [
+        k
+        for k, name in enumerate(eq.y)
+        if name in shown or any(fnmatchcase(name, eq.aliases.get(p, p)) for p in patterns)
+    ]
+    for pattern in patterns:
+        if not any(fnmatchcase(name, eq.aliases.get(pattern, pattern)) for name in eq.y):
+            raise RunError(f"log '{pattern}' matches no signal.{near(pattern, eq.y)}")
+    return tuple(chosen)
+
+
+def signal_positions(eq: Equations, names: Sequence[str]) -> list[int]:
+    """Positions of signals or outputs in ``eq.y``. Raises RunError for an unknown name."""
+    made = []
+    for name in names:
+        signal = eq.aliases.get(name, name)
+        if signal not in eq.y:
+            raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
+        made.append(eq.y.index(signal))
+    return made
+
+
+def kept_columns(eq: Equations, names: Sequence[str]) -> tuple[int, ...]:
+    """The same positions, each once, as a kernel logs them. Raises RunError where no signal is named."""
+    if not names:
+        raise RunError(f"diagram '{eq.title}' has no outputs, so say which signals to keep: outputs=['block.port'].")
+    return tuple(dict.fromkeys(signal_positions(eq, names)))

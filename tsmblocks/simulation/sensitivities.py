@@ -1,0 +1,64 @@
+"""Exact derivatives of a run with respect to parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.common.errors import ParameterError
+from tsmblocks.engine.methods import method_named
+from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
+from tsmblocks.engine.session import gather_signals
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import given_inputs, listed_names, prepared, run_times
+from tsmblocks.simulation.batch_parameters import parameter_index
+from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
+from tsmblocks.simulation.logged_signals import kept_columns, signal_positions
+
+
+def sensitivities(
+    diagram: Diagram,
+    names: Sequence[str],
+    *,
+    outputs: Sequence[str] | None = None,
+    stop: float | None = None,
+    step: float = 1e-3,
+    start: float = 0.0,
+    method: str = "rk4",
+    inputs: Mapping[str, Any] | None = None,
+    hold: str = "linear",
+    every: int = 1,
+    backend: str = "",
+) -> Sensitivities:
+    """Signals of a run and their exact derivatives with respect to named parameters (start values too).
+
+    ``outputs`` names the signals (by default the diagram's outputs). Arguments as for ``simulate``.
+    At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
+    for an unknown name.
+    """
+    given, names = given_inputs(inputs), listed_names(names)
+    if not names:
+        raise ParameterError(f"sensitivities of '{prepared(diagram).title}' need the name of a parameter at least.")
+    diagram = prepared(diagram).untied(names)
+    times = run_times(given, start, stop, step, every)
+    eq = equations(diagram)
+    base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
+    shown = listed_names(outputs) if outputs is not None else list(eq.aliases)
+    chosen, lanes = kept_columns(eq, shown), directions(len(known))
+    kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)
+    whole = whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)
+    columns = [chosen.index(k) for k in signal_positions(eq, shown)]
+    jacobian = np.empty((times.kept, len(shown), len(known)))
+    for first in range(0, len(known), lanes):
+        part = known[first : first + lanes]
+        seeds = np.zeros((len(eq.p), lanes))
+        seeds[part, range(len(part))] = 1.0
+        y = whole(tangent_memory(eq, kernel, base, seeds, times.h))
+        for i, column in enumerate(columns):
+            wide = lane_columns(y, kernel, len(chosen) + column, lanes)
+            jacobian[:, i, first : first + len(part)] = wide[:, : len(part)]
+    values = np.column_stack([y[:, kernel.layout_y.offset[c]] for c in columns])
+    return Sensitivities(times.grid[:: times.every], values, jacobian, tuple(shown), tuple(names))
