@@ -1,4 +1,4 @@
-"""Completion in shells: bash is run and asked; zsh and fish are asked where they are installed."""
+"""Completion in shells: bash is run; zsh and fish are run where they are installed."""
 
 import re
 import shutil
@@ -6,9 +6,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import shtab
 
 import tsmblocks.blocks  # noqa: F401 - importing it registers every block
-from tsmblocks.cli import common, main
+from tsmblocks.cli import common, completion, main
 from tsmblocks.cli.entry import COMMANDS, parsers
 from tsmblocks.engine.inputs import HOLDS
 from tsmblocks.engine.methods import METHODS
@@ -80,7 +81,7 @@ def test_blocks_and_words_are_offered(offered):
     assert offered("run", "x", "--method", "=") == ["euler", "heun", "rk4"]
     assert offered("fit", "x", "--data", "bend90.csv", "--tail", "d") == ["drop"]
     assert offered("demo", "--hide", "back") == ["backlash"]
-    assert offered("completion", "") == ["bash", "zsh", "fish"]
+    assert offered("completion", "") == ["bash", "zsh", "fish", "powershell"]
 
 
 @needs_bash
@@ -100,6 +101,7 @@ def test_an_option_that_takes_several_goes_on_until_the_next(offered):
 
 
 def test_what_is_offered_is_what_is_known():
+    assert set(completion.NAMES) <= set(shtab.SUPPORTED_SHELLS)
     assert tuple(METHODS) == common.METHODS
     assert HOLDS == common.HOLDS
     assert estimate.METHODS == common.FITS
@@ -110,14 +112,14 @@ def test_an_unknown_shell_is_refused(capsys):
     assert "there is no shell 'bahs'. Did you mean 'bash'?" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
+@pytest.mark.parametrize("shell", ["zsh", "fish", "powershell"])
 def test_scripts_name_every_command_and_option(shell, capsys):
     text = script(shell, capsys)
     for name, parser in parsers()[1].items():
         assert name in text
         for option in parser.options():
             flag = f" -{'l' if option[:2] == '--' else 's'} {option.strip('-')} "
-            assert (option if shell == "zsh" else flag) in text
+            assert (flag if shell == "fish" else option) in text
     assert all(name in text for name in (*names(), *REGISTRY))
 
 
@@ -142,6 +144,10 @@ def test_fish_offers_commands_options_and_diagrams(capsys, tmp_path):
     assert ask("tsmblocks run x --met") == ["--method"]
     assert ask("tsmblocks run x --method ") == ["euler", "heun", "rk4"]
     assert ask("tsmblocks blocks PID") == ["PID", "PIDController"]
+    assert ask("tsmblocks check fig08_slope a.f") == ["a.fish"]
+    assert ask("tsmblocks fit x --data one.csv a.f") == ["a.fish"]
+    assert ask("tsmblocks fit x --data one.csv --se") == ["--seed", "--segments", "--set"]
+    assert ask("tsmblocks run x --stop ") == []
 
 
 ZSH = """
@@ -169,7 +175,11 @@ def test_zsh_completes_commands_options_and_diagrams(capsys, tmp_path):
         "run fig08": "run fig08_slope ",
         "run x --meth": "run x --method=",
         "run x --method eul": "run x --method euler ",
+        "run x --method=eul": "run x --method=euler ",
         "blocks PIDC": "blocks PIDController ",
+        "check fig08_slope fig16_feedforward_f": "check fig08_slope fig16_feedforward_feedback ",
+        "fit x --data one.csv typ": "fit x --data one.csv typed.zsh ",
+        "fit x --bounds a=1:2 --constr": "fit x --bounds a=1:2 --constraint=",
     }
     done = subprocess.run(
         ["zsh", "-f", "typed.zsh", *(f"tsmblocks {typed}" for typed in lines)],
