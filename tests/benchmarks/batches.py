@@ -16,6 +16,9 @@ from tsmblocks.simulation.lanes import batch_kernel, lane_memory
 
 TOLERANCE = 1e-9
 STOP, STEPS = 10.0, 10_000
+CHECKED = 2.0
+"""Time [s] over which a lane is compared with a single run. In some sets the loop of Fig 16 is locally unstable at
+later turning points, at any step: a difference of 1e-16 grows to 1e-2 there, so the motion before them is compared."""
 
 
 def batches(report: Report) -> None:
@@ -62,11 +65,13 @@ def one(report: Report, title: str, diagram: Any, names: tuple[str, ...], inputs
             diagram, sets, stop=STOP, inputs=inputs, outputs=outputs, reduce=reduce, threads=threads
         )
 
-    found, off = batch(1)(), 0.0
-    for k in np.linspace(0, count - 1, 7).astype(int):
-        run = tsm.simulate(diagram, stop=STOP, inputs=inputs, parameters={name: v[k] for name, v in sets.items()})
-        single = reduce(run.t, {name: run[name][:, None] for name in outputs})["peak_to_peak"][0]
-        off = max(off, abs(single - found["peak_to_peak"][k]))
+    off, some = 0.0, np.linspace(0, count - 1, 7).astype(int)
+    early = {name: v[: round(CHECKED * STEPS / STOP) + 1] for name, v in inputs.items()}
+    few_sets = {name: v[some] for name, v in sets.items()}
+    lanes_run = tsm.simulate_batch(diagram, few_sets, stop=CHECKED, inputs=early, outputs=outputs, threads=1)
+    for lane, k in enumerate(some):
+        run = tsm.simulate(diagram, stop=CHECKED, inputs=early, parameters={name: v[k] for name, v in sets.items()})
+        off = max(off, *(float(np.abs(run[name] - lanes_run[name][lane]).max()) for name in outputs))
     if not report.check(f"batch, {title}", off, TOLERANCE):
         return
     single = lambda: tsm.simulate(diagram, stop=STOP, inputs=inputs, log="outputs")  # noqa: E731
