@@ -9,15 +9,15 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Play
 from tsmblocks.diagnosis.result import (
     Consequence,
+    DetectionLimit,
     Diagnosis,
     Gap,
-    Limit,
-    Named,
+    NamedEffect,
     Quantity,
-    Ranked,
+    RankedCandidate,
+    ResidualCoordinate,
     Segment,
     Trace,
-    Where,
 )
 from tsmblocks.diagnosis.settings import Provenance, Recording, Simulated
 
@@ -47,7 +47,7 @@ def trace(name, size, n=400, seed=1, output="x_out", piece=0.0):
 
 def ranked(name, share, *, number=1, named=False, in_set=False, fitted=True, variant="", across=None, **more):
     """A candidate; its gain is counted in an excess of 20 variances."""
-    return Ranked(
+    return RankedCandidate(
         number,
         "x_in -> x_out",
         name,
@@ -68,7 +68,7 @@ def ranked(name, share, *, number=1, named=False, in_set=False, fitted=True, var
     )
 
 
-BACKLASH = Named(
+BACKLASH = NamedEffect(
     "backlash",
     "loop",
     "a backlash gap",
@@ -91,11 +91,11 @@ GAP = Gap(
     (0.52 * DEG, 0.104 * DEG),
     {"full": (0.53 * DEG, 0.105 * DEG), "half": (0.51 * DEG, 0.103 * DEG)},
 )
-WHERE = (Where("direction", 0.9, "the error has one sign forwards and the other backwards"),)
+WHERE = (ResidualCoordinate("direction", 0.9, "the error has one sign forwards and the other backwards"),)
 LIMITS = (
-    Limit("backlash", "half_width", 0.02 * DEG, "rad", "reversals at two amplitudes or more"),
-    Limit("drift", "rate", 1e-5, "", "a long session on one clock"),
-    Limit("coulomb_friction", "friction.level", None, "", "reversals of the motion"),
+    DetectionLimit("backlash", "half_width", 0.02 * DEG, "rad", "reversals at two amplitudes or more"),
+    DetectionLimit("drift", "rate", 1e-5, "", "a long session on one clock"),
+    DetectionLimit("coulomb_friction", "friction.level", None, "", "reversals of the motion"),
 )
 NAMED = Segment(
     "x_in -> x_out",

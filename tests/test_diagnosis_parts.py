@@ -29,14 +29,31 @@ from tsmblocks.blocks import (
     ZeroOrderHold,
 )
 from tsmblocks.data.conditioning import all_conditioned, conditioned
-from tsmblocks.diagnosis.candidates import candidates, lines, surroundings
-from tsmblocks.diagnosis.cross_validation import BLOCKS, FEWEST, FOLDS, Parts, held_out, parts, settled
-from tsmblocks.diagnosis.decision import ALIKE, BEYOND, MATERIAL, Tried, decide, max_t_line, mean, student
-from tsmblocks.diagnosis.insertion_points import driven, reaches, sites
-from tsmblocks.diagnosis.model import Asked, calibrated, posed_as, searched
-from tsmblocks.diagnosis.noise_floor import carried
+from tsmblocks.diagnosis.candidates import candidates, spectral_lines, wire_signals
+from tsmblocks.diagnosis.cross_validation import (
+    BLOCKS,
+    FEWEST,
+    FOLDS,
+    TimeBlocks,
+    held_out_residuals,
+    projected_jacobian,
+    time_blocks,
+)
+from tsmblocks.diagnosis.decision import (
+    ALIKE,
+    BEYOND,
+    MIN_VARIANCE_REDUCTION,
+    FittedCandidate,
+    decide,
+    max_t_critical_value,
+    mean_loss,
+    t_statistics,
+)
+from tsmblocks.diagnosis.insertion_points import driving_port, insertion_points, integration_count
+from tsmblocks.diagnosis.model import ModelSettings, calibrate, optimized, pose_extended
+from tsmblocks.diagnosis.noise_floor import propagated_input_noise
 from tsmblocks.diagnosis.presentation import unit_of
-from tsmblocks.diagnosis.screening import absorbing, promise
+from tsmblocks.diagnosis.screening import base_subspace, screening_score
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
@@ -65,17 +82,17 @@ def recordings(plant="tendon_sheath_linear", count=2, more=lambda t, y: y, seed=
 
 
 def asked(**more):
-    return Asked(None, {"x_out": SIGMA}, ("x_out",), **more)
+    return ModelSettings(None, {"x_out": SIGMA}, ("x_out",), **more)
 
 
 def fitted(plant="tendon_sheath_linear", records=None, **more):
-    return calibrated(tsm.load(plant), records or recordings(plant), asked(**more))
+    return calibrate(tsm.load(plant), records or recordings(plant), asked(**more))
 
 
 def offered(model, records, effects, outputs=("x_out",)):
-    places = sites(model.fitted, outputs)
-    around = surroundings(model, places)
-    return candidates(model, effects, around, places), around
+    places = insertion_points(model.fitted_diagram, outputs)
+    wires = wire_signals(model, places)
+    return candidates(model, effects, wires, places), wires
 
 
 def effect(name, variant=""):
@@ -105,7 +122,7 @@ def effect(name, variant=""):
 )
 def test_integrations_by_hand(diagram, output, degree):
     (name,) = diagram.inputs
-    assert reaches(diagram, output, before="", after=name) == degree
+    assert integration_count(diagram, output, before="", after=name) == degree
 
 
 @settings(max_examples=25, deadline=None)
@@ -120,7 +137,9 @@ def test_integrations_against_markov_parameters(num, den):
     expected = next(k for k, m in enumerate(markov) if abs(m[0, 0]) > 1e-12)
     if len(num) == len(den) == 1:
         return
-    assert reaches(one(TransferFunction(num=tuple(num), den=tuple(den))), "y", before="", after="u") == expected
+    assert (
+        integration_count(one(TransferFunction(num=tuple(num), den=tuple(den))), "y", before="", after="u") == expected
+    )
 
 
 def test_a_chain_adds_up_and_what_does_not_reach_is_told():
@@ -130,17 +149,22 @@ def test_a_chain_adds_up_and_what_does_not_reach_is_told():
         inputs={"u": "a"},
         outputs={"y": "c", "z": "d"},
     )
-    assert [reaches(chain, "y", before=port, after="") for port in ("a.u", "b.u", "c.u", "d.u")] == [2, 1, 1, -1]
-    assert reaches(chain, "z", before="d", after="") == 1
-    assert reaches(chain, "y", before="nothing.u", after="") == -1
-    assert reaches(chain, "y", before="", after="c.y") == 0
+    assert [integration_count(chain, "y", before=port, after="") for port in ("a.u", "b.u", "c.u", "d.u")] == [
+        2,
+        1,
+        1,
+        -1,
+    ]
+    assert integration_count(chain, "z", before="d", after="") == 1
+    assert integration_count(chain, "y", before="nothing.u", after="") == -1
+    assert integration_count(chain, "y", before="", after="c.y") == 0
 
 
 # ---- wires
 
 
 def where(diagram, outputs):
-    return [(s.place, s.output, s.signal, s.other, s.words(diagram)) for s in sites(diagram, outputs)]
+    return [(s.place, s.output, s.signal, s.other, s.words(diagram)) for s in insertion_points(diagram, outputs)]
 
 
 def test_wires_of_a_sheath():
@@ -178,7 +202,8 @@ def test_what_is_no_speed_has_no_wire_for_friction():
     level = Diagram(blocks={"tank": Integrator()}, inputs={"flow": "tank"}, outputs={"y": "tank"})
     assert [place for place, *_ in where(level, ["y"])] == ["output", "input"]
     told = {
-        unit: [site.place for site in sites(level, ["y"], measured={"y": unit})] for unit in ("rpm", "m/s", "m", "x")
+        unit: [site.place for site in insertion_points(level, ["y"], measured={"y": unit})]
+        for unit in ("rpm", "m/s", "m", "x")
     }
     assert told["rpm"] == told["m/s"] == ["output", "drive", "brake", "input"]
     assert told["m"] == told["x"] == ["output", "input"]
@@ -204,14 +229,18 @@ def test_the_wire_that_drives_is_the_nearest_of_them():
         inputs={"u": "amplifier"},
         outputs={"x": "motor.y"},
     )
-    assert driven(twice, "x") == "motor.u"
-    assert driven(tsm.load("tendon_sheath_linear"), "x_out") == ""
-    assert [s.place for s in sites(tsm.load("tendon_sheath_linear"), ["x_out"])] == ["output", "across", "input"]
+    assert driving_port(twice, "x") == "motor.u"
+    assert driving_port(tsm.load("tendon_sheath_linear"), "x_out") == ""
+    assert [s.place for s in insertion_points(tsm.load("tendon_sheath_linear"), ["x_out"])] == [
+        "output",
+        "across",
+        "input",
+    ]
 
 
 def test_an_output_that_shows_an_input_has_no_wire_between():
     through = Diagram(blocks={"k": Gain()}, inputs={"x": "k"}, outputs={"x_in": "x", "y": "k"})
-    assert {s.output for s in sites(through, ["x_in", "y"]) if s.place == "output"} == {"y"}
+    assert {s.output for s in insertion_points(through, ["x_in", "y"]) if s.place == "output"} == {"y"}
 
 
 def test_wires_of_a_diagram_that_is_a_block():
@@ -228,14 +257,14 @@ def test_wires_of_a_diagram_that_is_a_block():
         ("load", "x", "amplifier.y", "plant.x", "amplifier.y -> plant.u"),
         ("input", "x", "u", "", "u -> amplifier.u"),
     ]
-    output, _, load, _ = sites(outer, ["x"])
+    output, _, load, _ = insertion_points(outer, ["x"])
     friction = effect("coulomb_friction")
     for site, block in ((output, Bias()), (load, friction.block)):
         assert equations(site.put(outer, "more", block)).y
 
 
 def test_a_block_that_reads_is_wired_to_what_it_reads():
-    site = next(s for s in sites(tsm.load("tendon_sheath_linear"), ["x_out"]) if s.place == "across")
+    site = next(s for s in insertion_points(tsm.load("tendon_sheath_linear"), ["x_out"]) if s.place == "across")
     made = site.put(tsm.load("tendon_sheath_linear"), "more", effect("asymmetric_hysteresis").block)
     assert made.inputs["x_in"].ports == ("gain.u", "more.x")
     assert made.outputs["x_out"] == "more.y"
@@ -269,8 +298,8 @@ def test_each_block_gets_a_name_of_its_own():
     (first,), _ = offered(model, records, [gap])
     assert first.block == "backlash"
     assert first.free == ("backlash.half_width",)
-    problem, setup = posed_as(model, first.diagram, first.free, records, asked())
-    again = searched(problem, setup, problem.unknowns.start)
+    problem, setup = pose_extended(model, first.diagram, first.free, records, asked())
+    again = optimized(problem, setup, problem.unknowns.start)
     (second,), _ = offered(again, records, [gap])
     assert second.block == "backlash_2"
     assert {"backlash", "backlash_2"} <= set(second.diagram.blocks)
@@ -285,11 +314,11 @@ def test_start_values_keep_their_bounds_from_round_to_round():
     bounds = {f"{loop[0].block}.{k}": v for k, v in loop[0].trials.bounds.items()}
     how = asked(start_states=True)
     for bounded, diagram, more in ((bounds, loop[0].diagram, loop[0].free), ({}, loop[0].diagram, ())):
-        problem, setup = posed_as(model, diagram, more, records, how, bounded, loop[0].settled)
+        problem, setup = pose_extended(model, diagram, more, records, how, bounded, loop[0].initialised_states)
         starts = [i for i in problem.unknowns.items if i.parameter == "hysteresis.z"]
         assert len(starts) == len(records)
         assert {(i.low, i.high) for i in starts} == {(-1.0, 1.0)}
-        model = searched(problem, setup, problem.unknowns.start)
+        model = optimized(problem, setup, problem.unknowns.start)
 
 
 def test_a_candidate_that_makes_no_diagram_is_none():
@@ -320,7 +349,7 @@ def test_an_input_that_rests_has_no_gap():
         outputs={"y": "lag"},
     )
     records = {"one": tsm.Record("one", T, {"u": motion(0), "v": np.zeros_like(T), "y": motion(1)}, {})}
-    model = calibrated(diagram, records, Asked(("lag.time_constant",), {"y": SIGMA}, ("y",)))
+    model = calibrate(diagram, records, ModelSettings(("lag.time_constant",), {"y": SIGMA}, ("y",)))
     found, _ = offered(model, records, [e for e in catalogue() if e.name == "backlash"], outputs=["y"])
     assert [c.key for c in found] == [("backlash", "", "lag.y>"), ("backlash", "input", "u>")]
 
@@ -347,22 +376,24 @@ def test_an_effect_of_ones_own_is_among_the_candidates():
 def test_what_wires_carry_is_what_the_simulation_shows():
     records = recordings()
     model = fitted(records=records)
-    _, around = offered(model, records, [])
+    _, wires = offered(model, records, [])
     for k, record in enumerate(records.values()):
-        run = tsm.simulate(model.fitted, inputs={"x_in": (T, record["x_in"])}, stop=T[-1], step=STEP, hold="cubic")
-        assert around.signals["offset.y"][k] == pytest.approx(run["x_out"], abs=1e-12)
-        assert around.signals["x_in"][k] == pytest.approx(record["x_in"], abs=1e-12)
-    site = next(s for s in sites(model.fitted, ["x_out"]) if s.place == "across")
-    scales = around.scales(site)
-    assert (scales.wire, scales.other) == (around.span("offset.y"), around.span("x_in"))
+        run = tsm.simulate(
+            model.fitted_diagram, inputs={"x_in": (T, record["x_in"])}, stop=T[-1], step=STEP, hold="cubic"
+        )
+        assert wires.signals["offset.y"][k] == pytest.approx(run["x_out"], abs=1e-12)
+        assert wires.signals["x_in"][k] == pytest.approx(record["x_in"], abs=1e-12)
+    site = next(s for s in insertion_points(model.fitted_diagram, ["x_out"]) if s.place == "across")
+    scales = wires.scales(site)
+    assert (scales.wire, scales.other) == (wires.span("offset.y"), wires.span("x_in"))
     assert (scales.start, scales.stop, scales.step) == pytest.approx((0.0, T[-1], STEP))
-    assert around.first("x_in") == pytest.approx([r["x_in"][0] for r in records.values()])
+    assert wires.initial_values("x_in") == pytest.approx([r["x_in"][0] for r in records.values()])
 
 
 @pytest.mark.parametrize("frequency", [0.71, 3.37, 11.3])
 def test_the_frequency_of_what_is_left(frequency):
     records = recordings(more=lambda t, y: y + 0.02 * np.sin(2 * np.pi * frequency * t))
-    assert lines(fitted(records=records))[0] == pytest.approx(frequency, abs=0.02)
+    assert spectral_lines(fitted(records=records))[0] == pytest.approx(frequency, abs=0.02)
 
 
 # ---- blocks held out
@@ -371,7 +402,7 @@ def test_the_frequency_of_what_is_left(frequency):
 @pytest.mark.parametrize("plant", ["tendon_sheath_linear", "tendon_sheath_symmetric"])
 def test_blocks_cover_everything_once(plant):
     model = fitted(plant)
-    part = parts(model.problem)
+    part = time_blocks(model.problem)
     n = model.problem.samples
     assert len(part.block) == len(part.fold) == len(part.experiment) == n == 2 * len(T)
     assert part.sizes.sum() == n
@@ -384,7 +415,7 @@ def test_blocks_cover_everything_once(plant):
         assert len(set(part.experiment[rows])) == 1
     r = np.random.default_rng(0).standard_normal(n)
     assert part.losses(r) == pytest.approx([np.mean(r[part.block == b] ** 2) for b in range(len(part.sizes))])
-    assert mean(part.losses(r), part) == pytest.approx(np.mean(r**2))
+    assert mean_loss(part.losses(r), part) == pytest.approx(np.mean(r**2))
 
 
 def refitted(model, part, pull, null):
@@ -401,17 +432,17 @@ def refitted(model, part, pull, null):
 @pytest.mark.parametrize("pull", [(0.0, 0.0), (3e4, 0.0), (1e3, 2e5)])
 def test_held_out_is_the_exact_refit_of_a_linear_model(pull):
     model = fitted()
-    part, pull, null = parts(model.problem), np.array(pull), np.array([1.0, 0.02])
+    part, pull, null = time_blocks(model.problem), np.array(pull), np.array([1.0, 0.02])
     for groups in (part.fold, part.experiment, part.block):
-        got = held_out(model, groups, pull, null)
+        got = held_out_residuals(model, groups, pull, null)
         assert got == pytest.approx(refitted(model, groups, pull, null), abs=1e-7)
         assert np.abs(got - model.r).max() > 1e-3
 
 
 def test_held_out_is_close_to_the_refit_of_the_paper_model():
     model = fitted("tendon_sheath_asymmetric", start_states=False)
-    part, n = parts(model.problem), len(model.theta)
-    got = part.losses(held_out(model, part.fold, np.zeros(n), model.theta))
+    part, n = time_blocks(model.problem), len(model.theta)
+    got = part.losses(held_out_residuals(model, part.fold, np.zeros(n), model.theta))
     made = np.empty_like(model.r)
     for g in range(3):
         held = part.fold == g
@@ -430,9 +461,9 @@ def test_held_out_is_close_to_the_refit_of_the_paper_model():
 def test_start_values_are_never_held_out():
     """What they take up in their experiment is taken off the slopes of all others, as least squares does."""
     model = fitted("tendon_sheath_asymmetric")
-    local, trials = model.local, model.problem.trials
+    local, trials = model.is_local, model.problem.trials
     assert local.sum() == len(trials) == 2
-    made = settled(model)
+    made = projected_jacobian(model)
     assert made.shape == (model.problem.samples, (~local).sum())
     for e, segment in enumerate(model.problem.segments):
         own = [k for k in model.problem.unknowns.columns(e) if local[k]]
@@ -446,7 +477,7 @@ def test_start_values_are_never_held_out():
 def test_what_one_part_alone_determines_does_not_explode():
     """A column that is zero outside one block, with and without a pull to its null."""
     model = fitted()
-    part = parts(model.problem)
+    part = time_blocks(model.problem)
     spike = np.where(part.block == 5, 10.0, 0.0)
     J = np.column_stack([model.J, spike])
     items = (*model.problem.unknowns.items, SimpleNamespace(experiment="", parameter="own", name="own"))
@@ -462,8 +493,8 @@ def test_what_one_part_alone_determines_does_not_explode():
             unknowns=SimpleNamespace(items=items, columns=lambda e: range(3)),
         ),
     )
-    free = held_out(wide, part.fold, np.zeros(3), wide.theta)
-    drawn = held_out(wide, part.fold, np.array([0, 0, 1.0]), np.zeros(3))
+    free = held_out_residuals(wide, part.fold, np.zeros(3), wide.theta)
+    drawn = held_out_residuals(wide, part.fold, np.array([0, 0, 1.0]), np.zeros(3))
     assert np.isfinite(free).all()
     assert np.abs(free - model.r).max() < 1e3
     assert drawn[part.block == 5] == pytest.approx(wide.r[part.block == 5] - 10.0, abs=0.5)
@@ -473,7 +504,7 @@ def test_what_one_part_alone_determines_does_not_explode():
 
 
 def even(blocks, size=50):
-    return Parts(
+    return TimeBlocks(
         np.repeat(np.arange(blocks), size),
         np.repeat(np.arange(blocks) % 10, size),
         np.zeros(blocks * size, dtype=int),
@@ -483,14 +514,14 @@ def even(blocks, size=50):
 
 def uneven(sizes):
     block = np.repeat(np.arange(len(sizes)), sizes)
-    return Parts(block, block % 10, 0 * block, np.array(sizes, dtype=float))
+    return TimeBlocks(block, block % 10, 0 * block, np.array(sizes, dtype=float))
 
 
 @given(st.integers(2, 40), st.integers(0, 1000))
 def test_student_of_even_blocks(blocks, seed):
     gains = np.random.default_rng(seed).normal(0.3, 1.0, (3, blocks))
     expected = gains.mean(1) / (gains.std(1, ddof=1) / np.sqrt(blocks))
-    assert student(gains, even(blocks)) == pytest.approx(expected)
+    assert t_statistics(gains, even(blocks)) == pytest.approx(expected)
 
 
 def test_student_weighs_blocks_by_their_samples():
@@ -501,17 +532,17 @@ def test_student_weighs_blocks_by_their_samples():
     w = np.array(sizes) / sum(sizes)
     centre = float(w @ gain)
     error = np.sqrt(sum((w_k * (g - centre)) ** 2 for w_k, g in zip(w, gain, strict=True)) * 4 / 3)
-    assert student(gain[None], part)[0] == pytest.approx(centre / error)
-    assert mean(gain, part) == pytest.approx(np.repeat(gain, sizes).mean())
+    assert t_statistics(gain[None], part)[0] == pytest.approx(centre / error)
+    assert mean_loss(gain, part) == pytest.approx(np.repeat(gain, sizes).mean())
 
 
 def test_the_line_is_that_of_all_signs():
     """With few blocks every draw of signs can be listed."""
     gains, part = np.random.default_rng(3).normal(0, 1, (4, 9)), even(9)
-    highest = [student(gains * np.array(s), part).max() for s in itertools.product([-1.0, 1.0], repeat=9)]
-    line = max_t_line(gains, part, 0)
+    highest = [t_statistics(gains * np.array(s), part).max() for s in itertools.product([-1.0, 1.0], repeat=9)]
+    line = max_t_critical_value(gains, part, 0)
     assert np.mean(np.array(highest) > line) == pytest.approx(0.05, abs=0.02)
-    assert max_t_line(gains, part, 0) == line
+    assert max_t_critical_value(gains, part, 0) == line
 
 
 def test_chance_passes_the_line_one_time_in_twenty():
@@ -519,7 +550,7 @@ def test_chance_passes_the_line_one_time_in_twenty():
     part = even(30)
     for seed in range(200):
         gains = rng.normal(0, 1, (6, 30))
-        passed += student(gains, part).max() > max_t_line(gains, part, seed)
+        passed += t_statistics(gains, part).max() > max_t_critical_value(gains, part, seed)
     assert 2 <= passed <= 20
 
 
@@ -530,7 +561,7 @@ def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
     model = SimpleNamespace(theta=np.zeros(count), local=np.zeros(count, bool), problem=problem)
     effect = SimpleNamespace(name=name, within=("p0",), contains=contains)
     candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"))
-    return Tried(candidate, model, losses, losses, float(np.mean(losses)))
+    return FittedCandidate(candidate, model, losses, losses, float(np.mean(losses)))
 
 
 NOISE = np.random.default_rng(8).normal(0, 0.05, (4, 60))
@@ -541,10 +572,12 @@ def test_the_one_that_removes_most_is_named():
     worse, best = stand_in(2.0 + NOISE[1]), stand_in(1.0 + NOISE[2])
     verdict = decide(base, [worse, best], part, 1.0, 0)
     assert verdict.named is best
-    assert verdict.alike == (best,)
+    assert verdict.indistinguishable == (best,)
     assert verdict.ranking == (best, worse)
-    assert list(verdict.t) == pytest.approx(list(student(np.array([base - best.losses, base - worse.losses]), part)))
-    assert verdict.t[0] > verdict.line
+    assert list(verdict.t) == pytest.approx(
+        list(t_statistics(np.array([base - best.losses, base - worse.losses]), part))
+    )
+    assert verdict.t[0] > verdict.critical_value
 
 
 def test_of_those_alike_the_simplest_is_named():
@@ -553,23 +586,23 @@ def test_of_those_alike_the_simplest_is_named():
     far = stand_in(2.2 + NOISE[2], 2)
     verdict = decide(base, [far, best, simple], part, 1.0, 0)
     assert verdict.named is simple
-    assert verdict.alike == (simple, best)
+    assert verdict.indistinguishable == (simple, best)
 
 
 def test_a_better_one_by_more_than_scatter_stands_alone():
     part, base = even(60), 3.0 + NOISE[0]
     best, second = stand_in(1.0 + NOISE[1]), stand_in(1.0 + NOISE[1] + 0.2 + 0.1 * NOISE[2])
-    assert decide(base, [best, second], part, 1.0, 0).alike == (best,)
+    assert decide(base, [best, second], part, 1.0, 0).indistinguishable == (best,)
     unsure = stand_in(1.0 + NOISE[1] + 0.2 + 60 * NOISE[2] * np.sign(NOISE[2].mean()))
     if unsure.loss > best.loss:
-        assert unsure in decide(base, [best, unsure], part, 1.0, 0).alike
+        assert unsure in decide(base, [best, unsure], part, 1.0, 0).indistinguishable
 
 
 @pytest.mark.parametrize(
     ("base", "left", "named"),
     [
-        (3.0, 3.0 - 0.9 * MATERIAL, False),  # not worth a name
-        (3.0, 3.0 - 1.1 * MATERIAL, True),
+        (3.0, 3.0 - 0.9 * MIN_VARIANCE_REDUCTION, False),  # not worth a name
+        (3.0, 3.0 - 1.1 * MIN_VARIANCE_REDUCTION, True),
         (1.04, 0.9, False),  # nothing was left to explain
         (1.06, 0.9, True),
     ],
@@ -595,20 +628,20 @@ def test_a_special_case_that_does_nearly_as_much_is_named(share, plain):
     special = stand_in(3.0 - 2.0 * share + NOISE[1], 3, name="gap")
     verdict = decide(base, [general, special], part, 1.0, 0)
     assert verdict.named is (special if plain else general)
-    assert verdict.alike == ((special, general) if plain else (general,))
+    assert verdict.indistinguishable == ((special, general) if plain else (general,))
 
 
 def test_a_general_form_that_does_no_better_is_no_other_name():
     part, base = even(60), 3.0 + NOISE[0]
     general = stand_in(1.0 + NOISE[1], 5, name="memory", contains=("gap",))
     special = stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 3, name="gap")
-    assert decide(base, [general, special], part, 1.0, 0).alike == (special,)
+    assert decide(base, [general, special], part, 1.0, 0).indistinguishable == (special,)
 
 
 def test_start_values_make_no_effect_less_simple():
     part, base = even(60), 3.0 + NOISE[0]
     best, started = stand_in(1.0 + NOISE[1], 3), stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 12)
-    started.model.local[2:] = True
+    started.model.is_local[2:] = True
     assert decide(base, [best, started], part, 1.0, 0).named is started
 
 
@@ -623,13 +656,13 @@ def test_what_ran_into_the_bound_of_its_name_is_not_named():
     part, base = even(60), 3.0 + NOISE[0]
     out = stand_in(1.0 + NOISE[1], edge=0.0)
     near, far = (stand_in(1.0 + NOISE[1] + share * BEYOND * 2.0) for share in (0.5, 1.5))
-    assert (out.outside, near.outside) == (("p0",), ())
+    assert (out.disqualifying_bounds, near.disqualifying_bounds) == (("p0",), ())
     verdict = decide(base, [out, near], part, 1.0, 0)
     assert verdict.named is near
-    assert verdict.alike == (near,)
+    assert verdict.indistinguishable == (near,)
     assert verdict.ranking == (near, out)
-    assert decide(base, [out, far], part, 1.0, 0).beyond == out.loss
-    assert decide(base, [out, near], part, 1.0, 0).beyond == np.inf
+    assert decide(base, [out, far], part, 1.0, 0).exceeds_range == out.loss
+    assert decide(base, [out, near], part, 1.0, 0).exceeds_range == np.inf
     assert decide(base, [far], part, 1.0, 0).named is far
     assert decide(base, [out], part, 1.0, 0).named is None
 
@@ -646,7 +679,7 @@ def test_what_shows_now_and_then_is_named():
     gain = 0.001 * NOISE[1]
     gain[[7, 8, 31]] += 12.0
     verdict = decide(3.0 + NOISE[0], [stand_in(3.0 + NOISE[0] - gain)], even(60), 1.0, 0)
-    assert verdict.t[0] < 1.01 * verdict.line
+    assert verdict.t[0] < 1.01 * verdict.critical_value
     assert verdict.named is not None
 
 
@@ -670,11 +703,11 @@ def exact_fall(model, columns):
 def test_what_an_effect_that_is_linear_in_its_size_promises(name, hidden, columns):
     records = recordings(more=hidden)
     model = fitted(records=records)
-    found, around = offered(model, records, [effect(name)])
-    got = promise(found[0], model, records, asked(), around, absorbing(model), 1.0)
-    outputs = [y / SIGMA for y in around.signals["offset.y"]]
-    middle = around.span("offset.y").middle
-    away = np.concatenate(around.signals["offset.y"]) - middle
+    found, wires = offered(model, records, [effect(name)])
+    got = screening_score(found[0], model, records, asked(), wires, base_subspace(model), 1.0)
+    outputs = [y / SIGMA for y in wires.signals["offset.y"]]
+    middle = wires.span("offset.y").middle
+    away = np.concatenate(wires.signals["offset.y"]) - middle
     t = np.concatenate([T] * len(outputs))
     powers = {"drift": [t, t**2], "even_nonlinearity": [away**2, away**4], "odd_nonlinearity": [away**3, away**5]}
     used = powers[name][: len(found[0].trials.strengths)]
@@ -685,7 +718,7 @@ def test_what_an_effect_that_is_linear_in_its_size_promises(name, hidden, column
         assert left @ left == pytest.approx(model.r @ model.r - fall, rel=1e-2)
     assert got.gain >= 0.98 * fall
     assert got.gain > 100
-    assert np.abs(absorbing(model).basis.T @ got.z).max() < 1e-6 * np.sqrt(got.z @ got.z)
+    assert np.abs(base_subspace(model).basis.T @ got.z).max() < 1e-6 * np.sqrt(got.z @ got.z)
 
 
 def test_what_the_base_absorbs_promises_nothing():
@@ -702,12 +735,12 @@ def test_what_the_base_absorbs_promises_nothing():
         ("bias",),
         lambda scales: Trials({"bias": 0.1}),
     )
-    (one_more,), around = offered(model, records, [again])
-    got = promise(one_more, model, records, asked(), around, absorbing(model), 1.0)
+    (one_more,), wires = offered(model, records, [again])
+    got = screening_score(one_more, model, records, asked(), wires, base_subspace(model), 1.0)
     assert abs(got.gain) < 1e-3
-    fit = absorbing(model)
+    fit = base_subspace(model)
     assert fit.basis.T @ fit.basis == pytest.approx(np.eye(fit.basis.shape[1]), abs=1e-9)
-    assert fit.basis == pytest.approx(model.J @ fit.back, abs=1e-9)
+    assert fit.basis == pytest.approx(model.J @ fit.to_unknowns, abs=1e-9)
 
 
 def test_a_promise_is_kept():
@@ -719,9 +752,9 @@ def test_a_promise_is_kept():
         y = tsm.simulate(plant, inputs={"x_in": (T, record["x_in"])}, stop=T[-1], step=STEP, hold="cubic")["x_out"]
         records[name] = record.with_signal("x_out", y + SIGMA * rng.standard_normal(len(T)), "rad")
     model = fitted(records=records)
-    (gap,), around = offered(model, records, [effect("backlash")])
-    got = promise(gap, model, records, asked(), around, absorbing(model), 1.0)
-    end = searched(got.problem, got.setup, got.starts[0])
+    (gap,), wires = offered(model, records, [effect("backlash")])
+    got = screening_score(gap, model, records, asked(), wires, base_subspace(model), 1.0)
+    end = optimized(got.problem, got.setup, got.starts[0])
     fall = model.r @ model.r - end.r @ end.r
     assert 0.5 * fall < got.gain < 1.5 * fall
     assert end.values["backlash.half_width"] == pytest.approx(0.05, rel=0.05)
@@ -742,7 +775,7 @@ def test_carried_noise_against_many_draws(plant):
 
     raw = with_noise()
     model = fitted(plant, all_conditioned(raw, ["x_in"]))
-    diagram = model.fitted
+    diagram = model.fitted_diagram
 
     def out(x):
         return tsm.simulate(diagram, inputs={"x_in": (T, x)}, stop=T[-1], step=STEP, hold="cubic")["x_out"]
@@ -752,12 +785,12 @@ def test_carried_noise_against_many_draws(plant):
         for name, record in with_noise().items():
             change = out(conditioned(record, ["x_in"])["x_in"]) - true[name]
             draws.append(np.mean(change**2) / SIGMA**2)
-    told = np.mean([carried(model, raw, ["x_in"], seed) for seed in range(24)])
+    told = np.mean([propagated_input_noise(model, raw, ["x_in"], seed) for seed in range(24)])
     assert told == pytest.approx(np.mean(draws), rel=0.35)
-    assert carried(model, raw, ["x_in"], 1) == carried(model, raw, ["x_in"], 1)
+    assert propagated_input_noise(model, raw, ["x_in"], 1) == propagated_input_noise(model, raw, ["x_in"], 1)
 
 
 def test_clean_inputs_carry_nothing():
     records = recordings()
-    assert carried(fitted(records=records), records, ["x_in"], 0) == pytest.approx(0.0, abs=1e-9)
-    assert carried(fitted(records=records), records, [], 0) == 0.0
+    assert propagated_input_noise(fitted(records=records), records, ["x_in"], 0) == pytest.approx(0.0, abs=1e-9)
+    assert propagated_input_noise(fitted(records=records), records, [], 0) == 0.0

@@ -12,10 +12,10 @@ from tests.diagnoses import NAMED, NONE
 from tests.diagnoses import diagnosis as made_up
 from tsmblocks.blocks import Bias, Gain
 from tsmblocks.diagnosis import script
-from tsmblocks.diagnosis.insertion_points import Site, sites
+from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
-from tsmblocks.diagnosis.presentation import fitted_rms, histories
-from tsmblocks.diagnosis.script import MOST, code, literal, source
+from tsmblocks.diagnosis.presentation import fitted_rms, output_traces
+from tsmblocks.diagnosis.script import MOST, diagram_source, literal, script_lines
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import PLACES
 from tsmblocks.fitting.text import cautions
@@ -50,7 +50,7 @@ def found():
 def told(diagnosis):
     """The rms by experiment that the report tells of the last model, in the diagram's unit."""
     (segment,) = diagnosis.segments
-    return {t.experiment: fitted_rms(t)[1] for t in histories(segment, "x_out")}
+    return {t.experiment: fitted_rms(t)[1] for t in output_traces(segment, "x_out")}
 
 
 def run(lines, recordings):
@@ -84,14 +84,14 @@ def test_from_the_folder_and_the_recordings_alone_the_errors_are_found_again(fou
 
 
 def test_pasted_lines_make_the_same_diagram_and_find_the_same_errors(found):
-    names, scored = run(code(found), RECORDINGS)
+    names, scored = run(script_lines(found), RECORDINGS)
     assert names["diagram"] == found.augmented
     assert names["diagram"].parameters == found.augmented.parameters
     assert scored == pytest.approx(told(found), rel=1e-9)
 
 
 def test_what_is_printed_and_what_stands_on_the_page_are_these_lines(found):
-    assert "\n".join(f"  {line}".rstrip() for line in code(found)) in str(found)
+    assert "\n".join(f"  {line}".rstrip() for line in script_lines(found)) in str(found)
 
 
 def test_diagrams_have_the_start_states_of_their_experiment(found):
@@ -111,8 +111,8 @@ def test_a_window_is_part_of_the_lines():
         window={"full": (1.0, None)},
         condition=False,
     )
-    names, scored = run(code(found), RECORDINGS)
-    assert "conditioned" not in "\n".join(code(found))
+    names, scored = run(script_lines(found), RECORDINGS)
+    assert "conditioned" not in "\n".join(script_lines(found))
     assert names["diagram"] == found.augmented
     assert scored == pytest.approx(told(found), rel=1e-9)
 
@@ -122,7 +122,7 @@ def test_start_states_of_many_experiments_are_read_from_the_file(found, tmp_path
     many = attrs.evolve(found, simulated=attrs.evolve(found.simulated, start_states=starts))
     many.save(tmp_path)
     monkeypatch.chdir(tmp_path)
-    _, scored = run(code(many), {"e3": RECORDINGS["full"]})
+    _, scored = run(script_lines(many), {"e3": RECORDINGS["full"]})
     assert scored == {"e3": pytest.approx(told(found)["full"], rel=1e-9)}
 
 
@@ -137,20 +137,20 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
     found = tsm.diagnose(motor, one, noise_floor="0.002rad", effects=["load_offset"])
     assert found.simulated is not None
     assert list(found.simulated.pieces) == ["run#1", "run#2", "run#3", "run#4"]
-    names, scored = run(code(found), {"run": one})
+    names, scored = run(script_lines(found), {"run": one})
     assert names["diagram"] == found.augmented
     pieces = {trace.experiment: fitted_rms(trace)[1] for trace in found.segments[0].traces}
     assert scored == pytest.approx(pieces, rel=1e-9)
     found.save(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(script, "MOST", 3)
-    assert "pieces = told['simulated']['pieces']" in code(found)
-    assert run(code(found), {"run": one})[1] == pytest.approx(pieces, rel=1e-9)
+    assert "pieces = told['simulated']['pieces']" in script_lines(found)
+    assert run(script_lines(found), {"run": one})[1] == pytest.approx(pieces, rel=1e-9)
 
 
 def test_of_a_chain_only_the_diagram_is_made():
     motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
-    lines = code(made_up(motor, NAMED))
+    lines = script_lines(made_up(motor, NAMED))
     assert "# the errors told are those of each part, driven by what was measured in front of it" in lines
     assert "start_states = {" in lines
     assert not any("tsm.score" in line for line in lines)
@@ -173,7 +173,7 @@ def outputs_of(diagram):
 @pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name} {e.variant}".strip())
 def test_an_expression_of_a_script_puts_each_effect_where_it_was_put(effect):
     diagram = bench(effect.place)
-    places = [one for one in sites(diagram, outputs_of(diagram)) if one.place == effect.place]
+    places = [one for one in insertion_points(diagram, outputs_of(diagram)) if one.place == effect.place]
     assert places
     for place in places:
         text = place.code("added", effect.block).replace("…", literal(effect.block), 1)
@@ -202,7 +202,7 @@ def test_a_block_of_several_outputs_is_put_there_by_the_same_expression():
         outputs={"y": "both", "half": "a"},
     )
     diagram = tsm.load("tendon_sheath_linear").insert("front", Gain(), before="gain.u")
-    place = Site("across", "x_out", "offset.y", "front.y", after="offset.y")
+    place = InsertionPoint("across", "x_out", "offset.y", "front.y", after="offset.y")
     text = place.code("added", two).replace("…", literal(two), 1)
     assert eval(text, names_of(diagram)) == place.put(diagram, "added", two)
 
@@ -215,10 +215,10 @@ def test_numbers_without_end_and_options_are_written_so_that_they_can_be_read():
 
 
 def test_a_diagram_is_loaded_by_the_name_under_which_it_was_found(tmp_path):
-    assert source(tsm.load("tendon_sheath_linear")) == "tendon_sheath_linear"
+    assert diagram_source(tsm.load("tendon_sheath_linear")) == "tendon_sheath_linear"
     tsm.save(tsm.load("tendon_sheath_linear"), tmp_path / "mine.toml")
-    assert source(tsm.load(tmp_path / "mine.toml")) == str(tmp_path / "mine.toml")
-    assert source(tsm.Diagram(blocks={"a": Bias()}, inputs={"u": "a.u"})) == ""
+    assert diagram_source(tsm.load(tmp_path / "mine.toml")) == str(tmp_path / "mine.toml")
+    assert diagram_source(tsm.Diagram(blocks={"a": Bias()}, inputs={"u": "a.u"})) == ""
 
 
 # ---- what to beware of

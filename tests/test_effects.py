@@ -17,7 +17,7 @@ from tests.mistakes import diagnosing
 from tests.mistakes.table import TABLE, said
 from tsmblocks.blocks import AsymmetricBoucWen, Bias, Gain
 from tsmblocks.common.errors import ParameterError, TsmError
-from tsmblocks.diagnosis.insertion_points import sites
+from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, span_of
 from tsmblocks.effects.effect import PLACES
 from tsmblocks.model.block import REGISTRY, leaves
@@ -93,7 +93,7 @@ def edits(name):
     """Every effect on every wire of a shipped diagram: the effect, its site, what is tried, and the diagram at null."""
     diagram, refused = plant(name), set()
     outputs = [k for k in diagram.outputs if k != "x_ref"]
-    for site in sites(diagram, outputs):
+    for site in insertion_points(diagram, outputs):
         for effect in catalogue():
             if effect.place != site.place:
                 continue

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from tsmblocks.diagnosis import forward_selection
-from tsmblocks.diagnosis.cross_validation import Parts
-from tsmblocks.diagnosis.forward_selection import Round, Search, counted, exchanged, forward
+from tsmblocks.diagnosis.cross_validation import TimeBlocks
+from tsmblocks.diagnosis.forward_selection import (
+    SearchContext,
+    SearchRound,
+    accepted_count,
+    exchange_effects,
+    forward_search,
+)
 
-ONE = Parts(np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.ones(1))
+ONE = TimeBlocks(np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.ones(1))
 WORTH = 0.05
 
 
@@ -22,26 +28,26 @@ class Table:
 
     def __init__(self, left, contains, beyond):
         self.left = {frozenset(k): v for k, v in left.items()}
-        self.beyond = {frozenset(k): v for k, v in beyond.items()}
+        self.out_of_bounds_loss = {frozenset(k): v for k, v in beyond.items()}
         self.effects = [effect(k, contains.get(k, ())) for k in "ABCD"]
 
     def loss(self, model):
         return min(v for k, v in self.left.items() if k <= model)
 
-    def look(self, model, known, search):
+    def search_round(self, model, known, search):
         offered = [e for e in search.effects if e.name not in model]
         best = min(offered, key=lambda e: self.loss(model | {e.name}), default=None)
         passes = best is not None and self.loss(model) - self.loss(model | {best.name}) > WORTH
         named = self.named(best, model | {best.name}) if passes else None
         verdict = SimpleNamespace(
             named=named,
-            alike=(named,) if passes else (),
+            indistinguishable=(named,) if passes else (),
             ranking=(),
             t=(),
-            line=0.0,
-            beyond=self.beyond.get(model, float("inf")),
+            critical_value=0.0,
+            out_of_bounds_loss=self.out_of_bounds_loss.get(model, float("inf")),
         )
-        return Round(model, np.array([self.loss(model)]), np.array([0.0]), (), verdict)
+        return SearchRound(model, np.array([self.loss(model)]), np.array([0.0]), (), verdict)
 
     @staticmethod
     def named(one, model):
@@ -55,21 +61,21 @@ def searching(monkeypatch):
     def search(left, contains=None, beyond=None):
         table = Table(left, contains or {}, beyond or {})
         for module in (forward_selection,):
-            monkeypatch.setattr(module, "look", table.look)
-        for name in ("polished", "settled_memories"):
+            monkeypatch.setattr(module, "search_round", table.search_round)
+        for name in ("converged", "refine_memories"):
             monkeypatch.setattr(forward_selection, name, lambda model: model)
-        monkeypatch.setattr(forward_selection, "sizes_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
-        whole = Search({}, None, table.effects, ONE, 1.0, lambda *_: None)
+        monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
+        whole = SearchContext({}, None, table.effects, ONE, 1.0, lambda *_: None)
         greedy = []
-        forward(frozenset(), {}, whole, greedy)
-        last = exchanged(greedy, whole)
+        forward_search(frozenset(), {}, whole, greedy)
+        last = exchange_effects(greedy, whole)
         return names(greedy, whole), names(last, whole), last
 
     return search
 
 
 def names(rounds, search):
-    return "".join(r.verdict.named.candidate.effect.name for r in rounds[: counted(rounds, search)])
+    return "".join(r.verdict.named.candidate.effect.name for r in rounds[: accepted_count(rounds, search)])
 
 
 def test_an_effect_that_stood_for_two_is_dropped(searching):
@@ -81,15 +87,15 @@ def test_an_effect_that_stood_for_two_is_dropped(searching):
 def test_an_effect_that_imitated_another_beside_a_third_is_exchanged_in_its_place(searching):
     before, after, rounds = searching({"": 20, "A": 6, "B": 9, "C": 11, "AB": 1.04, "BC": 1.0})
     assert (before, after) == ("AB", "CB")
-    assert rounds[0].widest.narrow is False
-    assert [one.candidate.effect.name for one in rounds[0].alike] == ["C"]
+    assert rounds[0].most_complete.single_effect is False
+    assert [one.candidate.effect.name for one in rounds[0].indistinguishable] == ["C"]
 
 
 def test_what_is_named_again_beside_the_others_stays(searching):
     before, after, rounds = searching({"": 20, "A": 6, "B": 9, "AB": 1.0})
     assert (before, after) == ("AB", "AB")
-    assert rounds[0].beside is not None
-    assert rounds[0].widest is rounds[0]
+    assert rounds[0].repeated is not None
+    assert rounds[0].most_complete is rounds[0]
 
 
 def test_a_more_general_form_of_what_was_named_takes_no_place(searching):
@@ -108,7 +114,7 @@ def test_what_left_its_bounds_must_be_explained_by_all_together(searching, beyon
 def test_one_effect_is_not_looked_at_again(searching):
     before, after, rounds = searching({"": 20, "A": 1.0})
     assert (before, after) == ("A", "A")
-    assert rounds[0].beside is None
+    assert rounds[0].repeated is None
 
 
 def test_nothing_stays_nothing(searching):

@@ -42,13 +42,13 @@ def test_a_model_that_runs_ahead_as_much_is_no_wonder():
     assert runs_ahead(NAMES, T, X, speed, 0.5 * speed) == ""
 
 
-def exchanged():
+def exchange_effects():
     y = gap(X) + 0.003 * np.random.default_rng(2).standard_normal(len(T))
     return tsm.Record("run", T, {"x_in": y, "x_out": X}, {"x_in": "rad", "x_out": "rad"})
 
 
 def test_a_fit_to_columns_that_were_exchanged_says_so():
-    found = tsm.fit(tsm.load("tendon_sheath_play"), exchanged())
+    found = tsm.fit(tsm.load("tendon_sheath_play"), exchange_effects())
     (words,) = [text for text in found.notes if "ahead" in text]
     assert words.startswith("run: x_out runs 0.0")
     assert words.endswith(
@@ -58,7 +58,7 @@ def test_a_fit_to_columns_that_were_exchanged_says_so():
 
 def test_a_diagnosis_of_columns_that_were_exchanged_says_so_beside_the_name():
     found = tsm.diagnose(
-        tsm.load("tendon_sheath_play"), exchanged(), noise_floor="0.003 rad", effects=["backlash", "creep"]
+        tsm.load("tendon_sheath_play"), exchange_effects(), noise_floor="0.003 rad", effects=["backlash", "creep"]
     )
     assert found.verdict != "none"
     assert " But x_out runs 0.0" in found.sentence

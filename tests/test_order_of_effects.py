@@ -7,7 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Play
-from tsmblocks.diagnosis.insertion_points import sites
+from tsmblocks.diagnosis.insertion_points import insertion_points
 
 DEG = np.pi / 180
 HALF, SLOPES, BENDS, NOISE = 1.2, (0.905, 0.93), 0.1, 0.06
@@ -125,10 +125,10 @@ def test_wires_in_front_of_blocks_that_were_named_are_places_too():
         .insert("gap", Play(), after="offset.y")
         .insert("more", Gain(), after="gap.y")
     )
-    plain = sites(model, ["x_out"])
-    further = [s for s in sites(model, ["x_out"], named={"gap", "more"}) if s not in plain]
+    plain = insertion_points(model, ["x_out"])
+    further = [s for s in insertion_points(model, ["x_out"], named={"gap", "more"}) if s not in plain]
     assert [(s.place, s.signal, s.before) for s in further] == [
         ("output", "offset.y", "gap.u"),
         ("across", "offset.y", "gap.u"),
     ]
-    assert [s for s in sites(model, ["x_out"], named={"gap"}) if s not in plain] == []
+    assert [s for s in insertion_points(model, ["x_out"], named={"gap"}) if s not in plain] == []

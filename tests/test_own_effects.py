@@ -6,7 +6,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Bias, Constant, Gain, Integrator, Overflow, Sum
 from tsmblocks.common.errors import DiagramError
-from tsmblocks.diagnosis.insertion_points import sites
+from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.effects import Effect, Trials, registered
 
 TANKS = tsm.Diagram(
@@ -56,7 +56,7 @@ def overflow(place="u -> upper_flow.plus", reads="upper"):
 
 
 def site_of(diagram, effect):
-    return [s for s in sites(diagram, ["y"], [effect]) if s.place == effect.place]
+    return [s for s in insertion_points(diagram, ["y"], [effect]) if s.place == effect.place]
 
 
 def test_it_stands_on_its_wire_reads_its_signal_and_changes_the_rest():

@@ -125,7 +125,7 @@ def test_a_diagnosis_is_told_in_this_order():
 
 
 def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
-    assert telling.verdict(UNKNOWN) == (
+    assert telling.verdict_sentence(UNKNOWN) == (
         "Between x_in and x_out the model misses something that no block of the catalogue explains: the best removes "
         "24 % of the error. Where it is: the error has one sign forwards and the other backwards. The error of x_out on "
         "data held out is 0.520 deg rms, its noise 0.100."
@@ -133,15 +133,15 @@ def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
 
 
 def test_the_verdict_none_says_how_close_the_noise_is():
-    assert telling.verdict(NONE) == (
+    assert telling.verdict_sentence(NONE) == (
         "Between x_in and x_out nothing is missing that these data could show. The error of x_out on data held out is "
         "0.103 deg rms, its noise 0.100. There is a weak excess, below what these data can name."
     )
-    assert telling.verdict(attrs.evolve(NONE, excess=0.01)).endswith("its noise 0.100.")
+    assert telling.verdict_sentence(attrs.evolve(NONE, excess=0.01)).endswith("its noise 0.100.")
 
 
 def test_nothing_is_said_of_where_when_no_coordinate_foretells_the_error():
-    assert "Where it is: it follows none of the coordinates looked at." in telling.verdict(
+    assert "Where it is: it follows none of the coordinates looked at." in telling.verdict_sentence(
         attrs.evolve(UNKNOWN, where=())
     )
 
@@ -156,7 +156,7 @@ def test_several_segments_are_told_apart_with_those_that_miss_something_first():
 
 def test_two_effects_of_one_name_are_told_by_their_blocks():
     second = attrs.evolve(BACKLASH, block="backlash_2", wire="backlash.y -> x_out", also_possible=())
-    found = telling.verdict(attrs.evolve(NAMED, effects=(BACKLASH, second)))
+    found = telling.verdict_sentence(attrs.evolve(NAMED, effects=(BACKLASH, second)))
     assert found.startswith(
         "Between x_in and x_out the model misses a backlash gap (backlash on offset.y -> x_out, half_width 0.500 ± 0.020 "
         "deg) and a backlash gap (backlash as block backlash_2 on backlash.y -> x_out, half_width 0.500 ± 0.020 deg). "
@@ -167,11 +167,11 @@ def test_two_effects_of_one_name_are_told_by_their_blocks():
 def test_the_output_furthest_above_its_noise_is_the_one_told():
     (gap,) = NAMED.gaps
     other = attrs.evolve(gap, output="u", unit="V", noise_floor=0.01, held_out=(2.0, 0.02), train=(2.0, 0.02))
-    assert "the error of u on data held out falls from 2.00 to 0.0200 V rms (noise 0.0100)" in telling.verdict(
+    assert "the error of u on data held out falls from 2.00 to 0.0200 V rms (noise 0.0100)" in telling.verdict_sentence(
         attrs.evolve(NAMED, gaps=(gap, other))
     )
     bare = attrs.evolve(NAMED, gaps=(attrs.evolve(other, unit=""),))
-    assert "falls from 2.00 to 0.0200 rms (noise 0.0100)" in telling.verdict(bare)
+    assert "falls from 2.00 to 0.0200 rms (noise 0.0100)" in telling.verdict_sentence(bare)
 
 
 def test_a_compensator_that_does_no_better_is_explained():
@@ -188,12 +188,12 @@ def test_a_compensator_that_does_no_better_is_explained():
 def test_what_is_left_after_all_that_was_named_is_told():
     left = attrs.evolve(NAMED.gaps[0], held_out=(0.52 * DEG, 0.17 * DEG))
     words = "That is still 1.7 times the noise: something is left that no effect of the catalogue explains."
-    assert words in telling.verdict(attrs.evolve(NAMED, gaps=(left,)))
+    assert words in telling.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
     first = tuple(r for r in NAMED.ranking if r.round == 1)
-    assert "something is left that was not looked into any further." in telling.verdict(
+    assert "something is left that was not looked into any further." in telling.verdict_sentence(
         attrs.evolve(NAMED, gaps=(left,), ranking=first)
     )
-    assert "still" not in telling.verdict(NAMED)
+    assert "still" not in telling.verdict_sentence(NAMED)
 
 
 def test_an_interrupted_search_says_so():
@@ -214,20 +214,20 @@ def test_shares_in_percent(share, shown):
 
 
 def test_one_experiment_says_nothing_of_new_ones():
-    assert np.isnan(telling.across(ranked("drift", 0.5), 1))
-    assert telling.across(ranked("drift", 0.5, across=4.0), 2) == pytest.approx(0.2)
+    assert np.isnan(telling.share_across_experiments(ranked("drift", 0.5), 1))
+    assert telling.share_across_experiments(ranked("drift", 0.5, across=4.0), 2) == pytest.approx(0.2)
 
 
 def test_notes_of_several_experiments_are_gathered():
-    assert telling.gathered(NOTES, ("full", "half"))[0] == (
+    assert telling.merged_notes(NOTES, ("full", "half"))[0] == (
         "all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen from its spectrum)."
     )
     same = ["a: kept 3 of 5.", "b: kept 3 of 5.", "other: kept 3 of 5."]
     days = [f"{name}: Zeit was read as seconds since 2026-11-{day} 14:03:07." for name, day in (("a", 22), ("b", 23))]
-    assert telling.gathered(days, ("a", "b")) == [
+    assert telling.merged_notes(days, ("a", "b")) == [
         "all experiments: Zeit was read as seconds since 2026-11-22 14:03:07 to 2026-11-23 14:03:07."
     ]
-    assert telling.gathered(same, ("a", "b", "c")) == ["a and b: kept 3 of 5.", "other: kept 3 of 5."]
+    assert telling.merged_notes(same, ("a", "b", "c")) == ["a and b: kept 3 of 5.", "other: kept 3 of 5."]
 
 
 @pytest.mark.parametrize(
@@ -250,11 +250,11 @@ def test_numbers_with_intervals(quantity, shown):
 
 def test_pieces_of_an_experiment_are_put_together():
     pieces = (trace("full#1", 0.8), trace("full#2", 0.8, piece=8.0), trace("half", 0.4))
-    whole, other = showing.histories(attrs.evolve(NAMED, traces=pieces), "x_out")
+    whole, other = showing.output_traces(attrs.evolve(NAMED, traces=pieces), "x_out")
     assert (whole.experiment, other.experiment) == ("full", "half")
     assert np.array_equal(whole.t, np.concatenate([pieces[0].t, pieces[1].t]))
     assert len(whole.excess) == len(pieces[0].excess) + len(pieces[1].excess)
-    assert showing.histories(NAMED, "u") == ()
+    assert showing.output_traces(NAMED, "u") == ()
 
 
 def test_strips_scale_the_excess_by_what_is_left():

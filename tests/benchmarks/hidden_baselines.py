@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.diagnosis.decision import MATERIAL
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 
 THRESHOLD = 0.1
 """Coefficient, of columns and residual scaled to unit rms, below which STLSQ drops a term."""
@@ -120,7 +120,9 @@ def _named(
     order = np.argsort(-np.abs(weights) * np.sqrt((used**2).mean(axis=0)))
     terms = [names[chosen[k]] for k in order]
     return dict(
-        terms=terms, names=list(MEANS[terms[0]]) if fall > MATERIAL * noise else [], removed=min(fall / excess, 1.0)
+        terms=terms,
+        names=list(MEANS[terms[0]]) if fall > MIN_VARIANCE_REDUCTION * noise else [],
+        removed=min(fall / excess, 1.0),
     )
 
 

@@ -142,10 +142,10 @@ def _identified(story: Story) -> str:
 
 
 def _diagnosed(story: Story) -> str:
-    from tsmblocks.diagnosis.text import verdict
+    from tsmblocks.diagnosis.text import verdict_sentence
 
     segment = story.diagnosis.worst
-    return f"4. What is missing is found\n\n{_wrapped(f'{segment.verdict.upper()}. {verdict(segment)}')}"
+    return f"4. What is missing is found\n\n{_wrapped(f'{segment.verdict.upper()}. {verdict_sentence(segment)}')}"
 
 
 def _rebuilt(story: Story) -> str:

@@ -14,9 +14,9 @@ from tsmblocks.demo.compensators import PERIOD, REFERENCE, Tracked
 from tsmblocks.demo.mechanism import DEG, model
 from tsmblocks.demo.paper import DIAGRAMS, Case
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
-from tsmblocks.diagnosis.presentation import by_excess, digits, histories, profile, with_interval
+from tsmblocks.diagnosis.presentation import by_excess, digits, output_traces, profile, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.text import verdict, worst_gap
+from tsmblocks.diagnosis.text import verdict_sentence, worst_gap
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
 from tsmblocks.html import charts, figures
@@ -138,7 +138,7 @@ def _diagnosed(story: Story) -> list[str]:
     found = story.diagnosis
     segment = found.worst
     gap = worst_gap(segment)
-    worst = by_excess(histories(segment, gap.output))[0]
+    worst = by_excess(output_traces(segment, gap.output))[0]
     along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, found.base))]
     shown = [
         figures.gap_bars(segment, gap),
@@ -150,7 +150,7 @@ def _diagnosed(story: Story) -> list[str]:
     return [
         "<h2>4. What is missing is found</h2><p>Every effect of the catalogue is put on every wire where it can stand, "
         "fitted together with the model, and judged on stretches of time held out.</p>",
-        f'<div class="verdict {escape(found.verdict)}"><p>{sentence(verdict(segment))}</p></div>',
+        f'<div class="verdict {escape(found.verdict)}"><p>{sentence(verdict_sentence(segment))}</p></div>',
         after,
         key(
             [

@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
-from tsmblocks.diagnosis.insertion_points import Site
+from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
 from tsmblocks.engine.inputs import ORDERS
@@ -29,7 +29,7 @@ class Candidate:
     """An effect on a wire: ``diagram`` is the model's with ``block`` added, standing at the effect's null."""
 
     effect: Effect
-    site: Site
+    site: InsertionPoint
     block: str
     diagram: Diagram
     trials: Trials
@@ -40,12 +40,12 @@ class Candidate:
         return tuple(f"{self.block}.{k}" for k in self.effect.free)
 
     @property
-    def settled(self) -> tuple[str, ...]:
+    def initialised_states(self) -> tuple[str, ...]:
         """Full names of the states that begin at the value of the wire."""
         return tuple(f"{self.block}.{k}" for k in self.effect.settled)
 
     @property
-    def transition(self) -> float:
+    def transition_time(self) -> float:
         """Time over which a change at one instant is rounded [s]."""
         prefix = self.trials.refine.rpartition(".")[0]
         return self.diagram.parameters[".".join(filter(None, (self.block, prefix, "width")))]
@@ -57,7 +57,7 @@ class Candidate:
 
 
 @attrs.frozen(eq=False)
-class Surroundings:
+class WireSignals:
     """What the wires of a fitted model carry: signals by name, one array for each experiment."""
 
     signals: dict[str, list[np.ndarray]]
@@ -66,9 +66,9 @@ class Surroundings:
     stop: float
     step: float
     shortest: float
-    lines: tuple[float, ...]
+    spectral_lines: tuple[float, ...]
 
-    def scales(self, site: Site) -> Scales:
+    def scales(self, site: InsertionPoint) -> Scales:
         """The sizes that an effect at a site sees."""
         wire = self.span(site.signal)
         return Scales(
@@ -78,23 +78,23 @@ class Surroundings:
             self.stop,
             self.step,
             self.shortest,
-            self.lines,
+            self.spectral_lines,
         )
 
     def span(self, signal: str) -> Span:
         """How a signal moved."""
         return span_of(self.signals[signal], self.steps)
 
-    def first(self, signal: str) -> list[float]:
+    def initial_values(self, signal: str) -> list[float]:
         """The value of a signal at the start of each experiment."""
         return [float(y[0]) for y in self.signals[signal]]
 
 
-def surroundings(model: Model, places: Sequence[Site]) -> Surroundings:
+def wire_signals(model: Model, places: Sequence[InsertionPoint]) -> WireSignals:
     """Simulate a model once more and look at all wires of interest."""
     names = list(dict.fromkeys(k for site in places for k in (site.signal, site.other) if k))
     eq = model.setup.eq
-    place = {k: eq.y.index(_inside(model.diagram, k)) for k in names}
+    place = {k: eq.y.index(_inner_signal(model.diagram, k)) for k in names}
     columns = tuple(dict.fromkeys(place.values()))
     signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
     for e, trial in enumerate(model.setup.trials):
@@ -103,27 +103,27 @@ def surroundings(model: Model, places: Sequence[Site]) -> Surroundings:
             signals[k].append(y[:, columns.index(place[k])])
     times = [trial.t for trial in model.setup.trials]
     steps = [trial.record.step for trial in model.setup.trials]
-    return Surroundings(
+    return WireSignals(
         signals,
         steps,
         min(float(t[0]) for t in times),
         max(float(t[-1]) for t in times),
         max(steps),
         min(float(t[-1] - t[0]) for t in times),
-        lines(model),
+        spectral_lines(model),
     )
 
 
-def _inside(diagram: Diagram, signal: str) -> str:
+def _inner_signal(diagram: Diagram, signal: str) -> str:
     """The name a signal has in the equations: that of the block inside, where a diagram stands as a block."""
     head, _, port = signal.partition(".")
     block = diagram.blocks.get(head)
     if not isinstance(block, Diagram):
         return signal
-    return f"{head}.{_inside(block, '.'.join(filter(None, block.shown[port])))}"
+    return f"{head}.{_inner_signal(block, '.'.join(filter(None, block.shown[port])))}"
 
 
-def lines(model: Model) -> tuple[float, ...]:
+def spectral_lines(model: Model) -> tuple[float, ...]:
     """Frequencies [Hz] of the strongest lines in what a model leaves, over the whole session, strongest first."""
     trials, segments = model.setup.trials, model.problem.segments
     count, step = trials[0].measured.shape[1], min(trial.record.step for trial in trials)
@@ -155,25 +155,25 @@ def lines(model: Model) -> tuple[float, ...]:
 
 
 def candidates(
-    model: Model, effects: Sequence[Effect], around: Surroundings, places: Sequence[Site]
+    model: Model, effects: Sequence[Effect], wires: WireSignals, places: Sequence[InsertionPoint]
 ) -> list[Candidate]:
     """Every effect on every wire where it can stand and show.
 
     An edit that makes no diagram (a loop without a delay) is none, nor one that takes rates of inputs that are held.
     """
     found: list[Candidate] = []
-    base, order = model.fitted, ORDERS.get(model.setup.trials[0].hold, math.inf)
+    base, order = model.fitted_diagram, ORDERS.get(model.setup.trials[0].hold, math.inf)
     for effect in effects:
         for site in places:
             if (site.place, site.adds) != (effect.place, effect.adds):
                 continue
-            trials = _trials(effect, around.scales(site))
+            trials = _trials(effect, wires.scales(site))
             if trials is None:
                 continue
             effect.accepts(trials)
-            made = _edited(base, effect, site, trials, order)
+            made = _with_effect(base, effect, site, trials, order)
             if made is not None:
-                found.append(Candidate(effect, site, _name(base, effect.name), made, trials))
+                found.append(Candidate(effect, site, _unused_name(base, effect.name), made, trials))
     return found
 
 
@@ -186,7 +186,7 @@ def _trials(effect: Effect, scales: Scales) -> Trials | None:
     return trials if sized else None
 
 
-def _name(diagram: Diagram, wanted: str) -> str:
+def _unused_name(diagram: Diagram, wanted: str) -> str:
     """A name that no block has yet."""
     count = 1
     while (name := wanted if count == 1 else f"{wanted}_{count}") in diagram.blocks:
@@ -194,7 +194,7 @@ def _name(diagram: Diagram, wanted: str) -> str:
     return name
 
 
-def _inside_bounds(made: Diagram, name: str, effect: Effect, trials: Trials) -> dict[str, float]:
+def _clipped_to_bounds(made: Diagram, name: str, effect: Effect, trials: Trials) -> dict[str, float]:
     """Numbers of an effect that would begin outside its bounds, moved to the nearest bound: a start value of zero, say,
     where the signal never is zero. Its null stays.
     """
@@ -207,14 +207,14 @@ def _inside_bounds(made: Diagram, name: str, effect: Effect, trials: Trials) -> 
     return moved
 
 
-def _edited(base: Diagram, effect: Effect, site: Site, trials: Trials, order: float) -> Diagram | None:
+def _with_effect(base: Diagram, effect: Effect, site: InsertionPoint, trials: Trials, order: float) -> Diagram | None:
     """The base with an effect; None where it cannot stand, or takes derivatives of inputs above ``order``."""
-    name = _name(base, effect.name)
+    name = _unused_name(base, effect.name)
     try:
         made = site.put(base, name, effect.block)
         numbers = {**trials.fixed, **trials.shapes[0]}  # where no strength is, shapes are no null; they can be freed
         made = made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
-        made = made.with_parameters(_inside_bounds(made, name, effect, trials))
+        made = made.with_parameters(_clipped_to_bounds(made, name, effect, trials))
         eq = equations(made)
     except (AlgebraicLoop, DiagramError):  # a wire on which this block cannot stand
         return None

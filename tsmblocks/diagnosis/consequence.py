@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.blocks import FirstOrderLag, Integrator, Sum
 from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.presentation import in_people_units
+from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.result import Consequence
 from tsmblocks.fitting.experiments import median_step
 from tsmblocks.metrics.tracking import peak_to_peak, rms
@@ -85,7 +85,7 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
     return (
         f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that "
-        f"model itself, so all that is left ({in_people_units(augmented[1], unit)} rms) is what the command cannot "
+        f"model itself, so all that is left ({in_display_units(augmented[1], unit)} rms) is what the command cannot "
         "do: where it would have to jump, as at a reversal to cross a gap, it takes some "
         f"{1000 * delay:.2g} ms."
     )

@@ -20,7 +20,7 @@ FIRM = 1e-7
 
 
 @attrs.frozen(eq=False)
-class Parts:
+class TimeBlocks:
     """Which block, fold and experiment each difference (N,) belongs to; ``sizes`` (B,) are differences per block."""
 
     block: np.ndarray
@@ -33,7 +33,7 @@ class Parts:
         return np.bincount(self.block, r * r, len(self.sizes)) / self.sizes
 
 
-def parts(problem: Problem) -> Parts:
+def time_blocks(problem: Problem) -> TimeBlocks:
     """Cut all experiments into blocks of about the same length."""
     count = problem.trials[0].measured.shape[1]
     total = sum(len(trial.t) for trial in problem.trials)
@@ -46,10 +46,10 @@ def parts(problem: Problem) -> Parts:
         experiments += [np.full(len(trial.t), e)] * count
         first += own
     block = np.concatenate(blocks)
-    return Parts(block, block % min(FOLDS, first), np.concatenate(experiments), np.bincount(block).astype(float))
+    return TimeBlocks(block, block % min(FOLDS, first), np.concatenate(experiments), np.bincount(block).astype(float))
 
 
-def held_out(model: Model, part: np.ndarray, pull: np.ndarray, null: np.ndarray) -> np.ndarray:
+def held_out_residuals(model: Model, part: np.ndarray, pull: np.ndarray, null: np.ndarray) -> np.ndarray:
     r"""What is left (N,) of each part by the model fitted to all others, to first order.
 
     .. math:: r_g - J_g (H - H_g + \Lambda)^{-1} (J^T r - J_g^T r_g + \Lambda (\theta - \theta_0))
@@ -58,8 +58,8 @@ def held_out(model: Model, part: np.ndarray, pull: np.ndarray, null: np.ndarray)
     ``null`` (n,) where only the part held out shows it; without it leaving out the only such part would explode. A step
     longer than one of these sizes, beyond which nothing is linear, is cut short.
     """
-    own = ~model.local & ~model.bound
-    J, r = settled(model)[:, ~model.bound[~model.local]], model.r
+    own = ~model.is_local & ~model.at_bound
+    J, r = projected_jacobian(model)[:, ~model.at_bound[~model.is_local]], model.r
     pull, null, theta = pull[own], null[own], model.theta[own]
     size = np.sqrt(np.einsum("ij,ij->j", J, J))
     size = np.where(size > 0, size, 1.0)
@@ -77,17 +77,17 @@ def held_out(model: Model, part: np.ndarray, pull: np.ndarray, null: np.ndarray)
     return made
 
 
-def settled(model: Model) -> np.ndarray:
+def projected_jacobian(model: Model) -> np.ndarray:
     """Derivatives (N, m) by the unknowns of all experiments, less what those of one experiment take up.
 
     Start values belong to their experiment: only its first samples tell them, so they are never held out.
     """
-    return without_starts(model, model.J[:, ~model.local])
+    return without_initial_states(model, model.J[:, ~model.is_local])
 
 
-def without_starts(model: Model, columns: np.ndarray) -> np.ndarray:
+def without_initial_states(model: Model, columns: np.ndarray) -> np.ndarray:
     """Columns (N, m) less what the unknowns of each one experiment take up of them."""
-    trials, segments, local = model.problem.trials, model.problem.segments, model.local
+    trials, segments, local = model.problem.trials, model.problem.segments, model.is_local
     made = columns.copy()
     count = trials[0].measured.shape[1]
     for e in range(len(trials)):

@@ -17,19 +17,32 @@ from tsmblocks.common.version import __version__
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.consequence import consequence
-from tsmblocks.diagnosis.cross_validation import parts
-from tsmblocks.diagnosis.forward_selection import Round, Search, counted, exchanged, forward
-from tsmblocks.diagnosis.initial_states import brought_back, settled_memories, within_reach
-from tsmblocks.diagnosis.model import Asked, Model, calibrated
-from tsmblocks.diagnosis.noise_floor import Floors, carried, floors, lowered
-from tsmblocks.diagnosis.partition import Part, delays, in_whole, parted, pieces, remembers
-from tsmblocks.diagnosis.partition import whole as whole_name
-from tsmblocks.diagnosis.presentation import in_people_units
-from tsmblocks.diagnosis.refinement import finished
+from tsmblocks.diagnosis.cross_validation import time_blocks
+from tsmblocks.diagnosis.forward_selection import (
+    SearchContext,
+    SearchRound,
+    accepted_count,
+    exchange_effects,
+    forward_search,
+)
+from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
+from tsmblocks.diagnosis.model import Model, ModelSettings, calibrate
+from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors, propagated_input_noise
+from tsmblocks.diagnosis.partition import (
+    Part,
+    experiment_of,
+    has_lasting_memory,
+    in_whole_diagram,
+    partition,
+    split_into_pieces,
+    total_delay,
+)
+from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.refinement import with_fine_step
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
-from tsmblocks.diagnosis.script import source
+from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
-from tsmblocks.diagnosis.summary import Work, summed
+from tsmblocks.diagnosis.summary import PartDiagnosis, segment_summary
 from tsmblocks.effects import Effect, catalogue
 from tsmblocks.fitting import arguments as asking
 from tsmblocks.fitting.experiments import Window, compared, signal_of, span
@@ -99,7 +112,7 @@ def diagnose(
     if free is not None:
         chosen(diagram, free)  # names nobody has are told before any work
     given = asked_floors(noise_floor, diagram, records, measured)
-    asked = Asked(
+    settings = ModelSettings(
         None if free is None else tuple(asking.names("free", free, "tsm.*")),
         {},
         (),
@@ -110,16 +123,16 @@ def diagnose(
         seed=seed,
         window=inside,
     )
-    done, stopped = list[Work](), False
+    done, stopped = list[PartDiagnosis](), False
     spans = {k: (float(t[0]), float(t[-1])) for k, t in _compared(records, inside).items() if len(t) < len(records[k])}
     notes = without_units(records, diagram, measured)
     notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes]
     notes += [f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in spans.items()]
     with kept() as stop, np.errstate(over="ignore", invalid="ignore"):  # trials that run away are left out
         tell = _told(progress, stop)
-        for part in parted(diagram, measured):
+        for part in partition(diagram, measured):
             try:
-                work = _work(part, records, asked, effects_chosen, given, condition, tell, notes)
+                work = _work(part, records, settings, effects_chosen, given, condition, tell, notes)
             except _Stopped as one:
                 work, stopped = one.work, True
             if work is not None:
@@ -130,37 +143,39 @@ def diagnose(
         raise KeyboardInterrupt
     rests_on = Provenance(
         __version__,
-        source(diagram),
+        diagram_source(diagram),
         recorded(records, [*diagram.inputs, *diagram.outputs]),
-        _options(asked, effects, condition, done),
+        _options(settings, effects, condition, done),
     )
     made = _result(diagram, spans, tuple(records), done, seed, notes, "interrupted" if stopped else "done")
     return attrs.evolve(made, given=diagram, simulated=_simulated(done, condition), provenance=rests_on)
 
 
-def _options(asked: Asked, effects: Iterable[str] | None, condition: bool, done: Sequence[Work]) -> dict[str, str]:
+def _options(
+    settings: ModelSettings, effects: Iterable[str] | None, condition: bool, done: Sequence[PartDiagnosis]
+) -> dict[str, str]:
     """What the diagnosis was told to do, in words."""
     steps = sorted({trial.times.h for work in done for trial in work.final.setup.trials})
     floors = {
-        k: f"{work.floors.given.get(k) or in_people_units(v, work.part.diagram.unit(k))} ({work.floors.method[k]})"
+        k: f"{work.floors.given.get(k) or in_display_units(v, work.part.diagram.unit(k))} ({work.floors.method[k]})"
         for work in done
         for k, v in work.floors.sigma.items()
     }
     return {
         "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
         "effects": "all of the catalogue" if effects is None else ", ".join(asking.names("effects", effects, "")),
-        "free": "all but start values" if asked.free is None else ", ".join(asked.free),
-        "start states": "found in each experiment" if asked.start_states else "as in the diagram",
+        "free": "all but start values" if settings.free is None else ", ".join(settings.free),
+        "start states": "found in each experiment" if settings.start_states else "as in the diagram",
         "inputs": "noise taken out (zero phase)" if condition else "as they are",
         "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
-        f" ({'given' if asked.step is not None else 'found'})",
-        "integrator": asked.integrator,
-        "hold": asked.hold,
-        "seed": str(asked.seed),
+        f" ({'given' if settings.step is not None else 'found'})",
+        "integrator": settings.integrator,
+        "hold": settings.hold,
+        "seed": str(settings.seed),
     }
 
 
-def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
+def _simulated(done: Sequence[PartDiagnosis], condition: bool) -> Simulated:
     """How the last models were simulated, with the start values that were found."""
     starts, steps, cut = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float, float]]()
     for work in done:
@@ -173,9 +188,9 @@ def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
             }
             starts.setdefault(trial.name, {}).update(own)
             steps[trial.name] = trial.times.h
-            if whole_name(trial.name) != trial.name:
+            if experiment_of(trial.name) != trial.name:
                 cut[trial.name] = float(trial.record.t[0]), float(trial.t[0]), float(trial.record.t[-1])
-    how = done[0].search.asked
+    how = done[0].search.settings
     inputs = tuple(dict.fromkeys(k for work in done for k in work.part.diagram.inputs)) if condition else ()
     outputs = tuple(k for work in done for k in work.part.outputs)
     return Simulated(starts, steps, outputs, inputs, how.integrator, how.hold, cut)
@@ -184,7 +199,7 @@ def _simulated(done: Sequence[Work], condition: bool) -> Simulated:
 class _Stopped(Exception):
     """Ctrl-C came; ``work`` is what was found for the part until then."""
 
-    def __init__(self, work: Work | None) -> None:
+    def __init__(self, work: PartDiagnosis | None) -> None:
         super().__init__()
         self.work = work
 
@@ -247,55 +262,55 @@ def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
 def _work(
     part: Part,
     raw: Mapping[str, Record],
-    asked: Asked,
+    settings: ModelSettings,
     effects: tuple[Effect, ...],
     given: Mapping[str, tuple[float, str]],
     condition: bool,
     tell: Tell,
     notes: list[str],
-) -> Work | None:
+) -> PartDiagnosis | None:
     """Everything that is done for one part."""
     names = tuple(part.diagram.inputs)
     tell("conditioned", 0, 1)
     records = all_conditioned(raw, names) if condition else dict(raw)
     notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
-    notes += [f"{name}: {text}" for name, r in raw.items() for text in standing(r, names, asked.hold)]
-    counts = _cut(raw, asked.window)
+    notes += [f"{name}: {text}" for name, r in raw.items() for text in standing(r, names, settings.hold)]
+    counts = _cut(raw, settings.window)
     found = _floors(counts, part, given)
-    own = attrs.evolve(asked, sigma=found.sigma, outputs=part.outputs, free=_free(asked, part.diagram))
-    rounds: list[Round] = []
-    search: Search | None = None
+    own = attrs.evolve(settings, sigma=found.sigma, outputs=part.outputs, free=_free(settings, part.diagram))
+    rounds: list[SearchRound] = []
+    search: SearchContext | None = None
     try:
-        if remembers(part.diagram, records, own):
-            late = delays(part.diagram)
-            records, windows = pieces(_cut(records, asked.window), late)
-            raw, own = pieces(counts, late)[0], attrs.evolve(own, window=windows)
+        if has_lasting_memory(part.diagram, records, own):
+            late = total_delay(part.diagram)
+            records, windows = split_into_pieces(_cut(records, settings.window), late)
+            raw, own = split_into_pieces(counts, late)[0], attrs.evolve(own, window=windows)
             notes.append(f"{part.name}: the plant never forgets where it began, so it is started anew every second.")
         base = _calibrated(part, records, own, tell)
-        found, words = lowered(found, base.left, counts, part.diagram)
+        found, words = lowered_noise_floors(found, base.residual_rms, counts, part.diagram)
         notes += words
         if found.sigma != own.sigma:
             own = attrs.evolve(own, sigma=found.sigma)
             base = _calibrated(part, records, own, tell)
-        floor = 1 + (carried(base, raw, names, asked.seed) if condition else 0.0)
-        search = Search(records, own, effects, parts(base.problem), floor, tell)
-        forward(base, {}, search, rounds)
-        rounds = exchanged(rounds, search)
+        floor = 1 + (propagated_input_noise(base, raw, names, settings.seed) if condition else 0.0)
+        search = SearchContext(records, own, effects, time_blocks(base.problem), floor, tell)
+        forward_search(base, {}, search, rounds)
+        rounds = exchange_effects(rounds, search)
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise _Stopped(None) from None
-        count = counted(rounds, search)
-        raise _Stopped(Work(part, search, found, rounds, count, rounds[count].base)) from None
-    count = counted(rounds, search)
-    final, words = finished(within_reach(rounds[count].base), asked.step is not None)
+        count = accepted_count(rounds, search)
+        raise _Stopped(PartDiagnosis(part, search, found, rounds, count, rounds[count].base)) from None
+    count = accepted_count(rounds, search)
+    final, words = with_fine_step(clip_idle_memories(rounds[count].base), settings.step is not None)
     notes += [f"{part.name}: {text}" for text in words]
-    return Work(part, search, found, rounds, count, final)
+    return PartDiagnosis(part, search, found, rounds, count, final)
 
 
-def _calibrated(part: Part, records: Mapping[str, Record], asked: Asked, tell: Tell) -> Model:
+def _calibrated(part: Part, records: Mapping[str, Record], settings: ModelSettings, tell: Tell) -> Model:
     tell("calibrated", 0, 1)
-    found = calibrated(part.diagram, records, asked, lambda *_: tell("calibrated", 0, 1))
-    return brought_back(settled_memories(found))
+    found = calibrate(part.diagram, records, settings, lambda *_: tell("calibrated", 0, 1))
+    return reset_idle_memories(refine_memories(found))
 
 
 def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:
@@ -303,29 +318,29 @@ def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:
     return {name: r if inside is None else r.part(*inside[name]) for name, r in records.items()}
 
 
-def _free(asked: Asked, diagram: Diagram) -> tuple[str, ...] | None:
+def _free(settings: ModelSettings, diagram: Diagram) -> tuple[str, ...] | None:
     """The patterns that name something in this part; None for all."""
-    if asked.free is None:
+    if settings.free is None:
         return None
     known = list(diagram.parameters)
-    return tuple(p for p in asked.free if any(fnmatchcase(k, p) for k in known))
+    return tuple(p for p in settings.free if any(fnmatchcase(k, p) for k in known))
 
 
-def _floors(records: Mapping[str, Record], part: Part, given: Mapping[str, tuple[float, str]]) -> Floors:
+def _floors(records: Mapping[str, Record], part: Part, given: Mapping[str, tuple[float, str]]) -> NoiseFloors:
     mine = {k: v for k, v in given.items() if k in part.outputs}
-    return floors(records, part.diagram, part.outputs, mine)
+    return noise_floors(records, part.diagram, part.outputs, mine)
 
 
 def _result(
     diagram: Diagram,
     spans: Mapping[str, tuple[float, float]],
     experiments: tuple[str, ...],
-    done: Sequence[Work],
+    done: Sequence[PartDiagnosis],
     seed: int,
     notes: list[str],
     status: str,
 ) -> Diagnosis:
-    segments = tuple(summed(work, diagram) for work in done)
+    segments = tuple(segment_summary(work, diagram) for work in done)
     order = {"named": 2, "unknown": 1, "none": 0}
     verdict = max((s.verdict for s in segments), key=lambda v: order[v])
     said = [s.sentence for s in sorted(segments, key=lambda s: -order[s.verdict]) if s.verdict == verdict]
@@ -351,14 +366,14 @@ def _result(
     )
 
 
-def _whole(diagram: Diagram, done: Sequence[Work], with_effects: bool) -> Diagram:
+def _whole(diagram: Diagram, done: Sequence[PartDiagnosis], with_effects: bool) -> Diagram:
     """The whole diagram with the numbers found, and with the named blocks in place."""
     made = diagram
     for work in done:
         last = work.models[-1 if with_effects else 0]
         for one in work.named if with_effects else ():
             c = one.candidate
-            made = in_whole(c.site, work.part).put(made, c.block, last.fitted.blocks[c.block])
+            made = in_whole_diagram(c.site, work.part).put(made, c.block, last.fitted_diagram.blocks[c.block])
         items = last.problem.unknowns.items
         own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
         made = made.untied(own).with_parameters(own)
@@ -366,7 +381,7 @@ def _whole(diagram: Diagram, done: Sequence[Work], with_effects: bool) -> Diagra
     return made.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else made
 
 
-def _consequence(done: Sequence[Work], segments: Sequence[Segment]) -> Consequence | str:
+def _consequence(done: Sequence[PartDiagnosis], segments: Sequence[Segment]) -> Consequence | str:
     """What the effects named mean for control, for the last part with one input and one output that has any."""
     for work, segment in zip(reversed(done), reversed(segments), strict=True):
         if segment.effects:

@@ -9,11 +9,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.cross_validation import settled, without_starts
-from tsmblocks.diagnosis.decision import Tried
-from tsmblocks.diagnosis.model import Asked, Model, posed_as
-from tsmblocks.diagnosis.partition import SIGN, pieces
-from tsmblocks.diagnosis.presentation import digits, in_people_units
+from tsmblocks.diagnosis.cross_validation import projected_jacobian, without_initial_states
+from tsmblocks.diagnosis.decision import FittedCandidate
+from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
+from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, split_into_pieces
+from tsmblocks.diagnosis.presentation import digits, in_display_units
 from tsmblocks.effects import Span, span_of
 from tsmblocks.fitting.parameters import Unknowns
 
@@ -49,7 +49,9 @@ class Separation:
     size: float
 
 
-def proposed(named: Tried, others: Sequence[Tried], records: Mapping[str, Record], asked: Asked) -> str:
+def separating_experiment(
+    named: FittedCandidate, others: Sequence[FittedCandidate], records: Mapping[str, Record], settings: ModelSettings
+) -> str:
     """The experiment, among motions as large and as fast as those recorded, that best tells ``named`` from ``others``.
 
     In words; the effect's own words where no such motion would tell them apart, or nothing moves the plant.
@@ -58,7 +60,7 @@ def proposed(named: Tried, others: Sequence[Tried], records: Mapping[str, Record
     rivals = [one for one in others if one.candidate.effect.name != own.name]
     if not rivals:
         return ""
-    best = max(separations(named, rivals, records, asked), key=lambda one: one.size, default=None)
+    best = max(separations(named, rivals, records, settings), key=lambda one: one.size, default=None)
     if best is None:
         return own.separates
     if not best.size >= PLAIN:
@@ -67,64 +69,64 @@ def proposed(named: Tried, others: Sequence[Tried], records: Mapping[str, Record
 
 
 def separations(
-    named: Tried, others: Sequence[Tried], records: Mapping[str, Record], asked: Asked
+    named: FittedCandidate, others: Sequence[FittedCandidate], records: Mapping[str, Record], settings: ModelSettings
 ) -> Iterator[Separation]:
     """For each motion the separation from that of ``others`` that comes closest."""
-    inputs, asked = list(named.model.diagram.inputs), attrs.evolve(asked, window=None)  # all of a motion counts
+    inputs, settings = list(named.model.diagram.inputs), attrs.evolve(settings, window=None)  # all of a motion counts
     if not inputs:
         return
     trial = named.model.setup.trials[0]
     step = trial.times.h * max(round(trial.record.step / trial.times.h), 1)  # sampled blocks keep their instants
     unit = named.model.diagram.unit(inputs[0])
     span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])
-    cut = any(SIGN in name for name in records)
-    rivals = [(one.model, information(one.model)) for one in others]
-    for motion in motions(span, step, unit):
+    cut = any(PIECE_SEPARATOR in name for name in records)
+    rivals = [(one.model, fisher_information(one.model)) for one in others]
+    for motion in candidate_motions(span, step, unit):
         record = _record(motion, step, named.model, records)
-        blank = pieces({"proposed": record})[0] if cut else {"proposed": record}
-        told = _foretold(named.model, blank, asked)
-        if told is not None:
-            yield Separation(motion.words, min(separation(*one, told, asked) for one in rivals))
+        template = split_into_pieces({"proposed": record})[0] if cut else {"proposed": record}
+        predicted = _predicted(named.model, template, settings)
+        if predicted is not None:
+            yield Separation(motion.words, min(separation(*one, predicted, settings) for one in rivals))
 
 
-def information(model: Model) -> np.ndarray:
+def fisher_information(model: Model) -> np.ndarray:
     """What the recordings at hand say of a model's numbers off their bounds, shape (m, m)."""
-    known = settled(model)[:, ~model.bound[~model.local]]
+    known = projected_jacobian(model)[:, ~model.at_bound[~model.is_local]]
     return known.T @ known
 
 
-def separation(model: Model, known: np.ndarray, told: Mapping[str, Record], asked: Asked) -> float:
+def separation(model: Model, known: np.ndarray, predicted: Mapping[str, Record], settings: ModelSettings) -> float:
     r"""Rms (in standard deviations of the noise) that a model leaves of what another one foretells.
 
     To first order: :math:`\min_\theta \lVert r + J \theta\rVert^2 + \theta^T H \theta`, where :math:`H` (``known``)
     is what the recordings at hand say of the model's numbers, and start values are free.
     """
-    problem, setup = posed_as(model, model.fitted, (), told, asked)
-    r, J = problem.jacobian(_placed(model, problem.unknowns))
+    problem, setup = pose_extended(model, model.fitted_diagram, (), predicted, settings)
+    r, J = problem.jacobian(_initial_unknowns(model, problem.unknowns))
     new = Model(setup.diagram, problem, setup, problem.unknowns.start, r, np.where(np.isfinite(J), J, 0.0))
-    own = settled(new)[:, ~model.bound[~model.local]]
-    left = without_starts(new, r[:, None])[:, 0]
+    own = projected_jacobian(new)[:, ~model.at_bound[~model.is_local]]
+    residual = without_initial_states(new, r[:, None])[:, 0]
     H = known + own.T @ own
     ridge = 1e-12 * np.diag(np.maximum(np.diag(H), 1e-300))
-    slope = own.T @ left
-    return math.sqrt(max(float(left @ left - slope @ np.linalg.solve(H + ridge, slope)), 0.0) / len(r))
+    slope = own.T @ residual
+    return math.sqrt(max(float(residual @ residual - slope @ np.linalg.solve(H + ridge, slope)), 0.0) / len(r))
 
 
-def _foretold(model: Model, blank: Mapping[str, Record], asked: Asked) -> dict[str, Record] | None:
+def _predicted(model: Model, template: Mapping[str, Record], settings: ModelSettings) -> dict[str, Record] | None:
     """Recordings as the model foretells them; None where it runs away."""
-    problem, _ = posed_as(model, model.fitted, (), blank, asked)
-    theta, made = _placed(model, problem.unknowns), {}
-    for e, (name, record) in enumerate(blank.items()):
+    problem, _ = pose_extended(model, model.fitted_diagram, (), template, settings)
+    theta, made = _initial_unknowns(model, problem.unknowns), {}
+    for e, (name, record) in enumerate(template.items()):
         y = problem.outputs([theta], e)[:, :, 0]
         if not np.isfinite(y).all():
             return None
-        for i, output in enumerate(asked.outputs):
+        for i, output in enumerate(settings.outputs):
             record = record.with_signal(output, y[:, i], model.diagram.unit(output))
         made[name] = record
     return made
 
 
-def _placed(model: Model, unknowns: Unknowns) -> np.ndarray:
+def _initial_unknowns(model: Model, unknowns: Unknowns) -> np.ndarray:
     """The unknowns of a new experiment: a model's numbers, and start values as they were on the whole."""
     begun: dict[str, list[float]] = {}
     for item, value in zip(model.problem.unknowns.items, model.theta, strict=True):
@@ -148,7 +150,7 @@ def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Rec
 # ---- motions --------------------------------------------------------------------------------------
 
 
-def motions(span: Span, step: float, unit: str) -> Iterator[Motion]:
+def candidate_motions(span: Span, step: float, unit: str) -> Iterator[Motion]:
     """Motions through the range of a signal that are no faster than it was, in words that say how to make them."""
     t = np.arange(SAMPLES) * step
     for words, values in _shapes(t, span, unit):
@@ -174,7 +176,7 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
         middle + reach * (1 - t / long) * _triangle(8 * t / long),
     )
     yield (
-        f"a chirp of {in_people_units(SMALL * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
+        f"a chirp of {in_display_units(SMALL * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
         middle + SMALL * reach * _chirp(t, slow, quick),
     )
     yield (

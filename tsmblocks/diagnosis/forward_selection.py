@@ -8,24 +8,24 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.candidates import candidates, surroundings
-from tsmblocks.diagnosis.cross_validation import Parts
+from tsmblocks.diagnosis.candidates import candidates, wire_signals
+from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
     ALIKE,
-    MATERIAL,
-    Sizes,
-    Tried,
+    MIN_VARIANCE_REDUCTION,
+    FittedCandidate,
+    Shrinkage,
     Verdict,
     decide,
-    losses_of,
-    mean,
-    sizes_of,
-    tried,
+    fitted_candidate,
+    held_out_losses,
+    mean_loss,
+    shrinkage_of,
 )
-from tsmblocks.diagnosis.initial_states import settled_memories
-from tsmblocks.diagnosis.insertion_points import sites
-from tsmblocks.diagnosis.model import Asked, Model, polished, searched
-from tsmblocks.diagnosis.screening import Promise, absorbing, promise
+from tsmblocks.diagnosis.initial_states import refine_memories
+from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.diagnosis.model import Model, ModelSettings, converged, optimized
+from tsmblocks.diagnosis.screening import ScreeningScore, base_subspace, screening_score
 from tsmblocks.effects import Effect
 
 MOST = 4
@@ -53,113 +53,115 @@ Tell = Callable[[str, int, int], None]
 
 
 @attrs.frozen(eq=False)
-class Round:
+class SearchRound:
     """One look for an effect: the base of that round, its losses, what was promised and what was tried.
 
-    ``beside`` is the look for the same effect beside all that were named later. ``narrow`` tells that only one effect
-    was looked for, one that was known already.
+    ``repeated`` is the same search repeated with all effects that were named later in the model. ``single_effect`` is
+    True where the round searched for one given effect only.
     """
 
     base: Model
     losses: np.ndarray
-    across: np.ndarray
-    promises: tuple[Promise, ...]
+    experiment_losses: np.ndarray
+    screening_scores: tuple[ScreeningScore, ...]
     verdict: Verdict
-    beside: Round | None = None
-    narrow: bool = False
+    repeated: SearchRound | None = None
+    single_effect: bool = False
 
     @property
-    def widest(self) -> Round:
+    def most_complete(self) -> SearchRound:
         """The look that tried most: this one, or the one beside all others."""
-        return self.beside if self.narrow and self.beside is not None else self
+        return self.repeated if self.single_effect and self.repeated is not None else self
 
     @property
-    def alike(self) -> tuple[Tried, ...]:
+    def indistinguishable(self) -> tuple[FittedCandidate, ...]:
         """The effect named and those it cannot be told from, given all else that was named."""
-        return (self.beside or self).verdict.alike
+        return (self.repeated or self).verdict.indistinguishable
 
 
 @attrs.frozen(eq=False)
-class Search:
+class SearchContext:
     """What every round needs: recordings, how models are set beside them, effects, blocks of time, the noise.
 
-    ``floor`` is the mean square of the noise, in the variances that residuals are counted in. ``tell(stage, done, of)``
-    is told how far it is.
+    ``noise_variance`` is the mean square of the noise, in the variances that residuals are counted in.
+    ``tell(stage, done, of)`` is the progress callback.
     """
 
     records: Mapping[str, Record]
-    asked: Asked
+    settings: ModelSettings
     effects: Sequence[Effect]
-    parts: Parts
-    floor: float
+    blocks: TimeBlocks
+    noise_variance: float
     tell: Tell
 
 
-def look(model: Model, known: Sizes, search: Search) -> Round:
+def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
     """Try every effect on every wire of a model, fit the most promising, and decide.
 
-    ``known`` are the effects in the model already.
+    ``shrinkage`` are the effects in the model already.
     """
-    named, measured = {key.partition(".")[0] for key in known}, next(iter(search.records.values())).units
-    places = sites(model.fitted, search.asked.outputs, search.effects, named, measured)
-    around = surroundings(model, places)
-    base, made = absorbing(model), candidates(model, search.effects, around, places)
-    promises, shows = [], MATERIAL * search.floor * model.problem.samples
+    named, measured = {key.partition(".")[0] for key in shrinkage}, next(iter(search.records.values())).units
+    places = insertion_points(model.fitted_diagram, search.settings.outputs, search.effects, named, measured)
+    around = wire_signals(model, places)
+    base, made = base_subspace(model), candidates(model, search.effects, around, places)
+    screening_scores, shows = [], MIN_VARIANCE_REDUCTION * search.noise_variance * model.problem.samples
     for k, candidate in enumerate(made):
         search.tell("tried", k, len(made))
-        promises.append(promise(candidate, model, search.records, search.asked, around, base, shows))
-    promises.sort(key=lambda one: -one.gain)
-    best = promises[0].gain if promises else 0.0
-    worth = max(WORTH * search.floor * model.problem.samples, NEAR * best)
-    chosen = [p for k, p in enumerate(promises[:MORE]) if k < FITTED or p.gain > worth]
+        screening_scores.append(screening_score(candidate, model, search.records, search.settings, around, base, shows))
+    screening_scores.sort(key=lambda one: -one.gain)
+    best = screening_scores[0].gain if screening_scores else 0.0
+    worth = max(WORTH * search.noise_variance * model.problem.samples, NEAR * best)
+    chosen = [p for k, p in enumerate(screening_scores[:MORE]) if k < FITTED or p.gain > worth]
     models = []
     for k, one in enumerate(chosen):
         search.tell("fitted", k, len(chosen))
-        models.append(fitted(one))
+        models.append(fit_candidate(one))
     least = min((one.mean_square for one in models), default=0.0)
-    models = [settled_memories(one, 1) if one.mean_square <= CLOSE * least else one for one in models]
-    found = [tried(p.candidate, one, search.parts, known) for p, one in zip(chosen, models, strict=True)]
-    losses, across = losses_of(model, search.parts, known)
-    verdict = decide(losses, found, search.parts, search.floor, search.asked.seed)
-    return Round(model, losses, across, tuple(promises), verdict)
+    models = [refine_memories(one, 1) if one.mean_square <= CLOSE * least else one for one in models]
+    found = [
+        fitted_candidate(p.candidate, one, search.blocks, shrinkage) for p, one in zip(chosen, models, strict=True)
+    ]
+    losses, experiment_losses = held_out_losses(model, search.blocks, shrinkage)
+    verdict = decide(losses, found, search.blocks, search.noise_variance, search.settings.seed)
+    return SearchRound(model, losses, experiment_losses, tuple(screening_scores), verdict)
 
 
-def fitted(one: Promise) -> Model:
+def fit_candidate(one: ScreeningScore) -> Model:
     """The best end of searches from the starts of a promise."""
-    ends = [searched(one.problem, one.setup, start) for start in one.starts]
+    ends = [optimized(one.problem, one.setup, start) for start in one.starts]
     return min(ends, key=lambda m: m.mean_square)
 
 
-def forward(model: Model, known: Sizes, search: Search, rounds: list[Round]) -> None:
-    """Add rounds until nothing more passes; which of them count is for ``counted`` to say.
+def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, rounds: list[SearchRound]) -> None:
+    """Add rounds until nothing more passes; which of them count is for ``accepted_count`` to say.
 
-    ``known`` are the effects in the model already.
+    ``shrinkage`` are the effects in the model already.
     """
     while len(rounds) <= MOST:
         try:
-            one = look(model, known, search)
+            one = search_round(model, shrinkage, search)
         except KeyboardInterrupt:  # what was named before still counts
             if rounds:
-                rounds.append(_unlooked(model, known, search))
+                rounds.append(_unlooked(model, shrinkage, search))
             raise
         rounds.append(one)
         if one.verdict.named is None:
             break
-        model, known = onward(one.verdict.named, known)
+        model, shrinkage = next_base(one.verdict.named, shrinkage)
 
 
-def onward(named: Tried, known: Sizes) -> tuple[Model, Sizes]:
+def next_base(named: FittedCandidate, shrinkage: Shrinkage) -> tuple[Model, Shrinkage]:
     """The model that the next look begins with, and the effects in it."""
-    return settled_memories(polished(named.model)), {**known, **sizes_of(named.candidate)}
+    return refine_memories(converged(named.model)), {**shrinkage, **shrinkage_of(named.candidate)}
 
 
-def _unlooked(model: Model, known: Sizes, search: Search) -> Round:
+def _unlooked(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
     """A round in which nothing was tried: only what the model leaves."""
-    losses, across = losses_of(model, search.parts, known)
-    return Round(model, losses, across, (), Verdict((), (), float("inf"), None, ()))
+    losses, experiment_losses = held_out_losses(model, search.blocks, shrinkage)
+    return SearchRound(model, losses, experiment_losses, (), Verdict((), (), float("inf"), None, ()))
 
 
-def counted(rounds: Sequence[Round], search: Search) -> int:
+def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     """How many of the effects found count: those that together remove most of what can be removed.
 
     The first counts that removes half of the excess; where none does, two or more do that together remove four fifths,
@@ -167,25 +169,25 @@ def counted(rounds: Sequence[Round], search: Search) -> int:
     of the form of those before: those are small beside the noise, and beside what was removed. None count that leave
     more than an effect that left its bounds would.
     """
-    losses = [mean(one.losses, search.parts) for one in rounds]
+    losses = [mean_loss(one.losses, search.blocks) for one in rounds]
     before, count, beyond = losses[0], 0, float("inf")
     for k in range(1, len(losses)):
-        beyond = min(beyond, rounds[k - 1].verdict.beyond)
+        beyond = min(beyond, rounds[k - 1].verdict.out_of_bounds_loss)
         if losses[k] > beyond:
             continue
         removed = losses[k - 1] - losses[k]
-        step = removed / max(losses[k - 1] - search.floor, 1e-12)
-        whole = (before - losses[k]) / max(before - search.floor, 1e-12)
-        done = (before - losses[count]) / max(before - search.floor, 1e-12) if count else 0.0
-        weighty = removed >= SLIGHT * (before - losses[k]) or removed >= search.floor or step >= MOSTLY
+        step = removed / max(losses[k - 1] - search.noise_variance, 1e-12)
+        whole = (before - losses[k]) / max(before - search.noise_variance, 1e-12)
+        done = (before - losses[count]) / max(before - search.noise_variance, 1e-12) if count else 0.0
+        weighty = removed >= SLIGHT * (before - losses[k]) or removed >= search.noise_variance or step >= MOSTLY
         if done < HALF:
             count = k if (step >= HALF and count == k - 1) or whole >= MOSTLY else count
-        elif count == k - 1 and weighty and step >= (FURTHER if removed >= search.floor else HALF):
+        elif count == k - 1 and weighty and step >= (FURTHER if removed >= search.noise_variance else HALF):
             count = k
     return count
 
 
-def exchanged(rounds: Sequence[Round], search: Search) -> list[Round]:
+def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
     """Rounds in which every effect still is what would be named beside all the others.
 
     Greedy search names the first effect while the others are not in the model yet: it may take two for one, or for
@@ -193,7 +195,7 @@ def exchanged(rounds: Sequence[Round], search: Search) -> list[Round]:
     """
     rounds = list(rounds)
     for _ in range(MOST):
-        count = counted(rounds, search)
+        count = accepted_count(rounds, search)
         for k in range(count - 1):
             better = _beside_others(rounds, k, count, search)
             if better is not None:
@@ -204,46 +206,48 @@ def exchanged(rounds: Sequence[Round], search: Search) -> list[Round]:
     return rounds
 
 
-def _beside_others(rounds: list[Round], k: int, count: int, search: Search) -> list[Round] | None:
+def _beside_others(rounds: list[SearchRound], k: int, count: int, search: SearchContext) -> list[SearchRound] | None:
     """Other rounds, where effect ``k`` would not be named beside the others; else None, and what was found is kept."""
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
     this, others = named[k], named[:k] + named[k + 1 :]
     start = _chain(rounds[0].base, others, search)
-    again = look(start[1], start[2], search)
-    new = again.verdict.named if again.verdict.beyond == float("inf") else None
+    again = search_round(start[1], start[2], search)
+    new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
     if new is not None and _kept(this, new):
-        rounds[k] = attrs.evolve(rounds[k], beside=again)
+        rounds[k] = attrs.evolve(rounds[k], repeated=again)
         return None
     if new is None:  # beside the others nothing would be named here
-        made, least, allowed = [*start[0], again], len(start[0]), MATERIAL
+        made, least, allowed = [*start[0], again], len(start[0]), MIN_VARIANCE_REDUCTION
     else:
         whole = _chain(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
         if len(whole[0]) < count:
             return None
         made, least, allowed = whole[0], count, ALIKE
-        made[k] = attrs.evolve(made[k], beside=again)
-        forward(whole[1], whole[2], search, made)
-    kept = counted(made, search)
-    loss, before = (mean(some[n].losses, search.parts) for some, n in ((made, kept), (rounds, count)))
-    return made if kept >= least and loss <= before + allowed * search.floor else None
+        made[k] = attrs.evolve(made[k], repeated=again)
+        forward_search(whole[1], whole[2], search, made)
+    kept = accepted_count(made, search)
+    loss, before = (mean_loss(some[n].losses, search.blocks) for some, n in ((made, kept), (rounds, count)))
+    return made if kept >= least and loss <= before + allowed * search.noise_variance else None
 
 
-def _kept(this: Tried, new: Tried) -> bool:
+def _kept(this: FittedCandidate, new: FittedCandidate) -> bool:
     """Whether the same effect is named again, or one that merely says it in more general terms."""
     name, effect = this.candidate.effect.name, new.candidate.effect
     return effect.name == name or name in effect.contains
 
 
-def _chain(model: Model, effects: Sequence[Tried], search: Search) -> tuple[list[Round], Model, Sizes]:
+def _chain(
+    model: Model, effects: Sequence[FittedCandidate], search: SearchContext
+) -> tuple[list[SearchRound], Model, Shrinkage]:
     """Rounds that look for these effects alone, the model with them, and their sizes; one that is not found is left
     out.
     """
-    made: list[Round] = []
-    known: Sizes = {}
+    made: list[SearchRound] = []
+    shrinkage: Shrinkage = {}
     for one in effects:
-        found = look(model, known, attrs.evolve(search, effects=[one.candidate.effect]))
+        found = search_round(model, shrinkage, attrs.evolve(search, effects=[one.candidate.effect]))
         if found.verdict.named is None:
             continue
-        made.append(attrs.evolve(found, narrow=True))
-        model, known = onward(found.verdict.named, known)
-    return made, model, known
+        made.append(attrs.evolve(found, single_effect=True))
+        model, shrinkage = next_base(found.verdict.named, shrinkage)
+    return made, model, shrinkage

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.model import FINE, ROUGH, Model, searched
+from tsmblocks.diagnosis.model import FINE, ROUGH, Model, optimized
 
 SAME = 1e-4
 """Share of the sum of squares by which two ends are the same."""
@@ -22,7 +22,7 @@ ROUNDS = 3
 """How often all of it is done at most, as long as it leaves less."""
 
 
-def settled_memories(model: Model, rounds: int = ROUNDS) -> Model:
+def refine_memories(model: Model, rounds: int = ROUNDS) -> Model:
     """The model with such memories where they leave least, for each experiment by itself.
 
     A play may be engaged on either side when an experiment begins, or on its way from one to the other. Where the
@@ -36,16 +36,16 @@ def settled_memories(model: Model, rounds: int = ROUNDS) -> Model:
     return model
 
 
-def brought_back(model: Model) -> Model:
+def reset_idle_memories(model: Model) -> Model:
     """The model with idle memories that moved where they began, if that leaves no more: an effect may then use them."""
     moved = _moved(model)
     if not moved.any():
         return model
-    anew = searched(model.problem, model.setup, np.where(moved, model.problem.unknowns.start, model.theta), FINE)
+    anew = optimized(model.problem, model.setup, np.where(moved, model.problem.unknowns.start, model.theta), FINE)
     return anew if anew.mean_square <= (1 + SAME) * model.mean_square else model
 
 
-def within_reach(model: Model) -> Model:
+def clip_idle_memories(model: Model) -> Model:
     """The model with idle memories at the edge beyond which a search threw them: the same, with numbers to show."""
     idle = _idle(model)
     if not idle.any():
@@ -59,7 +59,7 @@ def _turned(model: Model) -> Model | None:
     """The model after one round; None where that leaves no less."""
     ends, enough = [model], ROUGH * max(model.mean_square, 1.0)  # while much is left, much is near enough
     runs = (start for start in _starts(model) if np.isfinite(model.problem.cost(start)))
-    ends += [searched(model.problem, model.setup, start, enough, coarse=False) for start in runs]
+    ends += [optimized(model.problem, model.setup, start, enough, coarse=False) for start in runs]
     if len(ends) > 1:
         costs = np.array([_by_experiment(end, end.r) for end in ends])
         mixed, unknowns = min(ends, key=lambda end: end.mean_square).theta.copy(), model.problem.unknowns
@@ -67,7 +67,7 @@ def _turned(model: Model) -> Model | None:
             own = [k for k in unknowns.columns(e) if unknowns.items[k].experiment]
             mixed[own] = ends[best].theta[own]
         if np.isfinite(model.problem.cost(mixed)):
-            ends.append(searched(model.problem, model.setup, mixed, enough, coarse=False))
+            ends.append(optimized(model.problem, model.setup, mixed, enough, coarse=False))
     found = min(ends, key=lambda end: end.mean_square)
     return found if found.mean_square < (1 - SAME) * model.mean_square else None
 
@@ -133,14 +133,14 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
 
 def _idle(model: Model) -> np.ndarray:
     """Which start values, shape (n,), change nothing where the search left them, or next to nothing after moving."""
-    return model.local & (np.linalg.norm(model.J, axis=0) == 0) | _moved(model)
+    return model.is_local & (np.linalg.norm(model.J, axis=0) == 0) | _moved(model)
 
 
 def _moved(model: Model) -> np.ndarray:
     """Which start values, shape (n,), the search moved to where they change next to nothing."""
     begin = model.problem.unknowns.start
     felt = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(begin))
-    return model.local & (model.theta != begin) & (felt <= np.sqrt(SAME) * np.linalg.norm(model.r))
+    return model.is_local & (model.theta != begin) & (felt <= np.sqrt(SAME) * np.linalg.norm(model.r))
 
 
 def _by_experiment(model: Model, r: np.ndarray) -> np.ndarray:

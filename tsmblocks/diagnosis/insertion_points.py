@@ -23,7 +23,7 @@ SPEEDS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 
 
 @attrs.frozen
-class Site:
+class InsertionPoint:
     """One wire on which a block may be put.
 
     ``before`` is the port, ``after`` the signal or input of the diagram that is cut (one of both is empty).
@@ -64,7 +64,7 @@ class Site:
     def _wires(self, name: str, block: Block | Diagram) -> list[str]:
         return [f"{self.other} -> {name}.x"] if "x" in block.inports else []
 
-    def same(self, other: Site) -> bool:
+    def same(self, other: InsertionPoint) -> bool:
         """Whether a block stands on the same wire there."""
         return all(getattr(self, k) == getattr(other, k) for k in ("place", "after", "before", "other", "adds"))
 
@@ -82,13 +82,13 @@ def _several(block: Block | Diagram) -> bool:
     return "y" in block.outports and len(block.outports) > 1
 
 
-def sites(
+def insertion_points(
     diagram: Diagram,
     outputs: Sequence[str],
     effects: Iterable[Effect] = (),
     named: Collection[str] = (),
     measured: Mapping[str, str] | None = None,
-) -> list[Site]:
+) -> list[InsertionPoint]:
     """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
 
     ``measured`` are the units of the recordings, for outputs of which the diagram tells none.
@@ -98,33 +98,37 @@ def sites(
     read of the input is what comes out of it. A measured drive (the voltage in a position loop) is a wire that moves
     another output, not one of its own. Those that ``effects`` made for this diagram name themselves are among them.
     """
-    found: list[Site] = []
+    found: list[InsertionPoint] = []
     for name in outputs:
         head, port = diagram.shown[name]
         if not head:
             continue  # the output shows an input: there is nothing in between
         source = f"{head}.{port}"
-        found.append(Site("output", name, source, after=source))
+        found.append(InsertionPoint("output", name, source, after=source))
         reading = [
-            _behind(diagram, k, named) for k in diagram.inputs if reaches(diagram, name, before="", after=k) == 0
+            _behind(diagram, k, named)
+            for k in diagram.inputs
+            if integration_count(diagram, name, before="", after=k) == 0
         ]
-        found += [Site("across", name, source, other=k, after=source) for k in reading]
+        found += [InsertionPoint("across", name, source, other=k, after=source) for k in reading]
         signal, port = _in_front(diagram, source, named)
         if port:
-            found.append(Site("output", name, signal, before=port))
-            found += [Site("across", name, signal, other=k, before=port) for k in reading]
+            found.append(InsertionPoint("output", name, signal, before=port))
+            found += [InsertionPoint("across", name, signal, other=k, before=port) for k in reading]
         speed = is_speed(diagram.unit(name) or (measured or {}).get(name, ""))
-        drive = driven(diagram, name, MOTION - speed)
+        drive = driving_port(diagram, name, MOTION - speed)
         signal = _source(diagram, drive) if drive else source
         if signal != source:  # an output that drives is set in motion by nothing but itself
-            found.append(Site("drive", name, signal, before=drive))
-            found.append(Site("brake" if speed else "load", name, signal, other=source, before=drive))
+            found.append(InsertionPoint("drive", name, signal, before=drive))
+            found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
     loads = {site.before for site in found if site.place == "load"}
     found = [site for site in found if site.place != "brake" or site.before not in loads]
     drives = {site.signal for site in found if site.place == "drive"}
     found = [site for site in found if site.place not in ("output", "across") or site.signal not in drives]
-    found += [Site("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
-    found += [one for effect in effects if effect.receiver and (one := own_site(diagram, outputs[0], effect))]
+    found += [InsertionPoint("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
+    found += [
+        one for effect in effects if effect.receiver and (one := own_insertion_point(diagram, outputs[0], effect))
+    ]
     return [one for k, one in enumerate(found) if not any(one.same(other) for other in found[:k])]
 
 
@@ -151,7 +155,7 @@ def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
     return signal
 
 
-def own_site(diagram: Diagram, output: str, effect: Effect) -> Site | None:
+def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> InsertionPoint | None:
     """The wire that an effect names itself; None in a diagram that has no such port, or no signal that it reads."""
     try:
         port = ".".join(resolve(effect.receiver, diagram.blocks, "input"))
@@ -160,7 +164,7 @@ def own_site(diagram: Diagram, output: str, effect: Effect) -> Site | None:
             reads = ".".join(resolve(reads, diagram.blocks, "output"))
     except Fault:
         return None
-    return Site(effect.place, output, _source(diagram, port), reads, before=port, adds=effect.adds)
+    return InsertionPoint(effect.place, output, _source(diagram, port), reads, before=port, adds=effect.adds)
 
 
 def _source(diagram: Diagram, port: str) -> str:
@@ -179,10 +183,10 @@ def is_speed(unit: str) -> bool:
         return False
 
 
-def driven(diagram: Diagram, output: str, least: int = MOTION) -> str:
+def driving_port(diagram: Diagram, output: str, least: int = MOTION) -> str:
     """The nearest port that moves an output through ``least`` integrations or more; ``""`` where there is none."""
     for port in _upstream(diagram, diagram.shown[output][0]):
-        if reaches(diagram, output, before=port, after="") >= least:
+        if integration_count(diagram, output, before=port, after="") >= least:
             return port
     return ""
 
@@ -202,7 +206,7 @@ def _upstream(diagram: Diagram, block: str) -> Iterator[str]:
                 todo.append(head)
 
 
-def reaches(diagram: Diagram, output: str, *, before: str, after: str) -> int:
+def integration_count(diagram: Diagram, output: str, *, before: str, after: str) -> int:
     """How many integrations lie between a wire and an output: 0 for none at all, -1 where it does not reach it.
 
     Read off the equations' structure. Memory that is updated between steps counts as one integration.

@@ -33,7 +33,7 @@ FINE = 1e-3
 
 
 @attrs.frozen
-class Asked:
+class ModelSettings:
     """How models are set beside recordings: the same for the base and for every candidate.
 
     ``free`` are patterns of the base's parameters (None for all but start values); ``sigma`` is the noise of each
@@ -75,7 +75,7 @@ class Model:
         return float(np.mean(self.r**2))
 
     @property
-    def left(self) -> dict[str, float]:
+    def residual_rms(self) -> dict[str, float]:
         """Rms of what is left of each output, in units of its noise."""
         count = len(self.setup.outputs)
         rows = {
@@ -90,47 +90,47 @@ class Model:
         return dict(zip(self.problem.unknowns.names, self.theta.tolist(), strict=True))
 
     @property
-    def local(self) -> np.ndarray:
+    def is_local(self) -> np.ndarray:
         """Which unknowns belong to one experiment alone, shape (n,)."""
         return np.array([bool(item.experiment) for item in self.problem.unknowns.items], dtype=bool)
 
     @property
-    def bound(self) -> np.ndarray:
+    def at_bound(self) -> np.ndarray:
         """Which unknowns lie on a bound, shape (n,): what is left would fall beyond it, where they must not go."""
         low, high = self.problem.unknowns.low, self.problem.unknowns.high
         near = TOUCHING * np.maximum(np.abs(self.theta), 1e-12)
         return (self.theta - low <= near) | (high - self.theta <= near)
 
     @property
-    def fitted(self) -> Diagram:
+    def fitted_diagram(self) -> Diagram:
         """The diagram with the numbers that hold for all experiments."""
         items = self.problem.unknowns.items
         own = {i.parameter: float(v) for i, v in zip(items, self.theta, strict=True) if not i.experiment}
         return self.diagram.with_parameters(own)
 
 
-def calibrated(diagram: Diagram, records: Mapping[str, Record], asked: Asked, tell: Any = None) -> Model:
+def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings, tell: Any = None) -> Model:
     """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises."""
-    problem, setup = posed(diagram, records, asked, asked.free)
+    problem, setup = pose_model(diagram, records, settings, settings.free)
     begin = feasible_start(problem, problem.unknowns.start)
     ends = [
         gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
-        for one in begins(problem, setup, begin, asked.starts, asked.seed)
+        for one in begins(problem, setup, begin, settings.starts, settings.seed)
     ]
     best = min(ends, key=lambda found: found.cost)
-    return at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
+    return model_at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
 
 
-def posed(
+def pose_model(
     diagram: Diagram,
     records: Mapping[str, Record],
-    asked: Asked,
+    settings: ModelSettings,
     free: Iterable[str] | None,
     bounds: Mapping[str, Any] | None = None,
     local: Iterable[str] | None = None,
 ) -> tuple[Problem, Setup]:
-    """The problem of fitting a diagram, weighed by the noise; ``local`` names what belongs to one experiment."""
-    known = {k: Floor(k, v, diagram.unit(k)) for k, v in asked.sigma.items()}
+    """The problem of fitting a diagram, weighed by the noise; ``is_local`` names what belongs to one experiment."""
+    known = {k: Floor(k, v, diagram.unit(k)) for k, v in settings.sigma.items()}
     return pose(
         diagram,
         dict(records),
@@ -138,26 +138,26 @@ def posed(
         bounds=bounds,
         start=None,
         local=local or (),
-        start_states=asked.start_states and local is None,
+        start_states=settings.start_states and local is None,
         constraints=None,
         ties=None,
         priors=None,
         sigma=known,
-        outputs=asked.outputs,
-        window=asked.window,
-        step=asked.step,
-        integrator=asked.integrator,
-        hold=asked.hold,
+        outputs=settings.outputs,
+        window=settings.window,
+        step=settings.step,
+        integrator=settings.integrator,
+        hold=settings.hold,
         backend="",
     )
 
 
-def posed_as(
+def pose_extended(
     model: Model,
     diagram: Diagram,
     more: Iterable[str],
     records: Mapping[str, Record],
-    asked: Asked,
+    settings: ModelSettings,
     bounds: Mapping[str, Any] | None = None,
     begins: Iterable[str] = (),
 ) -> tuple[Problem, Setup]:
@@ -169,26 +169,26 @@ def posed_as(
     items = model.problem.unknowns.items
     free = [item.parameter for item in items if not item.experiment]
     local = list(dict.fromkeys(item.parameter for item in items if item.experiment))
-    if asked.start_states:
+    if settings.start_states:
         states = [*(k for k in equations(diagram).x if k not in model.setup.eq.x), *begins]
         local += [k for k in dict.fromkeys(states) if k not in local]
     kept = {i.parameter: (i.low, i.high) for i in items}
-    asked = attrs.evolve(asked, step=model.setup.trials[0].times.h)
-    return posed(diagram, records, asked, [*free, *more], {**kept, **(bounds or {})}, local)
+    settings = attrs.evolve(settings, step=model.setup.trials[0].times.h)
+    return pose_model(diagram, records, settings, [*free, *more], {**kept, **(bounds or {})}, local)
 
 
-def searched(problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH, coarse: bool = True) -> Model:
+def optimized(problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH, coarse: bool = True) -> Model:
     """The model at the end of a search downhill from ``start``, where nothing else is left by coarse differences."""
     begin = held(problem, start)
-    return at(problem, setup, gauss_newton(problem, begin, iterations=STEPS, enough=enough, coarse=coarse))
+    return model_at(problem, setup, gauss_newton(problem, begin, iterations=STEPS, enough=enough, coarse=coarse))
 
 
-def polished(model: Model) -> Model:
+def converged(model: Model) -> Model:
     """The same model, searched to its end."""
-    return searched(model.problem, model.setup, model.theta, FINE)
+    return optimized(model.problem, model.setup, model.theta, FINE)
 
 
-def at(problem: Problem, setup: Setup, found: Found) -> Model:
+def model_at(problem: Problem, setup: Setup, found: Found) -> Model:
     """The model where a search ended."""
     theta = found.theta
     r, J = problem.jacobian(theta) if found.reach is None else problem.secants(theta, found.reach)

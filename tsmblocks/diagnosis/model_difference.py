@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-from tsmblocks.diagnosis.presentation import in_people_units, unit_of
+from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -13,7 +13,7 @@ SAME = 1e-9
 
 
 @attrs.frozen
-class Changed:
+class ChangedParameter:
     """A number that changed, in its own unit."""
 
     name: str
@@ -24,8 +24,8 @@ class Changed:
     @property
     def words(self) -> str:
         """``tsm.theta 3.94 -> 4.02 1/rad``, angles in degrees."""
-        before = in_people_units(self.before, self.unit)
-        after = in_people_units(self.after, self.unit)
+        before = in_display_units(self.before, self.unit)
+        after = in_display_units(self.after, self.unit)
         return f"{self.name}  {before.split(' ')[0]} -> {after}"
 
 
@@ -37,7 +37,7 @@ class Difference:
     removed: dict[str, str]
     wires_added: tuple[str, ...]
     wires_removed: tuple[str, ...]
-    numbers: tuple[Changed, ...]
+    numbers: tuple[ChangedParameter, ...]
 
     @property
     def lines(self) -> list[tuple[str, str]]:
@@ -56,7 +56,7 @@ def difference(before: Diagram, after: Diagram) -> Difference:
     old, new = _wires(before), _wires(after)
     known = before.parameters
     numbers = tuple(
-        Changed(name, known[name], value, unit_of(after, name))
+        ChangedParameter(name, known[name], value, unit_of(after, name))
         for name, value in after.parameters.items()
         if name in known and abs(value - known[name]) > SAME * max(abs(value), abs(known[name]))
     )

@@ -11,7 +11,7 @@ from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.presentation import in_people_units
+from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.fitting.experiments import prepare
 from tsmblocks.fitting.noise import WEAK, fast_noise_of, noise_of
 from tsmblocks.model.diagram import Diagram
@@ -25,21 +25,21 @@ DRAWS = 1
 
 
 @attrs.frozen
-class Floors:
-    """Noise of each output, in the diagram's unit, and how it was found; ``known`` unless only fast noise was seen.
+class NoiseFloors:
+    """Noise of each output, in the diagram's unit, and how it was found; ``reliable`` unless only fast noise was seen.
 
     ``given`` says it in the words of the user, where it was given.
     """
 
     sigma: Mapping[str, float]
     method: Mapping[str, str]
-    known: bool
+    reliable: bool
     given: Mapping[str, str] = attrs.field(factory=dict)
 
 
-def floors(
+def noise_floors(
     records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str], asked: Mapping[str, tuple[float, str]]
-) -> Floors:
+) -> NoiseFloors:
     """The noise floors: those that were asked for (see asked_floors), and for the other outputs those found.
 
     Raises DataError where an output shows no noise at all.
@@ -50,7 +50,9 @@ def floors(
             sigma[name], method[name] = asked[name][0], GIVEN
         else:
             sigma[name], method[name] = _found(records, diagram, name)
-    return Floors(sigma, method, all(m != WEAK for m in method.values()), {k: words for k, (_, words) in asked.items()})
+    return NoiseFloors(
+        sigma, method, all(m != WEAK for m in method.values()), {k: words for k, (_, words) in asked.items()}
+    )
 
 
 def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
@@ -64,9 +66,9 @@ def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[
     return middle, method
 
 
-def lowered(
-    found: Floors, left: Mapping[str, float], records: Mapping[str, Record], diagram: Diagram
-) -> tuple[Floors, list[str]]:
+def lowered_noise_floors(
+    found: NoiseFloors, left: Mapping[str, float], records: Mapping[str, Record], diagram: Diagram
+) -> tuple[NoiseFloors, list[str]]:
     """Floors that are none above what a model leaves, and what was done about it in words.
 
     ``left`` is the rms that the model leaves of each output, in units of its floor. A floor that was looked for gives
@@ -77,7 +79,7 @@ def lowered(
         unit = diagram.unit(name)
         if share * ABOVE >= 1:
             continue
-        floor, rms = (in_people_units(k * sigma[name], unit) for k in (1.0, share))
+        floor, rms = (in_display_units(k * sigma[name], unit) for k in (1.0, share))
         if method[name] == GIVEN:
             meant = f" ({unit})" if unit else ""
             words.append(
@@ -87,16 +89,16 @@ def lowered(
             continue
         middle = fast_noise_of(records, diagram, name)
         if 0 < middle < sigma[name]:
-            taken = f"{in_people_units(middle, unit)} of fast noise is taken instead"
+            taken = f"{in_display_units(middle, unit)} of fast noise is taken instead"
             words.append(
                 f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base "
                 f"leaves ({rms} rms); {taken}."
             )
             sigma[name], method[name] = middle, WEAK
-    return attrs.evolve(found, sigma=sigma, method=method, known=all(m != WEAK for m in method.values())), words
+    return attrs.evolve(found, sigma=sigma, method=method, reliable=all(m != WEAK for m in method.values())), words
 
 
-def carried(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
+def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
     """Mean square, in variances of the outputs' noise, of what the noise of measured inputs does to the outputs.
 
     The conditioned inputs are taken for the true motion; noise as strong as that which was filtered out, and as white,

@@ -9,8 +9,8 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.insertion_points import Site
-from tsmblocks.diagnosis.model import Asked, posed
+from tsmblocks.diagnosis.insertion_points import InsertionPoint
+from tsmblocks.diagnosis.model import ModelSettings, pose_model
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Link
@@ -26,7 +26,7 @@ FEWEST = 100
 """Samples of a piece at least."""
 KEPT = 0.3
 """Share of a start value's first influence that is still there at the end of an experiment that remembers it."""
-SIGN = "#"
+PIECE_SEPARATOR = "#"
 """Between the name of an experiment and the number of its piece."""
 
 
@@ -40,7 +40,7 @@ class Part:
     cut: Mapping[str, str]
 
 
-def parted(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
+def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
     """Cut a diagram at measured outputs, except where that would open a loop; parts in the order of the signals.
 
     In a closed loop the loop is one part: its controller hides in the position what it shows in the drive.
@@ -126,7 +126,7 @@ def _part(
     return Part(f"{', '.join(inputs) or 'start'} -> {', '.join(own)}", sub, own, replaced)
 
 
-def in_whole(site: Site, part: Part) -> Site:
+def in_whole_diagram(site: InsertionPoint, part: Part) -> InsertionPoint:
     """A site of a part as a site of the whole diagram, where the cut input is a signal again."""
     other = part.cut.get(site.other, site.other)
     signal = part.cut.get(site.signal, site.signal)
@@ -136,11 +136,11 @@ def in_whole(site: Site, part: Part) -> Site:
     return attrs.evolve(site, after="", before=ports[0], other=other, signal=signal)
 
 
-def remembers(diagram: Diagram, records: Mapping[str, Record], asked: Asked) -> bool:
+def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings) -> bool:
     """Whether the start of every experiment still shows at its end, as in a plant that integrates."""
-    if not asked.start_states:
+    if not settings.start_states:
         return False
-    problem, _ = posed(diagram, records, asked, asked.free)
+    problem, _ = pose_model(diagram, records, settings, settings.free)
     _, J = problem.jacobian(problem.unknowns.start)
     items, count = problem.unknowns.items, problem.trials[0].measured.shape[1]
     if not any(item.experiment for item in items):
@@ -158,13 +158,13 @@ def remembers(diagram: Diagram, records: Mapping[str, Record], asked: Asked) -> 
     return min(kept) > KEPT
 
 
-def delays(diagram: Diagram) -> float:
+def total_delay(diagram: Diagram) -> float:
     """All delays of a diagram together [s]: no signal is longer on its way."""
     eq = equations(diagram)
     return float(np.sum(np.asarray(eq.lag(parameter_vector(eq, diagram))))) if eq.q else 0.0
 
 
-def pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
+def split_into_pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
     """Every experiment in pieces named ``experiment#1`` and so on, and the window of each that is compared.
 
     About ``PIECE`` seconds of each are compared. It begins ahead of them, where the piece before it is still compared,
@@ -180,11 +180,11 @@ def pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple[dict[str, 
         edges = np.linspace(begin + lead, end, count + 1).tolist()
         for k, (first, last) in enumerate(itertools.pairwise(edges)):
             stop = last - (record.step / 2 if k + 1 < count else 0.0)
-            one = f"{name}{SIGN}{k + 1}"
+            one = f"{name}{PIECE_SEPARATOR}{k + 1}"
             made[one], windows[one] = record.part(first - lead, stop), (first, None)
     return made, windows
 
 
-def whole(name: str) -> str:
+def experiment_of(name: str) -> str:
     """The experiment that a piece belongs to."""
-    return name.rpartition(SIGN)[0] or name
+    return name.rpartition(PIECE_SEPARATOR)[0] or name

@@ -8,9 +8,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.units import for_people
-from tsmblocks.diagnosis.partition import whole
+from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BINS, binned, coordinates
-from tsmblocks.diagnosis.result import Named, Quantity, Segment, Trace
+from tsmblocks.diagnosis.result import NamedEffect, Quantity, Segment, Trace
 from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
 
@@ -50,7 +50,7 @@ def digits(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
-def in_people_units(value: float, unit: str) -> str:
+def in_display_units(value: float, unit: str) -> str:
     """A number of a unit as people read it: three digits, angles in degrees."""
     k, shown = for_people(unit)
     return f"{k * value:.3g} {shown}".rstrip()
@@ -62,19 +62,19 @@ def unit_of(diagram: Diagram, parameter: str) -> str:
     return unknown(parameter, diagram, fields, None).unit if fields else ""
 
 
-def leading(effect: Named, segment: Segment) -> str:
+def main_parameter(effect: NamedEffect, segment: Segment) -> str:
     """The parameter that an effect's size is told by: that of its limit, else the first."""
     known = {m.name: m.parameter for m in segment.limits}
     wanted = known.get(effect.name, "")
     return wanted if wanted in effect.parameters else next(iter(effect.parameters), "")
 
 
-def histories(segment: Segment, output: str) -> tuple[Trace, ...]:
+def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:
     """The traces of one output, one for each experiment: pieces of an experiment are put together."""
     groups: dict[str, list[Trace]] = {}
     for trace in segment.traces:
         if trace.output == output:
-            groups.setdefault(whole(trace.experiment), []).append(trace)
+            groups.setdefault(experiment_of(trace.experiment), []).append(trace)
     return tuple(parts[0] if len(parts) == 1 else _joined(name, parts) for name, parts in groups.items())
 
 
@@ -140,7 +140,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
 
     ``diagram`` knows the units of the inputs.
     """
-    traces = histories(segment, output)
+    traces = output_traces(segment, output)
     along, block, left, rest, made = [], [], [], [], list[np.ndarray]()
     count = 0
     for number, one in enumerate(traces):

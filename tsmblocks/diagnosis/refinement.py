@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsmblocks.common.errors import RunError, TsmError
-from tsmblocks.diagnosis.model import FINE, Model, searched
+from tsmblocks.diagnosis.model import FINE, Model, optimized
 from tsmblocks.fitting.optimizer import Found
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import FINEST
@@ -14,7 +14,7 @@ from tsmblocks.fitting.step_size import COVERED, halved, shift_note, shifts
 from tsmblocks.fitting.summary import summed_up
 
 
-def finished(model: Model, given: bool) -> tuple[Model, list[str]]:
+def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
     """A model searched once more at finer steps until halving the step moves no number beyond its interval, and words.
 
     Candidates are compared at one step, chosen for the base; with an effect in front of a plant that answers to rates
@@ -34,7 +34,7 @@ def finished(model: Model, given: bool) -> tuple[Model, list[str]]:
         step = model.setup.trials[0].times.h
         if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():
             return model, [*_told(first, step), *shift_note(model.problem.unknowns.names, off, step)]
-        model = searched(problem, setup, model.theta, FINE)
+        model = optimized(problem, setup, model.theta, FINE)
 
 
 def as_fit(model: Model) -> Fit | None:
@@ -57,4 +57,4 @@ def _told(first: float, last: float) -> list[str]:
 
 def _held(model: Model) -> np.ndarray | None:
     """Gradients (m, n) of the bounds that the model lies on."""
-    return np.eye(len(model.theta))[model.bound] if model.bound.any() else None
+    return np.eye(len(model.theta))[model.at_bound] if model.at_bound.any() else None

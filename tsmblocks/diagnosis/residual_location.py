@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tsmblocks.diagnosis.cross_validation import Parts
-from tsmblocks.diagnosis.result import Where
+from tsmblocks.diagnosis.cross_validation import TimeBlocks
+from tsmblocks.diagnosis.result import ResidualCoordinate
 
 BINS = 24
 """Bins of a coordinate, each with as many samples."""
@@ -54,7 +54,9 @@ def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.n
     }
 
 
-def located(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess: float) -> tuple[Where, ...]:
+def residual_coordinates(
+    r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float
+) -> tuple[ResidualCoordinate, ...]:
     """The coordinates that foretell most of what is left ``r`` (N,), on blocks held out.
 
     ``excess`` is the mean square of ``r`` above the noise's.
@@ -63,13 +65,13 @@ def located(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess
         return ()
     found = []
     for name, values in known.items():
-        share = _share(r, binned(values, BINS), parts.fold, excess)
-        found.append(Where(name, min(share, 1.0), WORDS[name]))
+        share = _share(r, binned(values, BINS), blocks.fold, excess)
+        found.append(ResidualCoordinate(name, min(share, 1.0), WORDS[name]))
     found.sort(key=lambda one: -one.share)
     return tuple(one for one in found[:SHOWN] if one.share >= LEAST)
 
 
-def ceiling(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess: float) -> float:
+def explainable_share(r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float) -> float:
     """Share of the excess that any two coordinates together foretell on blocks held out, at best."""
     if excess <= 0:
         return 0.0
@@ -78,7 +80,7 @@ def ceiling(r: np.ndarray, known: Mapping[str, np.ndarray], parts: Parts, excess
     best = 0.0
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
-            best = max(best, _share(r, bins[one] * FEW + bins[other], parts.fold, excess))
+            best = max(best, _share(r, bins[one] * FEW + bins[other], blocks.fold, excess))
     return min(best, 1.0)
 
 

@@ -30,7 +30,7 @@ class Quantity:
 
 
 @attrs.frozen
-class Named:
+class NamedEffect:
     """An effect found missing.
 
     ``wire`` is where ``block`` was put, in wire notation; ``share_removed`` the share of the explainable error that it
@@ -54,7 +54,7 @@ class Named:
 
 
 @attrs.frozen
-class Ranked:
+class RankedCandidate:
     """A candidate tried: how much it removes held out [variances of the noise], and its t beside the line of chance.
 
     ``round`` counts from 1; ``gain`` is what was promised where a candidate was not worth a fit (``fitted`` False).
@@ -102,7 +102,7 @@ class Gap:
 
 
 @attrs.frozen
-class Where:
+class ResidualCoordinate:
     """A coordinate along which model and data disagree, and the share of the excess that it foretells held out."""
 
     coordinate: str
@@ -111,7 +111,7 @@ class Where:
 
 
 @attrs.frozen
-class Limit:
+class DetectionLimit:
     """The smallest size of an effect that these experiments would have shown; None where they do not excite it."""
 
     name: str
@@ -170,11 +170,11 @@ class Segment:
     verdict: str
     excess: float
     noise_floor: Mapping[str, float]
-    effects: tuple[Named, ...]
+    effects: tuple[NamedEffect, ...]
     gaps: tuple[Gap, ...]
-    where: tuple[Where, ...]
-    ranking: tuple[Ranked, ...]
-    limits: tuple[Limit, ...]
+    where: tuple[ResidualCoordinate, ...]
+    ranking: tuple[RankedCandidate, ...]
+    limits: tuple[DetectionLimit, ...]
     traces: tuple[Trace, ...] = attrs.field(repr=False)
     ceiling: float
     sentence: str
@@ -204,7 +204,7 @@ class Diagnosis:
     seed: int
     verdict: str
     sentence: str
-    effects: tuple[Named, ...]
+    effects: tuple[NamedEffect, ...]
     segments: tuple[Segment, ...]
     base: Diagram = attrs.field(repr=False)
     augmented: Diagram = attrs.field(repr=False)
@@ -292,7 +292,7 @@ class Diagnosis:
         return view("text", self)
 
 
-def _effect(e: Named) -> dict[str, Any]:
+def _effect(e: NamedEffect) -> dict[str, Any]:
     return {
         "name": e.name,
         "family": e.family,
@@ -322,11 +322,11 @@ def _gap(gap: Gap) -> dict[str, Any]:
     }
 
 
-def _where(w: Where) -> dict[str, Any]:
+def _where(w: ResidualCoordinate) -> dict[str, Any]:
     return {"coordinate": w.coordinate, "share": _round(w.share), "words": w.words}
 
 
-def _ranked(r: Ranked) -> dict[str, Any]:
+def _ranked(r: RankedCandidate) -> dict[str, Any]:
     return {
         "round": r.round,
         "segment": r.segment,

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.candidates import Candidate, Surroundings
+from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.decision import FAR
-from tsmblocks.diagnosis.model import Asked, Model, posed_as
+from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
@@ -33,18 +33,18 @@ NEXT = 4.0
 
 
 @attrs.frozen(eq=False)
-class Absorbing:
+class BaseSubspace:
     """What the base can take up by other numbers: an orthonormal basis (N, k), and the way back to the unknowns."""
 
     basis: np.ndarray
-    back: np.ndarray
+    to_unknowns: np.ndarray
 
-    def rest(self, z: np.ndarray) -> np.ndarray:
+    def project_out(self, z: np.ndarray) -> np.ndarray:
         """What is left of columns (N, m)."""
         return z - product(self.basis, product(np.ascontiguousarray(self.basis.T), z))
 
 
-def absorbing(model: Model) -> Absorbing:
+def base_subspace(model: Model) -> BaseSubspace:
     """The directions in which the base moves."""
     J = model.J
     size = np.sqrt(np.einsum("ij,ij->j", J, J))
@@ -53,11 +53,11 @@ def absorbing(model: Model) -> Absorbing:
     values, vectors = np.linalg.eigh(product(np.ascontiguousarray(scaled.T), scaled))
     kept = values > RANK * values.max(initial=0.0)
     turn = vectors[:, kept] / np.sqrt(values[kept])
-    return Absorbing(product(scaled, turn), turn / size[:, None])
+    return BaseSubspace(product(scaled, turn), turn / size[:, None])
 
 
 @attrs.frozen(eq=False)
-class Promise:
+class ScreeningScore:
     """What a candidate promises: ``gain`` is the fall of the sum of squares, ``starts`` where to begin, best first.
 
     ``z`` (N,) is the best change of the outputs found, less what the base absorbs.
@@ -69,45 +69,51 @@ class Promise:
     gain: float
     starts: tuple[np.ndarray, ...]
     z: np.ndarray = attrs.field(repr=False)
-    smallest: float | None = None
+    detection_limit: float | None = None
     """The first parameter's size that would just show; None where these data do not excite it."""
 
 
 @attrs.frozen(eq=False)
-class _Try:
+class _ShapeTrial:
     """One shape tried: the fall of the sum of squares, and the unknowns there."""
 
     gain: float
     theta: np.ndarray
     shape: Mapping[str, float]
-    moved: np.ndarray
+    output_change: np.ndarray
     """Change of the outputs (N,)."""
-    felt: float
+    sensitivity: float
     """Sum of squares that the first size worth trying changes, beyond what the base absorbs."""
-    beyond: bool
+    exceeds_range: bool
     """Whether that size moves an output farther than it ever went, as in a loop that then runs away."""
-    plain: np.ndarray
+    theta_base_fixed: np.ndarray
     """The unknowns with the base's as they were."""
 
 
-def promise(
+def screening_score(
     candidate: Candidate,
     model: Model,
     records: Mapping,
-    asked: Asked,
-    around: Surroundings,
-    base: Absorbing,
+    settings: ModelSettings,
+    wires: WireSignals,
+    base: BaseSubspace,
     shows: float,
-) -> Promise:
+) -> ScreeningScore:
     """Try a candidate's shapes and sizes, all side by side in lanes. ``shows`` is a change of the sum of squares."""
     trials = candidate.trials
-    problem, setup = posed_as(
-        model, candidate.diagram, candidate.free, records, asked, _bounds(candidate, asked), candidate.settled
+    problem, setup = pose_extended(
+        model,
+        candidate.diagram,
+        candidate.free,
+        records,
+        settings,
+        _bounds(candidate, settings),
+        candidate.initialised_states,
     )
-    begin = _begin(problem, model, candidate, around)
+    begin = _begin(problem, model, candidate, wires)
     screen = _Screen(candidate, problem, model, base, begin)
     tried = screen.tries(trials.shapes)
-    smallest = _smallest(candidate, tried, shows)
+    detection_limit = _smallest(candidate, tried, shows)
     for _ in range(ROUNDS if trials.refine else 0):
         tried = [*tried, *screen.tries(_between(tried, trials.refine))]
         tried.sort(key=lambda one: -one.gain)
@@ -115,28 +121,36 @@ def promise(
     tried.sort(key=lambda one: -one.gain)
     best = tried[0]
     if trials.refine:
-        return Promise(
+        return ScreeningScore(
             candidate,
             _pinned(problem, candidate, best),
             setup,
             best.gain,
             (best.theta,),
-            base.rest(best.moved[:, None])[:, 0],
-            smallest,
+            base.project_out(best.output_change[:, None])[:, 0],
+            detection_limit,
         )
     chosen = [best, *(one for one in tried[1:OTHERS] if _differs(one, best, base))][:2]
     starts = [_sounder(problem, one) for one in chosen]
-    return Promise(candidate, problem, setup, best.gain, tuple(starts), base.rest(best.moved[:, None])[:, 0], smallest)
+    return ScreeningScore(
+        candidate,
+        problem,
+        setup,
+        best.gain,
+        tuple(starts),
+        base.project_out(best.output_change[:, None])[:, 0],
+        detection_limit,
+    )
 
 
-def _smallest(candidate: Candidate, tried: Sequence[_Try], shows: float) -> float | None:
+def _smallest(candidate: Candidate, tried: Sequence[_ShapeTrial], shows: float) -> float | None:
     """The size at which an effect changes the sum of squares by ``shows``, by the shape that shows it best."""
     strengths, first = candidate.trials.strengths, candidate.effect.free[0]
     null = candidate.effect.null.get(first, np.inf)
     sizes = []
     for one in tried:
-        factor = float(np.sqrt(shows / one.felt)) if one.felt > 0 else np.inf
-        if one.beyond:  # it would be seen, but what is smaller is not in proportion
+        factor = float(np.sqrt(shows / one.sensitivity)) if one.sensitivity > 0 else np.inf
+        if one.exceeds_range:  # it would be seen, but what is smaller is not in proportion
             factor = max(factor, 1.0)
         if strengths and factor < FARTHEST:
             sizes.append(abs(next(iter(strengths.values()))) * factor)
@@ -145,15 +159,15 @@ def _smallest(candidate: Candidate, tried: Sequence[_Try], shows: float) -> floa
     return min(map(abs, sizes)) if sizes else None
 
 
-def _bounds(candidate: Candidate, asked: Asked) -> dict[str, tuple[float | None, float | None]]:
+def _bounds(candidate: Candidate, settings: ModelSettings) -> dict[str, tuple[float | None, float | None]]:
     """Bounds by full names; those of states count where states are free to begin anywhere."""
     named = {f"{candidate.block}.{k}": pair for k, pair in candidate.trials.bounds.items()}
-    return {k: v for k, v in named.items() if asked.start_states or k in candidate.free}
+    return {k: v for k, v in named.items() if settings.start_states or k in candidate.free}
 
 
-def _begin(problem: Problem, model: Model, candidate: Candidate, around: Surroundings) -> np.ndarray:
+def _begin(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
     """The unknowns at the base's numbers, with the effect at its null and at rest where each experiment begins."""
-    known, first, settled = model.values, around.first(candidate.site.signal), candidate.settled
+    known, first, settled = model.values, wires.initial_values(candidate.site.signal), candidate.initialised_states
     made = []
     for item in problem.unknowns.items:
         if item.name in known:
@@ -172,7 +186,7 @@ class _Screen:
     candidate: Candidate
     problem: Problem
     model: Model
-    base: Absorbing
+    base: BaseSubspace
     begin: np.ndarray
 
     @property
@@ -184,7 +198,7 @@ class _Screen:
             for i, weight in enumerate(self.problem.weights)
         )
 
-    def tries(self, shapes: Sequence[Mapping[str, float]]) -> list[_Try]:
+    def tries(self, shapes: Sequence[Mapping[str, float]]) -> list[_ShapeTrial]:
         """Every shape with its best size."""
         strengths = self.candidate.trials.strengths
         sets = [
@@ -225,7 +239,7 @@ class _Screen:
 
     def _sized(
         self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray
-    ) -> _Try:
+    ) -> _ShapeTrial:
         """A shape with the sizes of its strengths that leave least.
 
         ``z`` (N, k) are the changes of the outputs, ``g`` (k,) and ``m`` (k, k) what of them the base does not absorb
@@ -234,8 +248,8 @@ class _Screen:
         strengths = self.candidate.trials.strengths
         size = np.ones(1) if not strengths else self._sizes(g, m, list(strengths.items()))
         numbers = {k: s * v for (k, v), s in zip(strengths.items(), size, strict=False)}
-        theta = plain = self._set({**shape, **numbers})
-        shift = dict(zip(self.model.problem.unknowns.names, -self.base.back @ (inside @ size), strict=True))
+        theta = theta_base_fixed = self._set({**shape, **numbers})
+        shift = dict(zip(self.model.problem.unknowns.names, -self.base.to_unknowns @ (inside @ size), strict=True))
         theta = theta + np.array([shift.get(name, 0.0) for name in self.problem.unknowns.names])
 
         def fall(by: np.ndarray) -> float:
@@ -245,8 +259,8 @@ class _Screen:
         if not strengths:  # the size is part of the shape; count what another size in this direction would gain
             gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, NEXT)))
         inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
-        beyond = bool(np.abs(z[:, 0]).max(initial=0.0) > self.reach)
-        return _Try(gain, inside_bounds, shape, z @ size, float(m[0, 0]), beyond, plain)
+        exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.reach)
+        return _ShapeTrial(gain, inside_bounds, shape, z @ size, float(m[0, 0]), exceeds_range, theta_base_fixed)
 
     def _sizes(self, g: np.ndarray, m: np.ndarray, strengths: list[tuple[str, float]]) -> np.ndarray:
         """Factors on the sizes worth trying, in bounds."""
@@ -259,13 +273,13 @@ class _Screen:
         return size
 
 
-def _sounder(problem: Problem, one: _Try) -> np.ndarray:
+def _sounder(problem: Problem, one: _ShapeTrial) -> np.ndarray:
     """Where to begin from a try: with the base moved as its derivatives say, or not, where they lead astray."""
-    moved, plain = problem.costs(np.stack([one.theta, one.plain]))
-    return one.plain if not moved <= plain else one.theta
+    shifted, base_fixed = problem.costs(np.stack([one.theta, one.theta_base_fixed]))
+    return one.theta_base_fixed if not shifted <= base_fixed else one.theta
 
 
-def _between(tried: Sequence[_Try], name: str) -> list[dict[str, float]]:
+def _between(tried: Sequence[_ShapeTrial], name: str) -> list[dict[str, float]]:
     """Shapes between the best one and its neighbours."""
     best = max(tried, key=lambda one: one.gain)
     here = best.shape[name]
@@ -275,11 +289,11 @@ def _between(tried: Sequence[_Try], name: str) -> list[dict[str, float]]:
     return [{**best.shape, name: here + share * reach} for share in steps]
 
 
-def _pinned(problem: Problem, candidate: Candidate, best: _Try) -> Problem:
+def _pinned(problem: Problem, candidate: Candidate, best: _ShapeTrial) -> Problem:
     """The problem with a shape that was looked for by trials kept near what they found: slopes do not lead there."""
     name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
     k = unknowns.names.index(name)
-    reach, value = PINNED * candidate.transition, float(best.theta[k])
+    reach, value = PINNED * candidate.transition_time, float(best.theta[k])
     item = attrs.evolve(
         unknowns.items[k],
         low=max(value - reach, unknowns.items[k].low),
@@ -289,7 +303,7 @@ def _pinned(problem: Problem, candidate: Candidate, best: _Try) -> Problem:
     return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=items))
 
 
-def _differs(one: _Try, best: _Try, base: Absorbing) -> bool:
+def _differs(one: _ShapeTrial, best: _ShapeTrial, base: BaseSubspace) -> bool:
     """Whether two tries lead to different places: their changes of the outputs are not nearly the same."""
-    a, b = base.rest(np.stack([one.moved, best.moved], axis=1)).T
+    a, b = base.project_out(np.stack([one.output_change, best.output_change], axis=1)).T
     return float(np.einsum("i,i->", a, b)) ** 2 < 0.8 * square(a) * square(b)

@@ -20,7 +20,7 @@ MOST = 12
 """Experiments (or pieces of them) whose start states are written out; those of more are read from diagnosis.json."""
 
 
-def code(diagnosis: Diagnosis) -> list[str]:
+def script_lines(diagnosis: Diagnosis) -> list[str]:
     """The lines that make the augmented diagram and score it; pasted into a script, they give the same numbers.
 
     They take ``recordings``, a mapping from experiments to records.
@@ -55,7 +55,7 @@ def _kinds(block: Block | Diagram) -> Iterator[type]:
         yield from _kinds(inner)
 
 
-def source(diagram: Diagram) -> str:
+def diagram_source(diagram: Diagram) -> str:
     """What ``tsm.load`` takes for this diagram; empty for one that a script made."""
     path = Path(diagram.where)
     if path.suffix != ".toml":
@@ -64,7 +64,7 @@ def source(diagram: Diagram) -> str:
 
 
 def _loaded(diagnosis: Diagnosis) -> Iterator[str]:
-    name = source(diagnosis.first)
+    name = diagram_source(diagnosis.first)
     yield f"diagram = tsm.load({name!r})" if name else "# diagram: the one that was diagnosed"
 
 

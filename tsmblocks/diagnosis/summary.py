@@ -8,18 +8,18 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
-from tsmblocks.diagnosis.cross_validation import held_out
-from tsmblocks.diagnosis.decision import MATERIAL, Tried, mean, sizes_of, weights
-from tsmblocks.diagnosis.discrimination import proposed
-from tsmblocks.diagnosis.forward_selection import Round, Search
+from tsmblocks.diagnosis.cross_validation import held_out_residuals
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss, ridge_weights, shrinkage_of
+from tsmblocks.diagnosis.discrimination import separating_experiment
+from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.noise_floor import Floors
-from tsmblocks.diagnosis.partition import Part, in_whole, whole
+from tsmblocks.diagnosis.noise_floor import NoiseFloors
+from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram
 from tsmblocks.diagnosis.refinement import as_fit
-from tsmblocks.diagnosis.residual_location import ceiling, coordinates, located
-from tsmblocks.diagnosis.result import Gap, Limit, Named, Quantity, Ranked, Segment, Trace
-from tsmblocks.diagnosis.screening import Promise
-from tsmblocks.diagnosis.text import verdict as verdict_in_words
+from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
+from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
+from tsmblocks.diagnosis.screening import ScreeningScore
+from tsmblocks.diagnosis.text import verdict_sentence as verdict_in_words
 from tsmblocks.fitting.experiments import Trial
 from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
@@ -37,13 +37,13 @@ PLAIN = 5.0
 
 
 @attrs.frozen(eq=False)
-class Work:
+class PartDiagnosis:
     """All that was done for one part of a diagram."""
 
     part: Part
-    search: Search
-    floors: Floors
-    rounds: Sequence[Round]
+    search: SearchContext
+    floors: NoiseFloors
+    rounds: Sequence[SearchRound]
     count: int
     final: Model
     """The last model that counts, simulated finely enough."""
@@ -54,21 +54,24 @@ class Work:
         return [*(one.base for one in self.rounds[: self.count]), self.final]
 
     @property
-    def named(self) -> list[Tried]:
+    def named(self) -> list[FittedCandidate]:
         """The effects that count."""
         return [one.verdict.named for one in self.rounds[: self.count] if one.verdict.named is not None]
 
 
-def summed(work: Work, whole_diagram: Diagram) -> Segment:
+def segment_summary(work: PartDiagnosis, whole_diagram: Diagram) -> Segment:
     """What is said of a segment."""
-    floor, search = work.search.floor, work.search
-    losses = [mean(one.losses, search.parts) for one in work.rounds[: work.count + 1]]
-    excess = losses[0] / floor - 1
+    noise_variance, search = work.search.noise_variance, work.search
+    losses = [mean_loss(one.losses, search.blocks) for one in work.rounds[: work.count + 1]]
+    excess = losses[0] / noise_variance - 1
     base = work.models[0]
     known = _coordinates(base, work.part)
-    left = max(float(np.mean(base.r**2)) - floor, 0.0)
-    where, top = located(base.r, known, search.parts, left), ceiling(base.r, known, search.parts, left)
-    sure = work.floors.known or top >= SEEN or excess > PLAIN
+    left = max(float(np.mean(base.r**2)) - noise_variance, 0.0)
+    where, top = (
+        residual_coordinates(base.r, known, search.blocks, left),
+        explainable_share(base.r, known, search.blocks, left),
+    )
+    sure = work.floors.reliable or top >= SEEN or excess > PLAIN
     verdict = "named" if work.count else "unknown" if excess > BEYOND and sure else "none"
     held = _held_out(work)
     effects = tuple(_named(work, k, losses, whole_diagram) for k in range(work.count))
@@ -80,7 +83,7 @@ def summed(work: Work, whole_diagram: Diagram) -> Segment:
         work.part.outputs,
         verdict,
         float(excess),
-        {k: v * np.sqrt(floor) for k, v in work.floors.sigma.items()},
+        {k: v * np.sqrt(noise_variance) for k, v in work.floors.sigma.items()},
         effects,
         gaps,
         where,
@@ -94,33 +97,37 @@ def summed(work: Work, whole_diagram: Diagram) -> Segment:
     return attrs.evolve(made, sentence=verdict_in_words(made))
 
 
-def _known(work: Work, k: int) -> dict[str, tuple[float, float]]:
+def _known(work: PartDiagnosis, k: int) -> dict[str, tuple[float, float]]:
     """Parameters of the effects in model ``k``."""
-    return {name: pair for one in work.named[:k] for name, pair in sizes_of(one.candidate).items()}
+    return {name: pair for one in work.named[:k] for name, pair in shrinkage_of(one.candidate).items()}
 
 
-def _held_out(work: Work) -> list[np.ndarray]:
+def _held_out(work: PartDiagnosis) -> list[np.ndarray]:
     """What each model leaves (N,) on blocks held out."""
     made = []
     for k, model in enumerate(work.models):
-        pull, null = weights(_known(work, k), model)
-        made.append(held_out(model, work.search.parts.fold, pull, null))
+        pull, null = ridge_weights(_known(work, k), model)
+        made.append(held_out_residuals(model, work.search.blocks.fold, pull, null))
     return made
 
 
-def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) -> Named:
+def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
     """One effect, its numbers as they are in the final model."""
-    floor, parts = work.search.floor, work.search.parts
-    alike, candidate = work.rounds[k].alike, work.named[k].candidate
-    explainable = max(losses[0] - floor, 1e-12)
-    whole_losses = [mean(r.across, parts) for r in work.rounds[: work.count + 1]]
-    across = (whole_losses[k] - whole_losses[k + 1]) / max(whole_losses[0] - floor, 1e-12) if _several(work) else None
-    site = in_whole(candidate.site, work.part)
-    also = list(dict.fromkeys(o.candidate.effect.name for o in alike))
+    noise_variance, blocks = work.search.noise_variance, work.search.blocks
+    indistinguishable, candidate = work.rounds[k].indistinguishable, work.named[k].candidate
+    explainable = max(losses[0] - noise_variance, 1e-12)
+    whole_losses = [mean_loss(r.experiment_losses, blocks) for r in work.rounds[: work.count + 1]]
+    across = (
+        (whole_losses[k] - whole_losses[k + 1]) / max(whole_losses[0] - noise_variance, 1e-12)
+        if _several(work)
+        else None
+    )
+    site = in_whole_diagram(candidate.site, work.part)
+    also = list(dict.fromkeys(o.candidate.effect.name for o in indistinguishable))
     effect = candidate.effect
     # Beside the others its more general form may come first; it is the effect named that is to be set apart.
-    same = next((one for one in alike if one.candidate.effect.name == effect.name), work.named[k])
-    return Named(
+    same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), work.named[k])
+    return NamedEffect(
         effect.name,
         effect.family,
         effect.words,
@@ -131,23 +138,23 @@ def _named(work: Work, k: int, losses: Sequence[float], whole_diagram: Diagram) 
         float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
         None if across is None else float(min(across, 1.0)),
         tuple(name for name in also if name != effect.name),
-        proposed(same, alike, work.search.records, work.search.asked),
+        separating_experiment(same, indistinguishable, work.search.records, work.search.settings),
         site.code(candidate.block, effect.block),
     )
 
 
-def _so_far(work: Work, k: int, whole_diagram: Diagram) -> Diagram:
+def _so_far(work: PartDiagnosis, k: int, whole_diagram: Diagram) -> Diagram:
     """The whole diagram with the first ``k`` effects in place."""
     made = whole_diagram
     for one in work.named[:k]:
         c = one.candidate
-        made = in_whole(c.site, work.part).put(made, c.block, c.effect.block)
+        made = in_whole_diagram(c.site, work.part).put(made, c.block, c.effect.block)
     return made
 
 
-def _several(work: Work) -> bool:
+def _several(work: PartDiagnosis) -> bool:
     """Whether there is more than one experiment, so that whole ones can be held out."""
-    return len({whole(t.name) for t in work.models[0].setup.trials}) > 1
+    return len({experiment_of(t.name) for t in work.models[0].setup.trials}) > 1
 
 
 def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quantity]:
@@ -163,7 +170,7 @@ def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quan
     return made
 
 
-def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
+def _gap(work: PartDiagnosis, i: int, held: Sequence[np.ndarray]) -> Gap:
     """How one output's error shrank, on what was fitted and on blocks held out."""
     base = work.models[0]
     name, problem = base.setup.outputs[i], base.problem
@@ -171,7 +178,7 @@ def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
     rows = [problem.segments[e * count + i] for e in range(len(problem.trials))]
     groups: dict[str, list[slice]] = {}
     for trial, row in zip(problem.trials, rows, strict=True):
-        groups.setdefault(whole(trial.name), []).append(row)
+        groups.setdefault(experiment_of(trial.name), []).append(row)
 
     def rms(r: np.ndarray, some: Sequence[slice]) -> float:
         return sigma * float(np.sqrt(np.mean(np.concatenate([r[row] for row in some]) ** 2)))
@@ -180,7 +187,7 @@ def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
     return Gap(
         name,
         base.diagram.unit(name),
-        sigma * float(np.sqrt(work.search.floor)),
+        sigma * float(np.sqrt(work.search.noise_variance)),
         work.floors.method[name],
         tuple(rms(m.r, rows) for m in work.models),
         tuple(rms(r, rows) for r in held),
@@ -189,65 +196,71 @@ def _gap(work: Work, i: int, held: Sequence[np.ndarray]) -> Gap:
     )
 
 
-def _given(work: Work, output: str) -> str:
+def _given(work: PartDiagnosis, output: str) -> str:
     """The floor in the words it was given, and that more was added to it; empty where it was found."""
     words = work.floors.given.get(output, "")
-    return words and f"{words} given{', and noise of the inputs' if work.search.floor > 1 + ADDED else ''}"
+    return words and f"{words} given{', and noise of the inputs' if work.search.noise_variance > 1 + ADDED else ''}"
 
 
-def _ranking(work: Work) -> tuple[Ranked, ...]:
+def _ranking(work: PartDiagnosis) -> tuple[RankedCandidate, ...]:
     """Every candidate of every round that counts, and of the one after."""
-    made: list[Ranked] = []
-    for number, one in enumerate((r.widest for r in work.rounds[: work.count + 1]), 1):
-        before, parts, floor = mean(one.losses, work.search.parts), work.search.parts, work.search.floor
+    made: list[RankedCandidate] = []
+    for number, one in enumerate((r.most_complete for r in work.rounds[: work.count + 1]), 1):
+        before, blocks, noise_variance = (
+            mean_loss(one.losses, work.search.blocks),
+            work.search.blocks,
+            work.search.noise_variance,
+        )
         # Beside a base at the noise there is nothing left to explain, and a share of nothing says nothing.
-        blank = _Blank(number, one, work, max(before - floor, MATERIAL * floor))
+        row = _RankingRow(number, one, work, max(before - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance))
         seen = {tried.candidate.key for tried in one.verdict.ranking}
         made += [
-            blank.tried(tried, float(t), before, mean(one.across, parts), floor)
+            row.fitted(tried, float(t), before, mean_loss(one.experiment_losses, blocks), noise_variance)
             for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)
         ]
-        made += [blank.promised(p) for p in one.promises if p.candidate.key not in seen]
+        made += [row.screened(p) for p in one.screening_scores if p.candidate.key not in seen]
     return tuple(made)
 
 
 @attrs.frozen(eq=False)
-class _Blank:
+class _RankingRow:
     """What all candidates of a round share."""
 
     number: int
-    round: Round
-    work: Work
+    round: SearchRound
+    work: PartDiagnosis
     excess: float
 
-    def promised(self, p: Promise) -> Ranked:
+    def screened(self, p: ScreeningScore) -> RankedCandidate:
         """A candidate that was not worth a fit."""
         return self._made(p.candidate, p.gain / len(self.round.base.r))
 
-    def tried(self, one: Tried, t: float, before: float, across: float, floor: float) -> Ranked:
+    def fitted(
+        self, one: FittedCandidate, t: float, before: float, across: float, noise_variance: float
+    ) -> RankedCandidate:
         """A candidate that was fitted; ``across`` is what the round's base leaves of whole experiments held out."""
-        c, verdict, parts = one.candidate, self.round.verdict, self.work.search.parts
+        c, verdict, blocks = one.candidate, self.round.verdict, self.work.search.blocks
         items = [i for i in one.model.problem.unknowns.items if i.parameter in c.free]
         units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
         values = {i.parameter.removeprefix(f"{c.block}."): one.model.values[i.name] for i in items}
         added = verdict.named is not None and self.number <= self.work.count
-        gone = across - mean(one.across, parts) if _several(self.work) else float("nan")
+        gone = across - mean_loss(one.experiment_losses, blocks) if _several(self.work) else float("nan")
         return attrs.evolve(
             self._made(c, before - one.loss),
             t=t,
-            in_set=added and one in verdict.alike,
+            in_set=added and one in verdict.indistinguishable,
             fitted=True,
             at_bound=one.at_bounds,
             named=added and one is verdict.named,
             parameters=values,
             units=units,
             across=gone,
-            new=gone / max(across - floor, MATERIAL * floor),
+            new=gone / max(across - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance),
         )
 
-    def _made(self, c: Candidate, gain: float) -> Ranked:
+    def _made(self, c: Candidate, gain: float) -> RankedCandidate:
         wire, nothing = c.site.words(self.round.base.diagram), float("nan")
-        return Ranked(
+        return RankedCandidate(
             self.number,
             self.work.part.name,
             c.effect.name,
@@ -258,7 +271,7 @@ class _Blank:
             gain / self.excess,
             nothing,
             nothing,
-            self.round.verdict.line,
+            self.round.verdict.critical_value,
             False,
             False,
             False,
@@ -268,18 +281,18 @@ class _Blank:
         )
 
 
-def _limits(work: Work) -> tuple[Limit, ...]:
+def _limits(work: PartDiagnosis) -> tuple[DetectionLimit, ...]:
     """For each effect the smallest size that the base's experiments would have shown."""
-    found: dict[str, Limit] = {}
-    for p in work.rounds[0].promises:
-        effect, limit = p.candidate.effect, p.smallest
+    found: dict[str, DetectionLimit] = {}
+    for p in work.rounds[0].screening_scores:
+        effect, limit = p.candidate.effect, p.detection_limit
         parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
         unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
         old = found.get(effect.name)
         if old is None or (old.value is None and limit is not None):
-            found[effect.name] = Limit(effect.name, parameter, limit, unit, effect.excites)
+            found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites)
     for effect in work.search.effects:
-        found.setdefault(effect.name, Limit(effect.name, effect.free[0], None, "", effect.excites))
+        found.setdefault(effect.name, DetectionLimit(effect.name, effect.free[0], None, "", effect.excites))
     order = {effect.name: k for k, effect in enumerate(work.search.effects)}
     return tuple(sorted(found.values(), key=lambda m: order[m.name]))
 
@@ -287,11 +300,11 @@ def _limits(work: Work) -> tuple[Limit, ...]:
 def _coordinates(model: Model, part: Part) -> dict[str, np.ndarray]:
     """Coordinates of the motion at every difference: of the first input, or of the output where there is none."""
     trials, inputs = model.setup.trials, list(part.diagram.inputs)
-    number = {name: k for k, name in enumerate(dict.fromkeys(whole(t.name) for t in trials))}
+    number = {name: k for k, name in enumerate(dict.fromkeys(experiment_of(t.name) for t in trials))}
     made: dict[str, list[np.ndarray]] = {}
     for trial in trials:
         x = _drive(trial, model, inputs[0]) if inputs else trial.measured[:, 0]
-        for name, values in coordinates(trial.t, x, number[whole(trial.name)]).items():
+        for name, values in coordinates(trial.t, x, number[experiment_of(trial.name)]).items():
             made.setdefault(name, []).extend([values] * trial.measured.shape[1])
     return {name: np.concatenate(values) for name, values in made.items()}
 
@@ -301,7 +314,7 @@ def _drive(trial: Trial, model: Model, name: str) -> np.ndarray:
     return np.interp(trial.t, trial.record.t, trial.record.values(name, model.diagram.unit(name)))
 
 
-def _traces(work: Work) -> tuple[Trace, ...]:
+def _traces(work: PartDiagnosis) -> tuple[Trace, ...]:
     """Measured and simulated signals for pictures."""
     base, final, inputs = work.models[0], work.models[-1], list(work.part.diagram.inputs)
     count, made = len(base.setup.outputs), list[Trace]()
@@ -320,7 +333,7 @@ def _traces(work: Work) -> tuple[Trace, ...]:
                     trial.measured[:, i] + sigma * final.r[rows],
                     drive,
                     inputs[0] if inputs else "",
-                    _blocks(base.r[rows], work.search.parts.block[rows], trial.t),
+                    _blocks(base.r[rows], work.search.blocks.block[rows], trial.t),
                 )
             )
     return tuple(made)

@@ -17,13 +17,13 @@ from tsmblocks.diagnosis.presentation import (
     digits,
     fitted_rms,
     for_people,
-    histories,
-    in_people_units,
-    leading,
+    in_display_units,
+    main_parameter,
+    output_traces,
     with_interval,
 )
-from tsmblocks.diagnosis.result import Diagnosis, Gap, Limit, Named, Ranked, Segment
-from tsmblocks.diagnosis.script import code
+from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
+from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.text import estimate_rows
 
@@ -45,7 +45,7 @@ _NUMBER = re.compile(r"(?:\d{4}-\d\d-\d\d )?\d\d:\d\d:\d\d(?:\.\d+)?|(?<![\w.])\
 STATUS = {"done": "done", "interrupted": "interrupted; this is what was found until then"}
 
 
-def told(diagnosis: Diagnosis) -> str:
+def diagnosis_text(diagnosis: Diagnosis) -> str:
     """The whole diagnosis as a terminal shows it."""
     n = len(diagnosis.experiments)
     head = f"{diagnosis.diagram or 'diagram'}: {n} experiment{'s' if n > 1 else ''}"
@@ -61,7 +61,7 @@ def told(diagnosis: Diagnosis) -> str:
     parts += [text for segment in diagnosis.segments for text in _confusion(segment)]
     parts += [_limits(segment, several) for segment in diagnosis.segments if segment.limits]
     parts += _consequence(diagnosis)
-    notes = gathered(diagnosis.notes, diagnosis.experiments)
+    notes = merged_notes(diagnosis.notes, diagnosis.experiments)
     notes.append(f"Seed {diagnosis.seed}; {STATUS[diagnosis.status]}.")
     parts.append("\n".join(["notes:", *map(_bullet, notes)]))
     return "\n\n".join(parts)
@@ -70,7 +70,7 @@ def told(diagnosis: Diagnosis) -> str:
 # ---- the verdict ---------------------------------------------------------------------------------
 
 
-def verdict(segment: Segment) -> str:
+def verdict_sentence(segment: Segment) -> str:
     """What is said of a segment in a sentence or two, sizes with their intervals, angles in degrees."""
     between, ahead = f"Between {_ends(segment)}", _ahead(segment)
     if segment.verdict == "named":
@@ -101,7 +101,7 @@ def _doubt(segment: Segment) -> str:
 
 def _ahead(segment: Segment) -> str:
     """A word about an output that runs ahead of the input, in the first experiment where it does."""
-    traces = (trace for output in segment.outputs for trace in histories(segment, output))
+    traces = (trace for output in segment.outputs for trace in output_traces(segment, output))
     said = (runs_ahead((t.drive_name, t.output), t.t, t.drive, t.measured, t.before) for t in traces if t.drive_name)
     words = next(filter(None, said), "")
     return f" But {words}" if words else ""
@@ -111,8 +111,8 @@ def _ends(segment: Segment) -> str:
     return f"{', '.join(segment.inputs) or 'the start'} and {', '.join(segment.outputs)}"
 
 
-def _size(effect: Named, segment: Segment) -> str:
-    main = leading(effect, segment)
+def _size(effect: NamedEffect, segment: Segment) -> str:
+    main = main_parameter(effect, segment)
     size = f", {main.rpartition('.')[2]} {with_interval(effect.parameters[main])}" if main else ""
     block = "" if effect.block == effect.name else f" as block {effect.block}"
     return f"{effect.name}{block} on {effect.wire.strip()}{size}"
@@ -164,10 +164,10 @@ def _left(segment: Segment) -> str:
 
 
 def _verdicts(diagnosis: Diagnosis) -> str:
-    return "\n\n".join(_filled(f"{s.verdict.upper()}. {verdict(s)}") for s in in_order(diagnosis))
+    return "\n\n".join(_filled(f"{s.verdict.upper()}. {verdict_sentence(s)}") for s in segments_by_verdict(diagnosis))
 
 
-def in_order(diagnosis: Diagnosis) -> list[Segment]:
+def segments_by_verdict(diagnosis: Diagnosis) -> list[Segment]:
     """The segments, those with something to say first."""
     order = {"named": 0, "unknown": 1, "none": 2}
     return sorted(diagnosis.segments, key=lambda s: order.get(s.verdict, 3))
@@ -176,7 +176,7 @@ def in_order(diagnosis: Diagnosis) -> list[Segment]:
 # ---- tables --------------------------------------------------------------------------------------
 
 
-def steps(segment: Segment) -> list[str]:
+def column_titles(segment: Segment) -> list[str]:
     """What the columns of a gap are called: the base, then each effect added."""
     return ["before", *(f"+ {e.block}" for e in segment.effects)]
 
@@ -189,9 +189,15 @@ def gap_table(one: tuple[Segment, Gap]) -> str:
     """How one output's error shrank, per experiment: held out, and in the last columns as fitted."""
     segment, gap = one
     k, unit = for_people(gap.unit)
-    fitted = {t.experiment: fitted_rms(t) for t in histories(segment, gap.output)}
+    fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
-    rows = [[f"rms of {gap.output} held out [{unit or 'its unit'}]", *(_cut(s, SHORT) for s in steps(segment)), *last]]
+    rows = [
+        [
+            f"rms of {gap.output} held out [{unit or 'its unit'}]",
+            *(_cut(s, SHORT) for s in column_titles(segment)),
+            *last,
+        ]
+    ]
     ends = [gap.train[0], gap.train[-1]][: len(last)]
     rows.append(["all", *(digits(k * v) for v in gap.held_out), *(digits(k * v) for v in ends)])
     for name, values in gap.experiments.items() if len(gap.experiments) > 1 else ():
@@ -225,14 +231,14 @@ def _ranking(segment: Segment) -> list[str]:
         if not fitted:
             continue
         shown = fitted[: FEW if segment.effects and not any(r.named for r in fitted) else MOST]
-        room = ROOM + (0 if several > 1 else len("  new exp.")) - max(len(_cut(titled(r))) for r in shown)
+        room = ROOM + (0 if several > 1 else len("  new exp.")) - max(len(_cut(candidate_title(r))) for r in shown)
         rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
         rows += [
             [
-                f"{mark(r) or ' '} {_cut(titled(r))}",
+                f"{ranking_mark(r) or ' '} {_cut(candidate_title(r))}",
                 _cut(r.wire.strip(), room),
                 percent(r.share),
-                *[percent(across(r, several))][: several - 1],
+                *[percent(share_across_experiments(r, several))][: several - 1],
                 f"{r.t:.1f}",
             ]
             for r in shown
@@ -241,10 +247,10 @@ def _ranking(segment: Segment) -> list[str]:
         more = f"\nOther candidates, which promised or removed less: {rest}." if rest else ""
         key = "* named, ~ cannot be told from it" if any(r.named for r in here) else "none named"
         made.append(f"candidates, round {number} ({key}):\n{columns(rows, left=(0, 1))}{more}")
-    return [*made, _filled(columns_in_words(several > 1))] if made else []
+    return [*made, _filled(columns_explained(several > 1))] if made else []
 
 
-def columns_in_words(several: bool) -> str:
+def columns_explained(several: bool) -> str:
     """What the columns of the tables of candidates say."""
     new = "new exp.: the same with whole experiments held out; " if several else ""
     return (
@@ -254,17 +260,17 @@ def columns_in_words(several: bool) -> str:
     )
 
 
-def mark(one: Ranked) -> str:
+def ranking_mark(one: RankedCandidate) -> str:
     """A star for what was named, a tilde for what cannot be told from it."""
     return "*" if one.named else "~" if one.in_set else ""
 
 
-def titled(one: Ranked) -> str:
+def candidate_title(one: RankedCandidate) -> str:
     """Name and variant of a candidate."""
     return f"{one.name} ({one.variant})" if one.variant else one.name
 
 
-def across(one: Ranked, experiments: int) -> float:
+def share_across_experiments(one: RankedCandidate, experiments: int) -> float:
     """The share that a candidate removes with whole experiments held out; NaN where there is one or none."""
     return one.new if experiments > 1 else float("nan")
 
@@ -281,7 +287,7 @@ def _added(diagnosis: Diagnosis) -> list[str]:
     return parts
 
 
-def number_rows(segment: Segment) -> list[tuple[str, ...]]:
+def parameter_rows(segment: Segment) -> list[tuple[str, ...]]:
     """The diagram's own numbers as the last model has them, with intervals: the heading first; start values aside."""
     if segment.fit is None:
         return []
@@ -291,7 +297,7 @@ def number_rows(segment: Segment) -> list[tuple[str, ...]]:
 
 
 def _numbers(segment: Segment) -> list[str]:
-    rows = number_rows(segment)
+    rows = parameter_rows(segment)
     return [f"the diagram's own numbers, found with it:\n{columns(rows, left=(0, 4, 6))}"] if rows else []
 
 
@@ -299,7 +305,7 @@ def _beware(segment: Segment) -> list[str]:
     return ["\n".join(["beware:", *map(_bullet, segment.cautions)])] if segment.cautions else []
 
 
-def starts_words(diagnosis: Diagnosis) -> str:
+def initial_states_text(diagnosis: Diagnosis) -> str:
     """How the start states that were found are used; empty where there are none."""
     if not any(diagnosis.start_states.values()):
         return ""
@@ -312,8 +318,8 @@ def starts_words(diagnosis: Diagnosis) -> str:
 def _script(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.effects:
         return []
-    words = starts_words(diagnosis)
-    lines = ["in a script:", *(f"  {line}".rstrip() for line in code(diagnosis))]
+    words = initial_states_text(diagnosis)
+    lines = ["in a script:", *(f"  {line}".rstrip() for line in script_lines(diagnosis))]
     return [*([_filled(words)] if words else []), "\n".join(lines)]
 
 
@@ -329,11 +335,11 @@ def _confusion(segment: Segment) -> list[str]:
     return ["\n".join(["what may be confused:", *said])] if said else []
 
 
-def limit(one: Limit) -> str:
+def limit_text(one: DetectionLimit) -> str:
     """The smallest size that would have been seen: its parameter and number; empty where it is not excited."""
     if one.value is None:
         return ""
-    return f"{one.parameter.rpartition('.')[2]} {in_people_units(abs(one.value), one.unit)}"
+    return f"{one.parameter.rpartition('.')[2]} {in_display_units(abs(one.value), one.unit)}"
 
 
 def _limits(segment: Segment, several: bool) -> str:
@@ -344,7 +350,7 @@ def _limits(segment: Segment, several: bool) -> str:
     if seen:
         parts.append(
             f"the smallest sizes that would have been seen{where}:\n"
-            + columns([[m.name, limit(m)] for m in seen], "  ", left=(0, 1))
+            + columns([[m.name, limit_text(m)] for m in seen], "  ", left=(0, 1))
         )
     if blind:
         names = ", ".join(m.name for m in blind)
@@ -374,7 +380,7 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
     return [columns(rows), *([_filled(found.words)] if found.words else [])]
 
 
-def gathered(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
+def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
     """Notes that say the same of several experiments as one, their numbers as a range."""
     groups: dict[str, list[tuple[str, list[str]]]] = {}
     for note in notes:
@@ -445,4 +451,4 @@ def _filled(text: str, first: str = "", others: str = "") -> str:
 
 
 view = functools.singledispatch(no_view)
-view.register(Diagnosis, told)
+view.register(Diagnosis, diagnosis_text)

@@ -9,7 +9,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.text import STATUS, in_order, percent, verdict
+from tsmblocks.diagnosis.text import STATUS, percent, segments_by_verdict, verdict_sentence
 from tsmblocks.html.card import MOST_CHARTS, card, listed, table_of
 from tsmblocks.html.document import key, sentence
 from tsmblocks.html.figures import gap_bars
@@ -23,8 +23,8 @@ def diagnosis_card(found: Diagnosis) -> str:
     """A diagnosis: verdict, effects with their numbers, gaps before and after; ``save`` writes the whole report."""
     boxes = [
         f'<div class="verdict {escape(s.verdict)}"><p><b>{escape(WORDS.get(s.verdict, s.verdict))}.</b> '
-        f"{sentence(verdict(s))}</p></div>"
-        for s in in_order(found)
+        f"{sentence(verdict_sentence(s))}</p></div>"
+        for s in segments_by_verdict(found)
     ]
     effects = [
         (

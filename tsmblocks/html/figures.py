@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tsmblocks.data import heading
-from tsmblocks.diagnosis.presentation import Profile, digits, fitted_rms, for_people, histories, strips
+from tsmblocks.diagnosis.presentation import Profile, digits, fitted_rms, for_people, output_traces, strips
 from tsmblocks.diagnosis.result import Gap, Segment, Trace
-from tsmblocks.diagnosis.text import steps
+from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.html import charts
 from tsmblocks.html.charts import WIDTH, Frame
 from tsmblocks.model.diagram import Diagram
@@ -29,7 +29,7 @@ LEFT, RIGHT = 46, WIDTH - 10
 def gap_bars(segment: Segment, gap: Gap) -> str:
     """Rms held out of each experiment before and after each effect, fitted as hollow bars, the noise as a line."""
     k, unit = for_people(gap.unit)
-    fitted = {t.experiment: fitted_rms(t) for t in histories(segment, gap.output)}
+    fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
     if len(gap.experiments) > 1:
         rows += [(name, values, fitted[name]) for name, values in gap.experiments.items()]
@@ -51,7 +51,7 @@ def gap_bars(segment: Segment, gap: Gap) -> str:
     x = float(frame.across(np.array(k * gap.noise_floor)))
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
     parts.append(charts.text(x, top - 9, f"noise {digits(k * gap.noise_floor)}", "middle", "floor"))
-    words = f"rms of {gap.output} on data held out, {' then '.join(steps(segment))}"
+    words = f"rms of {gap.output} on data held out, {' then '.join(column_titles(segment))}"
     return charts.chart(parts, bottom + 34, words)
 
 

@@ -13,26 +13,26 @@ from tsmblocks.diagnosis.presentation import (
     digits,
     fitted_rms,
     for_people,
-    histories,
-    in_people_units,
+    in_display_units,
+    output_traces,
     profile,
     unit_of,
     with_interval,
 )
-from tsmblocks.diagnosis.result import Diagnosis, Gap, Ranked, Segment, Trace
-from tsmblocks.diagnosis.script import code
+from tsmblocks.diagnosis.result import Diagnosis, Gap, RankedCandidate, Segment, Trace
+from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.text import (
     STATUS,
-    across,
-    gathered,
-    in_order,
-    limit,
-    number_rows,
+    candidate_title,
+    column_titles,
+    initial_states_text,
+    limit_text,
+    merged_notes,
+    parameter_rows,
     percent,
-    starts_words,
-    steps,
-    titled,
-    verdict,
+    segments_by_verdict,
+    share_across_experiments,
+    verdict_sentence,
 )
 from tsmblocks.draw import to_svg
 from tsmblocks.fitting.parameters import is_start, numbers
@@ -74,11 +74,11 @@ def page(diagnosis: Diagnosis) -> str:
 
 def _head(diagnosis: Diagnosis, title: str) -> str:
     boxes = []
-    for segment in in_order(diagnosis):
+    for segment in segments_by_verdict(diagnosis):
         word = WORDS.get(segment.verdict, segment.verdict)
         boxes.append(
             f'<div class="verdict {escape(segment.verdict)}"><p><b class="word">{escape(word)}.</b> '
-            f"{sentence(verdict(segment))}</p></div>"
+            f"{sentence(verdict_sentence(segment))}</p></div>"
         )
     named = ", ".join(diagnosis.experiments)
     count = len(diagnosis.experiments)
@@ -111,7 +111,7 @@ def _gaps(diagnosis: Diagnosis) -> str:
 
 
 def _gap_words(segment: Segment, gap: Gap) -> str:
-    steps_ = steps(segment)
+    steps_ = column_titles(segment)
     k, unit = for_people(gap.unit)
     path = " → ".join(f"{digits(k * v)} ({sentence(name)})" for v, name in zip(gap.held_out, steps_, strict=True))
     return (
@@ -124,7 +124,7 @@ def _gap_words(segment: Segment, gap: Gap) -> str:
 
 
 def _disagreement(diagnosis: Diagnosis) -> str:
-    count = sum(len(histories(s, g.output)) for s in diagnosis.segments for g in s.gaps)
+    count = sum(len(output_traces(s, g.output)) for s in diagnosis.segments for g in s.gaps)
     points = max(LEAST, min(MOST, ROOM // max(count, 1)))
     several = len(diagnosis.segments) > 1
     parts = [
@@ -138,7 +138,7 @@ def _disagreement(diagnosis: Diagnosis) -> str:
             ]
         ),
     ]
-    for segment in in_order(diagnosis):
+    for segment in segments_by_verdict(diagnosis):
         parts += [f"<h3>{escape(segment.name)}</h3>"] if several else []
         if segment.where:
             rows = "".join(f"<li>{percent(w.share)} of the excess: {escape(w.words)}.</li>" for w in segment.where)
@@ -159,7 +159,7 @@ def _output(diagnosis: Diagnosis, segment: Segment, gap: Gap, points: int) -> st
     if charts:
         inner = "".join(f"<figure>{c}</figure>" for c in charts)
         parts.append(f'<div class="cards">{inner}</div><p class="soft">{words}</p>')
-    first, *others = by_excess(histories(segment, gap.output))
+    first, *others = by_excess(output_traces(segment, gap.output))
     parts.append(_experiment(diagnosis, gap, first, points))
     parts.append(
         '<p class="soft">The cells above the error are blocks of time: the stronger the colour, the further '
@@ -212,32 +212,32 @@ def _ranking(diagnosis: Diagnosis) -> str:
     return "".join(parts) if tables else ""
 
 
-def _round(rows: Sequence[Ranked], experiments: int) -> str:
+def _round(rows: Sequence[RankedCandidate], experiments: int) -> str:
     fitted, rest = [r for r in rows if r.fitted], [r for r in rows if not r.fitted]
     body = [_ranked(r, experiments) for r in fitted]
     names = ("l:effect", "l:family", "l:on the wire", "l:numbers", "removes", "new experiments", "t", "line", "l:")
     shown = table(names, body, ["named" if r.named else "" for r in fitted]) if fitted else ""
     if not rest:
         return shown
-    more = [(escape(titled(r)), escape(r.family), escape(r.wire.strip()), percent(r.share)) for r in rest]
+    more = [(escape(candidate_title(r)), escape(r.family), escape(r.wire.strip()), percent(r.share)) for r in rest]
     inner = table(("l:effect", "l:family", "l:on the wire", "promised"), more)
     return f"{shown}<details><summary>{len(rest)} more promised too little to be fitted</summary>{inner}</details>"
 
 
-def _ranked(r: Ranked, experiments: int) -> tuple[str, ...]:
+def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
     numbers = "<br>".join(
-        f"{escape(name)} {escape(in_people_units(value, r.units.get(name, '')))}"
+        f"{escape(name)} {escape(in_display_units(value, r.units.get(name, '')))}"
         + (" <small>at its bound</small>" if name in r.at_bound else "")
         for name, value in r.parameters.items()
     )
     said = "named" if r.named else "cannot be told from it" if r.in_set else ""
     return (
-        escape(titled(r)),
+        escape(candidate_title(r)),
         escape(r.family),
         escape(r.wire.strip()),
         numbers,
         percent(r.share),
-        percent(across(r, experiments)),
+        percent(share_across_experiments(r, experiments)),
         f"{r.t:.1f}",
         f"{r.line:.1f}",
         said,
@@ -268,7 +268,7 @@ def _own_numbers(diagnosis: Diagnosis) -> str:
     """The diagram's own numbers with intervals, and what a fit would warn of."""
     parts = []
     for segment in diagnosis.segments:
-        head, *rows = number_rows(segment) or [()]
+        head, *rows = parameter_rows(segment) or [()]
         if rows:
             kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
             names = [f"{'l:' if k in (0, 4, 6) else ''}{head[k]}" for k in kept]
@@ -280,8 +280,8 @@ def _own_numbers(diagnosis: Diagnosis) -> str:
 
 
 def _script(diagnosis: Diagnosis) -> str:
-    lines = "\n".join(escape(line) for line in code(diagnosis))
-    words = starts_words(diagnosis)
+    lines = "\n".join(escape(line) for line in script_lines(diagnosis))
+    words = initial_states_text(diagnosis)
     said = f"<p>{sentence(words)}</p>" if words else ""
     return f'<h2>In a script</h2>{said}<pre class="wrap">{lines}</pre>'
 
@@ -307,7 +307,7 @@ def _numbers(diagnosis: Diagnosis, block: str) -> str:
     parameters = diagnosis.augmented.parameters
     shown += [
         f"<small>{escape(name.removeprefix(f'{block}.'))} "
-        f"{escape(in_people_units(parameters[name], unit_of(diagnosis.augmented, name)))} (not fitted)</small>"
+        f"{escape(in_display_units(parameters[name], unit_of(diagnosis.augmented, name)))} (not fitted)</small>"
         for name in fixed
     ]
     return "<br>".join(shown)
@@ -341,7 +341,7 @@ def _limits(diagnosis: Diagnosis) -> str:
     for segment in diagnosis.segments:
         parts += [f"<h3>{escape(segment.name)}</h3>"] if several else []
         ordered = sorted(segment.limits, key=lambda m: m.value is None)
-        rows = [(escape(m.name), escape(limit(m)), escape(m.excites)) for m in ordered]
+        rows = [(escape(m.name), escape(limit_text(m)), escape(m.excites)) for m in ordered]
         kinds = ["blind" if m.value is None else "" for m in ordered]
         parts.append(table(("l:effect", "l:smallest size", "l:what shows it"), rows, kinds))
     return "".join(parts) if any(s.limits for s in diagnosis.segments) else ""
@@ -382,7 +382,7 @@ def _provenance(diagnosis: Diagnosis) -> str:
 
 
 def _notes(diagnosis: Diagnosis) -> str:
-    notes = gathered(diagnosis.notes, diagnosis.experiments)
+    notes = merged_notes(diagnosis.notes, diagnosis.experiments)
     rows = "".join(f"<li>{escape(text)}</li>" for text in notes)
     end = f"Seed {diagnosis.seed}; status: {escape(STATUS.get(diagnosis.status, diagnosis.status))}."
     return f"<h2>Notes</h2>{f'<ul>{rows}</ul>' if rows else ''}<p class=soft>{end}</p>"

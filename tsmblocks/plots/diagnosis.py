@@ -15,9 +15,9 @@ import numpy as np
 
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
-from tsmblocks.diagnosis.presentation import by_excess, fitted_rms, for_people, histories, profile, strips
+from tsmblocks.diagnosis.presentation import by_excess, fitted_rms, for_people, output_traces, profile, strips
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
-from tsmblocks.diagnosis.text import steps, worst_gap
+from tsmblocks.diagnosis.text import column_titles, worst_gap
 from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet
 
 BEFORE, AFTER, NOISE = COLOURS[1], COLOURS[0], COLOURS[2]
@@ -80,7 +80,7 @@ def plot_coordinate(diagnosis: Diagnosis, ax: Any = None) -> Any:
 
 
 def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
-    traces = by_excess(histories(segment, gap.output))
+    traces = by_excess(output_traces(segment, gap.output))
     if not experiment:
         return traces[0]
     found = [one for one in traces if one.experiment == experiment]
@@ -94,11 +94,11 @@ def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
 
 def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
     k, unit = for_people(gap.unit)
-    fitted = {t.experiment: fitted_rms(t) for t in histories(segment, gap.output)}
+    fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
     if len(gap.experiments) > 1:
         rows += [(name, values, fitted[name]) for name, values in gap.experiments.items()]
-    names, count = steps(segment), len(gap.held_out)
+    names, count = column_titles(segment), len(gap.held_out)
     tall = 0.8 / count
     for step, name in enumerate(names):
         places = np.arange(len(rows)) + step * tall - 0.4 + tall / 2

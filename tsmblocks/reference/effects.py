@@ -10,7 +10,7 @@ import numpy as np
 
 from tsmblocks.blocks import MultiSine
 from tsmblocks.common.errors import TsmError
-from tsmblocks.diagnosis.insertion_points import Site, sites
+from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.effects import Effect, Scales, Trials, span_of
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
@@ -189,7 +189,7 @@ class Placed:
     effect: Effect
     plant: str
     base: Diagram
-    site: Site
+    site: InsertionPoint
     trials: Trials
     diagram: Diagram
 
@@ -214,8 +214,8 @@ def placed(effect: Effect) -> Placed:
 
 
 @functools.cache
-def _sites(base: Diagram) -> list[Site]:
-    return sites(base, list(base.outputs))
+def _sites(base: Diagram) -> list[InsertionPoint]:
+    return insertion_points(base, list(base.outputs))
 
 
 @functools.cache
@@ -232,7 +232,7 @@ def _run(diagram: Diagram) -> Any:
     return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP)
 
 
-def _scales(plant: Diagram, site: Site) -> Scales:
+def _scales(plant: Diagram, site: InsertionPoint) -> Scales:
     """The sizes an effect would see on a wire of a plant."""
     run = _run(plant)
     wire, other = (span_of([np.asarray(run[k])], [STEP]) for k in (site.signal, site.other or site.signal))
