@@ -485,8 +485,8 @@ def test_what_one_part_alone_determines_does_not_explode():
         J=J,
         r=model.r - 3 * spike,
         theta=np.append(model.theta, 1.0),
-        local=np.zeros(3, bool),
-        bound=np.zeros(3, bool),
+        is_local=np.zeros(3, bool),
+        at_bound=np.zeros(3, bool),
         problem=SimpleNamespace(
             trials=model.problem.trials,
             segments=model.problem.segments,
@@ -558,7 +558,7 @@ def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
     """A candidate by its losses alone; its first unknown is zero, and its lowest value ``-edge``."""
     items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf) for k in range(count)]
     problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
-    model = SimpleNamespace(theta=np.zeros(count), local=np.zeros(count, bool), problem=problem)
+    model = SimpleNamespace(theta=np.zeros(count), is_local=np.zeros(count, bool), problem=problem)
     effect = SimpleNamespace(name=name, within=("p0",), contains=contains)
     candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"))
     return FittedCandidate(candidate, model, losses, losses, float(np.mean(losses)))
@@ -661,8 +661,8 @@ def test_what_ran_into_the_bound_of_its_name_is_not_named():
     assert verdict.named is near
     assert verdict.indistinguishable == (near,)
     assert verdict.ranking == (near, out)
-    assert decide(base, [out, far], part, 1.0, 0).exceeds_range == out.loss
-    assert decide(base, [out, near], part, 1.0, 0).exceeds_range == np.inf
+    assert decide(base, [out, far], part, 1.0, 0).out_of_bounds_loss == out.loss
+    assert decide(base, [out, near], part, 1.0, 0).out_of_bounds_loss == np.inf
     assert decide(base, [far], part, 1.0, 0).named is far
     assert decide(base, [out], part, 1.0, 0).named is None
 

@@ -128,9 +128,9 @@ def ridge_weights(shrinkage: Shrinkage, model: Model) -> tuple[np.ndarray, np.nd
 
 @attrs.frozen(eq=False)
 class Verdict:
-    """Candidates from best to worst by held-out loss, each with its t-statistic, and the critical value of the largest.
+    """Candidates from best to worst by held-out loss, their t-statistics, and the critical value of the largest.
 
-    ``named`` is the accepted candidate (None where none is accepted), ``indistinguishable`` those that these data do not
+    ``named`` is the accepted candidate (None where none is accepted), ``indistinguishable`` those that the data do not
     separate from it, itself first. ``out_of_bounds_loss`` is the loss of a candidate at a disqualifying bound that
     explains more than every other one: the name then holds only together with further effects that reach a lower loss.
     """
@@ -234,8 +234,8 @@ def _concentrated(gain: np.ndarray) -> bool:
 def _is_indistinguishable(
     one: FittedCandidate, best: FittedCandidate, blocks: TimeBlocks, near: float, rare_threshold: float
 ) -> bool:
-    """Whether two candidates leave the same: a difference below ``near`` is none, one above ``rare_threshold`` that a few
-    blocks show is one all the same, though no t can speak for it.
+    """Whether the losses of two candidates do not differ: a difference below ``near`` never counts, and one above
+    ``rare_threshold`` that is concentrated in a few blocks always does, whatever its t-statistic.
     """
     if one is best:
         return True
