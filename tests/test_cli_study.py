@@ -120,11 +120,11 @@ def test_a_diagram_beside_the_file_and_measured_inputs(file, capsys):
 
 
 FAULTS = {
-    "unknown key": (STUDY.replace("stop =", "stopp ="), "4: there is no 'stopp' in a study. Did you mean 'stop'?"),
+    "unknown key": (STUDY.replace("stop =", "stopp ="), "4: 'stopp' is not a key of a study. Did you mean 'stop'?"),
     "no format": (STUDY.replace("format = 1\n", ""), " format = 1 is needed, got None."),
     "no diagram": (
         STUDY.replace("diagram =", "diagramm ="),
-        "3: there is no 'diagramm' in a study. Did you mean 'diagram'?",
+        "3: 'diagramm' is not a key of a study. Did you mean 'diagram'?",
     ),
     "unknown diagram": (
         STUDY.replace("fig16_feedforward_feedback", "fig61"),
@@ -138,7 +138,7 @@ FAULTS = {
         STUDY.replace("latin_hypercube", "latin_cube"),
         "15: there is no plan 'latin_cube'. Did you mean 'latin_hypercube'?",
     ),
-    "plan's key": (STUDY.replace("seed", "sede"), "17: a latin_hypercube takes no 'sede'. Did you mean 'seed'?"),
+    "plan's key": (STUDY.replace("seed", "sede"), "17: 'sede' is not a key of a latin_hypercube. Did you mean 'seed'?"),
     "no runs": (STUDY.replace("runs = 40\n", ""), "14: a latin_hypercube needs runs = …, how many."),
     "runs": (STUDY.replace("runs = 40", "runs = 0"), "14: runs must be a whole number of at least 1, got 0."),
     "nothing varies": (
@@ -169,7 +169,10 @@ FAULTS = {
         "8: 'pid.kp' needs a list of values, or { low = …, high = …, count = … }, got 1.5.",
     ),
     "not TOML": (STUDY.replace("[plan]", "[plan"), "14: this is not TOML"),
-    "words": (STUDY.replace("mean = -0.81", 'mean = "low"'), "23: a number is wanted, got 'low'."),
+    "words": (
+        STUDY.replace("mean = -0.81", 'mean = "low"'),
+        "23: a number of Uniform or Normal must be a finite number, got 'low'.",
+    ),
 }
 
 

@@ -145,7 +145,7 @@ def test_a_fault_in_a_file_is_one_message(tmp_path):
     (tmp_path / "loop.tracking.toml").write_text(GUARD.replace("stop", "stopp"))
     status, said = pytest_in(tmp_path)
     assert status == 2
-    assert "3: there is no 'stopp' in a guard. Did you mean 'stop'?" in said
+    assert "3: 'stopp' is not a key of a guard. Did you mean 'stop'?" in said
     assert "Traceback" not in said
 
 
@@ -262,11 +262,11 @@ REFUSED = {
     GUARD.replace("format = 1", "format = 2"): "1: format = 1 is needed, got 2.",
     GUARD.replace("rms(u)", "rms(w)"): "8: metric 'effort': there is no signal 'w'.",
     GUARD.replace('"loose"', '"lose"'): "8: tolerance of 'effort': there is no class 'lose'. Did you mean 'loose'?",
-    GUARD.replace("tolerance", "tolerence"): "8: a metric has no 'tolerence'. Did you mean 'tolerance'?",
+    GUARD.replace("tolerance", "tolerence"): "8: 'tolerence' is not a key of a metric. Did you mean 'tolerance'?",
     GUARD.replace("diagram =", "title ="): ": a guard needs its diagram",
     GUARD.replace("5.0", '"x"'): "3: 'stop' must be a number, got 'x'.",
     GUARD + "[cases]\na = { kp = 1 }\n": "10: diagram",
-    GUARD.replace("[metrics]", "metrics = 3\n[set]"): "6: 'metrics' must be a table: [metrics], got 3.",
+    GUARD.replace("[metrics]", "metrics = 3\n[set]"): "6: metrics must be a table, written [metrics], got 3.",
     GUARD.replace("rms(u)", "rms(u"): "8: metric 'effort': this cannot be read from here on.",
     GUARD.replace('of = "rms(u)", ', ""): '8: a metric with a tolerance says what it measures: { of = "rms(u)", '
     'tolerance = "loose" }.',

@@ -12,10 +12,11 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.common.errors import TsmError, in_words, near
+from tsmblocks.common.errors import ParameterError, TsmError, in_words, near
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.studies.page import Page
+from tsmblocks.simulation.arguments import number
+from tsmblocks.studies.page import RunPage
 from tsmblocks.studies.plans import MOST, Belief, Normal, Plan, Uniform, grid, latin_hypercube, monte_carlo, sweep
 from tsmblocks.studies.study import own_numbers
 
@@ -40,36 +41,34 @@ class StudyFile:
 def load_study(path: str | Path) -> StudyFile:
     """Read a study from a file. Raises FileError with every fault and its line."""
     page = _StudyPage(path, "study", KEYS)
-    diagram, how = page.diagram(), page.how(("stop", "step"), ("method", "hold"))
+    diagram, arguments = page.named_diagram(), page.run_arguments(("stop", "step"), ("method", "hold"))
     title = page.title or (diagram.title if diagram else "")
-    asked = page.section("metrics") if "metrics" in page.table else None
+    metrics = page.section("metrics") if "metrics" in page.content else None
     plan = page.plan(diagram) if diagram is not None else None
     if diagram is not None:
-        page.metrics(asked, diagram)
-    page.checked()
+        page.check_metrics(metrics, diagram)
+    page.raise_faults()
     assert diagram is not None
     assert plan is not None
-    return StudyFile(title, diagram, plan, asked, how)
+    return StudyFile(title, diagram, plan, metrics, arguments)
 
 
-class _StudyPage(Page):
+class _StudyPage(RunPage):
     """The page of a study: what varies, by which plan."""
 
     def plan(self, diagram: Diagram) -> Plan | None:
         plan, vary = self.section("plan"), self.section("vary")
         kind = plan.get("kind", "grid")
         if kind not in PLANS:
-            self.fault(f"there is no plan {in_words(kind)}.{near(kind, PLANS)}", "plan", "kind")
+            self.fault(("plan", "kind"), f"there is no plan {in_words(kind)}.{near(kind, PLANS)}")
             return None
         allowed = ("kind", "runs", "seed") if kind in RANDOM else ("kind",)
-        for key in plan:
-            if key not in allowed:
-                self.fault(f"a {kind} takes no '{key}'.{near(key, allowed)}", "plan", key)
+        self.known_keys(plan, allowed, ("plan",), f"a {kind}")
         if not vary:
-            self.fault('say what varies: [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].', "vary")
+            self.fault(("vary",), 'say what varies: [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].')
             return None
         if kind in RANDOM and "runs" not in plan:
-            self.fault(f"a {kind} needs runs = …, how many.", "plan")
+            self.fault(("plan",), f"a {kind} needs runs = …, how many.")
             return None
         made = {k: (self.belief if kind in RANDOM else self.values)(k, v, diagram) for k, v in vary.items()}
         if any(v is None for v in made.values()):
@@ -80,9 +79,9 @@ class _StudyPage(Page):
             "latin_hypercube": lambda: latin_hypercube(made, plan["runs"], seed=plan.get("seed", 0)),
             "monte_carlo": lambda: monte_carlo(made, plan["runs"], seed=plan.get("seed", 0)),
         }[kind]
-        found = self.tried(build, "plan")
+        found = self.attempt(build, "plan")
         if found is not None:
-            self.tried(lambda: own_numbers(diagram, found), "vary")
+            self.attempt(lambda: own_numbers(diagram, found), "vary")
         return found
 
     def values(self, name: str, given: Any, diagram: Diagram) -> list[Any] | None:
@@ -92,19 +91,15 @@ class _StudyPage(Page):
         if isinstance(given, list):
             return given
         if isinstance(given, dict) and {"low", "high", "count"} <= given.keys() <= {"low", "high", "count", "scale"}:
-            between = self.tried(lambda: _uniform(given), "vary", name)
+            between = self.attempt(lambda: _uniform(given), "vary", name)
             count = given["count"]
             if not isinstance(count, int) or isinstance(count, bool) or not 2 <= count <= MOST:
-                self.fault(f"count must be a whole number from 2 to {MOST:,}, got {in_words(count)}.", "vary", name)
+                self.wrong(("vary", name), f"count must be a whole number from 2 to {MOST:,}", count)
                 return None
             import numpy as np
 
             return None if between is None else [float(v) for v in between.quantile(np.linspace(0.0, 1.0, count))]
-        self.fault(
-            f"'{name}' needs a list of values, or {{ low = …, high = …, count = … }}, got {in_words(given)}.",
-            "vary",
-            name,
-        )
+        self.wrong(("vary", name), f"'{name}' needs a list of values, or {{ low = …, high = …, count = … }}", given)
         return None
 
     def belief(self, name: str, given: Any, diagram: Diagram) -> Belief | None:
@@ -112,25 +107,25 @@ class _StudyPage(Page):
         if not self.varies(name, diagram):
             return None
         if name not in diagram.parameters:
-            self.fault(f"'{name}' is an option, and a random plan varies numbers. Use a grid for it.", "vary", name)
+            self.fault(("vary", name), f"'{name}' is an option, and a random plan varies numbers. Use a grid for it.")
             return None
         if isinstance(given, list) and len(given) == 2:
             given = {"low": given[0], "high": given[1]}
         shapes: tuple[tuple[set[str], set[str], Callable[[], Belief]], ...] = (
             ({"low", "high"}, {"scale"}, lambda: _uniform(given)),
-            ({"mean", "deviation"}, {"low", "high"}, lambda: Normal(**{k: _number(v) for k, v in given.items()})),
-            ({"relative"}, set(), lambda: _relative(diagram.parameters[name], _number(given["relative"]))),
+            ({"mean", "deviation"}, {"low", "high"}, lambda: Normal(**given)),
+            ({"relative"}, set(), lambda: _relative(diagram.parameters[name], given["relative"])),
         )
         for needed, more, make in shapes:
             if isinstance(given, dict) and needed <= given.keys() <= needed | more:
-                return self.tried(make, "vary", name)
-        self.fault(f"'{name}' varies by {', by '.join(VARIES)}; got {in_words(given)}.", "vary", name)
+                return self.attempt(make, "vary", name)
+        self.fault(("vary", name), f"'{name}' varies by {', by '.join(VARIES)}; got {in_words(given)}.")
         return None
 
     def varies(self, name: str, diagram: Diagram) -> bool:
         known = [*diagram.parameters, *diagram.parameter_names()]
         if name not in known:
-            self.fault(f"diagram '{diagram.title}' has no parameter '{name}'.{near_path(name, known)}", "vary", name)
+            self.fault(("vary", name), f"diagram '{diagram.title}' has no parameter '{name}'.{near_path(name, known)}")
         return name in known
 
 
@@ -138,17 +133,15 @@ def _uniform(given: Mapping[str, Any]) -> Uniform:
     scale = given.get("scale", "linear")
     if scale not in ("linear", "log"):
         raise TsmError(f'scale is "linear" or "log", got {in_words(scale)}.')
-    return Uniform(_number(given["low"]), _number(given["high"]), log=scale == "log")
+    return Uniform(given["low"], given["high"], log=scale == "log")
 
 
-def _relative(value: float, share: float) -> Normal:
+def _relative(value: float, share: Any) -> Normal:
     """A normal belief around a diagram's own number, its deviation a share of it; the sign stays."""
     if value == 0:
         raise TsmError("the diagram's own number is 0, so a share of it is nothing; say mean and deviation.")
-    return Normal(value, abs(value) * share, *((0.0, math.inf) if value > 0 else (-math.inf, 0.0)))
-
-
-def _number(value: Any) -> float:
-    if not isinstance(value, (int, float)) or isinstance(value, bool):
-        raise TsmError(f"a number is wanted, got {in_words(value)}.")
-    return float(value)
+    return Normal(
+        value,
+        abs(value) * number("relative", share, ParameterError),
+        *((0.0, math.inf) if value > 0 else (-math.inf, 0.0)),
+    )

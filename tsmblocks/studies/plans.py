@@ -65,6 +65,10 @@ def _finite(value: Any) -> float:
     return number("a number of Uniform or Normal", value, ParameterError)
 
 
+def _bound(value: Any) -> float:
+    return value if isinstance(value, float) and math.isinf(value) else _finite(value)
+
+
 @attrs.frozen
 class Uniform:
     """Anywhere between ``low`` and ``high``, equally likely; by ratios where ``log`` is set."""
@@ -92,8 +96,8 @@ class Normal:
 
     mean: float = attrs.field(converter=_finite)
     deviation: float = attrs.field(converter=_finite)
-    low: float = -math.inf
-    high: float = math.inf
+    low: float = attrs.field(default=-math.inf, converter=_bound)
+    high: float = attrs.field(default=math.inf, converter=_bound)
 
     def __attrs_post_init__(self) -> None:
         if not self.deviation > 0 or not math.isfinite(self.mean + self.deviation):

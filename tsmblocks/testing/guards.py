@@ -7,9 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.common.errors import near
 from tsmblocks.metrics.metrics import named
-from tsmblocks.studies.page import Page
+from tsmblocks.studies.page import RunPage
 from tsmblocks.testing.tracking import Guard, guard
 
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "tolerance", "metrics", "set", "cases")
@@ -21,40 +20,37 @@ def read_guards(path: Path) -> dict[str, Guard]:
     A metric is a text, or ``{ of = "rms(u)", tolerance = "loose" }``; a case is a table of parameters. Raises FileError
     with every fault and its line.
     """
-    page = Page(path, "guard", KEYS)
-    diagram, how = page.diagram(), page.how(("stop", "step"), ("method",))
-    usual = page.of("a class of tolerance", str, page.table.get("tolerance", "normal"), "tolerance")
-    asked = page.section("metrics") if "metrics" in page.table else None
+    page = RunPage(path, "guard", KEYS)
+    diagram, how = page.named_diagram(), page.run_arguments(("stop", "step"), ("method",))
+    usual = page.value("a class of tolerance", str, page.content.get("tolerance", "normal"), "tolerance")
+    asked = page.section("metrics") if "metrics" in page.content else None
     texts = None if asked is None else {k: _text(page, k, one) for k, one in asked.items()}
     classes = usual if asked is None else {named(k)[0]: _class(one, usual) for k, one in asked.items()}
-    cases = {k: page.of("a table of parameters", dict, v, "cases", k) for k, v in page.section("cases").items()}
+    cases = {k: page.value("a table of parameters", dict, v, "cases", k) for k, v in page.section("cases").items()}
     if diagram is None:
-        page.checked()
+        page.raise_faults()
     assert diagram is not None
     for name, text in (texts or {}).items():
         if text is not None:
             alone = partial(guard, diagram, {name: text}, tolerance=classes[named(name)[0]])
-            page.tried(alone, "metrics", name)
-    page.checked()
+            page.attempt(alone, "metrics", name)
+    page.raise_faults()
     made = {}
     for case, changes in (cases or {"": {}}).items():
         place = ("cases", case) if case else ("metrics" if asked is not None else "diagram",)
-        made[case] = page.tried(partial(guard, diagram, texts, tolerance=classes, parameters=changes, **how), *place)
-    page.checked()
+        made[case] = page.attempt(partial(guard, diagram, texts, tolerance=classes, parameters=changes, **how), *place)
+    page.raise_faults()
     return made
 
 
-def _text(page: Page, name: str, given: Any) -> Any:
+def _text(page: RunPage, name: str, given: Any) -> Any:
     """What a metric measures: a text, or that of a table; None where it says nothing."""
     if not isinstance(given, Mapping):
         return given
-    for key in given:
-        if key not in ("of", "tolerance"):
-            page.fault(f"a metric has no '{key}'.{near(key, ('of', 'tolerance'))}", "metrics", name)
+    page.known_keys(given, ("of", "tolerance"), ("metrics", name), "a metric")
     if "of" not in given:
-        page.fault(
-            'a metric with a tolerance says what it measures: { of = "rms(u)", tolerance = "loose" }.', "metrics", name
-        )
+        expected = '{ of = "rms(u)", tolerance = "loose" }'
+        page.fault(("metrics", name), f"a metric with a tolerance says what it measures: {expected}.")
     return given.get("of")
 
 
