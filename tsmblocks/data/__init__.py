@@ -2,7 +2,8 @@
 
 from tsmblocks.common.units import heading, split_heading
 from tsmblocks.data.files import from_pandas, read
-from tsmblocks.data.noise_floor import Noise, cautions, fast_noise, noise
+from tsmblocks.data.input_cautions import cautions
+from tsmblocks.data.noise_floor import Noise, fast_noise, noise
 from tsmblocks.data.record import Record
 
 __all__ = ["Noise", "Record", "cautions", "fast_noise", "from_pandas", "heading", "noise", "read", "split_heading"]

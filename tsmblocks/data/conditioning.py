@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import attrs
 import numpy as np
 
-from tsmblocks.data.filters import FEWEST
+from tsmblocks.data.filters import MIN_SAMPLES
+from tsmblocks.data.resampling import evenly_sampled
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -34,9 +35,9 @@ BLEND = 3
 
 def conditioned(record: Record, inputs: Iterable[str]) -> Record:
     """See Record.conditioned."""
-    if len(record) < FEWEST:
+    if len(record) < MIN_SAMPLES:
         return record
-    even = record if record.uniform else record.resampled()
+    even = evenly_sampled(record)
     names = [k for k in inputs if k in even and np.ptp(even[k]) > 0]
     if not names:
         return even

@@ -16,13 +16,17 @@ from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
-FEWEST = 16
-"""Samples below which there is no spectrum to speak of."""
+MIN_SAMPLES = 16
+"""Samples below which a signal is not filtered. Chosen: half of the spectrum, from which its noise is estimated, would
+be fewer than 8 values."""
 CANDIDATES = 120
-"""Cut-offs compared, evenly spaced on a logarithmic axis."""
-HIGHEST = 0.4
-"""Cut-off, in sampling frequencies, above which a filter would take next to nothing out."""
-_HALF_POWER = np.sqrt(2.0) - 1  # (1 + this)**-1 = 1/sqrt(2): both passes together are 3 dB down
+"""Cut-offs compared, evenly spaced on a logarithmic axis. Chosen: neighbours differ by some per cent."""
+MAX_CUTOFF = 0.4
+"""Largest cut-off compared, in sampling frequencies. Chosen: a filter above it would remove next to nothing."""
+HALF_POWER = np.sqrt(2.0) - 1
+"""Solves (1 + this)^-1 = 1/sqrt(2): both passes of a filter together are then 3 dB down."""
+CHI_SQUARED_MEDIAN = 0.4549
+"""Median of a chi-squared variable of one degree of freedom: the power of white noise in one real coefficient."""
 
 
 def low_pass(x: np.ndarray, step: float, cutoff: float, order: int = 4) -> np.ndarray:
@@ -36,14 +40,22 @@ def low_pass(x: np.ndarray, step: float, cutoff: float, order: int = 4) -> np.nd
     """
     from scipy.signal import butter, sosfiltfilt
 
-    one = np.arctan(np.tan(np.pi * cutoff * step) / _HALF_POWER ** (0.5 / order)) / np.pi
+    one = np.arctan(np.tan(np.pi * cutoff * step) / HALF_POWER ** (0.5 / order)) / np.pi
     reach = min(len(x) - 1, max(50, round(3.0 / (cutoff * step))))
-    line = np.linspace(x[0], x[-1], len(x))  # passed by itself, so that a slope causes no transient at the ends
+    line = np.linspace(x[0], x[-1], len(x))  # added again after the filter, so that a slope causes no transient
     return line + sosfiltfilt(butter(order, 2 * one, output="sos"), x - line, padlen=reach)
 
 
+def white_noise_power(power: np.ndarray, median: float) -> float:
+    """Power of white noise in a spectrum (n,), from the median of its upper half; motion is taken to be slower.
+
+    ``median`` is that of the power of white noise of unit power.
+    """
+    return float(np.median(power[len(power) // 2 :]) / median)
+
+
 def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 0) -> float | None:
-    r"""Cut-off [Hz] of ``low_pass`` with the least expected error; None when no filter is better than any.
+    r"""Cut-off [Hz] of ``low_pass`` with the least expected error; None when the signal is best left unfiltered.
 
     With :math:`c_k` the sine transform of the signal (less the line through its ends, so that neither jumps nor
     kinks at the ends are taken for fast motion) and :math:`\sigma` the noise in it, the expected square error
@@ -52,8 +64,8 @@ def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 
     .. math:: R(f_c) = \sum_k \omega_k^{2m} \left[(1 - H_k)^2 c_k^2 + \sigma^2 (2 H_k - 1)\right]
 
     with m the order of the ``derivative`` that is wanted (its cut-off is never above that for the signal itself,
-    which is better known: fast noise weighs less in it). The noise is the median power of the upper half of
-    the spectrum: what moves there is taken for noise. Slower noise counts as motion and is left in the signal.
+    which is better known: fast noise weighs less in it). The noise is that of the upper half of the spectrum.
+    Slower noise counts as motion and is left in the signal.
     Source: Stein, Estimation of the mean of a multivariate normal distribution, Ann. Stat. 9 (1981).
     """
     from scipy.fft import dst
@@ -62,12 +74,12 @@ def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 
     level = x - np.linspace(x[0], x[-1], n)
     power = dst(level[1:-1], type=1, norm="ortho") ** 2
     f = np.arange(1, n - 1) / (2 * (n - 1) * step)
-    noise = float(np.median(power[len(power) // 2 :])) / 0.4549  # the median of a chi-squared of one freedom
+    noise = white_noise_power(power, CHI_SQUARED_MEDIAN)
     if noise <= (1e-12 * float(np.abs(x).max())) ** 2:
         return None
-    slope = np.tan(np.pi * f * step) ** (2 * order) * _HALF_POWER
+    slope = np.tan(np.pi * f * step) ** (2 * order) * HALF_POWER
     lowest = 2.0 / (n * step)
-    cutoffs = np.geomspace(lowest, max(HIGHEST / step, lowest), CANDIDATES)
+    cutoffs = np.geomspace(lowest, max(MAX_CUTOFF / step, lowest), CANDIDATES)
     weights = [(f / f[-1]) ** (2 * m) for m in {0, derivative}]
     risks = np.empty((CANDIDATES, len(weights)))
     for k, cutoff in enumerate(cutoffs):
@@ -92,11 +104,11 @@ def filtered(
             notes.append(f"{name} was not filtered: no noise stands out in its spectrum.")
             continue
         signals[name] = low_pass(record[name], record.step, chosen, order)
-        notes.append(f"{name} was filtered with zero phase, {_said(chosen, cutoff)}.")
+        notes.append(f"{name} was filtered with zero phase, {_cutoff_text(chosen, cutoff)}.")
     return attrs.evolve(record, signals=signals, notes=(*record.notes, *notes))
 
 
-def _said(chosen: float, given: float | None) -> str:
+def _cutoff_text(chosen: float, given: float | None) -> str:
     return f"cut-off {chosen:.4g} Hz" + ("" if given else " (chosen from its spectrum)")
 
 
@@ -120,15 +132,15 @@ def differentiated(
     unit = own
     for _ in range(order if own else 0):
         unit = units.times(unit, "s", -1)
-    how = "" if chosen is None else f" after a zero-phase low-pass, {_said(chosen, cutoff)}"
+    how = "" if chosen is None else f" after a zero-phase low-pass, {_cutoff_text(chosen, cutoff)}"
     note = f"{heading(new, unit)} is {name} differentiated{' twice' if order == 2 else ''}{how}."
     told = {**record.units, new: unit} if unit else record.units
     return attrs.evolve(record, signals={**record.signals, new: slope}, units=told, notes=(*record.notes, note))
 
 
 def _check(record: Record, cutoff: float | None, order: int, what: str) -> None:
-    if len(record) < FEWEST:
-        raise DataError(f"{record.called}: {what} needs at least {FEWEST} samples, there are {len(record)}.")
+    if len(record) < MIN_SAMPLES:
+        raise DataError(f"{record.called}: {what} needs at least {MIN_SAMPLES} samples, there are {len(record)}.")
     refuse_uneven(record, what)
     top = 0.5 / record.step
     if cutoff is not None and not 0 < cutoff < top:

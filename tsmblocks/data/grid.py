@@ -12,8 +12,9 @@ from tsmblocks.common.errors import DataError
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
-UNEVEN = 0.01
-"""Deviation of a step from the median, in steps, up to which a grid counts as even."""
+MAX_JITTER = 0.01
+"""Deviation of a step from the median, in steps, up to which samples count as evenly spaced. Chosen: what loggers that
+round their times to a hundredth of the step make of an even grid."""
 
 
 def step_of(t: np.ndarray) -> float:
@@ -23,8 +24,17 @@ def step_of(t: np.ndarray) -> float:
 
 def jitter_of(t: np.ndarray) -> float:
     """Largest deviation of a step from the median step, as a share of it (0 is a perfectly even grid)."""
-    steps = np.diff(t)
+    return jitter_of_steps(np.diff(t))
+
+
+def jitter_of_steps(steps: np.ndarray) -> float:
+    """The same of steps between samples."""
     return float(np.abs(steps / np.median(steps) - 1).max())
+
+
+def is_even(t: np.ndarray) -> bool:
+    """Whether samples are evenly spaced."""
+    return jitter_of(t) <= MAX_JITTER
 
 
 def usual_step(t: np.ndarray) -> float:
@@ -64,7 +74,7 @@ def interpolation(t: np.ndarray, x: np.ndarray, kind: str) -> Callable[[np.ndarr
 
 
 def better_interpolation(t: np.ndarray, x: np.ndarray) -> str:
-    """Whichever of linear and cubic foretells every second sample better from the others.
+    """Whichever of linear and cubic predicts every second sample better from the others.
 
     A smooth motion is followed by the spline, which rings at the edges of a square wave.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsmblocks.data.grid import UNEVEN, interpolation, jitter_of, step_of
+from tsmblocks.data.grid import interpolation, is_even, step_of
 
 LIKE = 0.01
 """Mean square difference of a signal to itself one period later, in mean squares, up to which it repeats itself."""
@@ -23,7 +23,7 @@ def find_period(t: np.ndarray, x: np.ndarray) -> tuple[float, float] | None:
     Source: the difference function of de Cheveigné and Kawahara, YIN, J. Acoust. Soc. Am. 111 (2002).
     """
     step = step_of(t)
-    if jitter_of(t) > UNEVEN:
+    if not is_even(t):
         grid = np.arange(t[0], t[-1], step)
         t, x = grid, np.interp(grid, t, x)
     n, x = len(x), x - x.mean()

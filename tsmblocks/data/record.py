@@ -154,7 +154,7 @@ class Record:
     @property
     def uniform(self) -> bool:
         """Whether the samples are evenly spaced (no step off by more than 1 %)."""
-        return self.jitter <= grid.UNEVEN
+        return grid.is_even(self.t)
 
     def resampled(self, step: float | None = None) -> Record:
         """Return the record on an even grid of ``step`` [s], by default its own median step.

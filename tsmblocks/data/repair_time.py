@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
-from tsmblocks.data.grid import UNEVEN, usual_step
+from tsmblocks.data.grid import MAX_JITTER, jitter_of_steps, usual_step
 from tsmblocks.data.table import Table, noted, plural
 
 FARTHEST = 8
@@ -203,8 +203,8 @@ def jitter_is_measured(table: Table) -> Table:
     steps = np.diff(t)
     steps = steps[steps <= SHORT_GAP * usual_step(t)]
     usual = float(np.median(steps))
-    off = float(np.abs(steps / usual - 1).max())
-    if off <= UNEVEN:
+    off = jitter_of_steps(steps)
+    if off <= MAX_JITTER:
         return table
     note = (
         f"The steps between samples are uneven: {steps.min():.4g} s to {steps.max():.4g} s around {usual:.4g} s "

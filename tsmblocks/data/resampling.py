@@ -20,6 +20,11 @@ MOST_SAMPLES = 50_000_000
 """Samples of a resampled record; more is a step typed in the wrong unit."""
 
 
+def evenly_sampled(record: Record) -> Record:
+    """The record itself where its samples are evenly spaced, else resampled at its median step."""
+    return record if record.uniform else resampled(record)
+
+
 def resampled(record: Record, step: float | None = None) -> Record:
     """Return the record on an even grid; see Record.resampled."""
     own = record.step
@@ -51,7 +56,7 @@ def resampled(record: Record, step: float | None = None) -> Record:
 
 def _thinned(record: Record, grid: np.ndarray, step: float) -> Record:
     """Fewer samples: what is too fast for them is taken out first, or it would come back as slow motion."""
-    even = record if record.uniform else resampled(record)
+    even = evenly_sampled(record)
     cutoff = PASSED * 0.5 / step
     smooth = {name: low_pass(record[name] if even is record else even[name], even.step, cutoff, 8) for name in record}
     signals = {name: interpolation(even.t, values, "cubic")(grid) for name, values in smooth.items()}

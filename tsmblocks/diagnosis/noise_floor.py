@@ -10,10 +10,12 @@ import numpy as np
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
+from tsmblocks.data.filters import white_noise_power
+from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, fast_noise_of_recordings, noise_of_recordings
+from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.fitting.experiments import prepare
-from tsmblocks.fitting.noise import WEAK, fast_noise_of, noise_of
 from tsmblocks.model.diagram import Diagram
 
 GIVEN = "given"
@@ -51,13 +53,16 @@ def noise_floors(
         else:
             sigma[name], method[name] = _found(records, diagram, name)
     return NoiseFloors(
-        sigma, method, all(m != WEAK for m in method.values()), {k: words for k, (_, words) in asked.items()}
+        sigma,
+        method,
+        all(m != HIGH_FREQUENCIES for m in method.values()),
+        {k: words for k, (_, words) in asked.items()},
     )
 
 
 def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
     """The noise that the recordings show. Raises DataError where they show none."""
-    middle, method = noise_of(records, diagram, name)
+    middle, method = noise_of_recordings(records, name, diagram.unit(name), diagram.inports)
     if not middle > 0:
         raise DataError(
             f"no noise was found in {name}, so nothing says what counts as a difference. Give the noise "
@@ -87,15 +92,17 @@ def lowered_noise_floors(
                 f"so nothing can be found: is it in the right unit{meant}?"
             )
             continue
-        middle = fast_noise_of(records, diagram, name)
+        middle = fast_noise_of_recordings(records, name, diagram.unit(name))
         if 0 < middle < sigma[name]:
             taken = f"{in_display_units(middle, unit)} of fast noise is taken instead"
             words.append(
                 f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base "
                 f"leaves ({rms} rms); {taken}."
             )
-            sigma[name], method[name] = middle, WEAK
-    return attrs.evolve(found, sigma=sigma, method=method, reliable=all(m != WEAK for m in method.values())), words
+            sigma[name], method[name] = middle, HIGH_FREQUENCIES
+    return attrs.evolve(
+        found, sigma=sigma, method=method, reliable=all(m != HIGH_FREQUENCIES for m in method.values())
+    ), words
 
 
 def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
@@ -133,7 +140,7 @@ def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iter
 
 def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.Generator) -> Record | None:
     """A conditioned record with fresh noise on its inputs; None where nothing was filtered out."""
-    raw = raw if raw.uniform else raw.resampled()
+    raw = evenly_sampled(raw)
     signals, found = dict(clean.signals), False
     for name in names:
         if name not in clean or len(raw) != len(clean):
@@ -148,4 +155,4 @@ def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.G
 def _white(removed: np.ndarray) -> float:
     """Rms of white noise whose fast part is as strong as what a filter removed: from the upper half of the spectrum."""
     power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
-    return float(np.sqrt(np.median(power[len(power) // 2 :]) / np.log(2.0)))
+    return float(np.sqrt(white_noise_power(power, np.log(2.0))))

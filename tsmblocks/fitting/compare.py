@@ -15,10 +15,10 @@ from tsmblocks.common.frames import frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.data import Record
+from tsmblocks.data.noise_floor import noise_of_recordings
 from tsmblocks.fitting import arguments as asking
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
-from tsmblocks.fitting.noise import noise_of
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Differences, score
 from tsmblocks.fitting.setup import Data, recordings, windows, without_units
@@ -240,7 +240,7 @@ def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[
     if len(names) != 1:
         return float("nan"), ""
     try:
-        return noise_of(records, diagram, names.pop())
+        return noise_of_recordings(records, name := names.pop(), diagram.unit(name), diagram.inports)
     except DataError:  # too few samples to tell
         return float("nan"), ""
 

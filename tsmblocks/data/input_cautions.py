@@ -1,0 +1,76 @@
+"""What to mind of signals that drive a model: noise and quantisation that lengthen their path or roughen their rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from tsmblocks.data.filters import MIN_SAMPLES, choose_cutoff, low_pass
+from tsmblocks.data.noise_floor import is_coarse, sample_to_sample_noise, with_unit
+from tsmblocks.data.quantization import quantum_of
+from tsmblocks.data.record import Record
+from tsmblocks.data.resampling import evenly_sampled
+
+MAX_RATE_ERROR = 0.03
+"""Error that quantisation makes in a rate, as a share of the rate, from which it is reported. Chosen: a rate that is
+used as an input of friction should be better known than the friction it finds."""
+RATE_SPAN = 20
+"""Samples over which motion is measured, so that steps of the reading do not count as motion. Chosen."""
+MAX_ADDED_PATH = 0.05
+"""Share of an input's path that noise may add before it is reported. Chosen: a loss that scales with the path is
+then wrong by as much."""
+
+
+def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple[str, ...]:
+    """Say what to mind before these signals (all by default) drive a model with memory, one sentence for each.
+
+    Hysteresis and friction integrate the path of their input. Noise and quantisation lengthen it without any
+    motion, and so fake an effect; the length is compared with that of the signal filtered with zero phase. Steps
+    that leave the length alone still make the rate jump.
+    """
+    names = record.names if inputs is None else (inputs,) if isinstance(inputs, str) else tuple(inputs)
+    record = evenly_sampled(record)
+    sentences = (_long_path(record, name) or _rough_rate(record, name) for name in names)
+    return tuple(text for text in sentences if text)
+
+
+def _long_path(record: Record, name: str) -> str:
+    """What to mind where noise or steps lengthen the path of a signal."""
+    x = record[name]
+    cutoff = choose_cutoff(x, record.step) if len(x) >= MIN_SAMPLES else None
+    if cutoff is None:
+        return ""
+    path, smooth = np.abs(np.diff(x)).sum(), np.abs(np.diff(low_pass(x, record.step, cutoff))).sum()
+    if path <= (1 + MAX_ADDED_PATH) * smooth:
+        return ""
+    quantum, off = quantum_of(x), sample_to_sample_noise(record.t, x)[0]
+    step = f"is quantised in steps of {with_unit(quantum, record.unit(name))}" if quantum else ""
+    why = step if is_coarse(quantum, off) else "is noisy"
+    more = f"{100 * (path / smooth - 1):.0f} %"
+    return (
+        f"{name} {why}: its path is {more} longer than that of the motion in it, which drives "
+        f"hysteresis and friction. Filter it first: filtered('{name}')."
+    )
+
+
+def _rough_rate(record: Record, name: str) -> str:
+    """What to mind where steps leave the path of a signal as long as it is, but make its rate jump."""
+    x = record[name]
+    quantum, rough = quantum_of(x), _rate_error(x)
+    if quantum is None or rough <= MAX_RATE_ERROR:
+        return ""
+    return (
+        f"{name} is quantised in steps of {with_unit(quantum, record.unit(name))}, which its rate misses by "
+        f"{100 * rough:.0f} %. Where the rate drives the model, filter it first: "
+        f"filtered('{name}', cutoff={0.05 / record.step:.2g}), say."
+    )
+
+
+def _rate_error(x: np.ndarray) -> float:
+    """Error that rounding to steps makes in the rate, as a share of the rate; 0 where there are no steps."""
+    quantum = quantum_of(x)
+    if quantum is None or len(x) <= 2 * RATE_SPAN:
+        return 0.0
+    motion = np.abs(x[RATE_SPAN:] - x[:-RATE_SPAN]).mean() / RATE_SPAN
+    return float(quantum / np.sqrt(6.0) / motion) if motion > 0 else 0.0
