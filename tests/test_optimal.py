@@ -556,9 +556,9 @@ MISTAKES = {
     "progress": (
         lambda: asked(progress=True),
         RunError,
-        "progress is a function of a stage, how much of it is done and of how much, got True.",
+        "progress must be a function of stage, done and of, got True.",
     ),
-    "periodic": (lambda: asked(periodic="no"), RunError, "periodic is True or False, got 'no'."),
+    "periodic": (lambda: asked(periodic="no"), RunError, "periodic must be True or False, got 'no'."),
     "guess as a list": (
         lambda: asked(guess=[0.0] * 11),
         ParameterError,
@@ -588,7 +588,7 @@ MISTAKES = {
     "references of a controller": (
         lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=5),
         ParameterError,
-        "references must be names of signals, got 5.",
+        "references takes names such as 'x_ref', got 5.",
     ),
     "short references": (
         lambda: tsm.receding_horizon(

@@ -609,10 +609,7 @@ REFUSED = {
     ),
     "file": (dict(out="results.xls"), "'results.xls' must end in .csv: results are kept in a table."),
     "folder": (dict(out="nowhere/results.csv"), "'nowhere/results.csv' cannot be written: there is no such folder."),
-    "progress": (
-        dict(progress=3),
-        "progress is a function of how many runs are done and of how many there are, got 3.",
-    ),
+    "progress": (dict(progress=3), "progress must be a function of done and of, got 3."),
     "threads": (dict(threads=-1), "threads must be a whole number of at least 1, got -1."),
     "executor": (dict(executor=5), "executor is one of concurrent.futures, or Dask's get_executor(), got 5."),
     "no path": (dict(out=5), "out is the path of a .csv file, got 5."),

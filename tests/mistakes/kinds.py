@@ -241,12 +241,12 @@ def a_sample_that_is_masked():
     driven(inputs={"u": np.ma.array(np.ones(11), mask=np.arange(11) == 3)})
 
 
-@mistake(RunError, "initial must map states to their start values, or be the state of a run, got [1.0].")
+@mistake(RunError, "initial must map states to their initial values, or be the state of a run, got [1.0].")
 def a_list_of_start_values():
     driven(initial=[1.0])
 
 
-@mistake(RunError, "the start value of 'g.value' must be a finite number, got np.complex128(1j).")
+@mistake(RunError, "the initial state 'g.value' must be a finite number, got np.complex128(1j).")
 def a_complex_start_value():
     driven(initial={"g.value": np.complex128(1j)})
 

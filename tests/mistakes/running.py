@@ -278,12 +278,12 @@ def an_unknown_start_value():
     simulate(position_loop(), stop=1.0, initial={"motor.speed": 1.0})
 
 
-@mistake(RunError, "the start value of 'motor.x1' must be a finite number, got 'one'.")
+@mistake(RunError, "the initial state 'motor.x1' must be a finite number, got 'one'.")
 def a_start_value_of_text():
     simulate(position_loop(), stop=1.0, initial={"motor.x1": "one"})
 
 
-@mistake(RunError, "the start value of 'motor.x1' must be a finite number, got nan.")
+@mistake(RunError, "the initial state 'motor.x1' must be a finite number, got nan.")
 def a_start_value_that_is_not_a_number():
     simulate(position_loop(), stop=1.0, initial={"motor.x1": float("nan")})
 

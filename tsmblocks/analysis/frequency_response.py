@@ -13,6 +13,7 @@ import numpy as np
 
 from tsmblocks.analysis.discrete_time import HELD
 from tsmblocks.blocks import Sine
+from tsmblocks.common.arguments import as_integer, as_number, as_positive
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.frames import dataset, frame, need
 from tsmblocks.common.tables import few, listed
@@ -20,7 +21,7 @@ from tsmblocks.common.units import for_people
 from tsmblocks.common.views import view
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import number, positive, prepared, whole
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.batch import batch_of
 from tsmblocks.simulation.compiled import equations
 
@@ -139,13 +140,17 @@ def frequency_response(
     added to what moves, the phase is known to half a step. Raises RunError for what is no input or output, and where
     sampled blocks do not fit into the period.
     """
-    diagram = prepared(diagram)
-    tuned, source = _driven(diagram, driven, None if bias is None else number("bias", bias))
+    diagram = as_diagram(diagram)
+    tuned, source = _driven(diagram, driven, None if bias is None else as_number("bias", bias))
     shown = _output(tuned, output)
     held = _is_held(equations(tuned), shown)
     f, a = _positive("frequencies", frequencies), _positive("amplitudes", amplitudes)
-    count, rest, most = whole("periods", periods, 1), whole("settle", settle, 0), whole("harmonics", harmonics, 1)
-    longest, least = positive("step", step), whole("samples", samples, 4 * most)
+    count, rest, most = (
+        as_integer("periods", periods, 1),
+        as_integer("settle", settle, 0),
+        as_integer("harmonics", harmonics, 1),
+    )
+    longest, least = as_positive("step", step), as_integer("samples", samples, 4 * most)
     how = dict(
         method=method, inputs=inputs, hold="zero", backend=backend, outputs=list(dict.fromkeys([f"{source}.y", shown]))
     )

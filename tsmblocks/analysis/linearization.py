@@ -13,12 +13,13 @@ import numpy as np
 from tsmblocks.analysis.discrete_time import model
 from tsmblocks.analysis.operating_point import Point, Still, called, point_of, still
 from tsmblocks.blocks import Encoder, Gain, Quantiser
+from tsmblocks.common.arguments import as_integer, as_number
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.tables import unlike
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Fault, Link, parse, resolve, sentence
-from tsmblocks.simulation.arguments import number, prepared, whole
+from tsmblocks.simulation.arguments import as_diagram
 
 CUT, BACK = "cut", "back"
 """Names of the input and of the output of an opened loop."""
@@ -55,10 +56,12 @@ def linearize(
     """
     import control
 
-    diagram = _unrounded(prepared(diagram))
+    diagram = _unrounded(as_diagram(diagram))
     if at is not None and not isinstance(at, Point):
         raise RunError(f"at is a point that trim has found, got {in_words(at)}.")
-    here = still(diagram, at.inputs if at is not None else {}, at.t if at is not None else number("t", t), sampled=True)
+    here = still(
+        diagram, at.inputs if at is not None else {}, at.t if at is not None else as_number("t", t), sampled=True
+    )
     if not here.inputs:
         raise RunError(
             f"diagram '{here.eq.title}' has no input for a linear model to begin at: give it one, or open "
@@ -102,7 +105,7 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: in
     A loop with sampled blocks is opened where it enters or leaves the slowest one, and has a gain in discrete time.
     Raises RunError where no loop goes that way; other arguments and errors as for ``linearize``.
     """
-    diagram = prepared(diagram)
+    diagram = as_diagram(diagram)
     cut = _unrounded(opened(diagram, at))
     if not _comes_back(diagram, at):
         raise RunError(f"at='{at}': nothing that goes this way comes back, so there is no loop to open.")
@@ -167,7 +170,7 @@ def opened(diagram: Diagram, at: str) -> Diagram:
 
     ``at`` as for ``loop_gain``. Raises RunError where there is no such wire.
     """
-    diagram = prepared(diagram)
+    diagram = as_diagram(diagram)
     links = _links(diagram, at)
     source = ".".join(links[0].source)
     for name, side in ((CUT, diagram.inputs), (BACK, diagram.outputs)):
@@ -319,7 +322,7 @@ def _with_delays(here: Still, system: Matrices, pade: int | None) -> Matrices:
             f"'{eq.title}' has dead times ({said}), which no state space holds. "
             "Say pade=3 for an approximation of third order."
         )
-    order = whole("pade", pade, 1)
+    order = as_integer("pade", pade, 1)
     parts = [
         control.ss(control.tf(*control.pade(lag, order))) if lag > 0 else control.ss([], [], [], 1.0) for lag in lags
     ]

@@ -9,11 +9,12 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.engine.equations import KEPT, Equations
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import given_inputs, number, prepared
+from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
 TOLERANCE = 1e-9
@@ -207,12 +208,12 @@ def trim(
     are at ``t`` [s]. Where many points will do (hysteresis at rest, an integrator in front of a still motor) it is the
     one nearest to the start. Raises RunError where there is none, naming the state that does not stand still.
     """
-    diagram, given = prepared(diagram), given_inputs(inputs)
+    diagram, given = as_diagram(diagram), as_inputs(inputs)
     for name, values in (("outputs", outputs), ("start", start)):
         if values is not None and not isinstance(values, Mapping):
             raise RunError(f"{name} must map names to numbers, got {in_words(values)}.")
     wanted = dict(outputs or {})
-    here = still(diagram, {k: number(f"input '{k}'", v, DataError) for k, v in given.items()}, number("t", t))
+    here = still(diagram, {k: as_number(f"input '{k}'", v, DataError) for k, v in given.items()}, as_number("t", t))
     free = [name for name in here.inputs if name not in given] if wanted else []
     begin = _begin(here, start or {}, free)
     residual, names, build = _conditions(here, wanted, free, begin)
@@ -239,7 +240,7 @@ def _way_out(wanted: Mapping[str, float], free: list[str]) -> str:
 def _begin(here: Still, start: Mapping[str, float], free: list[str]) -> tuple[np.ndarray, np.ndarray]:
     known = [*here.eq.x, *free]
     for name, value in start.items():
-        number(f"start: '{name}'", value, DataError)
+        as_number(f"start: '{name}'", value, DataError)
         if name not in known:
             raise RunError(f"start: there is no state or free input '{name}'.{near(name, known)}")
     x = np.array([float(start.get(name, v)) for name, v in zip(here.eq.x, here.x, strict=True)])
@@ -260,7 +261,7 @@ def _conditions(
         signal = eq.aliases.get(name, name)
         if signal not in eq.y:
             raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
-        rows.append(y[eq.y.index(signal)] - number(f"output '{name}'", value, DataError))
+        rows.append(y[eq.y.index(signal)] - as_number(f"output '{name}'", value, DataError))
         names.append(name)
     zero = ca.vertcat(*rows)
 

@@ -9,6 +9,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common import arguments
+from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import DataError, ParameterError, near
 from tsmblocks.common.interrupt import Asked as Stop
 from tsmblocks.common.interrupt import kept
@@ -44,14 +46,13 @@ from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.summary import PartDiagnosis, segment_summary
 from tsmblocks.effects import Effect, catalogue
-from tsmblocks.fitting import arguments as asking
 from tsmblocks.fitting.experiments import Window, compared, signal_of, span
 from tsmblocks.fitting.input_checks import standing
 from tsmblocks.fitting.noise import asked_floors
 from tsmblocks.fitting.parameters import chosen
 from tsmblocks.fitting.setup import Data, recordings, windows, without_units
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import prepared, whole
+from tsmblocks.simulation.arguments import as_diagram
 
 ENOUGH = 200
 """Samples of all experiments together that a diagnosis takes at least."""
@@ -104,19 +105,19 @@ def diagnose(
 
     Raises DataError (signals, samples), ParameterError (names, floors), and what ``tsm.fit`` raises.
     """
-    asking.progress(progress, "stage, done and of")
-    records, diagram = recordings(experiments), prepared(diagram)
+    arguments.as_callback(progress, "stage, done and of")
+    records, diagram = recordings(experiments), as_diagram(diagram)
     inside = None if window is None else windows(window, records)
     measured = _measured(records, diagram, outputs, inside)
-    effects_chosen, seed = _chosen(effects), whole("seed", seed, 0)
+    effects_chosen, seed = _chosen(effects), as_integer("seed", seed, 0)
     if free is not None:
         chosen(diagram, free)  # names nobody has are told before any work
     given = asked_floors(noise_floor, diagram, records, measured)
     settings = ModelSettings(
-        None if free is None else tuple(asking.names("free", free, "tsm.*")),
+        None if free is None else tuple(arguments.as_names("free", free, "tsm.*")),
         {},
         (),
-        asking.flag("start_states", start_states),
+        arguments.as_bool("start_states", start_states),
         step,
         integrator,
         hold,
@@ -163,7 +164,7 @@ def _options(
     }
     return {
         "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
-        "effects": "all of the catalogue" if effects is None else ", ".join(asking.names("effects", effects, "")),
+        "effects": "all of the catalogue" if effects is None else ", ".join(arguments.as_names("effects", effects, "")),
         "free": "all but start values" if settings.free is None else ", ".join(settings.free),
         "start states": "found in each experiment" if settings.start_states else "as in the diagram",
         "inputs": "noise taken out (zero phase)" if condition else "as they are",
@@ -217,7 +218,7 @@ def _measured(
     records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str] | None, inside: Inside
 ) -> tuple[str, ...]:
     """The outputs that were measured. Raises DataError where there are too few samples to judge by."""
-    asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
+    asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     names = compared(records, diagram, asked)
     total = sum(len(t) for t in _compared(records, inside).values())
     if total < ENOUGH:
@@ -248,7 +249,7 @@ def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
     if names is None:
         return every
     known, kept_names = {e.name for e in every}, set[str]()
-    patterns = asking.names("effects", names, "backlash")
+    patterns = arguments.as_names("effects", names, "backlash")
     if not patterns:
         raise ParameterError("effects names no effect to look for. Leave it out to look for all of the catalogue.")
     for pattern in patterns:

@@ -11,6 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.backends import kernel_for
@@ -112,11 +113,10 @@ def start_memory(
     x, d, s = (np.asarray(v).ravel() for v in eq.start(p))
     if start is not None and not isinstance(start, Mapping):
         raise RunError(
-            f"initial must map states to their start values, or be the state of a run, got {in_words(start)}."
+            f"initial must map states to their initial values, or be the state of a run, got {in_words(start)}."
         )
     for name, value in (start or {}).items():
-        if not isinstance(value, (int, float, np.integer, np.floating)) or not math.isfinite(value):
-            raise RunError(f"the start value of '{name}' must be a finite number, got {in_words(value)}.")
+        value = as_number(f"the initial state '{name}'", value)
         if name in eq.x:
             x[eq.x.index(name)] = value
         elif name in eq.d:

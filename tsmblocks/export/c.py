@@ -13,6 +13,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.atomic_write import replace_file
 from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.common.units import times
@@ -25,7 +26,7 @@ from tsmblocks.engine.session import check_delays, steps_per_period
 from tsmblocks.export.operations import GREATEST, LEAST, number, statements
 from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import positive, prepared
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.stability import Beginning, warn_of_fast_poles
 
@@ -56,7 +57,7 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
     math.h is all that is needed. Raises RunError for signals that are made for a whole run (noise, recordings), and
     ParameterError for a name that C does not take.
     """
-    diagram, h = prepared(diagram), positive("step", step)
+    diagram, h = as_diagram(diagram), as_positive("step", step)
     if not isinstance(name, str) or not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or name in WORDS:
         raise ParameterError(
             f"a name in C has letters, digits and underscores, and is none of C's own; got {in_words(name)}."

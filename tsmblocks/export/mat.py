@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks.analysis import linearize, trim
 from tsmblocks.common.errors import DataError, TsmError
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import prepared
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
 LONGEST = 63
@@ -28,7 +28,7 @@ def to_mat(diagram: Diagram, path: str | Path) -> Path:
     """
     from scipy.io import savemat
 
-    diagram, target = prepared(diagram), Path(path)
+    diagram, target = as_diagram(diagram), Path(path)
     if target.suffix.lower() != ".mat":
         raise DataError(f"'{target}' must end in .mat.")
     if not target.resolve().parent.is_dir():

@@ -9,14 +9,13 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import arguments, units
 from tsmblocks.common.errors import DataError, NotFinite, RunError, TsmError, in_words, near
 from tsmblocks.common.frames import frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.data import Record
 from tsmblocks.data.noise_floor import noise_of_recordings
-from tsmblocks.fitting import arguments as asking
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
 from tsmblocks.fitting.result import Fit
@@ -182,13 +181,13 @@ def compare(
     Raises DataError for recordings or parts that cannot be used, RunError for models that are none.
     """
     candidates, records = _models(models), recordings(data)
-    fitted, tested = _parts(records, train, asking.names("held_out", held_out, "bend 60"))
-    given = asking.by_name("free", free, "'play': ['play.*']")
+    fitted, tested = _parts(records, train, arguments.as_names("held_out", held_out, "bend 60"))
+    given = arguments.as_mapping("free", free, "'play': ['play.*']")
     for name in given:
         if name not in candidates:
             raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
-    asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
-    asking.progress(progress)
+    asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
+    arguments.as_callback(progress, "stage, evaluations and rms")
     rows, notes, interrupted = list[Row](), _untold(candidates, records, asked), False
     for name, diagram in candidates.items():
         tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)

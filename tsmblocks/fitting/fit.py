@@ -8,9 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common import arguments
+from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.interrupt import Asked, kept
-from tsmblocks.fitting import arguments as asking
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.multistart import Range, search_range, spread
 from tsmblocks.fitting.optimizer import MISSED, Found, Tell, feasible_start, projected
@@ -19,7 +20,6 @@ from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import Data, Setup, pose
 from tsmblocks.fitting.summary import summed_up
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import whole
 
 METHODS = ("gauss-newton", "ipopt", "ga")
 FAINT = 1e-4
@@ -90,9 +90,9 @@ def fit(
     NotFinite when no start can be simulated.
     """
     _check(method, segments)
-    starts, seed = whole("starts", starts, 1), whole("seed", seed, 0)
-    iterations = iterations if iterations is None else whole("iterations", iterations, 0)
-    asking.progress(progress)
+    starts, seed = as_integer("starts", starts, 1), as_integer("seed", seed, 0)
+    iterations = iterations if iterations is None else as_integer("iterations", iterations, 0)
+    arguments.as_callback(progress, "stage, evaluations and rms")
     problem, setup = pose(
         diagram,
         data,
@@ -128,7 +128,7 @@ def fit(
 def _check(method: str, segments: Any) -> None:
     if not isinstance(method, str) or method not in METHODS:
         raise RunError(f"there is no method {in_words(method)} of fitting.{near(method, METHODS)}")
-    if whole("segments", segments, 1) > 1 and method != "ipopt":
+    if as_integer("segments", segments, 1) > 1 and method != "ipopt":
         raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
 
 

@@ -10,10 +10,10 @@ import attrs
 import numpy as np
 
 from tsmblocks.common import units
+from tsmblocks.common.arguments import is_number
 from tsmblocks.common.errors import ParameterError, in_words, near
 from tsmblocks.data import Record
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import is_number
 
 FORM = "VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg"
 """What a floor looks like that is written as text."""

@@ -10,8 +10,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common import arguments
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.fitting import arguments as asking
 from tsmblocks.fitting.constraints import Constraint, Ties
 from tsmblocks.model.block import Field, is_reference, leaves
 from tsmblocks.model.diagram import Diagram
@@ -261,7 +261,7 @@ def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free")
     if patterns is None:
         return [name for name in diagram.parameters if name not in endless and not _is_set(known[name])]
     found: set[str] = set()
-    for pattern in asking.names(what, patterns, "tsm.*"):
+    for pattern in arguments.as_names(what, patterns, "tsm.*"):
         hits = [k for k in known if k == pattern]
         if hits and pattern in endless:
             raise ParameterError(f"{what} '{pattern}': it is infinite, so there is no number to find; set it first.")
@@ -296,7 +296,7 @@ def given_bounds(
 ) -> dict[str, tuple[float, float]]:
     """Bounds given by name or pattern. Raises ParameterError for what is none, or names nothing free."""
     made: dict[str, tuple[float, float]] = {}
-    for pattern, pair in asking.by_name("bounds", given, "'tsm.theta': (0.1, 50.0)").items():
+    for pattern, pair in arguments.as_mapping("bounds", given, "'tsm.theta': (0.1, 50.0)").items():
         hits = [k for k in free if k == pattern] or [k for k in free if fnmatchcase(k, pattern)]
         if not hits:
             why = "is not free in this fit" if pattern in known else "names no parameter that is free"

@@ -19,7 +19,7 @@ from tsmblocks.fitting.experiments import signal_of, span
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.setup import Setup, recordings, set_up
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import prepared
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import parameter_vector
 from tsmblocks.simulation.run import Run
 
@@ -197,7 +197,7 @@ def score(
     Each run starts where its recording does, whatever the ``window`` that counts. Raises DataError for
     missing signals, and NotFinite when a simulation runs away.
     """
-    diagram = prepared(diagram, parameters)
+    diagram = as_diagram(diagram, parameters)
     setup = set_up(
         diagram,
         recordings(data),

@@ -11,12 +11,13 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common import arguments
+from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.data import Record, read
 from tsmblocks.data.missing_units import refuse_doubtful, untold
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.methods import method_named
-from tsmblocks.fitting import arguments as asking
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
 from tsmblocks.fitting.experiments import FEWEST, Trial, Window, compared, is_even, median_step, prepare
@@ -35,7 +36,7 @@ from tsmblocks.fitting.parameters import (
 from tsmblocks.fitting.residuals import Priors, Problem
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.simulation.arguments import positive, prepared
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
 FINEST = 64
@@ -145,8 +146,8 @@ def set_up(
 ) -> Setup:
     """Every recording beside the diagram; without ``step``, one that resolves the diagram is found."""
     for what, word in (("integrator", integrator), ("hold", hold), ("backend", backend)):
-        asking.text(what, word)
-    asked = None if outputs is None else asking.names("outputs", outputs, "x_out")
+        arguments.as_text(what, word)
+    asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     eq, names, rule = equations(diagram), compared(records, diagram, asked), method_named(integrator)
     parts = windows(window, records)
     p, trials, finer = parameter_vector(eq, diagram), list[Trial](), list[Trial | None]()
@@ -171,7 +172,7 @@ def set_up(
         if step is None:
             trial, half = _resolved(made, record, eq.periods, p, notes)
         else:
-            trial, half = made(positive("step", step)), None
+            trial, half = made(as_positive("step", step)), None
         trials.append(trial)
         finer.append(half)
         if trials[-1].share is not None:
@@ -274,11 +275,11 @@ def pose(
     backend: str,
 ) -> tuple[Problem, Setup]:
     """The problem that a fit solves, every name checked. Arguments as for ``fit``."""
-    diagram = prepared(diagram).with_parameters(asking.by_name("start", start, "'tsm.theta': 3.0"))
+    diagram = as_diagram(diagram).with_parameters(arguments.as_mapping("start", start, "'tsm.theta': 3.0"))
     records = recordings(data)
     names = chosen(diagram, free)
     own = [] if local is None else chosen(diagram, local, "local")
-    if asking.flag("start_states", start_states):
+    if arguments.as_bool("start_states", start_states):
         own += [name for name, fields in numbers(diagram).items() if is_start(fields) and name not in own]
     names = [k for k in numbers(diagram) if k in {*names, *own}]
     tie = read_ties({} if ties is None else ties, list(numbers(diagram)), _named_alone(names, free))
@@ -300,7 +301,7 @@ def pose(
 
 def _named_alone(names: list[str], free: Any) -> list[str]:
     """Names freed one by one: tying one of those is a contradiction, while a pattern may cover tied ones."""
-    exact = set() if free is None else set(asking.names("free", free, "tsm.*"))
+    exact = set() if free is None else set(arguments.as_names("free", free, "tsm.*"))
     return [k for k in names if k in exact]
 
 
@@ -375,7 +376,7 @@ def _in_range(setup: Setup, weights: np.ndarray) -> None:
 def _priors(given: Mapping[str, tuple[float, float]] | None, unknowns: Unknowns) -> Priors:
     which, mean, deviation = list[int](), list[float](), list[float]()
     own = [item.parameter for item in unknowns.items]
-    for name, pair in asking.by_name("priors", given, "'tsm.theta': (5.0, 0.5)").items():
+    for name, pair in arguments.as_mapping("priors", given, "'tsm.theta': (5.0, 0.5)").items():
         hits = [k for k, item in enumerate(unknowns.items) if name in (item.parameter, item.name)]
         if not hits:
             raise ParameterError(f"priors: '{name}' is not free in this fit.{near_path(name, own)}")

@@ -8,13 +8,14 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import RunError, in_words
+from tsmblocks.common.arguments import as_bool, as_callback, as_integer, as_number, as_positive
+from tsmblocks.common.errors import RunError
 from tsmblocks.common.interrupt import Asked, kept
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.result import OptimalControl, outcome
-from tsmblocks.optimal.setup import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of, teller
+from tsmblocks.optimal.setup import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of
 from tsmblocks.optimal.transcription import NOTHING, Interval, Known, Programme, Solution, given_rows, units_of
-from tsmblocks.simulation.arguments import number, positive, prepared, whole
+from tsmblocks.simulation.arguments import as_diagram
 
 ROUNDED = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 """Sizes over which kinks are rounded off in one search after another, as shares of what lies in them."""
@@ -75,18 +76,21 @@ def optimal_control(
 
     Raises ParameterError, RunError, DataError. Source: Betts, Practical Methods for Optimal Control (2010), 4.
     """
-    diagram, goal, tell = prepared(diagram, parameters), goal_of(smallest), teller(progress)
+    diagram, goal, tell = (
+        as_diagram(diagram, parameters),
+        goal_of(smallest),
+        as_callback(progress, "stage, done and of"),
+    )
     given = given_of(diagram.title, commands, inputs, references, hold)
     task = asked(diagram, commands, error, limits, rates, tuple(given.references))
-    if not isinstance(periodic, bool):
-        raise RunError(f"periodic is True or False, got {in_words(periodic)}.")
-    h, begin = positive("step", step), number("start", start)
-    end = number("stop", stop) if stop is not None else ending(given, begin, h)
+    periodic = as_bool("periodic", periodic)
+    h, begin = as_positive("step", step), as_number("start", start)
+    end = as_number("stop", stop) if stop is not None else ending(given, begin, h)
     count = count_of(begin, end, h)
     interval, t = Interval(task, h, pieces_of(task, pieces, h)), begin + h * np.arange(count + 1)
     given = given.on(t)
     table = given_rows(task, given, interval.grid(begin, count))
-    options = {**OPTIONS, "ipopt.max_iter": whole("iterations", iterations, 1)}
+    options = {**OPTIONS, "ipopt.max_iter": as_integer("iterations", iterations, 1)}
     x = np.asarray(task.eq.start(task.p)[0]).ravel()
     with kept() as stopped:
         search = _Search(interval, count, goal, periodic, options, table, tell, stopped)

@@ -9,12 +9,13 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
+from tsmblocks.common.arguments import as_callback, as_integer, as_names, as_number, as_positive
+from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.interrupt import kept
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.control import OPTIONS, ROUNDED
 from tsmblocks.optimal.result import OptimalControl, outcome
-from tsmblocks.optimal.setup import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of, teller
+from tsmblocks.optimal.setup import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of
 from tsmblocks.optimal.transcription import (
     PRICE,
     Given,
@@ -27,7 +28,7 @@ from tsmblocks.optimal.transcription import (
     given_rows,
     units_of,
 )
-from tsmblocks.simulation.arguments import number, positive, prepared, whole, whole_steps
+from tsmblocks.simulation.arguments import as_diagram, whole_steps
 
 FEW = 60
 """Iterations of the solver for one sample at most: the last plan is near, and the next sample comes soon."""
@@ -68,10 +69,10 @@ class RecedingHorizon:
         parameters: Mapping[str, Any] | None = None,
         iterations: int = FEW,
     ) -> None:
-        self.diagram, goal = prepared(diagram, parameters), goal_of(smallest)
-        task = asked(self.diagram, commands, error, limits, rates, _names(references))
-        h, ahead = positive("step", step), whole("preview", preview, 2)
-        few = whole("iterations", iterations, 1)
+        self.diagram, goal = as_diagram(diagram, parameters), goal_of(smallest)
+        task = asked(self.diagram, commands, error, limits, rates, tuple(as_names("references", references, "x_ref")))
+        h, ahead = as_positive("step", step), as_integer("preview", preview, 2)
+        few = as_integer("iterations", iterations, 1)
         self.interval = Interval(task, h, pieces_of(task, pieces, h))
         self._first, self._later = (
             Programme(
@@ -79,7 +80,7 @@ class RecedingHorizon:
             )
             for most in (10 * few, few)
         )
-        self.t = number("start", start)
+        self.t = as_number("start", start)
         self.state = np.asarray(task.eq.start(task.p)[0]).ravel()
         self.command = np.clip(np.zeros(len(task.commands)), *task.ranges)
         self.seconds: list[float] = []
@@ -131,7 +132,7 @@ class RecedingHorizon:
         for name, value in (state or {}).items():
             if name not in self.task.eq.x:
                 raise DataError(f"'{self.task.eq.title}' has no state '{name}'.{near(str(name), self.task.eq.x)}")
-            better[self.task.eq.x.index(name)] = number(f"the state '{name}'", value, DataError)
+            better[self.task.eq.x.index(name)] = as_number(f"the state '{name}'", value, DataError)
         self.state = better
 
     def planned(self, table: np.ndarray) -> dict[str, float]:
@@ -204,15 +205,6 @@ class RecedingHorizon:
         return left if np.isfinite(left) else np.inf
 
 
-def _names(references: Any) -> tuple[str, ...]:
-    """Names of references, of one or several. Raises ParameterError."""
-    if isinstance(references, str):
-        return (references,)
-    if not isinstance(references, Sequence) or not all(isinstance(k, str) for k in references):
-        raise ParameterError(f"references must be names of signals, got {in_words(references)}.")
-    return tuple(references)
-
-
 def _shifted(rows: np.ndarray) -> np.ndarray:
     """Samples one later; the last stays."""
     return np.column_stack([rows[:, 1:], rows[:, -1]])
@@ -244,7 +236,7 @@ def receding_horizon(
     without it the run ends so long before them. ``seconds`` of the result tells how long each sample's plan took. After
     Ctrl-C the run ends where it is.
     """
-    title, tell = prepared(diagram).title, teller(progress)
+    title, tell = as_diagram(diagram).title, as_callback(progress, "stage, done and of")
     given = given_of(title, commands, inputs, references, hold)
     control = RecedingHorizon(
         diagram,
@@ -284,7 +276,7 @@ def receding_horizon(
 def _count(given: Given, begin: float, stop: float | None, h: float, preview: int) -> int:
     """Samples to plan. Raises RunError."""
     if stop is not None:
-        return count_of(begin, number("stop", stop), h)
+        return count_of(begin, as_number("stop", stop), h)
     last = ending(given, begin, h)
     if last - preview * h < begin + h * (1 - 1e-6):
         raise RunError(

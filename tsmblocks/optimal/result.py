@@ -10,6 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.common.tables import few
 from tsmblocks.common.units import for_people
@@ -19,7 +20,6 @@ from tsmblocks.metrics.tracking import peak_to_peak, rms
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.fields import Samples
 from tsmblocks.optimal.transcription import Given, Interval, Solution, Task, given_rows, straight
-from tsmblocks.simulation.arguments import number
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.simulate import simulate
 
@@ -76,7 +76,7 @@ class OptimalControl:
 
         Raises RunError where ``stop`` lies before the start.
         """
-        end, step = self.t[-1] if stop is None else number("stop", stop), self.t[1] - self.t[0]
+        end, step = self.t[-1] if stop is None else as_number("stop", stop), self.t[1] - self.t[0]
         if end <= self.t[0]:
             raise RunError(f"the commands begin at {self.t[0]:g} s, so they cannot stop at {end:g} s.")
         if end <= self.t[-1] + 1e-6 * step:

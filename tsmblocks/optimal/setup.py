@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.arguments import as_integer, as_number
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.constraints import constraints
 from tsmblocks.metrics.expressions import expression
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.transcription import Given, Interval, Task
-from tsmblocks.simulation.arguments import ends_of, number, resolve_stop, whole, whole_steps
+from tsmblocks.simulation.arguments import ends_of, resolve_stop, whole_steps
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.stability import poles
 
@@ -121,7 +122,7 @@ def _ranges(what: str, given: Any, known: Sequence[str], title: str) -> dict[str
         low, high = (
             end
             if one is None or (isinstance(one, float) and one == end)
-            else number(f"{what} of '{name}'", one, ParameterError)
+            else as_number(f"{what} of '{name}'", one, ParameterError)
             for one, end in zip(pair, (-np.inf, np.inf), strict=True)
         )
         if not low < high:
@@ -137,15 +138,6 @@ def goal_of(smallest: Any) -> str:
     if smallest not in GOALS:
         raise ParameterError(f"smallest is 'peak' or 'rms', got {in_words(smallest)}.{near(str(smallest), GOALS)}")
     return str(smallest)
-
-
-def teller(progress: Any) -> Tell:
-    """The function that is told how far it is. Raises RunError."""
-    if progress is not None and not callable(progress):
-        raise RunError(
-            f"progress is a function of a stage, how much of it is done and of how much, got {in_words(progress)}."
-        )
-    return progress or (lambda *_: None)
 
 
 def given_of(title: str, commands: Any, inputs: Any, references: Any, hold: str) -> Given:
@@ -181,7 +173,7 @@ def count_of(begin: float, end: float, h: float) -> int:
 def pieces_of(task: Task, given: int | None, h: float) -> int:
     """Runge-Kutta steps of an interval: as many as the fastest pole at the start asks for. Raises RunError."""
     if given is not None:
-        return whole("pieces", given, 1)
+        return as_integer("pieces", given, 1)
     fastest = max((abs(p) for p in poles(task.eq, task.p)), default=0.0)
     return max(LEAST, math.ceil(h * fastest / REACH))
 

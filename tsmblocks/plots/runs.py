@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import TsmError
 from tsmblocks.data import Record, heading
 from tsmblocks.metrics.metrics import formed
 from tsmblocks.metrics.tracking import tracking_error
 from tsmblocks.plots.panels import COLOURS, INK, LEGEND, QUANTITY, axes, dress, shown, timed
-from tsmblocks.simulation.arguments import number
 from tsmblocks.simulation.run import Run
 
 
@@ -36,7 +36,7 @@ def plot_record(record: Record, names: Iterable[str] = (), ax: Any = None, *, af
 
 
 def _over_time(run: Run | Record, title: str, what: str, chosen: list[str], ax: Any, after: float | None) -> Any:
-    kept = run.t >= (run.t[0] if after is None else number("after", after))
+    kept = run.t >= (run.t[0] if after is None else as_number("after", after))
     if kept.sum() < 2:
         raise TsmError(f"after={after:g} s leaves nothing of the {what}, which ends at {run.t[-1]:g} s.")
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}

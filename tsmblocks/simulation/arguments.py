@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import DataError, RunError, TsmError, in_words
+from tsmblocks.common.arguments import as_integer, as_number, as_positive
+from tsmblocks.common.errors import DataError, RunError, in_words
 from tsmblocks.model.diagram import Diagram, needed
 
 MOST_STEPS = 1e15
 """Steps of a run that can be told apart in time; such a run would take years."""
 
 
-def prepared(diagram: Diagram, parameters: Mapping[str, Any] | None = None) -> Diagram:
+def as_diagram(diagram: Diagram, parameters: Mapping[str, Any] | None = None) -> Diagram:
     """The diagram to run, with its parameters changed. Raises RunError when it is none."""
     diagram = needed(diagram, "run", RunError)
     return diagram if parameters is None else diagram.with_parameters(parameters)
 
 
-def given_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
+def as_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
     """Inputs by name; a column of pandas becomes (times, values). Raises DataError when they are anything else."""
     if inputs is None:
         return {}
@@ -41,42 +42,6 @@ def _timed(name: str, column: Any) -> Any:
         raise DataError(f"input '{name}': the index of its samples must be time in s, got {times.dtype}.")
     counted = times.dtype.kind != "f" and np.array_equal(times, np.arange(len(values)))
     return values if counted else (times, values)
-
-
-def listed_names(names: Sequence[str] | str) -> list[str]:
-    """Names asked for, of which one alone need not be a list."""
-    return [names] if isinstance(names, str) else list(names)
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a finite number; True and False are none."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:  # a whole number of hundreds of digits
-        return False
-
-
-def number(what: str, value: Any, error: type[TsmError] = RunError) -> float:
-    """A number, NaN and infinity excluded. Raises ``error``, ``what`` being its name."""
-    if not is_number(value):
-        raise error(f"{what} must be a finite number, got {in_words(value)}.")
-    return float(value)
-
-
-def positive(what: str, value: Any) -> float:
-    """A time longer than zero, in s. Raises RunError."""
-    if not is_number(value) or value <= 0:
-        raise RunError(f"{what} must be a positive number of seconds, got {in_words(value)}.")
-    return float(value)
-
-
-def whole(what: str, value: Any, least: int) -> int:
-    """A whole number of at least ``least``. Raises RunError, ``what`` being its name."""
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
-        raise RunError(f"{what} must be a whole number of at least {least}, got {in_words(value)}.")
-    return int(value)
 
 
 def whole_steps(start: float, stop: float, h: float) -> int:
@@ -132,7 +97,7 @@ class Times:
 
 def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any) -> Times:
     """The instants asked for; without ``stop``, to the end of the inputs. Raises RunError."""
-    begin, h, spacing = number("start", start), positive("step", step), whole("every", every, 1)
-    end = resolve_stop(inputs, begin, h) if stop is None else number("stop", stop)
+    begin, h, spacing = as_number("start", start), as_positive("step", step), as_integer("every", every, 1)
+    end = resolve_stop(inputs, begin, h) if stop is None else as_number("stop", stop)
     steps = whole_steps(begin, end, h)
     return Times(begin, h, steps, min(spacing, int(MOST_STEPS) + 1))

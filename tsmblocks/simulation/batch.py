@@ -10,6 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_integer, as_list
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.equations import Equations
@@ -17,7 +18,7 @@ from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import given_inputs, listed_names, prepared, run_times, whole
+from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -119,7 +120,7 @@ class PreparedBatch:
             made = dict(reduce(self.t, found)) if reduce is not None else {k: v.T for k, v in found.items()}
             return {k: np.asarray(v)[: last - begin].copy() for k, v in made.items()}
 
-        workers = whole("threads", threads, 1) if threads is not None else os.cpu_count() or 1
+        workers = as_integer("threads", threads, 1) if threads is not None else os.cpu_count() or 1
         with ThreadPoolExecutor(workers) as pool:
             parts = list(pool.map(group, begins, memories))
         return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
@@ -159,14 +160,14 @@ def batch_of(
     ``lanes`` is how many sets are run side by side, a power of two (by default what suits the diagram): parts of one
     study give it, so that their results agree to the last digit however the work is cut.
     """
-    given = given_inputs(inputs)
+    given = as_inputs(inputs)
     if not isinstance(parameters, Mapping):
         raise ParameterError(f"parameters must map names to one number per set each, got {in_words(parameters)}.")
-    diagram = prepared(diagram).untied(parameters)
+    diagram = as_diagram(diagram).untied(parameters)
     times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     sets, count = parameter_sets(eq, diagram, parameters)
-    names = listed_names(outputs) if outputs is not None else list(eq.aliases)
+    names = as_list(outputs) if outputs is not None else list(eq.aliases)
     chosen, lanes = kept_columns(eq, names), lanes or lanes_for(count, len(eq.x))
     vary = frozenset(eq.p.index(k) for k in sets)
     kernel = batch_kernel(eq, method_named(method), chosen, lanes, vary, backend)

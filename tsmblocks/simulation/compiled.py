@@ -10,7 +10,7 @@ from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.block import is_reference
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import prepared
+from tsmblocks.simulation.arguments import as_diagram
 
 _COMPILED: dict[Any, Equations] = {}
 _KEPT = 256
@@ -40,7 +40,7 @@ def equations(diagram: Diagram) -> Equations:
 
     Raises RunError for what is no diagram, and what compile raises.
     """
-    diagram = prepared(diagram)
+    diagram = as_diagram(diagram)
     key = (diagram.title, signature(diagram))
     found = _COMPILED.pop(key, None)
     if found is None:

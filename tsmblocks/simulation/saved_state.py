@@ -7,10 +7,10 @@ from typing import Any
 
 import attrs
 
+from tsmblocks.common.arguments import as_number, as_positive
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.kernel import Memory
-from tsmblocks.simulation.arguments import number, positive
 
 SAME = 1e-9
 """Difference of two steps, as a share of them, that is rounding; of two times, as a share of a step."""
@@ -65,11 +65,13 @@ def begins(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
     """When a run starts and its step: those of a saved state that it goes on from. Raises RunError for another time."""
     if not isinstance(initial, Saved):
         return start, step
-    if start != 0.0 and not math.isclose(number("start", start), initial.t, rel_tol=1e-12, abs_tol=SAME * initial.step):
+    if start != 0.0 and not math.isclose(
+        as_number("start", start), initial.t, rel_tol=1e-12, abs_tol=SAME * initial.step
+    ):
         raise RunError(
             f"a run that goes on from a saved state starts when that ended, at {initial.t:g} s. Leave out start."
         )
-    return initial.t, initial.step if _same(initial.step, positive("step", step)) else step
+    return initial.t, initial.step if _same(initial.step, as_positive("step", step)) else step
 
 
 def _same(step: float, other: float) -> bool:

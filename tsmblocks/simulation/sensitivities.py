@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import given_inputs, listed_names, prepared, run_times
+from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
 from tsmblocks.simulation.batch_parameters import parameter_index
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
@@ -39,14 +40,14 @@ def sensitivities(
     At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
     for an unknown name.
     """
-    given, names = given_inputs(inputs), listed_names(names)
+    given, names = as_inputs(inputs), as_list(names)
     if not names:
-        raise ParameterError(f"sensitivities of '{prepared(diagram).title}' need the name of a parameter at least.")
-    diagram = prepared(diagram).untied(names)
+        raise ParameterError(f"sensitivities of '{as_diagram(diagram).title}' need the name of a parameter at least.")
+    diagram = as_diagram(diagram).untied(names)
     times = run_times(given, start, stop, step, every)
     eq = equations(diagram)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
-    shown = listed_names(outputs) if outputs is not None else list(eq.aliases)
+    shown = as_list(outputs) if outputs is not None else list(eq.aliases)
     chosen, lanes = kept_columns(eq, shown), directions(len(known))
     kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)
     whole = whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)

@@ -8,13 +8,14 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import NotFinite, RunError, in_words
+from tsmblocks.common.arguments import as_callback
+from tsmblocks.common.errors import NotFinite
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.events import locating
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.session import Session, Stopped, gather_signals, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import given_inputs, prepared, run_times
+from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.divergence import explain
 from tsmblocks.simulation.logged_signals import logged_signals
@@ -61,11 +62,10 @@ def simulate(
     Raises NotFinite when a signal becomes NaN or infinite, RunError, DataError, ParameterError and
     what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
     """
-    diagram, given = prepared(diagram, parameters), given_inputs(inputs)
+    diagram, given = as_diagram(diagram, parameters), as_inputs(inputs)
     begin, h = begins(start, step, initial)
     times = run_times(given, begin, stop, h, every)
-    if progress is not None and not callable(progress):
-        raise RunError(f"progress must be a function of the fraction done, got {in_words(progress)}.")
+    as_callback(progress, "the fraction done")
     eq = equations(diagram)
     chosen, names = logged_signals(eq, log, times)
     rule, p = method_named(method), parameter_vector(eq, diagram)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.arguments import as_number, as_positive
 from tsmblocks.common.errors import DataError, NotFinite, RunError, in_words, near
 from tsmblocks.engine.equations import Feed
 from tsmblocks.engine.inputs import Signal
@@ -14,7 +15,7 @@ from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import given_inputs, number, positive, prepared
+from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.divergence import explain
 from tsmblocks.simulation.saved_state import Saved, remembered, taken_up
@@ -39,8 +40,8 @@ class Stepper:
         initial: Mapping[str, float] | Saved | None = None,
         backend: str = "",
     ) -> None:
-        diagram = self.diagram = prepared(diagram, parameters)
-        self.h, self.start = positive("step", step), 0.0
+        diagram = self.diagram = as_diagram(diagram, parameters)
+        self.h, self.start = as_positive("step", step), 0.0
         eq = self.eq = equations(diagram)
         for feed in eq.u:
             _need_single(diagram.title, feed)
@@ -70,7 +71,7 @@ class Stepper:
 
         Raises DataError for unsuitable inputs, and NotFinite with the state as it was before the step.
         """
-        values = self._values(given_inputs(inputs))
+        values = self._values(as_inputs(inputs))
         u = np.tile(values, (2, len(self.kernel.plan.method.instants), 1)) if values else np.empty((2, 1, 0))
         y = np.empty((1, self.kernel.layout_y.size))
         before = self.memory.copy()
@@ -122,7 +123,7 @@ class Stepper:
     def _value(self, name: str, inputs: Mapping[str, Any]) -> float:
         if name not in inputs:
             raise DataError(f"diagram '{self.eq.title}' needs a value of its input '{name}' at each step.")
-        return number(f"input '{name}'", inputs[name], DataError)
+        return as_number(f"input '{name}'", inputs[name], DataError)
 
     def __reduce__(self) -> Any:  # machine code neither copies nor pickles; it is made, or found, again
         return _revived, (self.diagram, self.h, self.kernel.plan.method.name, self.backend, self.save())

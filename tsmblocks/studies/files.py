@@ -12,10 +12,10 @@ from typing import Any
 
 import attrs
 
+from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import ParameterError, TsmError, in_words, near
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.simulation.arguments import number
 from tsmblocks.studies.page import RunPage
 from tsmblocks.studies.plans import MOST, Belief, Normal, Plan, Uniform, grid, latin_hypercube, monte_carlo, sweep
 from tsmblocks.studies.study import own_numbers
@@ -142,6 +142,6 @@ def _relative(value: float, share: Any) -> Normal:
         raise TsmError("the diagram's own number is 0, so a share of it is nothing; say mean and deviation.")
     return Normal(
         value,
-        abs(value) * number("relative", share, ParameterError),
+        abs(value) * as_number("relative", share, ParameterError),
         *((0.0, math.inf) if value > 0 else (-math.inf, 0.0)),
     )

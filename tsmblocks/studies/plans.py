@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_integer, as_number
 from tsmblocks.common.errors import ParameterError, in_words, near
-from tsmblocks.simulation.arguments import number, whole
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -62,7 +62,7 @@ def plain(value: Any) -> Any:
 
 
 def _finite(value: Any) -> float:
-    return number("a number of Uniform or Normal", value, ParameterError)
+    return as_number("a number of Uniform or Normal", value, ParameterError)
 
 
 def _bound(value: Any) -> float:
@@ -174,7 +174,7 @@ def latin_hypercube(beliefs: Mapping[str, Any], runs: int, *, seed: int = 0) -> 
     from scipy.stats import qmc
 
     known, count = _beliefs(beliefs), _count(runs)
-    q = qmc.LatinHypercube(d=len(known), seed=np.random.default_rng(whole("seed", seed, 0))).random(count)
+    q = qmc.LatinHypercube(d=len(known), seed=np.random.default_rng(as_integer("seed", seed, 0))).random(count)
     return _plan({name: one.quantile(q[:, k]) for k, (name, one) in enumerate(known.items())}, "latin hypercube")
 
 
@@ -184,7 +184,7 @@ def monte_carlo(beliefs: Any, runs: int, *, seed: int = 0) -> Plan:
     Of a fit, the estimates vary together as their covariance says, within the bounds of their blocks; start values
     of states stay. Raises ParameterError where the fit leaves a number open.
     """
-    count, rng = _count(runs), np.random.default_rng(whole("seed", seed, 0))
+    count, rng = _count(runs), np.random.default_rng(as_integer("seed", seed, 0))
     if hasattr(beliefs, "covariance"):
         return _plan(_of_fit(beliefs, count, rng), "monte carlo")
     known = _beliefs(beliefs)
@@ -221,7 +221,7 @@ def _of_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, np.ndarr
 
 def _count(runs: Any) -> int:
     """How many runs, if so many can be."""
-    count = whole("runs", runs, 1)
+    count = as_integer("runs", runs, 1)
     if count > MOST:
         raise ParameterError(f"a plan of {count:,} runs is too large; {MOST:,} are the most.")
     return count

@@ -14,7 +14,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.engine.methods import method_named
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import given_inputs, prepared
+from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
 from tsmblocks.studies.runner import beginnings, grouped
@@ -80,14 +80,14 @@ def responses(
     ``signals`` are the diagram's outputs unless named; every ``every``-th instant is kept. Other arguments as for
     ``study``. Raises as ``simulate_batch`` does.
     """
-    diagram, plan = prepared(diagram), planned(plan)
+    diagram, plan = as_diagram(diagram), planned(plan)
     units, names = signal_units(diagram), list(signals) if signals is not None else list(diagram.outputs)
     how = dict(
         stop=stop,
         step=step,
         start=start,
         method=method,
-        inputs=given_inputs(inputs),
+        inputs=as_inputs(inputs),
         hold=hold,
         every=every,
         backend=backend,

@@ -12,10 +12,10 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import is_number
 from tsmblocks.common.errors import ParameterError, RunError, TsmError, in_words
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import is_number
 from tsmblocks.simulation.batch import PreparedBatch, batch_of
 from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.lanes import lanes_for

@@ -12,6 +12,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_callback, as_integer
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words
 from tsmblocks.common.version import __version__
 from tsmblocks.data import heading
@@ -21,7 +22,7 @@ from tsmblocks.metrics.metrics import Metric
 from tsmblocks.metrics.metrics import metrics as read_metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.simulation.arguments import given_inputs, prepared, run_times, whole
+from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
 from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
@@ -69,20 +70,15 @@ def study(
             "study runs one diagram; of several, make a study each: "
             "{name: study(one, plan, metrics) for name, one in diagrams.items()}."
         )
-    diagram, plan = prepared(diagram), planned(plan)
-    how = dict(
-        stop=stop, step=step, start=start, method=method, inputs=given_inputs(inputs), hold=hold, backend=backend
-    )
+    diagram, plan = as_diagram(diagram), planned(plan)
+    how = dict(stop=stop, step=step, start=start, method=method, inputs=as_inputs(inputs), hold=hold, backend=backend)
     wanted = read_metrics(metrics, signal_units(diagram))
     asked = _Asked(title or diagram.title, diagram, plan.kind, own_numbers(diagram, plan), wanted, how)
-    if progress is not None and not callable(progress):
-        raise RunError(
-            f"progress is a function of how many runs are done and of how many there are, got {in_words(progress)}."
-        )
+    tell = as_callback(progress, "done and of")
     if executor is not None and not hasattr(executor, "submit"):
         raise RunError(f"executor is one of concurrent.futures, or Dask's get_executor(), got {in_words(executor)}.")
     if threads is not None:
-        whole("threads", threads, 1)
+        as_integer("threads", threads, 1)
     groups = grouped(diagram, asked.columns, how)
     looked_at = beginnings(groups, checked(groups, wanted), asked.columns)
     warn_of_fast_poles(looked_at, method_named(method), step)
@@ -90,7 +86,7 @@ def study(
     store.begin()
     missing = np.array([k not in store.done for k in range(asked.count)])
     parts = here(groups, wanted, missing, threads) if executor is None else elsewhere(groups, wanted, missing, executor)
-    return asked.results(store, _run(parts, asked, store, progress or (lambda *_: None)))
+    return asked.results(store, _run(parts, asked, store, tell))
 
 
 def _run(parts: Generator[Found, None, None], asked: _Asked, store: Store, tell: Progress) -> str:

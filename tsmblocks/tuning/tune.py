@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from tsmblocks.common.arguments import as_callback, as_integer
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.engine.methods import method_named
 from tsmblocks.metrics.metrics import Metric, metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.simulation.arguments import prepared, whole
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.plans import between
@@ -59,7 +60,7 @@ def tune(
     found. ``progress(stage, done, all)`` is called as it goes. Other arguments as for ``simulate``. Raises
     ParameterError, and what ``study`` raises, before any search.
     """
-    named = _named(diagrams)
+    named, tell = _named(diagrams), as_callback(progress, "stage, done and of")
     cases = _cases(named, plants)
     first = next(iter(cases.values()))
     bounds, units = _bounds(free, first), signal_units(first)
@@ -69,9 +70,9 @@ def tune(
     search = Search(cases, bounds, goal, limits, how, threads)
     own = {name: first.parameters[name] for name in bounds}
     inside = all(one.low <= own[name] <= one.high for name, one in bounds.items())
-    begins = [own, *search.promising(own, whole("starts", starts, 1) - 1, seed)]
+    begins = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
     warn_of_fast_poles(search.beginnings(own), method_named(method), step)
-    trails, status = _walked(search, begins, progress or (lambda *_: None))
+    trails, status = _walked(search, begins, tell)
     if inside:
         trails[0].insert(0, own)  # they are never made worse
     judged = search.judged(own, trails)
@@ -123,8 +124,8 @@ def _named(diagrams: Any) -> dict[str, Diagram]:
     if isinstance(diagrams, Mapping):
         if not diagrams:
             raise ParameterError("tune needs at least one diagram.")
-        return {str(name): prepared(one) for name, one in diagrams.items()}
-    one = prepared(diagrams)
+        return {str(name): as_diagram(one) for name, one in diagrams.items()}
+    one = as_diagram(diagrams)
     return {one.title or "diagram": one}
 
 
