@@ -1,26 +1,33 @@
-"""Measured machines diagnosed: what the literature says is missing is named first, and unseen data are foretold."""
+"""Measured machines diagnosed: what the literature says is missing is named first, and unseen data are foretold.
+
+Each example runs with a few candidates; ``-m slow`` runs it as it stands, with the whole catalogue.
+"""
 
 import contextlib
 import io
 import re
 import runpy
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+import tsmblocks as tsm
+
+SLOW_NEEDS = ["diagnosis", "diagrams/tendon_sheath_*", "examples/2[2-5]_*"]
 FOLDER = Path(__file__).parents[1] / "examples"
+WHOLE = pytest.param(None, marks=pytest.mark.slow, id="whole catalogue")
 
 
-def said_by(name):
-    """What an example prints, run by itself."""
-    said, before = io.StringIO(), sys.argv
-    sys.argv = [name]
-    try:
-        with contextlib.redirect_stdout(said):
-            found = runpy.run_path(str(FOLDER / name))
-    finally:
-        sys.argv = before
+def said_by(name, effects):
+    """What an example prints, run by itself, with some ``effects`` as candidates, and the names it leaves behind."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stdout(said):
+        patched.setattr(sys, "argv", [name])
+        if effects is not None:
+            patched.setattr(tsm, "diagnose", partial(tsm.diagnose, effects=effects))
+        found = runpy.run_path(str(FOLDER / name))
     return said.getvalue(), found
 
 
@@ -28,24 +35,29 @@ def numbers(text):
     return [float(x) for x in re.findall(r"\d+\.\d+", text)]
 
 
-@pytest.fixture(scope="module")
-def sheath(measured):
-    return said_by("22_tendon_sheath_diagnosed.py")[0]
+def few(*effects):
+    """A fixture's parameters: some effects, and the whole catalogue."""
+    return dict(scope="module", params=[pytest.param(effects, id=f"{len(effects)} effects"), WHOLE])
 
 
-@pytest.fixture(scope="module")
-def axis(measured):
-    return said_by("23_emps_diagnosed.py")
+@pytest.fixture(**few("backlash", "creep"))
+def sheath(measured, request):
+    return said_by("22_tendon_sheath_diagnosed.py", request.param)[0]
 
 
-@pytest.fixture(scope="module")
-def tanks(measured):
-    return said_by("24_tanks.py")
+@pytest.fixture(**few("coulomb_friction", "asymmetric_friction", "presliding_friction"))
+def axis(measured, request):
+    return said_by("23_emps_diagnosed.py", request.param)
 
 
-@pytest.fixture(scope="module")
-def oscillator(measured):
-    return said_by("25_silverbox.py")
+@pytest.fixture(**few("overflow", "saturation"))
+def tanks(measured, request):
+    return said_by("24_tanks.py", request.param)
+
+
+@pytest.fixture(**few("odd_nonlinearity", "rate_limit"))
+def oscillator(measured, request):
+    return said_by("25_silverbox.py", request.param)
 
 
 def rows(sheath, model):
