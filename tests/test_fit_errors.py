@@ -9,7 +9,7 @@ import pytest
 
 import tsmblocks as tsm
 from tests.mistakes import fitting
-from tests.mistakes.table import TABLE
+from tests.mistakes.all import TABLE
 from tests.test_fit_methods import FAR_OFF, LINEAR, LONG, TRUTH, balanced, pendulum
 from tests.test_fit_problem import T, U, record
 from tsmblocks.common.errors import RunError, TsmError
@@ -17,7 +17,6 @@ from tsmblocks.fitting import multiple_shooting as shooting
 
 FOLDER = Path(shooting.__file__).parent
 MODULES = (
-    "arguments",
     "compare",
     "divergence",
     "experiments",
@@ -36,6 +35,8 @@ MODULES = (
     "single_shooting",
     "summary",
 )
+SHARED = "../common/arguments"
+"""The checks that all rooms share; any room's mistakes may show them."""
 TEXTS = [row.text for row in TABLE if row.make.__module__ == fitting.__name__]
 ELSEWHERE = {
     "the step of the fit did not settle on a set of active constraints.": "a guard against rounding",
@@ -57,14 +58,15 @@ def messages(module):
         yield [p.value if isinstance(p, ast.Constant) else None for p in parts]
 
 
-@pytest.mark.parametrize("module", MODULES)
+@pytest.mark.parametrize("module", [SHARED, *MODULES])
 def test_every_message_is_shown_by_a_mistake(module):
+    texts = [row.text for row in TABLE] if module == SHARED else TEXTS
     for parts in messages(module):
         fixed = [p for p in parts if p]
         if any(p.startswith(beginning) for p in fixed[:1] for beginning in ELSEWHERE):
             continue
         pattern = "".join(".*" if p is None else re.escape(p) for p in parts)
-        assert any(re.fullmatch(pattern, text, re.DOTALL) for text in TEXTS), "".join(p or "…" for p in parts)
+        assert any(re.fullmatch(pattern, text, re.DOTALL) for text in texts), "".join(p or "…" for p in parts)
 
 
 def test_messages_are_found_where_they_are():

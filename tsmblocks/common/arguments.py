@@ -68,7 +68,7 @@ def as_callback(given: Any, arguments: str) -> Any:
 
 def as_list(names: Iterable[str] | str | None) -> list[str]:
     """Names as a list; a single one need not be a list, and None is an empty one."""
-    return [names] if isinstance(names, str) else list(names or ())
+    return [] if names is None else [names] if isinstance(names, str) else list(names)
 
 
 def as_names(what: str, given: Any, example: str) -> list[str]:
