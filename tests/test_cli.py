@@ -13,7 +13,7 @@ from tsmblocks.cli import main
 from tsmblocks.data import read
 from tsmblocks.draw.style import ACCENT
 from tsmblocks.files import load
-from tsmblocks.files.shipped import names
+from tsmblocks.files.shipped import shipped_names
 
 PAPER = importlib.import_module("tsmblocks.demo.paper")
 SIMULATE = importlib.import_module("tsmblocks.simulation.simulate")  # the package shows a function of that name
@@ -328,10 +328,10 @@ def test_diagrams_lists_names_and_titles(tsm):
     status, out, err = tsm("diagrams")
     assert (status, err) == (0, "")
     lines = out.splitlines()
-    assert [line.split()[0] for line in lines[: lines.index("")] if not line.startswith(" ")] == names()
+    assert [line.split()[0] for line in lines[: lines.index("")] if not line.startswith(" ")] == shipped_names()
     assert all(len(line) <= 80 for line in lines)
     listed = json.loads(tsm("diagrams", "--json")[1])
-    assert listed == {name: load(name).title for name in names()}
+    assert listed == {name: load(name).title for name in shipped_names()}
     assert "Tendon sheath: play and an offset" in out
 
 

@@ -105,8 +105,8 @@ def test_grids_and_sweeps(file, capsys):
 
 
 def test_a_diagram_beside_the_file_and_measured_inputs(file, capsys):
-    shelf = Path(tsmblocks.__file__).parents[1] / "diagrams"
-    shutil.copy(shelf / "tendon_sheath_play.toml", "mine.toml")
+    shipped = Path(tsmblocks.__file__).parents[1] / "diagrams"
+    shutil.copy(shipped / "tendon_sheath_play.toml", "mine.toml")
     Path("data.csv").write_text(
         "t [s],x_in [deg]\n" + "".join(f"{0.01 * k},{k % 50}\n" for k in range(200)), encoding="utf-8"
     )

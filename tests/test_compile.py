@@ -127,7 +127,7 @@ def test_feedthrough_covers_what_numbers_show(name):
 @pytest.mark.parametrize("name", sorted(OURS))
 def test_feedthrough_is_what_the_expressions_depend_on(name):
     block = OURS[name]()
-    twin = block.twin(lambda leaf, value: ca.SX.sym(leaf))
+    twin = block.with_symbols(lambda leaf, value: ca.SX.sym(leaf))
     x = signals(list(block.states), [ca.SX.sym(k) for k in block.states])
     u = signals(block.read_names, [ca.SX.sym(k) for k in block.read_names])
     y = twin.outputs(ca.SX.sym("t"), x, u)

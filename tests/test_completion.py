@@ -13,7 +13,7 @@ from tsmblocks.cli import common, completion, main
 from tsmblocks.cli.entry import COMMANDS, parsers
 from tsmblocks.engine.inputs import HOLDS
 from tsmblocks.engine.methods import METHODS
-from tsmblocks.files.shipped import names
+from tsmblocks.files.shipped import shipped_names
 from tsmblocks.fitting import fit as estimate
 from tsmblocks.model.block import REGISTRY
 
@@ -65,12 +65,12 @@ def test_all_options_of_a_command_are_offered(command, offered):
 
 @needs_bash
 def test_diagrams_are_offered_with_files_beside_them(offered):
-    assert offered("run", "fig0") == [name for name in names() if name.startswith("fig0")]
+    assert offered("run", "fig0") == [name for name in shipped_names() if name.startswith("fig0")]
     assert offered("draw", "mi") == ["mine.toml"]
     assert offered("check", "fig09b_feedforward", "fig16") == ["fig16_feedforward_feedback"]
     assert offered("compare", "tendon_sheath_pl") == ["tendon_sheath_play"]
     assert offered("run", "fig16_feedforward_feedback", "fig") == [], "it takes one diagram"
-    assert set(names()) | {"mine.toml"} <= set(offered("fit", ""))
+    assert set(shipped_names()) | {"mine.toml"} <= set(offered("fit", ""))
 
 
 @needs_bash
@@ -120,7 +120,7 @@ def test_scripts_name_every_command_and_option(shell, capsys):
         for option in parser.options():
             flag = f" -{'l' if option[:2] == '--' else 's'} {option.strip('-')} "
             assert (flag if shell == "fish" else option) in text
-    assert all(name in text for name in (*names(), *REGISTRY))
+    assert all(name in text for name in (*shipped_names(), *REGISTRY))
 
 
 @pytest.mark.skipif(shutil.which("fish") is None, reason="fish is not installed")

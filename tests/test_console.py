@@ -14,7 +14,7 @@ import tsmblocks.blocks
 from tsmblocks.cli import console, main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.common.tables import columns, in_parts
-from tsmblocks.files.shipped import names
+from tsmblocks.files.shipped import shipped_names
 from tsmblocks.model.block import REGISTRY
 
 STUDY = """
@@ -111,7 +111,7 @@ def test_columns_that_are_too_many_stand_in_several_tables():
     assert in_parts(rows, width=3).count("\n\n") == 3, "what fits nowhere stands alone"
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", shipped_names())
 def test_what_run_and_check_say_of_a_ready_made_diagram_fits(name, here, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)

@@ -16,13 +16,13 @@ from tsmblocks.demo import paper
 from tsmblocks.demo.compensators import plannable
 from tsmblocks.demo.mechanism import DEG, HIDDEN, NUMBERS, SAMPLE, STOP, measured, model, references, truth
 from tsmblocks.demo.page import page
-from tsmblocks.demo.story import AUGMENTED, FLOOR, IDENTIFIED, told
+from tsmblocks.demo.story import AUGMENTED, FLOOR, IDENTIFIED, build_story
 from tsmblocks.html.style import CSS
 
 
 @cache
 def story(name):
-    return told(name, seed=0)
+    return build_story(name, seed=0)
 
 
 @cache
@@ -153,7 +153,7 @@ def test_the_command_writes_what_the_page_says_and_it_can_be_gone_on_with(tmp_pa
 def test_what_the_readme_shows_is_what_the_demo_prints(tmp_path, capsys, monkeypatch):
     """Word by word; numbers may differ in what another processor rounds otherwise."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tsmblocks.demo.story.told", lambda *_: story("position_ripple"))
+    monkeypatch.setattr("tsmblocks.demo.story.build_story", lambda *_: story("position_ripple"))
     assert main(["demo"]) == 0
     printed = capsys.readouterr().out.split()
     text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")

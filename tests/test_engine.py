@@ -45,10 +45,10 @@ from tsmblocks.blocks import (
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.engine import jit, session
 from tsmblocks.engine.methods import METHODS
-from tsmblocks.files import shipped as shelf
+from tsmblocks.files import shipped
 from tsmblocks.simulation.stability import StepWarning
 
-SHIPPED = shelf.names()
+SHIPPED = shipped.shipped_names()
 W = 2 * np.pi * 0.2
 AMPLITUDE = np.deg2rad(55)
 

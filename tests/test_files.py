@@ -31,7 +31,7 @@ from tsmblocks.files import dumps, load, loads, save
 from tsmblocks.files import shipped as shelf_module
 from tsmblocks.files.positions import Places
 from tsmblocks.files.schema import schema
-from tsmblocks.files.shipped import names, shelf
+from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.writer import split_wire
 from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
 from tsmblocks.model.diagram import DEEPEST, Diagram, Inlet
@@ -90,16 +90,16 @@ x_out = "tsm.y"
 """
 
 
-# ---- the shelf --------------------------------------------------------------------------------
+# ---- ready-made diagrams -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", shipped_names())
 def test_every_ready_made_diagram_loads_and_survives_writing(name):
     diagram = load(name)
     text = dumps(diagram)
     assert loads(text) == diagram
     assert dumps(loads(text)) == text
-    assert diagram.where == str(shelf() / f"{name}.toml")
+    assert diagram.where == str(shipped_folder() / f"{name}.toml")
 
 
 def test_the_shelf_holds_the_promised_diagrams():
@@ -108,20 +108,20 @@ def test_the_shelf_holds_the_promised_diagrams():
         *("fig16_feedforward_feedback", "tendon_sheath_linear", "tendon_sheath_symmetric"),
         *("tendon_sheath_asymmetric", "tendon_sheath_play", "motor_linear"),
     }
-    assert promised <= set(names())
+    assert promised <= set(shipped_names())
 
 
 def test_the_shelf_holds_no_python():
-    assert [p.name for p in shelf().rglob("*") if p.suffix.startswith(".py") or p.name == "__pycache__"] == []
+    assert [p.name for p in shipped_folder().rglob("*") if p.suffix.startswith(".py") or p.name == "__pycache__"] == []
 
 
 def test_an_installed_package_has_its_diagrams_inside(monkeypatch, tmp_path):
     (tmp_path / "tsmblocks" / "_diagrams").mkdir(parents=True)
     (tmp_path / "diagrams").mkdir()
     monkeypatch.setattr(shelf_module, "_PACKAGE", tmp_path / "tsmblocks")
-    assert shelf() == tmp_path / "tsmblocks" / "_diagrams"
+    assert shipped_folder() == tmp_path / "tsmblocks" / "_diagrams"
     (tmp_path / "tsmblocks" / "_diagrams").rmdir()
-    assert shelf() == tmp_path / "diagrams"
+    assert shipped_folder() == tmp_path / "diagrams"
 
 
 # ---- names and paths --------------------------------------------------------------------------
@@ -138,7 +138,7 @@ def test_a_file_is_loaded_by_any_kind_of_path(tmp_path, monkeypatch):
 def test_a_folder_of_results_does_not_hide_the_ready_made_diagram(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "motor_linear").mkdir()
-    assert load("motor_linear").title == load(shelf() / "motor_linear.toml").title
+    assert load("motor_linear").title == load(shipped_folder() / "motor_linear.toml").title
 
 
 def test_a_file_of_that_name_is_taken_before_the_shelf(tmp_path, monkeypatch):

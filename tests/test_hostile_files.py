@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, TsmError
 from tsmblocks.files import dumps, load, loads
-from tsmblocks.files.shipped import names, shelf
+from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import LARGEST
 
 HANGS = 120
@@ -433,7 +433,7 @@ def test_a_name_that_is_near_to_none_is_answered_with_where_they_are_listed():
     assert fault_of("slider").startswith(
         "there is no file 'slider', and no ready-made diagram of that name. Known here: "
     )
-    assert fault_of("slider").endswith(f", … ({len(names())} in all). `tsmblocks diagrams` lists them.")
+    assert fault_of("slider").endswith(f", … ({len(shipped_names())} in all). `tsmblocks diagrams` lists them.")
 
 
 def test_a_misspelt_file_is_answered_with_a_near_one(tmp_path):
@@ -583,7 +583,7 @@ def test_reading_a_file_needs_no_heavy_library():
 
 # ---- anything at all --------------------------------------------------------------------------
 
-SHELF = [(shelf() / f"{name}.toml").read_bytes() for name in names()]
+SHELF = [(shipped_folder() / f"{name}.toml").read_bytes() for name in shipped_names()]
 WORDS = [
     b'"',
     b"'",

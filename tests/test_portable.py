@@ -13,7 +13,7 @@ from tsmblocks.cli import common, entry, main
 from tsmblocks.common.tables import unlike
 from tsmblocks.effects import catalogue
 from tsmblocks.engine import jit
-from tsmblocks.files.shipped import names
+from tsmblocks.files.shipped import shipped_names
 from tsmblocks.model.block import REGISTRY
 
 SOURCE = Path(tsmblocks.__file__).parent
@@ -85,7 +85,7 @@ def test_nothing_is_asked_that_a_system_may_not_have(path):
 
 
 def test_names_stay_apart_where_capitals_do_not():
-    for known in (REGISTRY, names(), [e.name for e in catalogue()]):
+    for known in (REGISTRY, shipped_names(), [e.name for e in catalogue()]):
         each = set(known)
         assert len({name.casefold() for name in each}) == len(each)
         assert not {name.casefold() for name in each} & {"con", "prn", "aux", "nul", *(f"com{k}" for k in range(10))}

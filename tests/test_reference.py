@@ -21,7 +21,7 @@ from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Si
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.compiler.compile import compile_diagram
-from tsmblocks.files.shipped import names
+from tsmblocks.files.shipped import shipped_names
 from tsmblocks.html.block_facts import words
 from tsmblocks.html.mathml import mathml
 from tsmblocks.html.plain_formulas import LETTERS, plain
@@ -274,7 +274,7 @@ def test_every_block_diagram_effect_command_and_public_name_has_its_place(site):
         return {path.stem for path in (site / kind).glob("*.html")} - {"index"}
 
     assert pages("blocks") == set(BLOCKS) == set(tsm.blocks.__all__) - {"from_control", "function_block"}
-    assert pages("diagrams") == set(names())
+    assert pages("diagrams") == set(shipped_names())
     assert pages("effects") == set(uses.effects())
     assert pages("commands") == set(COMMANDS)
     assert pages("concepts") == {path.stem for path in CONCEPTS.glob("*.rst")} - {"index"}

@@ -25,7 +25,7 @@ class Bench:
             self.p0.append(float(value))
             return self.p[-1]
 
-        twin = block.twin(symbol)
+        twin = block.with_symbols(symbol)
         self.t = ca.SX.sym("t")
         self.x = ca.SX.sym("x", len(block.states))
         self.u = ca.SX.sym("u", len(block.read_names))
@@ -137,7 +137,7 @@ def assert_sound(block: Block) -> None:
 
 def symbolic_states(block: Block) -> list[Any]:
     """The states of the block's twin, whose start values may be parameters."""
-    return list(block.twin(lambda name, _: ca.SX.sym(name)).states.values())
+    return list(block.with_symbols(lambda name, _: ca.SX.sym(name)).states.values())
 
 
 def refuses(message: str, cls: type[Block], **values: Any) -> None:

@@ -18,7 +18,7 @@ from tsmblocks.engine.equations import Equations
 
 HELD = " (held)"
 """What ends the name of an output that is held between samples."""
-SAME = 1e-9
+MATRIX_TOLERANCE = 1e-9
 """Difference of two matrices, as a share of the largest number, that is rounding."""
 MOST_TICKS = 10_000
 """Instants at which some block acts, from one at which all do to the next, at most."""
@@ -48,7 +48,9 @@ class Sampled:
     def closes_to(self, other: Sampled) -> bool:
         """Whether the loop, closed from the only output to the only input, moves as ``other`` does."""
         closed = self.A + self.B @ self.C / (1.0 - self.D.item())
-        return bool(np.abs(closed - other.A).max(initial=0.0) <= SAME * max(1.0, np.abs(other.A).max(initial=0.0)))
+        return bool(
+            np.abs(closed - other.A).max(initial=0.0) <= MATRIX_TOLERANCE * max(1.0, np.abs(other.A).max(initial=0.0))
+        )
 
 
 def model(here: Still, x: np.ndarray, names: Sequence[str], shown: Sequence[str]) -> Sampled:

@@ -33,7 +33,7 @@ class Gain(Block):
     unit: str = option(default="", about=UNIT)
 
     u = Input("any signal", unit="?u")
-    y = Output("the signal times the gain", unit="?y", told="unit")
+    y = Output("the signal times the gain", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.gain * u.u)

@@ -104,8 +104,8 @@ class DiscreteTransferFunction(Block):
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
-    u = Input("any signal", told="unit_in")
-    y = Output("filtered signal", told="unit")
+    u = Input("any signal", unit_option="unit_in")
+    y = Output("filtered signal", unit_option="unit")
 
     def check(self) -> None:
         if not self.den or self.den[0] == 0:

@@ -32,7 +32,7 @@ class Integrator(Block):
     unit: str = option(default="", about="unit of the output when the gain brings one; empty means the input's times s")
 
     u = Input("any signal", unit="?u")
-    y = Output("its time integral", unit="?u*s", told="unit")
+    y = Output("its time integral", unit="?u*s", unit_option="unit")
     integral: float = state(default=0.0, about="the integral; starts and is reset here", unit="?u*s")
 
     def check(self) -> None:

@@ -55,8 +55,8 @@ class TransferFunction(Block):
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
-    u = Input("any signal", unit="?u", told="unit_in")
-    y = Output("filtered signal", unit="?y", told="unit")
+    u = Input("any signal", unit="?u", unit_option="unit_in")
+    y = Output("filtered signal", unit="?y", unit_option="unit")
 
     def check(self) -> None:
         for name in ("num", "den"):
@@ -124,8 +124,8 @@ class ZeroPoleGain(Block):
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
-    u = Input("any signal", unit="?u", told="unit_in")
-    y = Output("filtered signal", unit="?y", told="unit")
+    u = Input("any signal", unit="?u", unit_option="unit_in")
+    y = Output("filtered signal", unit="?y", unit_option="unit")
 
     def check(self) -> None:
         for name in ("zero_pairs", "pole_pairs"):

@@ -48,7 +48,7 @@ class Constant(Block):
 
     value: float = parameter(default=1.0, about="the value", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the value", unit="?y", told="unit")
+    y = Output("the value", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.value)
@@ -68,7 +68,7 @@ class Step(Block):
     before: float = parameter(default=0.0, about="value before the jump", unit="?y")
     after: float = parameter(default=1.0, about="value from the jump on", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the value that holds now", unit="?y", told="unit")
+    y = Output("the value that holds now", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=ca.if_else(t + ROUNDING * ca.fabs(t) >= self.time, self.after, self.before))
@@ -88,7 +88,7 @@ class Ramp(Block):
     slope: float = parameter(default=1.0, about="rate of change while it rises", unit="?y/s")
     initial: float = parameter(default=0.0, about="value before the ramp", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the ramp", unit="?y", told="unit")
+    y = Output("the ramp", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.initial + self.slope * ca.fmax(t - self.start, 0.0))
@@ -109,7 +109,7 @@ class Sine(Block):
     phase: float = parameter(default=0.0, about="phase at time zero", unit="rad")
     offset: float = parameter(default=0.0, about="mean value", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the sine", unit="?y", told="unit")
+    y = Output("the sine", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.offset + self.amplitude * ca.sin(2 * math.pi * self.frequency * t + self.phase))
@@ -131,7 +131,7 @@ class MultiSine(Block):
     )
     phases: tuple[float, ...] = parameter(default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad")
     unit: str = option(default="", about=UNIT)
-    y = Output("the sum of the sines", unit="?y", told="unit")
+    y = Output("the sum of the sines", unit="?y", unit_option="unit")
 
     def check(self) -> None:
         lengths = len(self.amplitudes), len(self.frequencies), len(self.phases)
@@ -164,7 +164,7 @@ class Chirp(Block):
     f1: float = parameter(default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0)
     duration: float = parameter(default=20.0, about="how long the sweep takes", unit="s", above=0.0)
     unit: str = option(default="", about=UNIT)
-    y = Output("the sweep", unit="?y", told="unit")
+    y = Output("the sweep", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         s = ca.fmin(t, self.duration)
@@ -188,7 +188,7 @@ class Random(Block):
     interval: float = option(default=0.01, about="time for which each number is held", unit="s", above=0.0)
     unit: str = option(default="", about=UNIT)
     w = Tape("white noise of unit spread")
-    y = Output("the noise", unit="?y", told="unit")
+    y = Output("the noise", unit="?y", unit_option="unit")
 
     def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
         return dict(w=white_noise(self.seed, self.interval, start, stop, name))
@@ -210,7 +210,7 @@ class Triangle(Block):
     amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
     frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)
     unit: str = option(default="", about=UNIT)
-    y = Output("the triangle", unit="?y", told="unit")
+    y = Output("the triangle", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         p = self.frequency * t + 0.25
@@ -236,7 +236,7 @@ class Staircase(Block):
     up: int = option(default=4, about="steps above zero", at_least=0)
     down: int = option(default=4, about="steps below zero", at_least=0)
     unit: str = option(default="", about=UNIT)
-    y = Output("the step it stands on", unit="?y", told="unit")
+    y = Output("the step it stands on", unit="?y", unit_option="unit")
 
     def check(self) -> None:
         if not self.up + self.down:
@@ -270,7 +270,7 @@ class Recorded(Block):
     offset: float = parameter(default=0.0, about="added to the recorded values", unit="?y")
     unit: str = option(default="", about=UNIT)
     w = Tape("the signal as recorded")
-    y = Output("the recorded signal", unit="?y", told="unit")
+    y = Output("the recorded signal", unit="?y", unit_option="unit")
 
     def check(self) -> None:
         for name in ("times", "values"):

@@ -27,7 +27,7 @@ def execute(args: argparse.Namespace) -> int:
         try:
             found.append({"file": name, "sound": True, **parts(name)})
             if not args.json:
-                print(console.folded(f"{name}: {in_words(found[-1])}", sys.stdout))
+                print(console.folded(f"{name}: {summary_line(found[-1])}", sys.stdout))
         except (TsmError, OSError) as error:
             found.append({"file": name, "sound": False, "faults": _faults(error)})
             if not args.json:
@@ -61,7 +61,7 @@ def parts(name: str) -> dict[str, Any]:
     }
 
 
-def in_words(made: dict[str, Any]) -> str:
+def summary_line(made: dict[str, Any]) -> str:
     """What a sound diagram is made of, in one line."""
     counts = ", ".join(_count(made[f"{word}s"], word) for word in ("block", "state", "parameter"))
     return f"ok; {counts}; inputs: {_named(made['inputs'])}; outputs: {_named(made['outputs'])}"

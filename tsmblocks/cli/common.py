@@ -63,7 +63,7 @@ class Parser(argparse.ArgumentParser):
 # ---- arguments ----------------------------------------------------------------------------------
 
 
-def number(text: str) -> float:
+def finite_float(text: str) -> float:
     """Return a finite number."""
     try:
         value = float(text)
@@ -109,12 +109,12 @@ def times(text: str) -> tuple[float | None, float | None]:
     first, colon, last = text.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not START:STOP in s, such as 2.5:10 or 5:")
-    return (number(first) if first else None), (number(last) if last else None)
+    return (finite_float(first) if first else None), (finite_float(last) if last else None)
 
 
 def part(text: str) -> float | tuple[float | None, float | None]:
     """A share such as ``0.5``, or ``START:STOP`` in s."""
-    return times(text) if ":" in text else number(text)
+    return times(text) if ":" in text else finite_float(text)
 
 
 def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
@@ -124,7 +124,7 @@ def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
     low, colon, high = value.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (number(low) if low else None, number(high) if high else None)
+    return name, (finite_float(low) if low else None, finite_float(high) if high else None)
 
 
 def belief(text: str) -> tuple[str, tuple[float, float]]:
@@ -134,7 +134,7 @@ def belief(text: str) -> tuple[str, tuple[float, float]]:
     mean, colon, deviation = value.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (number(mean), number(deviation))
+    return name, (finite_float(mean), finite_float(deviation))
 
 
 def tie(text: str) -> tuple[str, str]:

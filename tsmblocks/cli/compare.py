@@ -60,7 +60,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--each", action="store_true", help="fit every file by itself")
     add("--starts", metavar="N", type=common.whole, default=8, help="starts of each fit (default 8)")
     add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
-    add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    add(
+        "--step",
+        metavar="H",
+        type=common.finite_float,
+        help="step of the simulation in s (default: found from the data)",
+    )
     common.hold_argument(fitted)
     common.result_arguments(parser.add_argument_group("results"), "the best model, fitted (with --each one per file),")
 
@@ -86,7 +91,7 @@ def execute(args: argparse.Namespace) -> int:
         _figure(found, args.each).savefig(plot, dpi=150)
         written.append(str(plot))
     facts = {"format": 1, "each": {name: one.to_dict() for name, one in found.items()}} if args.each else None
-    common.hand_over({**(facts or found[""].to_dict()), "data": recordings.told(records)}, written, args)
+    common.hand_over({**(facts or found[""].to_dict()), "data": recordings.as_json(records)}, written, args)
     missing = [name for name in models if any(name not in [row.name for row in one] for one in found.values())]
     missing += [name for name in groups if name not in found]
     return common.ended(any(one.interrupted for one in found.values()), written, missing)

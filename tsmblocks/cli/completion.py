@@ -97,10 +97,10 @@ def _offered() -> dict[str, Any]:
     import shtab
 
     import tsmblocks.blocks  # noqa: F401 - importing it registers every block
-    from tsmblocks.files.shipped import names
+    from tsmblocks.files.shipped import shipped_names
     from tsmblocks.model.block import REGISTRY
 
-    listed = " ".join(names())
+    listed = " ".join(shipped_names())
     diagrams = {
         "bash": "_tsmblocks_diagram_files",
         "zsh": "_tsmblocks_diagrams",

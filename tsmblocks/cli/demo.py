@@ -100,10 +100,10 @@ def _run_paper(cases: list[Case], quiet: bool) -> bool:
 
 
 def _tell_story(hidden: str, seed: int, quiet: bool) -> Story:
-    from tsmblocks.demo.story import told
+    from tsmblocks.demo.story import build_story
 
     with console.progress(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=quiet) as tell:
-        return told(hidden, seed, tell)
+        return build_story(hidden, seed, tell)
 
 
 # ---- what is said ---------------------------------------------------------------------------------

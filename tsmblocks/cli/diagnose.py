@@ -93,7 +93,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)",
     )
     add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
-    add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    add(
+        "--step",
+        metavar="H",
+        type=common.finite_float,
+        help="step of the simulation in s (default: found from the data)",
+    )
     common.hold_argument(search, default="cubic")
     group = parser.add_argument_group("results")
     results = group.add_argument
@@ -134,7 +139,7 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         print(found)
     written = _saved(found, folder)
-    return common.finished(found, {"data": recordings.told(records)}, written, plot, args)
+    return common.finished(found, {"data": recordings.as_json(records)}, written, plot, args)
 
 
 def _folder(text: str | None) -> Path | None:

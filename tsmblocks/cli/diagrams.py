@@ -18,14 +18,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
-    from tsmblocks.files.shipped import names
+    from tsmblocks.files.shipped import shipped_names
 
-    listed = {name: load(name).title for name in names()}
-    console.give(listed) if args.json else print(in_words(listed))
+    listed = {name: load(name).title for name in shipped_names()}
+    console.give(listed) if args.json else print(listing(listed))
     return 0
 
 
-def in_words(listed: dict[str, str]) -> str:
+def listing(listed: dict[str, str]) -> str:
     """Return the list as the terminal shows it."""
     table = columns([*listed.items()], "", frozenset({0, 1}), console.width())
     more = "'tsmblocks check NAME' says what goes in and out, 'tsmblocks draw NAME' draws it."

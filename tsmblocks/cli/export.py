@@ -22,7 +22,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
     add("--out", metavar="FILE", required=True, help="a .c file (its header is written beside it) or a .mat file")
-    add("--step", type=common.number, metavar="H", default=None, help="step of the C code in s (default 0.001)")
+    add("--step", type=common.finite_float, metavar="H", default=None, help="step of the C code in s (default 0.001)")
     method = add("--method", metavar="M", default=None, help="of the C code: euler, heun or rk4 (default)")
     common.suggest(method, common.METHODS)
     common.settings_argument(parser)

@@ -106,7 +106,12 @@ def _search(options: argparse._ActionsContainer) -> None:
     )
     add("--starts", metavar="N", type=common.whole, default=4, help="starts, random ones after the first (default 4)")
     add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
-    add("--step", metavar="H", type=common.number, help="step of the simulation in s (default: found from the data)")
+    add(
+        "--step",
+        metavar="H",
+        type=common.finite_float,
+        help="step of the simulation in s (default: found from the data)",
+    )
     common.hold_argument(options)
 
 
@@ -146,7 +151,7 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         print(found)
     written = _saved(found, out, each=bool(args.local))
-    return common.finished(found, {"data": recordings.told(records)}, written, plot, args)
+    return common.finished(found, {"data": recordings.as_json(records)}, written, plot, args)
 
 
 def _saved(found: Fit, out: Path | None, *, each: bool) -> list[str]:

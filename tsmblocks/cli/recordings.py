@@ -10,7 +10,7 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.cli.common import UsageError, number, pair, span
+from tsmblocks.cli.common import UsageError, finite_float, pair, span
 from tsmblocks.cli.console import note
 from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
@@ -39,7 +39,9 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
         "--rows", metavar="FIRST:LAST", type=span, default=(None, None), help="rows of the file to read, counted from 1"
     )
     add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
-    add("--sampling", metavar="S", type=number, help="time in s from row to row, for a file without a time column")
+    add(
+        "--sampling", metavar="S", type=finite_float, help="time in s from row to row, for a file without a time column"
+    )
     add(
         "--tail",
         choices=("refuse", "drop"),
@@ -245,11 +247,11 @@ def _column(args: argparse.Namespace, name: str) -> str:
 
 def _look_at(paths: Sequence[str]) -> None:
     """Refuse files given twice, and diagrams that stand where recordings should."""
-    from tsmblocks.files.shipped import names
+    from tsmblocks.files.shipped import shipped_names
 
     seen = set()
     for path in paths:
-        if path in names() or path.endswith(".toml"):
+        if path in shipped_names() or path.endswith(".toml"):
             raise UsageError(f"--data takes recordings, and '{path}' is a diagram. Name diagrams before the options.")
         place = os.path.realpath(path)
         if place in seen:
@@ -257,7 +259,7 @@ def _look_at(paths: Sequence[str]) -> None:
         seen.add(place)
 
 
-def told(records: dict[str, Any]) -> list[dict[str, Any]]:
+def as_json(records: dict[str, Any]) -> list[dict[str, Any]]:
     """What is said of recordings in JSON: where they come from and what was repaired."""
     return [
         {"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}

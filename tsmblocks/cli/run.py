@@ -23,8 +23,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
     add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-    add("--stop", type=common.number, metavar="S", help="end of the run in s (default: end of the data, else 20)")
-    add("--step", type=common.number, metavar="H", default=1e-3, help="step in s (default 0.001)")
+    add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
+    add("--step", type=common.finite_float, metavar="H", default=1e-3, help="step in s (default 0.001)")
     method = add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
     common.suggest(method, common.METHODS)
     common.settings_argument(parser)
@@ -55,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         console.give({**summary, "written": written})
     else:
-        print(in_words(summary))
+        print(summary_text(summary))
         for path in written:
             print(f"wrote {path}")
     if not run.complete:
@@ -165,7 +165,7 @@ def _error(error: Any) -> dict[str, Any]:
     }
 
 
-def in_words(summary: dict[str, Any]) -> str:
+def summary_text(summary: dict[str, Any]) -> str:
     """Return the summary as the terminal shows it."""
     title = summary["title"] or summary["diagram"]
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"

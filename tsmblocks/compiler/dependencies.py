@@ -56,7 +56,7 @@ def _shape(value: Any) -> Any:
 
 def symbolic(block: Block) -> tuple[Any, Any, Any, Any]:
     """A twin of the block with symbols, and symbols for t, x, u."""
-    twin = block.twin(lambda name, _: ca.SX.sym(name))
+    twin = block.with_symbols(lambda name, _: ca.SX.sym(name))
     t = ca.SX.sym("t")
     x = signals(list(block.states), [ca.SX.sym(k) for k in block.states])
     u = signals(list(block.read_names), [ca.SX.sym(k) for k in block.read_names])

@@ -81,7 +81,7 @@ class Evaluator:
         return d, x, self.hit
 
     def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
-        flat, block = self.flat, self.flat.twins[path]
+        flat, block = self.flat, self.flat.symbolic_blocks[path]
         nodes = {name: self._source(path, name) for name in block.read_names}
         self.demand(node for node in nodes.values() if node[0] != "read")
         values = [self._read(path, name, node) for name, node in nodes.items()]
@@ -94,7 +94,7 @@ class Evaluator:
 
     def starts(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
         """Start values of states, in terms of parameters; a held output is set by its first sample."""
-        states = {path: self.flat.twins[path].states for path in {path for path, *_ in keys}}
+        states = {path: self.flat.symbolic_blocks[path].states for path in {path for path, *_ in keys}}
         return [ca.SX(0) if len(key) == 3 else ca.SX(states[key[0]][key[1]].start) for key in keys]
 
     def feeds(self) -> Iterable[Any]:
@@ -155,7 +155,8 @@ class Evaluator:
             self.value[node] = self.d[path, name, "held"]
             return ()
         wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
-        needed = (self._source(path, k) for k in flat.twins[path].read_names if k in wanted)  # the same in any process
+        block = flat.symbolic_blocks[path]
+        needed = (self._source(path, k) for k in block.read_names if k in wanted)  # the same in any process
         missing = [n for n in needed if n[0] != "read" and n not in self.value]
         if missing:
             return missing
@@ -167,7 +168,7 @@ class Evaluator:
 
         The equation gives all of them at once; an input still missing is a stand-in, and what reads it is left out.
         """
-        flat, block, shape = self.flat, self.flat.twins[path], self.flat.structures[path]
+        flat, block, shape = self.flat, self.flat.symbolic_blocks[path], self.flat.structures[path]
         ready, values = set(), []
         for name in block.read_names:
             node = self._source(path, name, strict=False)
@@ -257,7 +258,7 @@ class Evaluator:
         flat = self.flat
         ports = [
             f"{path}.{name}"
-            for path, block in flat.twins.items()
+            for path, block in flat.symbolic_blocks.items()
             for name in block.inports
             if self._source(path, name, strict=False) == ("rate", *source)
         ]
@@ -286,7 +287,7 @@ class Evaluator:
     def _source(self, path: str, name: str, strict: bool = True) -> Any:
         """The node an input reads: a signal, its rate, a past value, or ``("read", …)`` for a tape."""
         flat = self.flat
-        port = flat.twins[path].inports.get(name)
+        port = flat.symbolic_blocks[path].inports.get(name)
         if port is None:
             return ("past" if (path, name) in self.past else "read", path, name)
         if (path, name) in flat.driver:
@@ -302,7 +303,7 @@ class Evaluator:
         return self._feed(("tape", path, name, 0))
 
     def _states(self, path: str) -> Any:
-        block, shape = self.flat.twins[path], self.flat.structures[path]
+        block, shape = self.flat.symbolic_blocks[path], self.flat.structures[path]
         names = list(block.states)
         return signals(names, [self.x[path, k] if k in shape.rates else self.d[path, k] for k in names])
 
@@ -340,11 +341,12 @@ class Evaluator:
         flat, idle = self.flat, list[str]()
         numbers = ca.vertcat(*flat.p), ca.DM(flat.p_values)
         for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):
-            names = flat.twins[path].read_names
-            symbols = [ca.SX.sym(name) for name in names]
             if kind != "y":
                 continue
-            made = call(flat.twins[path], "outputs", flat.t, self._states(path), signals(names, symbols), path)[port]
+            block = flat.symbolic_blocks[path]
+            names = block.read_names
+            symbols = [ca.SX.sym(name) for name in names]
+            made = call(block, "outputs", flat.t, self._states(path), signals(names, symbols), path)[port]
             around = [s for k, s in zip(names, symbols, strict=True) if self._source(path, k, strict=False) == read]
             if around and not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
                 idle.append(path)

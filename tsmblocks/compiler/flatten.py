@@ -40,7 +40,7 @@ class Flat:
         self.title, self.where = diagram.title, diagram.where
         self.t = ca.SX.sym("t")
         self.blocks: dict[str, Block] = {}  # as given
-        self.twins: dict[str, Any] = {}  # with symbols for numbers
+        self.symbolic_blocks: dict[str, Any] = {}  # with symbols for numbers
         self.structures: dict[str, Structure] = {}
         self.p: list[Any] = []
         self.p_names: list[str] = []
@@ -119,7 +119,7 @@ class Flat:
             return scope[value[1:]] if is_reference(value) else self._parameter(f"{path}.{leaf}", value)
 
         self.blocks[path] = block
-        self.twins[path] = block.twin(symbol)
+        self.symbolic_blocks[path] = block.with_symbols(symbol)
         try:
             self.structures[path] = structure_of(block)
         except EquationError as error:
@@ -160,8 +160,8 @@ class Flat:
                 self.title, [f"{path}.{past.of} is delayed inside {path} and must be wired."], self.where
             )
         self.past_keys.append((path, name))
-        self.delays.append(getattr(self.twins[path], past.by))
-        self.first_past.append(getattr(self.twins[path], past.initial))
+        self.delays.append(getattr(self.symbolic_blocks[path], past.by))
+        self.first_past.append(getattr(self.symbolic_blocks[path], past.initial))
         self.past_source.append(source)
         self.pasts.append(past)
 

@@ -40,7 +40,7 @@ class Arrays:
         return values[kept], at[kept]
 
 
-def _plain(value: Any) -> np.ndarray | None:
+def _real_array(value: Any) -> np.ndarray | None:
     """Return an array of real numbers with lone dimensions dropped, else None."""
     array = np.squeeze(np.asarray(value)) if value is not None else np.empty(())
     return array.astype(float) if array.dtype.kind in "fiub" and array.ndim in (1, 2) else None
@@ -51,7 +51,7 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
 
     An array that is not in ``units`` may have its unit in its name.
     """
-    known = {name: array for name, value in found.items() if (array := _plain(value)) is not None}
+    known = {name: array for name, value in found.items() if (array := _real_array(value)) is not None}
     series = {name: array for name, array in known.items() if array.ndim == 1 and len(array) > 1}
     if columns or not series:
         return _matrix(origin, known, columns)
@@ -123,7 +123,9 @@ def open_npy(path: Path, columns: Sequence[str] | None, group: str | None = None
     except (ValueError, OSError, EOFError) as error:
         raise DataError(f"{path}: this is not a NPY file of plain numbers ({error}).") from None
     return _matrix(
-        str(path), {k: v for k, a in _inside(str(path), found, group).items() if (v := _plain(a)) is not None}, columns
+        str(path),
+        {k: v for k, a in _inside(str(path), found, group).items() if (v := _real_array(a)) is not None},
+        columns,
     )
 
 

@@ -57,7 +57,7 @@ class Story:
         return [(k, v, *(numbers[f"tsm.{k}"] for numbers in found)) for k, v in NUMBERS.items()]
 
 
-def told(name: str, seed: int, tell: Callable[[str, float], None] | None = None) -> Story:
+def build_story(name: str, seed: int, tell: Callable[[str, float], None] | None = None) -> Story:
     """Hide ``name`` (of ``HIDDEN``), measure, identify, diagnose, rebuild. ``tell`` is given words and a share done."""
 
     def at(words: str, share: float) -> None:

@@ -12,7 +12,7 @@ from tsmblocks import blocks
 from tsmblocks.blocks import Bias
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.settings import Simulated
-from tsmblocks.files.shipped import shelf
+from tsmblocks.files.shipped import shipped_folder
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram, Inlet
 
@@ -60,7 +60,7 @@ def diagram_source(diagram: Diagram) -> str:
     path = Path(diagram.where)
     if path.suffix != ".toml":
         return ""
-    return path.stem if path.parent == shelf() else diagram.where
+    return path.stem if path.parent == shipped_folder() else diagram.where
 
 
 def _loaded(diagnosis: Diagnosis) -> Iterator[str]:

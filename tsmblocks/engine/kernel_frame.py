@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from tsmblocks.engine.equations import KEPT, PER_DELAY
-from tsmblocks.engine.llvm_ir import Writer, number
+from tsmblocks.engine.llvm_ir import Writer, llvm_double
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
 
@@ -163,14 +163,14 @@ class KernelFrame:
         if offset == 1:
             end = w.emit(self._time(w.emit("add i64 %kg, 1")))
             return self._before(end) if self.jumps else end
-        part = w.emit(f"fmul double %h, {number(offset)}")
+        part = w.emit(f"fmul double %h, {llvm_double(offset)}")
         return w.emit(f"fadd double %tn, {part}")
 
     def _before(self, t: str) -> str:
         w = self.w
-        of_step = w.emit(f"fmul double %h, {number(HAIR[0])}")
-        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {number(HAIR[1])}")
-        most = w.emit(f"fmul double %h, {number(HAIR[2])}")
+        of_step = w.emit(f"fmul double %h, {llvm_double(HAIR[0])}")
+        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {llvm_double(HAIR[1])}")
+        most = w.emit(f"fmul double %h, {llvm_double(HAIR[2])}")
         hair = w.operation("FMIN", [w.emit(f"fadd double {of_step}, {of_time}"), most], False)
         return w.emit(f"fsub double {t}, {hair}")
 
@@ -237,7 +237,7 @@ class KernelFrame:
         w, wide = self.w, self.s.wide[k]
         w.functions["tsm_past"] = _PAST
         w.declared["llvm.floor.f64"] = "declare double @llvm.floor.f64(double)"
-        now = w.emit(f"fadd double {w.emit('sitofp i64 %kg to double')}, {number(offset)}")
+        now = w.emit(f"fadd double {w.emit('sitofp i64 %kg to double')}, {llvm_double(offset)}")
         last = w.emit(f"add i64 %kg, {-1 if offset == 0 else 0}")
         ring, stride = self.ring_of(k), self.plan.lanes if wide else 1
         parts = PER_DELAY - 1  # all but the steps per second
@@ -258,7 +258,7 @@ class KernelFrame:
                 w.emit(f"insertelement {w.vector} {v}, double {e}, i32 {lane}")
                 for v, e in zip(values, each, strict=True)
             ]
-        return [*values[: KEPT + 1], w.emit(f"fdiv double {number(1.0)}, %h"), values[-1]]
+        return [*values[: KEPT + 1], w.emit(f"fdiv double {llvm_double(1.0)}, %h"), values[-1]]
 
 
 _PAST = """

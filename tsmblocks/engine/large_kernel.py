@@ -12,7 +12,7 @@ import attrs
 
 from tsmblocks.engine.equations import PER_DELAY
 from tsmblocks.engine.kernel_frame import CONSTANT, KernelFrame, grades_of
-from tsmblocks.engine.llvm_ir import Writer, number
+from tsmblocks.engine.llvm_ir import Writer, llvm_double
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
 
@@ -145,7 +145,7 @@ class LargeKernel:
         """Load a value made before this piece: an input, a fixed value, or one from the work array."""
         name, args = job.program.nodes[node]
         if name == "CONST":
-            return number(args[0])
+            return llvm_double(args[0])
         if name == "INPUT":
             slot = job.program.inputs[args[0]]
             return "%t" if slot == "t" else w.load(w.at(f"%{slot}", self.layouts[slot].offset[args[1]]), job.wide[node])
@@ -234,7 +234,7 @@ class LargeKernel:
     def _combine(self, out: str, start: str, slope: str, weight: float) -> None:
         """out = start + h * weight * slope, over all states."""
         w = self.w
-        part = w.emit(f"fmul double %h, {number(weight)}")
+        part = w.emit(f"fmul double %h, {llvm_double(weight)}")
         count = (self.f.x.size + WIDTH - 1) // WIDTH
         w.do(f"call void @tsm_combine(ptr {out}, ptr {start}, ptr {slope}, double {part}, i64 {count})")
 

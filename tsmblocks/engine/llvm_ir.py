@@ -41,7 +41,7 @@ _INTRINSIC = {"SQRT": "sqrt", "FABS": "fabs", "FLOOR": "floor", "CEIL": "ceil", 
 _COMPARE = {"LT": "olt", "LE": "ole", "EQ": "oeq", "NE": "une"}
 
 
-def number(x: float) -> str:
+def llvm_double(x: float) -> str:
     """A double as LLVM writes it, exactly."""
     return "0x" + struct.pack(">d", x).hex().upper()
 
@@ -90,8 +90,8 @@ class Writer:
     def constant(self, x: float, wide: bool) -> str:
         """A number written out, in every lane where it is wide."""
         if not wide:
-            return number(x)
-        return "<" + ", ".join([f"double {number(x)}"] * self.lanes) + ">"
+            return llvm_double(x)
+        return "<" + ", ".join([f"double {llvm_double(x)}"] * self.lanes) + ">"
 
     def widen(self, value: str) -> str:
         """A single number in every lane."""

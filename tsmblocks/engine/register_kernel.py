@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsmblocks.engine.kernel_frame import CONSTANT, HELD, TIME, KernelFrame, grades_of
-from tsmblocks.engine.llvm_ir import number
+from tsmblocks.engine.llvm_ir import llvm_double
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
 
@@ -41,7 +41,7 @@ class RegisterKernel:
                 continue
             name, args = program.nodes[node]
             if name == "CONST":
-                values[node] = number(args[0])
+                values[node] = llvm_double(args[0])
             elif name == "INPUT":
                 values[node] = read[program.inputs[args[0]]][args[1]]
             else:
@@ -112,7 +112,7 @@ class RegisterKernel:
         weights = {a for row in (*self.plan.method.rows, self.plan.method.weights) for a in row if a}
         self.fraction = {}
         for weight in weights:
-            part = "%h" if weight == 1 else self.w.emit(f"fmul double %h, {number(weight)}")
+            part = "%h" if weight == 1 else self.w.emit(f"fmul double %h, {llvm_double(weight)}")
             self.fraction[weight] = part
             if any(f.x.wide):
                 self.w.widen(part)
@@ -131,7 +131,7 @@ class RegisterKernel:
         for k in range(len(f.s.wide)):
             node = f.lag.outputs.get((0, k))
             is_wide = node is not None and wide[node]
-            tau = values[node] if node is not None else number(0.0)
+            tau = values[node] if node is not None else llvm_double(0.0)
             h = w.widen("%h") if is_wide else "%h"
             self.delay.append((w.emit(f"fdiv {w.type(is_wide)} {tau}, {h}"), is_wide))
 

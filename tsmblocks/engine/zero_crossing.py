@@ -14,7 +14,7 @@ MOST = 8
 """Times a switch may turn over within a step."""
 MOST_AT_ONCE = 3
 """Times it may do so at one instant; a relay takes two, over, and back once its memory has been set."""
-SAME = 1e-9
+INSTANT_TOLERANCE = 1e-9
 """Fraction of a step within which two instants are one."""
 
 
@@ -81,13 +81,17 @@ class Crossing:
             if made is None:
                 return None
             old, (here, which) = here.m, made
-            again = here.t - last <= SAME * self.h
+            again = here.t - last <= INSTANT_TOLERANCE * self.h
             count, last = count + which, np.where(which, here.t, last)
             near = np.where(which, near * again + 1, near)
             chattering = (near > MOST_AT_ONCE) | (count > MOST)
             if chattering.any():
                 return self.events(here.t, chattering, here.m)[0]
-            over = (here.m != old) & (here.t - told > SAME * self.h) & (here.t > self.start + SAME * self.h)
+            over = (
+                (here.m != old)
+                & (here.t - told > INSTANT_TOLERANCE * self.h)
+                & (here.t > self.start + INSTANT_TOLERANCE * self.h)
+            )
             events, told = events + self.events(here.t, over, here.m), np.where(over, here.t, told)
         return Passed(here, events)
 
@@ -144,7 +148,7 @@ class Crossing:
         finest, side, tries = self._finest(end.t), 0, 0
         while high - low > finest and below < 0:
             tries += 1
-            if above < SAME and side >= 0:  # on the edge from the start: is it left at once?
+            if above < INSTANT_TOLERANCE and side >= 0:  # on the edge from the start: is it left at once?
                 t = low + ((high - low) * 1e-6 if side == 0 else finest * 0.9)
             elif above == 0 or tries % 4 == 0:
                 t = (low + high) / 2

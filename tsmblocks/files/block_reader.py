@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tsmblocks.common.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
 from tsmblocks.files.faults import KEYS, REFUSED, SURPRISES, KeyPath, Page, Part, meant, spoken
-from tsmblocks.files.shipped import names, shelf
+from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import read, tables
 from tsmblocks.model.aliases import called
 from tsmblocks.model.block import REGISTRY, Block, plain, validate
@@ -128,7 +128,7 @@ def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
 
 
 def _find(page: Page, name: str, path: KeyPath) -> Path | None:
-    """Return the file that ``use`` means: next to this one, or below, or on the shelf."""
+    """Return the file that ``use`` means: next to this one, or below, or among the ready-made diagrams."""
     said = f"block '{spoken(path)}': use = '{clip(name)}'"
     windows = PureWindowsPath(name)
     if not name.strip() or name != name.strip() or "\\" in name or not name.isprintable():
@@ -138,7 +138,7 @@ def _find(page: Page, name: str, path: KeyPath) -> Path | None:
         page.fault((*path, "use"), f"{said} leads out of the folder of this file. Name a diagram next to it or below.")
         return None
     file = name if name.endswith(".toml") else f"{name}.toml"
-    folders = [page.folder] if "/" in name else [page.folder, shelf()]
+    folders = [page.folder] if "/" in name else [page.folder, shipped_folder()]
     try:
         found = next((f / file for f in folders if f is not None and (f / file).is_file()), None)
         beside = [p.stem for p in page.folder.glob("*.toml")] if page.folder is not None else []
@@ -146,10 +146,8 @@ def _find(page: Page, name: str, path: KeyPath) -> Path | None:
         page.fault((*path, "use"), f"{said} cannot be read: {(error.strerror or str(error)).lower()}.")
         return None
     if found is None:
-        page.fault(
-            (*path, "use"),
-            f"{said} is neither next to this file nor among the ready-made diagrams.{near(name, [*beside, *names()])}",
-        )
+        hint = near(name, [*beside, *shipped_names()])
+        page.fault((*path, "use"), f"{said} is neither next to this file nor among the ready-made diagrams.{hint}")
     return found
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 _PACKAGE = Path(__file__).parent.parent
 
 
-def shelf() -> Path:
+def shipped_folder() -> Path:
     """Return the folder of ready-made diagram files: in the installed package, or in the checkout."""
     packed = _PACKAGE / "_diagrams"
     return packed if packed.is_dir() else _PACKAGE.parent / "diagrams"
 
 
-def names() -> list[str]:
+def shipped_names() -> list[str]:
     """Return the names by which ``load`` finds the ready-made diagrams."""
-    return sorted(path.stem for path in shelf().glob("*.toml"))
+    return sorted(path.stem for path in shipped_folder().glob("*.toml"))

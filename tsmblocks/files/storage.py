@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tsmblocks.common.atomic_write import replace_file
 from tsmblocks.common.errors import FileError, clip, in_words, near
-from tsmblocks.files.shipped import names, shelf
+from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.model.diagram import Diagram
 
 
@@ -89,14 +89,14 @@ def _path_of(given: str | os.PathLike[str]) -> Path:
     separated = any(mark in text for mark in (os.sep, os.altsep) if mark)
     if separated or path.suffix == ".toml" or not isinstance(given, str) or _is_file(path) or not path.name:
         return path
-    ready = shelf() / f"{text}.toml"
+    ready = shipped_folder() / f"{text}.toml"
     if _is_file(ready):
         return ready
     if _is_file(path.with_name(f"{path.name}.toml")):
         raise FileError(
             clip(text), [f"'{text}' is not among the ready-made diagrams. For the file, say '{text}.toml'."]
         )
-    hint = near(text, names(), otherwise=" `tsmblocks diagrams` lists them.")
+    hint = near(text, shipped_names(), otherwise=" `tsmblocks diagrams` lists them.")
     raise FileError(clip(text), [f"there is no file '{clip(text)}', and no ready-made diagram of that name.{hint}"])
 
 

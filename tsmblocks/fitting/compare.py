@@ -318,9 +318,9 @@ def overall(found: Mapping[str, Comparison]) -> list[tuple[str, float]]:
 
 def ready_made() -> list[str]:
     """Names of the diagrams that are compared when no models are given."""
-    from tsmblocks.files.shipped import names
+    from tsmblocks.files.shipped import shipped_names
 
-    return [name for name in names() if name.startswith(SHIPPED)]
+    return [name for name in shipped_names() if name.startswith(SHIPPED)]
 
 
 def in_full(name: str) -> str:

@@ -10,7 +10,7 @@ import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import ParameterError, clip, in_words
-from tsmblocks.metrics.expressions import Expression, expression, full_name, number, reader
+from tsmblocks.metrics.expressions import Expression, expression, finite_or_none, full_name, reader
 
 _COMPARISONS: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "=="}
 
@@ -114,7 +114,7 @@ def ties(given: Mapping[str, Any], known: Sequence[str], free: Sequence[str]) ->
             raise ParameterError(f"ties: '{full}' is tied twice.")
         if full in free:
             raise ParameterError(f"ties: '{full}' is free in this fit, so it cannot follow {in_words(text)} as well.")
-        value = number(text)
+        value = finite_or_none(text)
         read[full] = expression(text if value is None else repr(value), known, what=f"tie of '{full}'")
     return Ties(tuple((name, read[name]) for name in _ordered(read)))
 

@@ -6,7 +6,7 @@ import functools
 
 from tsmblocks.analysis.frequency_response import FrequencyResponse
 from tsmblocks.common.views import no_view
-from tsmblocks.html.card import card, number, rows
+from tsmblocks.html.card import card, rows, table_number
 
 view = functools.singledispatch(no_view)
 
@@ -16,11 +16,11 @@ def frequency_card(found: FrequencyResponse) -> str:
     """Answers to sines: gain, phase and distortion at each frequency, for each amplitude."""
     cells = [
         (
-            number(a),
-            number(f),
-            number(found.gain[i, k]),
-            number(found.phase[i, k]),
-            number(100 * found.distortion[i, k]),
+            table_number(a),
+            table_number(f),
+            table_number(found.gain[i, k]),
+            table_number(found.phase[i, k]),
+            table_number(100 * found.distortion[i, k]),
         )
         for i, a in enumerate(found.amplitudes)
         for k, f in enumerate(found.frequencies)

@@ -116,7 +116,7 @@ def over_time_and_ranges(t: np.ndarray, signals: Mapping[str, tuple[np.ndarray, 
         y = np.asarray(values, dtype=float)[np.isfinite(values)]
         figures = (y.min(), y.max(), values[-1]) if len(y) else (np.nan,) * 3
         size = float(np.abs(k * y).max(initial=0.0))
-        cells.append([name, *(number(k * float(v), size) for v in figures), shown])
+        cells.append([name, *(table_number(k * float(v), size) for v in figures), shown])
     return over_time(t, signals, words), rows(["l:signal", "min", "max", "last", "l:unit"], cells)
 
 
@@ -138,6 +138,6 @@ def ends(t: np.ndarray) -> tuple[float, float]:
     return first, last if last > first else first + 1.0
 
 
-def number(value: float, size: float = 0.0) -> str:
+def table_number(value: float, size: float = 0.0) -> str:
     """A number of a table; zero where it is nothing beside ``size``."""
     return f"{0.0 if abs(value) < ROUNDED * size else value:.4g}"

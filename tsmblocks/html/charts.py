@@ -84,12 +84,12 @@ def axes(frame: Frame, x_label: str, y_label: str, *, numbers: bool = True) -> s
     for value in ticks(*frame.y, most=5):
         y = float(frame.up(np.array(value)))
         parts.append(rule(frame.left, y, frame.right, y, "grid"))
-        parts.append(text(frame.left - 4, y + 4, number(value), "end"))
+        parts.append(text(frame.left - 4, y + 4, tick_label(value), "end"))
     for value in ticks(*frame.x):
         x = float(frame.across(np.array(value)))
         parts.append(rule(x, frame.top, x, frame.bottom, "grid"))
         if numbers:
-            parts.append(text(x, frame.bottom + 14, number(value), "middle"))
+            parts.append(text(x, frame.bottom + 14, tick_label(value), "middle"))
     if numbers and x_label:
         parts.append(text(frame.right, frame.bottom + 28, x_label, "end"))
     if y_label:
@@ -97,7 +97,7 @@ def axes(frame: Frame, x_label: str, y_label: str, *, numbers: bool = True) -> s
     return "".join(parts)
 
 
-def number(value: float) -> str:
+def tick_label(value: float) -> str:
     """A number at a tick."""
     return f"{0.0 if abs(value) < 1e-12 else value:.6g}".replace("-", "−")
 

@@ -81,7 +81,7 @@ def _grid(frame: Frame, label: str) -> str:
     for value in charts.ticks(*frame.x):
         x = float(frame.across(np.array(value)))
         parts.append(charts.rule(x, frame.top, x, frame.bottom, "grid"))
-        parts.append(charts.text(x, frame.bottom + 14, charts.number(value), "middle"))
+        parts.append(charts.text(x, frame.bottom + 14, charts.tick_label(value), "middle"))
     parts.append(charts.text(frame.right, frame.bottom + 28, label, "end"))
     return "".join(parts)
 

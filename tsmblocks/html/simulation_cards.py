@@ -6,7 +6,7 @@ import functools
 
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
-from tsmblocks.html.card import MOST_ROWS, card, listed, number, over_time_and_ranges, rows
+from tsmblocks.html.card import MOST_ROWS, card, listed, over_time_and_ranges, rows, table_number
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.run import Run
 
@@ -33,7 +33,7 @@ def batch_card(batch: Batch) -> str:
     count = len(next(iter(batch.parameters.values())))
     single = {k: v for k, v in batch.results.items() if v.ndim == 1}
     columns = {**batch.parameters, **single}
-    cells = [[str(k), *(number(float(v[k])) for v in columns.values())] for k in range(min(count, MOST_ROWS + 1))]
+    cells = [[str(k), *(table_number(float(v[k])) for v in columns.values())] for k in range(min(count, MOST_ROWS + 1))]
     signals = [f"{name} {v.shape}" for name, v in batch.results.items() if v.ndim > 1]
     failed = int(batch.failed.sum())
     said = [f"Signals: {few(signals)}."] if signals else []

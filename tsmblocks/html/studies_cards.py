@@ -13,7 +13,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
 from tsmblocks.data import heading
 from tsmblocks.html import charts
-from tsmblocks.html.card import LEFT, MOST_CHARTS, MOST_ROWS, RIGHT, card, ends, listed, number, rows
+from tsmblocks.html.card import LEFT, MOST_CHARTS, MOST_ROWS, RIGHT, card, ends, listed, rows, table_number
 from tsmblocks.html.charts import Frame
 from tsmblocks.html.document import key
 from tsmblocks.studies.responses import Responses
@@ -37,7 +37,7 @@ def study_card(found: Results) -> str:
         k, unit = units.for_people(found.units[name])
         best = found.best(name) if np.isfinite(found[name]).any() else {}
         where = ", ".join(f"{one} {_value(best[one])}" for one in found.parameters if one in best)
-        cells.append([heading(name, unit), *(number(k * v) for v in found.quantiles(name).values()), where])
+        cells.append([heading(name, unit), *(table_number(k * v) for v in found.quantiles(name).values()), where])
     failed = int(found.failed.sum())
     said = [f"{failed} runs have a metric that is no number (an unstable loop, say)."] if failed else []
     drawn = [_spread(found, name) for name in list(found.metrics)[:MOST_CHARTS]]
@@ -82,7 +82,7 @@ def _spread(found: Results, name: str) -> str:
 
 
 def _value(value: Any) -> str:
-    return number(value) if isinstance(value, float) else str(value)
+    return table_number(value) if isinstance(value, float) else str(value)
 
 
 def _envelope(found: Responses, name: str) -> str:

@@ -6,7 +6,7 @@ import functools
 
 from tsmblocks.common import units
 from tsmblocks.common.views import no_view
-from tsmblocks.html.card import card, listed, number, rows
+from tsmblocks.html.card import card, listed, rows, table_number
 from tsmblocks.metrics.metrics import named
 from tsmblocks.tuning.result import Tuned
 
@@ -22,7 +22,7 @@ def tuned_card(found: Tuned) -> str:
         [
             (
                 name,
-                *map(number, (found.own[name], v, *found.bounds[name])),
+                *map(table_number, (found.own[name], v, *found.bounds[name])),
                 f"at its {at[name]} bound" if name in at else "",
             )
             for name, v in found.values.items()
@@ -30,7 +30,7 @@ def tuned_card(found: Tuned) -> str:
     )
     people = {name: units.for_people(unit) for name, unit in found.units.items()}
     cells = [
-        (case, found.title(name), number(k * found.before[case][name]), number(k * after[name]))
+        (case, found.title(name), table_number(k * found.before[case][name]), table_number(k * after[name]))
         for case, after in found.after.items()
         for name, (k, _) in people.items()
     ]
@@ -43,4 +43,4 @@ def tuned_card(found: Tuned) -> str:
 
 def _ends(values: list[float], unit: str) -> str:
     before, after = values
-    return f"{number(before)} before, {number(after)} {unit} tuned"
+    return f"{table_number(before)} before, {table_number(after)} {unit} tuned"

@@ -172,7 +172,7 @@ class Reader:
                 meaning[name] = self.full(name, node)
             return
         if isinstance(node, ast.Constant):
-            if number(node.value) is None:
+            if finite_or_none(node.value) is None:
                 self.refuse(f"{in_words(node.value, 30)} is no finite number.", node)
             return
         inside: dict[str, str] = {}
@@ -261,7 +261,7 @@ def _is_zero(node: ast.expr) -> bool:
     return not named and float(_formed(node, {}, _SYMBOLIC)) == 0
 
 
-def number(value: Any) -> float | None:
+def finite_or_none(value: Any) -> float | None:
     """A finite number, or None: texts, truth values, complex numbers and infinity are none."""
     if isinstance(value, (bool, str, complex)):
         return None
@@ -290,7 +290,7 @@ def _formed(node: ast.AST, values: Mapping[str, Any], kind: _Kind) -> Any:
     if name is not None:
         return kind.number(math.pi) if name == "pi" else values[name]
     if isinstance(node, ast.Constant):
-        return kind.number(number(node.value) or 0.0)
+        return kind.number(finite_or_none(node.value) or 0.0)
     if isinstance(node, ast.UnaryOp):
         inner = _formed(node.operand, values, kind)
         return -inner if isinstance(node.op, ast.USub) else inner

@@ -17,7 +17,7 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, ParameterError, RunError, clip, in_words, near
-from tsmblocks.metrics.expressions import FUNCTIONS, Expression, Reader, name_in, number, reader
+from tsmblocks.metrics.expressions import FUNCTIONS, Expression, Reader, finite_or_none, name_in, reader
 from tsmblocks.metrics.reductions import NONE, OTHER_NAMES, REDUCTIONS
 
 EXAMPLE = "Write for example 'rms(x_ref - x_out)'."
@@ -255,8 +255,8 @@ def _part(read: Reader, node: ast.Call, name: str) -> Part:
     of = read.read(_held(read, signal) if isinstance(signal, ast.Compare) else signal)
     if not of.names:
         read.refuse(f"there is no signal in this. {EXAMPLE}", signal)
-    window = {k: _plain(read, value) for k, value in given.items() if k}
-    return Part(name, of, tuple(_plain(read, one) for one in others), **window)
+    window = {k: _constant(read, value) for k, value in given.items() if k}
+    return Part(name, of, tuple(_constant(read, one) for one in others), **window)
 
 
 def _held(read: Reader, node: ast.Compare) -> ast.expr:
@@ -276,12 +276,12 @@ def _held(read: Reader, node: ast.Compare) -> ast.expr:
     return ast.copy_location(ast.Call(ast.copy_location(ast.Name("min", ast.Load()), node), made, []), node)
 
 
-def _plain(read: Reader, node: ast.expr) -> float:
+def _constant(read: Reader, node: ast.expr) -> float:
     """A number written out, such as ``0.02`` or ``2 * pi``."""
     for one in ast.walk(node):
         if isinstance(one, (ast.Name, ast.Attribute)) and name_in(one) not in ("pi", *FUNCTIONS):
             read.refuse("a plain number is wanted here.", node)
-    value = number(read.read(node).of_arrays({}))
+    value = finite_or_none(read.read(node).of_arrays({}))
     if value is None:
         read.refuse("this is no finite number.", node)
     return value

@@ -35,14 +35,14 @@ CALLED: dict[str, tuple[str, ...]] = {
 """Names elsewhere, for each block."""
 
 
-def _plain(name: str) -> str:
+def _letters_and_digits(name: str) -> str:
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
-HERE = {_plain(name): block for block, names in CALLED.items() for name in names}
+HERE = {_letters_and_digits(name): block for block, names in CALLED.items() for name in names}
 
 
 def called(name: str, known: Collection[str], otherwise: str = "") -> str:
     """What a block is called here that is called ``name`` elsewhere; else what is near, as ``errors.near`` says it."""
-    here = HERE.get(_plain(name))
+    here = HERE.get(_letters_and_digits(name))
     return f" Here that is '{here}'." if here and here in known else near(name, known, otherwise=otherwise)

@@ -123,7 +123,7 @@ class Block:
 
     def _in_unit(self, port: Any) -> Any:
         """A port in the unit that an option says, where one does."""
-        unit = getattr(self, port.told) if port.told else ""
+        unit = getattr(self, port.unit_option) if port.unit_option else ""
         return attrs.evolve(port, unit=unit) if unit else port
 
     @property
@@ -166,7 +166,7 @@ class Block:
         values = {k: getattr(self, k) for k in self._fields}
         return type(self)(**{**values, **changes})
 
-    def twin(self, symbol: Callable[[str, Any], Any]) -> Block:
+    def with_symbols(self, symbol: Callable[[str, Any], Any]) -> Block:
         """The same block with each parameter's numbers replaced by ``symbol(name, value)``."""
         other = object.__new__(type(self))
         for k, f in self._fields.items():
@@ -193,7 +193,7 @@ class Block:
 
     def _check_units(self) -> None:
         """Raise ParameterError where an option that says the unit of a port is no unit."""
-        for name in (port.told for port in self._declared.values() if isinstance(port, (Input, Output))):
+        for name in (port.unit_option for port in self._declared.values() if isinstance(port, (Input, Output))):
             try:
                 parse(getattr(self, name) if name else "")
             except UnitError as error:

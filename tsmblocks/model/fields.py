@@ -24,22 +24,22 @@ class Input:
     (``"?u"``, ``"?u/s"``): ports with the same letter must then agree, whatever they carry.
     With ``rate_of`` the port is the time derivative of that port and may stay unconnected: it is
     then formed exactly, by differentiating the expression of the driving signal. A rate may have a rate.
-    ``told`` is the option of the block that says another unit, where it is not empty.
+    ``unit_option`` is the option of the block that says another unit, where it is not empty.
     """
 
     about: str
     unit: str = ""
     rate_of: str = ""
-    told: str = ""
+    unit_option: str = ""
 
 
 @attrs.frozen
 class Output:
-    """A port a signal goes out by. ``unit`` and ``told`` as for Input."""
+    """A port a signal goes out by. ``unit`` and ``unit_option`` as for Input."""
 
     about: str
     unit: str = ""
-    told: str = ""
+    unit_option: str = ""
 
 
 @attrs.frozen

@@ -41,10 +41,10 @@ FAMILY_WORDS = {
 
 def families() -> dict[str, dict[str, type[Block]]]:
     """The blocks of the toolbox by family; those of users stay out."""
-    import tsmblocks.blocks as shelf
+    import tsmblocks.blocks as public_blocks
     from tsmblocks.model.block import REGISTRY
 
-    return by_family({name: cls for name, cls in REGISTRY.items() if getattr(shelf, name, None) is cls})
+    return by_family({name: cls for name, cls in REGISTRY.items() if getattr(public_blocks, name, None) is cls})
 
 
 def pages() -> dict[str, str]:
@@ -136,12 +136,12 @@ def _units(block: Block) -> list[str]:
 def _numbers(block: Block, label: str) -> str:
     fields = block.fields().items()
     rows = [
-        (rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
+        (rst.code(k), default_text(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
         for k, f in fields
         if f.kind == "parameter"
     ]
     options = [
-        (rst.code(k), number(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
+        (rst.code(k), default_text(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
         for k, f in fields
         if f.kind == "option"
     ]
@@ -164,10 +164,10 @@ def _numbers(block: Block, label: str) -> str:
     return rst.page(*parts)
 
 
-def number(value: Any) -> str:
+def default_text(value: Any) -> str:
     """A default as a table shows it: six digits, the name ``""`` of an empty text."""
     if isinstance(value, tuple):
-        return "[" + ", ".join(number(v) for v in value) + "]"
+        return "[" + ", ".join(default_text(v) for v in value) + "]"
     if isinstance(value, float):
         return f"{value:.6g}" if math.isfinite(value) else ("∞" if value > 0 else "−∞")
     return f'``"{value}"``' if isinstance(value, str) else str(value).lower()
@@ -197,7 +197,7 @@ def _states(block: Block) -> str:
 
 def _start(state: State) -> str:
     """A start value; a time long before all runs is said in words."""
-    return "before the run" if isinstance(state.start, float) and state.start < -1e8 else number(state.start)
+    return "before the run" if isinstance(state.start, float) and state.start < -1e8 else default_text(state.start)
 
 
 def _kind(block: Block, shape: Structure, name: str) -> str:
@@ -271,7 +271,7 @@ def _apart(block: Block, shown: Block) -> str:
     lists = [k for k, v in block.parameters.items() if isinstance(v, tuple)]
     if not block.options and not lists:
         return ""
-    which = f" ({', '.join(f'``{k}`` = {number(getattr(shown, k))}' for k in other)})" if other else ""
+    which = f" ({', '.join(f'``{k}`` = {default_text(getattr(shown, k))}' for k in other)})" if other else ""
     why = " and ".join(filter(None, ("options" if block.options else "", "lengths of lists" if lists else "")))
     return f" They are those of the block of the example{which}; other {why} give others."
 

@@ -9,7 +9,7 @@ from tsmblocks.common.units import heading
 from tsmblocks.model.block import is_reference
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.reference import figures, rst, uses
-from tsmblocks.reference.blocks import number, unit
+from tsmblocks.reference.blocks import default_text, unit
 
 DRIVE = {
     "rad": MultiSine(unit="rad"),
@@ -41,9 +41,9 @@ def pages() -> dict[str, str]:
 
 def page(name: str, diagram: Diagram) -> str:
     """The page of one diagram."""
-    from tsmblocks.files.shipped import shelf
+    from tsmblocks.files.shipped import shipped_folder
 
-    text = (shelf() / f"{name}.toml").read_text(encoding="utf-8")
+    text = (shipped_folder() / f"{name}.toml").read_text(encoding="utf-8")
     return rst.page(
         rst.heading(name),
         f"{rst.plain(diagram.title)}.",
@@ -120,7 +120,7 @@ def _blocks(diagram: Diagram) -> str:
 
 
 def _value(value: Any) -> str:
-    return f"``{value}``" if is_reference(value) else number(value)
+    return f"``{value}``" if is_reference(value) else default_text(value)
 
 
 def _unit(label: str) -> str:

@@ -15,7 +15,7 @@ from tsmblocks.effects import Effect, Scales, Trials, span_of
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.reference import figures, rst, uses
-from tsmblocks.reference.blocks import bounds, number, unit
+from tsmblocks.reference.blocks import bounds, default_text, unit
 
 STOP, STEP = 20.0, 2e-3
 PLACES = {
@@ -141,7 +141,7 @@ def _numbers(effect: Effect, trials: Trials) -> str:
             (
                 rst.code(name),
                 unit(field.unit) if field.unit else "",
-                "" if null is None else number(null),
+                "" if null is None else default_text(null),
                 bounds(field),
                 " ".join(here),
                 rst.words(field.about),

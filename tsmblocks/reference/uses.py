@@ -17,9 +17,9 @@ from tsmblocks.model.diagram import Diagram
 def shipped() -> dict[str, Diagram]:
     """Every ready-made diagram by name."""
     from tsmblocks.files import load
-    from tsmblocks.files.shipped import names
+    from tsmblocks.files.shipped import shipped_names
 
-    return {name: load(name) for name in names()}
+    return {name: load(name) for name in shipped_names()}
 
 
 def types_in(block: Block | Diagram) -> Iterator[str]:

@@ -12,7 +12,7 @@ from tsmblocks.common.errors import RunError
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.kernel import Memory
 
-SAME = 1e-9
+STEP_TOLERANCE = 1e-9
 """Difference of two steps, as a share of them, that is rounding; of two times, as a share of a step."""
 
 
@@ -66,7 +66,7 @@ def begins(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
     if not isinstance(initial, Saved):
         return start, step
     if start != 0.0 and not math.isclose(
-        as_number("start", start), initial.t, rel_tol=1e-12, abs_tol=SAME * initial.step
+        as_number("start", start), initial.t, rel_tol=1e-12, abs_tol=STEP_TOLERANCE * initial.step
     ):
         raise RunError(
             f"a run that goes on from a saved state starts when that ended, at {initial.t:g} s. Leave out start."
@@ -76,4 +76,4 @@ def begins(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
 
 def _same(step: float, other: float) -> bool:
     """Whether two steps [s] differ by rounding at most."""
-    return math.isclose(step, other, rel_tol=SAME)
+    return math.isclose(step, other, rel_tol=STEP_TOLERANCE)

@@ -53,7 +53,7 @@ class GuardFile(pytest.File):
             raise self.CollectError(str(error)) from None
         stem = self.path.name.removesuffix(ENDING)
         for case, watched in guards.items():
-            baseline = self.path.with_name(f"{stem}{f'.{_plain(case)}' if case else ''}.baseline.toml")
+            baseline = self.path.with_name(f"{stem}{f'.{_file_name(case)}' if case else ''}.baseline.toml")
             yield GuardItem.from_parent(self, name=case or stem, watched=watched, baseline=baseline)
 
 
@@ -126,7 +126,7 @@ class Tracking:
             raise ValueError(f"tracking is called twice with name={mark!r} in this test; give each its own.")
         self._names.append(mark)
         inside = node.nodeid.partition("::")[2].replace("::", ".")
-        file = f"{_plain(node.path.stem)}.{_plain(inside)}{f'.{_plain(mark)}' if mark else ''}.toml"
+        file = f"{_file_name(node.path.stem)}.{_file_name(inside)}{f'.{_file_name(mark)}' if mark else ''}.toml"
         checked(watched, node.path.parent / "baselines" / file, self._request.config, node.nodeid)
 
 
@@ -153,7 +153,7 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
         return
     text = f"tracking has moved from {_near(baseline)}:\n\n{in_sentences(found, before, now)}\n"
     picture = (
-        Path(config.getoption("--tracking-pictures")) / f"{_plain(title.replace('/', '.').replace('::', '.'))}.png"
+        Path(config.getoption("--tracking-pictures")) / f"{_file_name(title.replace('/', '.').replace('::', '.'))}.png"
     )
     try:
         text += f"\nDrawn in {draw(found, before, now, picture, title.rpartition('::')[2])}."
@@ -162,7 +162,7 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
     raise TrackingMoved(f"{text}\nIf this is as it should be: pytest --tracking-accept")
 
 
-def _plain(text: str) -> str:
+def _file_name(text: str) -> str:
     """A text as it may stand in the name of a file; one that loses more than blanks has a mark of its own."""
     made = re.sub(r"[^a-zA-Z0-9_.-]+", "_", text).strip("_")
     if made == text.replace(" ", "_"):

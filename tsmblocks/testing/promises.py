@@ -191,7 +191,7 @@ def every_parameter_matters(block: Block) -> None:
     f, results, names = _functions(block)
     t, x, u, p = f.sx_in()
     used = ca.which_depends(f(t, x, u, p), p, 1, False) if results and names else []
-    starts = {leaf for s in block.twin(lambda n, _: ca.SX.sym(n)).states.values() for leaf in _symbols(s.start)}
+    starts = {leaf for s in block.with_symbols(lambda n, _: ca.SX.sym(n)).states.values() for leaf in _symbols(s.start)}
     past = {p.by for p in block.past_ports.values()} | {p.initial for p in block.past_ports.values()}
     idle = [n for n, u_ in zip(names, used, strict=True) if not u_ and n not in starts and n not in past]
     need(not idle, f"no equation of {type(block).__name__} uses {', '.join(idle)}.")

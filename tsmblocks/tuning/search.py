@@ -35,7 +35,7 @@ FIRST, NARROWEST, NEAR = 0.1, 1e-5, 0.05
 """Width of the region that is trusted at first and at last, and that of the last search, as shares of the bounds."""
 PRICE = 10.0
 """What exceeding a limit by its own size costs, in sizes of the goal."""
-SAME = 0.01
+GOAL_TOLERANCE = 0.01
 """Share, of the goal or of what was gained, by which ends of searches may differ and still count as the same."""
 IDLE = 1e-12
 """Relative change that is rounding only."""
@@ -334,8 +334,8 @@ class Judged:
         """How many trails have a set about as good as the best."""
         best, ends = self.best, np.array(self.ends)
         gained = self.goal[0] - self.goal[best] if np.isfinite(self.goal[0]) else 0.0
-        near = np.abs(self.goal[ends] - self.goal[best]) <= SAME * max(abs(self.goal[best]), gained)
-        return int(np.sum(near & (np.maximum(self.over[ends], MET) <= max(self.over[best], MET) + SAME)))
+        near = np.abs(self.goal[ends] - self.goal[best]) <= GOAL_TOLERANCE * max(abs(self.goal[best]), gained)
+        return int(np.sum(near & (np.maximum(self.over[ends], MET) <= max(self.over[best], MET) + GOAL_TOLERANCE)))
 
     def of(self, k: int) -> dict[str, dict[str, float]]:
         """What was found with a set, by case and name."""
