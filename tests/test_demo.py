@@ -17,7 +17,7 @@ from tsmblocks.demo.compensators import plannable
 from tsmblocks.demo.mechanism import DEG, HIDDEN, NUMBERS, SAMPLE, STOP, measured, model, references, truth
 from tsmblocks.demo.page import page
 from tsmblocks.demo.story import AUGMENTED, FLOOR, IDENTIFIED, build_story
-from tsmblocks.html.style import CSS
+from tsmblocks.html.pages import style
 
 
 @cache
@@ -118,7 +118,7 @@ def test_the_page_is_whole_and_needs_nothing_else(name):
     assert text == page(cases(), story(name))
     assert "nan" not in re.sub(r"<[^>]*>", "", text).lower().split()
     kinds = set(re.findall(r'class="line (\w+)', text))
-    assert all(f".line.{kind}" in CSS for kind in kinds)
+    assert all(f".line.{kind}" in style("page.css") for kind in kinds)
 
 
 def test_nothing_is_told_of_a_model_that_there_is_not():

@@ -21,10 +21,11 @@ from tsmblocks.diagnosis import text as telling
 from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.html import charts, figures
+from tsmblocks.html.pages import style
 from tsmblocks.html.report import page
 from tsmblocks.html.report_files import written
-from tsmblocks.html.style import CSS
 
+CSS = style("page.css")
 TOLD = """\
 Tendon sheath: a gain and an offset: 2 experiments
 

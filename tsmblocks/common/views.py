@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from tsmblocks.common.errors import TsmError, near
+from tsmblocks.common.tables import listed
 
 CARDS = ("analysis", "data", "diagnosis", "fitting", "model", "optimal", "simulation", "studies", "tuning")
 FIGURES = ("analysis", "data", "diagnosis", "fitting", "simulation", "studies", "tuning")
@@ -54,7 +55,7 @@ def view(kind: str, value: Any, **options: Any) -> Any:
     make = _registered(kind, type(value))
     if make is None:
         others = [other for other in PROVIDERS if _registered(other, type(value)) is not None]
-        raise TsmError(f"{type(value).__name__} has no view '{kind}'.{near(kind, others)}")
+        raise TsmError(f"{type(value).__name__} has no view '{kind}'{f', but {listed(others)}' if others else ''}.")
     return make(value, **options)
 
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import attrs
 import numpy as np
+from markupsafe import Markup
 
 from tsmblocks.draw.picture import fitted, text_width
 
@@ -70,9 +71,9 @@ def ticks(low: float, high: float, most: int = TICKS) -> list[float]:
     return [k * step for k in range(first, last + 1)]
 
 
-def chart(parts: Sequence[str], height: float, words: str) -> str:
+def chart(parts: Sequence[str], height: float, words: str) -> Markup:
     """A whole chart; ``words`` say what it shows to those who do not see it."""
-    return (
+    return Markup(
         f'<svg class="chart" viewBox="0 0 {WIDTH} {_n(height)}" role="img" aria-label="{escape(words)}">'
         f"{''.join(parts)}</svg>"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from html import escape
 
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
@@ -11,8 +10,8 @@ from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS, percent, segments_by_verdict, verdict_sentence
 from tsmblocks.html.card import MOST_CHARTS, card, listed, table_of
-from tsmblocks.html.document import key, sentence
 from tsmblocks.html.figures import gap_bars
+from tsmblocks.html.pages import part
 from tsmblocks.html.report import WORDS
 
 view = functools.singledispatch(no_view)
@@ -22,8 +21,7 @@ view = functools.singledispatch(no_view)
 def diagnosis_card(found: Diagnosis) -> str:
     """A diagnosis: verdict, effects with their numbers, gaps before and after; ``save`` writes the whole report."""
     boxes = [
-        f'<div class="verdict {escape(s.verdict)}"><p><b>{escape(WORDS.get(s.verdict, s.verdict))}.</b> '
-        f"{sentence(verdict_sentence(s))}</p></div>"
+        part("verdict", s.verdict, WORDS.get(s.verdict, s.verdict), verdict_sentence(s))
         for s in segments_by_verdict(found)
     ]
     effects = [
@@ -39,13 +37,11 @@ def diagnosis_card(found: Diagnosis) -> str:
     head = ("effect", "on the wire", "numbers", "of the excess", "cannot be told from")
     named = table_of([head, *effects], {0, 1, 2, 4}) if effects else ""
     gaps = [gap_bars(s, g) for s in found.segments for g in s.gaps][:MOST_CHARTS]
-    colours = key(
-        [
-            ("--before", "before"),
-            *([("--after", "with all that was named")] if effects else []),
-            ("hollow", "hollow: fitted to these data too"),
-        ]
-    )
+    colours = [
+        ("before", "before"),
+        ("after", "with all that was named"),
+        ("hollow", "hollow: fitted to these data too"),
+    ]
     stopped = "" if found.status == "done" else f"; {STATUS.get(found.status, found.status)}"
     count = len(found.experiments)
     about = f"{count} experiment{'s' if count > 1 else ''}: {few(found.experiments)}{stopped}"
@@ -54,7 +50,7 @@ def diagnosis_card(found: Diagnosis) -> str:
         about,
         *boxes,
         named,
-        colours,
-        f'<div class="charts">{"".join(gaps)}</div>',
+        part("key", colours if effects else colours[::2]),
+        part("charts", gaps),
         listed(["diagnosis.save(folder) writes the whole report."]),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from markupsafe import Markup
 
 from tsmblocks.data import heading
 from tsmblocks.diagnosis.presentation import Profile, digits, fitted_rms, for_people, output_traces, strips
@@ -26,7 +27,7 @@ LEFT, RIGHT = 46, WIDTH - 10
 # ---- the gap -------------------------------------------------------------------------------------
 
 
-def gap_bars(segment: Segment, gap: Gap) -> str:
+def gap_bars(segment: Segment, gap: Gap) -> Markup:
     """Rms held out of each experiment before and after each effect, fitted as hollow bars, the noise as a line."""
     k, unit = for_people(gap.unit)
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
@@ -89,7 +90,7 @@ def _grid(frame: Frame, label: str) -> str:
 # ---- one experiment ------------------------------------------------------------------------------
 
 
-def history(trace: Trace, count: int) -> str:
+def history(trace: Trace, count: int) -> Markup:
     """What was measured and what the base and the final model make of it, over time."""
     k, unit = for_people(trace.unit)
     signals = [k * trace.measured, *(k * y for y in _models(trace))]
@@ -100,7 +101,7 @@ def history(trace: Trace, count: int) -> str:
     return charts.chart(parts, 184, f"{trace.output} of {trace.experiment} over time, measured and simulated")
 
 
-def left_over(trace: Trace, noise: float, count: int) -> str:
+def left_over(trace: Trace, noise: float, count: int) -> Markup:
     """What is left over time before and after, within the noise or not, and the excess of each block as a strip."""
     k, unit = for_people(trace.unit)
     left = [k * (trace.measured - y) for y in _models(trace)]
@@ -127,7 +128,7 @@ def _strip(trace: Trace, frame: Frame) -> list[str]:
     return parts
 
 
-def loop(trace: Trace, diagram: Diagram, count: int) -> str:
+def loop(trace: Trace, diagram: Diagram, count: int) -> Markup:
     """The output over the input, measured and simulated."""
     k, unit = for_people(trace.unit)
     k_in, unit_in = for_people(diagram.unit(trace.drive_name))
@@ -139,7 +140,7 @@ def loop(trace: Trace, diagram: Diagram, count: int) -> str:
     return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}")
 
 
-def left_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) -> str:
+def left_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) -> Markup:
     """What is left over the input, before and after: a loop here is a loop that the model lacks."""
     k, unit = for_people(trace.unit)
     k_in, unit_in = for_people(diagram.unit(trace.drive_name))
@@ -169,7 +170,7 @@ def _ends(t: np.ndarray) -> tuple[float, float]:
 # ---- along a coordinate --------------------------------------------------------------------------
 
 
-def along(found: Profile, *, explained: bool) -> str:
+def along(found: Profile, *, explained: bool) -> Markup:
     """The error in bins of a coordinate with standard errors, before and after, and what the effects explain."""
     k, unit = for_people(found.error_unit)
     k_in, unit_in = for_people(found.unit)

@@ -16,7 +16,7 @@ from tsmblocks.fitting.text import cautions, estimate_rows, left_rows, ranking_r
 from tsmblocks.html import charts
 from tsmblocks.html.card import LEFT, POINTS, RIGHT, card, ends, listed, table_of
 from tsmblocks.html.charts import Frame
-from tsmblocks.html.document import key
+from tsmblocks.html.pages import part
 
 view = functools.singledispatch(no_view)
 MOST = 40
@@ -86,7 +86,8 @@ def _chart(one: Difference, before: str = "") -> str:
         charts.axes(below, "t [s]", heading("measured less simulated", unit)),
         charts.line(below, *charts.thinned(one.t, left, POINTS), "c1"),
     ]
-    both = charts.chart(
-        first, 152, f"{one.output} of {one.experiment} over time, measured and simulated"
-    ) + charts.chart(second, 152, f"what is left of {one.output} in {one.experiment} over time")
-    return f'<div class="charts">{both}</div>{key([("--measured", "measured"), ("--c0", "simulated")])}'
+    both = (
+        charts.chart(first, 152, f"{one.output} of {one.experiment} over time, measured and simulated"),
+        charts.chart(second, 152, f"what is left of {one.output} in {one.experiment} over time"),
+    )
+    return part("charts", both) + part("key", [("measured", "measured"), ("c0", "simulated")])

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
-from html import escape
 from typing import Any
+
+from markupsafe import Markup
 
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
 from tsmblocks.html.block_facts import words
 from tsmblocks.html.card import card, rows
+from tsmblocks.html.pages import part
 from tsmblocks.model.block import Block
 
 view = functools.singledispatch(no_view)
@@ -31,18 +33,18 @@ def block_card(block: Block) -> str:
     parts = [_formula(equation)] if equation else []
     parts += [rows(["l:", "l:port", "l:unit", "l:what it is"], ports)] if ports else []
     parts += [rows(["l:parameter", "value", "l:unit", "l:what it is"], cells, own, most=30)] if cells else []
-    parts += [f'<p class="soft">Source: {escape(block.source)}</p>'] if block.source else []
+    parts += [part("remark", f"Source: {block.source}")] if block.source else []
     return card(type(block).__name__, sentence, *parts)
 
 
-def _formula(latex: str) -> str:
+def _formula(latex: str) -> Markup:
     """A formula as the browser typesets it by itself, or as it is written where nothing is there to convert it."""
     try:
         from tsmblocks.html.mathml import mathml
 
-        return f"<p>{mathml(latex, block=True).replace(NAMESPACE, '')}</p>"
+        return Markup(f"<p>{mathml(latex, block=True).replace(NAMESPACE, '')}</p>")
     except ImportError:
-        return f"<pre>{escape(latex)}</pre>"
+        return Markup("<pre>{}</pre>").format(latex)
 
 
 def _value(value: Any) -> str:

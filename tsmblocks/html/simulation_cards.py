@@ -33,11 +33,9 @@ def batch_card(batch: Batch) -> str:
     count = len(next(iter(batch.parameters.values())))
     single = {k: v for k, v in batch.results.items() if v.ndim == 1}
     columns = {**batch.parameters, **single}
-    cells = [[str(k), *(table_number(float(v[k])) for v in columns.values())] for k in range(min(count, MOST_ROWS + 1))]
+    cells = [[str(k), *(table_number(float(v[k])) for v in columns.values())] for k in range(min(count, MOST_ROWS))]
     signals = [f"{name} {v.shape}" for name, v in batch.results.items() if v.ndim > 1]
     failed = int(batch.failed.sum())
     said = [f"Signals: {few(signals)}."] if signals else []
     said += [f"{failed} sets have results that are not finite."] if failed else []
-    shown = rows(["set", *columns], cells[:MOST_ROWS])
-    more = f'<p class="soft">… ({count} in all)</p>' if count > MOST_ROWS else ""
-    return card(f"Batch of {count} runs", "", shown, more, listed(said))
+    return card(f"Batch of {count} runs", "", rows(["set", *columns], cells, count=count), listed(said))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import functools
-from html import escape
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from tsmblocks.common import units
 from tsmblocks.common.tables import few
@@ -15,7 +15,7 @@ from tsmblocks.data import heading
 from tsmblocks.html import charts
 from tsmblocks.html.card import LEFT, MOST_CHARTS, MOST_ROWS, RIGHT, card, ends, listed, rows, table_number
 from tsmblocks.html.charts import Frame
-from tsmblocks.html.document import key
+from tsmblocks.html.pages import part
 from tsmblocks.studies.responses import Responses
 from tsmblocks.studies.results import QUANTILES, Results
 
@@ -45,7 +45,7 @@ def study_card(found: Results) -> str:
         f"{found.title}: {found.kind}, {done}",
         f"over {few(found.parameters)}",
         rows(["l:metric", *QUANTILES, "l:lowest at"], cells),
-        f'<div class="charts">{"".join(drawn)}</div>',
+        part("charts", drawn),
         listed(said),
     )
 
@@ -55,13 +55,8 @@ def responses_card(found: Responses) -> str:
     """Responses of many runs: where each signal lies."""
     count = len(next(iter(found.signals.values()), ()))
     drawn = [_envelope(found, name) for name in list(found.signals)[:MOST_ROWS]]
-    bands = key([("--c0", "median"), ("--band", "5 to 95 %, and 25 to 75 %")])
-    return card(
-        f"{found.title}: responses of {count} runs",
-        f"{len(found.t)} instants",
-        f'<div class="charts">{"".join(drawn)}</div>',
-        bands,
-    )
+    bands = part("key", [("c0", "median"), ("band", "5 to 95 %, and 25 to 75 %")])
+    return card(f"{found.title}: responses of {count} runs", f"{len(found.t)} instants", part("charts", drawn), bands)
 
 
 def _spread(found: Results, name: str) -> str:
@@ -92,11 +87,11 @@ def _envelope(found: Responses, name: str) -> str:
     y = np.array(every)
     y = y[np.isfinite(y).all(axis=1)]
     if not len(y):
-        return f"<p>{escape(name)}: no run is finite all along.</p>"
+        return Markup("<p>{}: no run is finite all along.</p>").format(name)
     frame = Frame(LEFT, 22, RIGHT, 120, ends(t), charts.spread(y))
     parts = [charts.axes(frame, "t [s]", heading(name, unit))]
     for shares in BANDS:
         low, high = np.quantile(y, shares, axis=0)
         parts.append(charts.area(frame, t, low, high, "band"))
     parts.append(charts.line(frame, t, np.median(y, axis=0), "c0"))
-    return f"<div>{charts.chart(parts, 152, f'{name} of {len(y)} runs over time')}</div>"
+    return part("chart", charts.chart(parts, 152, f"{name} of {len(y)} runs over time"), (), "")

@@ -8,7 +8,7 @@ import numpy as np
 
 from tsmblocks.html import charts
 from tsmblocks.html.charts import WIDTH, Frame
-from tsmblocks.html.document import key
+from tsmblocks.html.pages import part
 
 LINES = ("measured", "after", "before", "between")
 """Classes of the lines, in the order in which signals are named: inputs first."""
@@ -63,6 +63,5 @@ def _line(frame: Frame, t: np.ndarray, signals: Mapping[str, np.ndarray], name: 
 
 def side_by_side(charts_made: list[str], names: list[str]) -> str:
     """Charts beside each other on a wide page, with the colours of the signals above them."""
-    colours = [(f"--{LINES[k % len(LINES)]}", name) for k, name in enumerate(names)]
-    legend = key(colours) if len(names) > 1 else ""
-    return f'{legend}<div class="cards">{"".join(f"<figure>{one}</figure>" for one in charts_made)}</div>'
+    colours = [(LINES[k % len(LINES)], name) for k, name in enumerate(names)]
+    return (part("key", colours) if len(names) > 1 else "") + part("figures", charts_made)

@@ -1,0 +1,56 @@
+"""Pages, cards and parts of them, made from the templates beside this module, without scripts and without network.
+
+What stands in a page is text and is escaped, unless it is ``Markup``: what a template or ``charts`` has made.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+LEFT = "l:"
+"""What the name of a column begins with that is flush left."""
+
+
+@functools.cache
+def _templates() -> Environment:
+    found = Environment(
+        loader=PackageLoader("tsmblocks.html"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    found.globals["style"] = style
+    found.filters["sentence"] = sentence
+    found.tests["flush_left"] = lambda name: name.startswith(LEFT)
+    return found
+
+
+def rendered(template: str, values: Mapping[str, Any]) -> str:
+    """A template filled with values: the same text for the same values."""
+    return _templates().get_template(template).render(values)
+
+
+def part(name: str, *arguments: Any) -> Markup:
+    """What a macro of ``parts.html`` makes."""
+    return getattr(_templates().get_template("parts.html").module, name)(*arguments)
+
+
+@functools.cache
+def style(name: str) -> Markup:
+    """A style sheet on one line, without its comments."""
+    text = (files("tsmblocks.html") / "templates" / name).read_text(encoding="utf-8")
+    return Markup(" ".join(re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).split()))
+
+
+def sentence(words: str) -> Markup:
+    """A sentence as HTML; a number and its percent sign stay together."""
+    kept = str(escape(words)).replace(" %", "&nbsp;%").replace(" ± ", "&nbsp;±&nbsp;").replace(" -&gt;", "&nbsp;→")
+    return Markup(kept)
