@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
 import tsmblocks as tsm
 from tests.tolerances import BACKENDS
@@ -138,6 +139,67 @@ def test_a_row_of_zeros_asks_nothing_or_too_much():
     np.testing.assert_allclose(d, [-1.0, -1.0])
     with pytest.raises(Infeasible):
         quadratic_step(np.eye(2), np.ones(2), zeros, np.array([1.0]), no)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(0, 4), data=st.data())
+def test_a_step_agrees_with_another_program(seed, n, m, data):
+    """SciPy's SLSQP, which takes constraints as functions."""
+    H, g, rows, bounds, equal, inside = programme(seed, n, m, data.draw(st.integers(0, min(m, n - 1))))
+    parts = [("eq", equal), ("ineq", ~equal)]
+    expected = minimize(
+        lambda x: 0.5 * x @ H @ x + g @ x,
+        inside,
+        jac=lambda x: H @ x + g,
+        method="SLSQP",
+        constraints=[
+            {"type": kind, "fun": lambda x, k=k: rows[k] @ x - bounds[k], "jac": lambda _, k=k: rows[k]}
+            for kind, k in parts
+            if k.any()
+        ],
+        options=dict(ftol=1e-15, maxiter=1000),
+    )
+    d, _ = quadratic_step(H, g, rows, bounds, equal)
+    assert 0.5 * d @ H @ d + g @ d == pytest.approx(expected.fun, abs=1e-7 * np.abs(g).max())
+    flat = np.linalg.eigvalsh(H)[0]
+    np.testing.assert_allclose(d, expected.x, atol=1e-3 * np.sqrt(1e-7 / flat) + 1e-5)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1), n=st.integers(2, 7), data=st.data(), damping=st.sampled_from([1e-13, 1e-10, 1e-7])
+)
+def test_a_matrix_near_to_singular_gives_a_step(seed, n, data, damping):
+    """As in a fit of parameters that the outputs do not determine: the damping alone makes the step unique."""
+    rng, rank = np.random.default_rng(seed), data.draw(st.integers(1, n - 1))
+    J = rng.normal(size=(20, rank)) @ rng.normal(size=(rank, n))
+    J /= np.linalg.norm(J, axis=0)
+    H, g = J.T @ J + damping * np.eye(n), J.T @ rng.normal(size=20)
+    rows = np.vstack([np.eye(n), -np.eye(n), rng.normal(size=(1, n))])
+    slack = rng.uniform(0, 2, len(rows))
+    equal = np.arange(len(rows)) == 2 * n
+    bounds = rows @ rng.uniform(-1, 1, n) - np.where(equal, 0.0, slack)
+    d, force = quadratic_step(H, g, rows, bounds, equal)
+    left = rows @ d - bounds
+    np.testing.assert_allclose(H @ d + g, rows.T @ force, atol=1e-6)
+    assert left.min() > -1e-9
+    assert abs(left[-1]) < 1e-9
+    assert force[~equal].min() >= -1e-9
+    assert np.abs(force * left).max() < 1e-9
+
+
+@pytest.mark.parametrize(("given", "solved"), [({}, False), ({"constraints": "gain.gain < 1.5"}, True)])
+def test_casadi_solves_the_steps_that_constraints_hold(monkeypatch, given, solved):
+    """Without an active one a step is the solution of linear equations."""
+    from tsmblocks.fitting import quadratic_program
+
+    shapes, solver = [], quadratic_program._solver
+    monkeypatch.setattr(quadratic_program, "_solver", lambda *shape: shapes.append(shape) or solver(*shape))
+    diagram = tsm.Diagram(blocks=dict(gain=Gain()), wires=[], inputs={"u": "gain.u"}, outputs={"y": "gain.y"})
+    found = tsm.fit(diagram, record(u=U, y=2 * U), free=["gain.gain"], starts=1, **given)
+    assert found.values["gain.gain"] == pytest.approx(1.5 if solved else 2.0, rel=1e-9)
+    assert bool(shapes) is solved
+    assert set(shapes) <= {(1, 1)}
 
 
 # ---- diagrams and recordings of many kinds

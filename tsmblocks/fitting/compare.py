@@ -191,7 +191,7 @@ def compare(
     rows, notes, interrupted = list[Row](), _untold(candidates, records, asked), False
     for name, diagram in candidates.items():
         tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
-        common = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
+        common: dict[str, Any] = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
         try:
             found = fit(
                 diagram,
@@ -204,7 +204,7 @@ def compare(
                 seed=seed,
                 progress=tell,
                 **common,
-            )  # type: ignore[arg-type]
+            )
             rows.append(_judged(name, found, records, tested, common))
             notes += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
             interrupted = found.status == "interrupted"
