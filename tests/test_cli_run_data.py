@@ -132,7 +132,7 @@ def test_angles_of_many_turns_without_a_unit_are_refused(run, command):
     status, out, err = run(*command, "--data", "m.csv", *BARE)
     assert (status, out) == (2, "")
     assert err == (
-        "tsmblocks: m.csv: x_in and x_out have no unit and go up to 40 and 36, which in rad would be 6.37 and 5.73 "
+        "tsmblocks: m.csv: x_in and x_out have no unit and reach 40 and 36, which in rad would be 6.37 and 5.73 "
         "turns: they are probably in deg. Give the units: --map 'x_in [deg]=Motor pos' 'x_out [deg]=Tip pos', or "
         "[rad] where that is meant.\n"
     )
@@ -159,7 +159,7 @@ def test_calls_refuse_angles_of_many_turns_without_a_unit(call):
     with pytest.raises(DataError) as told:
         call(small, tsm.Record("m", T, {"x_in": X, "x_out": Y / 40}, {}))
     assert str(told.value) == (
-        "m: x_in has no unit and goes up to 40, which in rad would be 6.37 turns: it is probably in deg. "
+        "m: x_in has no unit and reaches 40, which in rad would be 6.37 turns: it is probably in deg. "
         "Give the unit: units={'x_in': 'deg'}, or 'rad' where that is meant."
     )
 

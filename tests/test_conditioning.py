@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tsmblocks.blocks import AsymmetricBoucWen, Play
 from tsmblocks.common.errors import DataError
-from tsmblocks.data.conditioning import BLEND, TUBE, all_conditioned, conditioned, held_still, rests
+from tsmblocks.data.conditioning import BLEND_SAMPLES, REST_BAND, all_conditioned, conditioned, held_at_rest, rests
 
 STEP, NOISE = 0.01, 1e-3
 T = np.arange(0.0, 20.0, STEP)
@@ -68,7 +68,7 @@ def test_a_signal_that_never_moves_is_held_at_its_mean():
     made = conditioned(record(x), ["x_in"])
     assert path(made["x_in"]) < 0.1 * NOISE
     assert made["x_in"] == pytest.approx(0.3, abs=0.2 * NOISE)
-    assert made.notes[-1] == "x_in was held still where it rests (100 % of the samples)."
+    assert made.notes[-1] == "x_in was held constant where it rests (100 % of the samples)."
 
 
 @pytest.mark.parametrize(("begin", "end"), [(300, 700), (0, 400), (1500, 1999)])
@@ -84,7 +84,7 @@ def test_what_is_held_is_the_mean_and_what_moves_stays(seed, length, speed):
     """Rests between two ramps: the samples away from their ends are the mean or the signal."""
     ramp = speed * STEP * np.arange(200)
     x = noisy(np.concatenate([ramp - ramp[-1], np.zeros(length), ramp]), seed, 0.2 * NOISE)
-    made, share = held_still(x, STEP, NOISE)
+    made, share = held_at_rest(x, STEP, NOISE)
     found = rests(x, NOISE, 25, 150)
     first, last = found[0].start, found[-1].stop
     assert abs(first - 199) <= 2
@@ -92,9 +92,9 @@ def test_what_is_held_is_the_mean_and_what_moves_stays(seed, length, speed):
     assert share == pytest.approx(sum(one.stop - one.start for one in found) / len(x))
     for one in found:
         assert made[one] == pytest.approx(x[one].mean())
-    assert np.array_equal(made[: first - BLEND], x[: first - BLEND])
-    assert np.array_equal(made[last + BLEND :], x[last + BLEND :])
-    assert np.abs(made - x).max() <= TUBE * NOISE
+    assert np.array_equal(made[: first - BLEND_SAMPLES], x[: first - BLEND_SAMPLES])
+    assert np.array_equal(made[last + BLEND_SAMPLES :], x[last + BLEND_SAMPLES :])
+    assert np.abs(made - x).max() <= REST_BAND * NOISE
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -220,7 +220,7 @@ def test_a_gap_of_nan_is_refused_by_who_reads():
 
 
 def test_no_noise_no_rest():
-    made, share = held_still(STAIRS, STEP, 0.0)
+    made, share = held_at_rest(STAIRS, STEP, 0.0)
     assert np.array_equal(made, STAIRS)
     assert share == 0.0
     assert made is not STAIRS

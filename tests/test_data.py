@@ -227,7 +227,7 @@ def test_cells_that_hold_no_number(file, cells, words):
         ),
         (b"t,x\n0,1\n1,\x812\n2,3\n3,4\n", "row 3 is not UTF-8 text (byte 0x81). Save the file as UTF-8."),
         (b"t,x\n0,1\n1,\xff\x01\n2,3\n", "row 3 is not UTF-8 text (byte 0xff). Save the file as UTF-8."),
-        (b"\xff\xfet\0,", "this begins as UTF-16 text and goes on as none. Save it as UTF-8."),
+        (b"\xff\xfet\0,", "this begins as UTF-16 text and continues as none. Save it as UTF-8."),
         (b"t,x\n0,1\n\x00\x00", "this is not text (zero byte in row 3)."),
         (b"PK\x03\x04rest", "this is a spreadsheet or an archive. Export the sheet as CSV."),
         (b"t [furlong],x\n0,1\n1,2\n2,3\n3,4\n", "the time is in 'furlong'. 'furlong' is not a unit known here."),
@@ -431,7 +431,7 @@ def test_a_unit_that_is_not_the_files_is_taken_with_a_note(file):
     text = file("t,Weg [mm],Winkel [°]\n" + "".join(f"{k},{k},{k}\n" for k in range(5)))
     record = read(text, map={"x [cm]": "Weg", "phi [deg]": "Winkel"})
     assert (record.unit("x"), record.unit("phi")) == ("cm", "deg")
-    assert record.notes == ("x was read in cm, as asked; the file says mm.",)
+    assert record.notes == ("x was read in cm, as requested; the file gives mm.",)
 
 
 def test_rows_that_are_not_there_are_told(file):
@@ -441,7 +441,7 @@ def test_rows_that_are_not_there_are_told(file):
         ((None, 1), "from row 1 to 1"),
         ((7, 8), "from row 7 to 8"),
     ):
-        with pytest.raises(DataError, match=re.escape(f"there are no samples {said}; they stand in rows 2 to 5.")):
+        with pytest.raises(DataError, match=re.escape(f"there are no samples {said}; they are in rows 2 to 5.")):
             read(path, rows=rows)
 
 
@@ -449,14 +449,14 @@ def test_the_newest_row_may_come_first(file):
     record = read(file("t,x\n4,1\n3,2\n3,4\n2,5\n1,6\n0,7\n"))
     assert record.t.tolist() == [0, 1, 2, 3, 4]
     assert record["x"].tolist() == [7, 6, 5, 3, 1]
-    assert record.notes[0] == "The time falls from row to row, the newest row coming first; the rows were turned round."
+    assert record.notes[0] == "The time falls from row to row, the newest row coming first; the rows were reversed."
 
 
 def test_seconds_that_may_be_milliseconds_are_doubted(file):
     rows = "".join(f"{2 * k},{k}\n" for k in range(60))
     (note,) = read(file("t,x\n" + rows)).notes
     assert note == (
-        "t has no unit and was taken to be in s, which makes 2 s from row to row. If it is in ms, say so: "
+        "t has no unit and was taken to be in s, which makes 2 s from row to row. If it is in ms, give the unit: "
         "map={'t [ms]': 't'}, or --map 't [ms]=t'."
     )
     for head, named in (("Time,x\n", None), ("clock,x\n", {"t": "clock"})):
@@ -475,7 +475,7 @@ def test_seconds_that_may_be_milliseconds_are_doubted(file):
 def test_a_time_that_is_not_read_is_told(file):
     record = read(file("t [s],x\n0,1\n1,2\n2,3\n3,4\n"), step=0.5, only="x")
     assert record.t.tolist() == [0, 0.5, 1.0, 1.5]
-    assert record.notes == ("The column t [s] was not read: the rows follow each other at 0.5 s, as asked.",)
+    assert record.notes == ("The column t [s] was not read: the rows follow each other at 0.5 s, as requested.",)
 
 
 def test_a_signal_of_another_length_is_named(tmp_path):

@@ -34,9 +34,9 @@ def test_a_tail_and_a_gap(told, tmp_path):
     assert len(record) == 40
     assert said.splitlines() == [
         f"note: {path}: Time jumps back at row 42, from 119 s to 0 s; everything from there on (2 rows, 5 %) was "
-        "dropped, as asked.",
+        "dropped, as requested.",
         f"note: {path}: Samples are missing in one place. It lasts 81.0 usual steps, before row 22 (from 19 s to "
-        "100 s); signals are interpolated there. Long gaps were kept, as asked.",
+        "100 s); signals are interpolated there. Long gaps were kept, as requested.",
     ]
     with pytest.raises(DataError, match="--tail drop"):
         told("--data", path)

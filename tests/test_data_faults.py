@@ -107,7 +107,7 @@ def test_what_is_refused(file, text, message):
             "there is no column 'x_in'. Known here: x. If it has another name there, map it: "
             "map={'x_in [deg]': 'COLUMN'}, or --map 'x_in [deg]=COLUMN'.",
         ),
-        (dict(group="run"), "a group was asked for, but text files have none."),
+        (dict(group="run"), "a group was given, but text files have none."),
     ],
 )
 def test_wishes_that_cannot_be_met(file, options, message):
@@ -124,7 +124,7 @@ def test_a_few_late_rows_are_sorted(file):
     np.testing.assert_allclose(record.t, STEPS, atol=1e-9)
     np.testing.assert_allclose(record["x"], np.sin(STEPS), atol=1e-9)
     assert record.notes == () or record.notes == (
-        "4 rows stood out of order by up to 3 places, the first at row 13 (1 s after 1.1 s); the rows were sorted by "
+        "4 rows were out of order by up to 3 places, the first at row 13 (1 s after 1.1 s); the rows were sorted by "
         "time.",
     )
 
@@ -143,7 +143,7 @@ def test_a_tail_is_dropped_when_that_is_wanted(file):
     record = read(file(csv(CUT, np.arange(43.0))), tail="drop")
     np.testing.assert_allclose(record.t, STEPS)
     assert record.notes == (
-        "Time jumps back at row 42, from 3.9 s to 0 s; everything from there on (3 rows, 7 %) was dropped, as asked.",
+        "Time jumps back at row 42, from 3.9 s to 0 s; everything from there on (3 rows, 7 %) was dropped, as requested.",
     )
     assert read(file(csv(STEPS, STEPS)), tail="drop").notes == ()
 
@@ -165,7 +165,7 @@ def test_missing_rows_are_told(file):
 def test_long_gaps_are_kept_when_that_is_wanted(file):
     assert read(file(csv(HOLE, HOLE)), gaps="keep").notes == (
         "Samples are missing in one place. It lasts 61.0 usual steps, before row 42 (from 3.9 s to 10 s); signals are "
-        "interpolated there. Long gaps were kept, as asked.",
+        "interpolated there. Long gaps were kept, as requested.",
     )
 
 
@@ -217,7 +217,7 @@ def test_repeats_jitter_and_a_tail_together(file):
     record = read(file(csv(t, np.r_[np.repeat(STEPS, 2), 7.0, 7.0])), tail="drop")
     np.testing.assert_allclose(record["x"], STEPS)
     assert record.notes == (
-        "Time jumps back at row 82, from 3.9 s to 0 s; everything from there on (2 rows, 2 %) was dropped, as asked.",
+        "Time jumps back at row 82, from 3.9 s to 0 s; everything from there on (2 rows, 2 %) was dropped, as requested.",
         "40 rows repeated the time of the row before (rows 3, 5, 7, 9, 11, …), with the same values; each group was "
         "replaced by its mean, leaving 40 of 80 samples.",
     )

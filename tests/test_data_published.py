@@ -80,7 +80,7 @@ TENDON = {
         [
             "Time jumps back at row 26329, from 14.9995 s to 0 s; everything from there on (1099 rows, 4 %) "
             "was dropped, "
-            "as asked.",
+            "as requested.",
             "3060 rows repeated the time of the row before (rows 3, 17, 23, 28, 39, …), their values up to "
             "2.08 deg apart "
             "(x_out, row 22963, 20 times what neighbouring samples differ by); each group was replaced by its "

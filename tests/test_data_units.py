@@ -5,7 +5,7 @@ import pytest
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, from_pandas, read
-from tsmblocks.data.missing_units import how_to_map, refuse_doubtful, untold
+from tsmblocks.data.missing_units import how_to_map, refuse_doubtful, assumed_units
 
 
 @pytest.fixture
@@ -61,11 +61,11 @@ def test_the_heading_of_a_column_is_a_name_for_it(file):
     path = file(TOLD)
     assert read(path, map={"angle": "x_in [deg]"}).unit("angle") == "deg"
     assert refused(path, map={"angle": "x_in [rad]"}).endswith(
-        "'angle' is mapped to column 'x_in [rad]', and the file says that it is in deg. To say the unit, give it with "
+        "'angle' is mapped to column 'x_in [rad]', and the file gives it in deg. To give the unit, write it with "
         "the name: map={'angle [rad]': 'x_in'}, or --map 'angle [rad]=x_in'."
     )
     assert refused(file(BARE), map={"x_in": "Motor pos [deg]"}).endswith(
-        "'x_in' is mapped to column 'Motor pos [deg]', and the file gives it no unit. To say the unit, give it with "
+        "'x_in' is mapped to column 'Motor pos [deg]', and the file gives it no unit. To give the unit, write it with "
         "the name: map={'x_in [deg]': 'Motor pos'}, or --map 'x_in [deg]=Motor pos'."
     )
 
@@ -111,7 +111,7 @@ WANTED = {"x_in": "rad", "x_out": "rad", "u": "V", "count": "", "missing": "rad"
 
 def said(size, **told):
     signals = {"x_in": size * np.sin(T), "x_out": np.cos(T), "u": 100 * T, "count": T}
-    return untold(Record("run", T, signals, told), WANTED)
+    return assumed_units(Record("run", T, signals, told), WANTED)
 
 
 def test_what_signals_without_a_unit_are_taken_for():
@@ -126,7 +126,7 @@ def test_angles_of_many_turns_are_probably_degrees():
     with pytest.raises(DataError) as told:
         refuse_doubtful("a.csv", Record("run", T, {"x_in": -45 * np.sin(T), "x_out": T, "u": 100 * T}, {}), WANTED)
     assert str(told.value) == (
-        "a.csv: x_in has no unit and goes up to 45, which in rad would be 7.16 turns: it is probably in deg. "
+        "a.csv: x_in has no unit and reaches 45, which in rad would be 7.16 turns: it is probably in deg. "
         "Give the unit: units={'x_in': 'deg'}, or 'rad' where that is meant."
     )
     for size, units in ((12.5, {}), (-45.0, {"x_in": "deg"}), (-45.0, {"x_in": "rad"})):  # two turns: nothing strange

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.data.repair import dropouts_are_named, spikes_are_named
+from tsmblocks.data.repair import dropouts_are_reported, spikes_are_reported
 from tsmblocks.data.table import Table
 
 T = np.arange(0.0, 20.0, 0.01)
@@ -14,7 +14,7 @@ NOISY = CLEAN + 0.2 * np.random.default_rng(0).standard_normal(len(T))
 
 def notes(x):
     table = Table("run.csv", ("t", "x"), ("s", "deg"), np.column_stack([T, x]), np.arange(len(T)) + 2, (1, 2))
-    return dropouts_are_named(spikes_are_named(table)).notes
+    return dropouts_are_reported(spikes_are_reported(table)).notes
 
 
 def with_values(x, **places):
@@ -29,8 +29,8 @@ def test_spikes_are_told_with_their_rows():
     (words,) = notes(with_values(NOISY, k700=9999.0, k1500=-9999.0))
     assert words == (
         "x has 2 spikes (row 702: 9999, row 1502: -9999) far off all other samples, which are between "
-        f"{NOISY.min():g} and {NOISY.max():g}. A true pulse may be that short. A false one weighs on all that is "
-        "found: empty its cell, and it is interpolated."
+        f"{NOISY.min():g} and {NOISY.max():g}. A true pulse may be that short. A false one affects all "
+        "results: empty its cell, and it is interpolated."
     )
 
 
@@ -38,8 +38,8 @@ def test_spikes_are_told_with_their_rows():
 def test_a_sensor_that_drops_out_is_told(value):
     (words,) = notes(with_values(NOISY, k1000_1300=value))
     assert words == (
-        f"x is {value:g} all the time from 10 s to 12.99 s (rows 1002 to 1301), and noisy elsewhere. Either it stood "
-        "still, or its sensor dropped out; then leave this time out: part, or --rows and --window."
+        f"x is constant at {value:g} from 10 s to 12.99 s (rows 1002 to 1301), and noisy elsewhere. Either it was "
+        "at rest, or its sensor dropped out; then leave this time out: part, or --rows and --window."
     )
 
 

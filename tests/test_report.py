@@ -113,7 +113,7 @@ compensated with the new model          1.00  0.300
 notes:
 - all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
   from its spectrum).
-- half: x_in was held still where it rests (3 % of the samples).
+- half: x_in was held constant where it rests (3 % of the samples).
 - the plant was started anew.
 - Seed 3; done."""
 

@@ -11,8 +11,8 @@ T = 0.02 * np.arange(400)
 SQUARE = np.where(T % 2 < 1, 1.0, -1.0)
 FREE = ["lag.gain", "lag.time_constant"]
 SAID = (
-    "the input u stands still and jumps, and between two samples a jump is drawn out (hold='linear'). If it was "
-    "held from sample to sample, as a controller holds its command, say hold='zero', or --hold zero."
+    "the input u is piecewise constant, and hold='linear' draws each of its steps out over a sample interval. If it "
+    "was a zero-order hold, as a controller applies its command, give hold='zero', or --hold zero."
 )
 
 
@@ -33,7 +33,7 @@ def test_a_fit_says_what_to_do_and_is_right_then():
     drawn = tsm.fit(LAG, answered(), free=FREE)
     assert f"run: {SAID}" in drawn.notes
     kept = tsm.fit(LAG, answered(), free=FREE, hold="zero")
-    assert not any("stands still" in text for text in kept.notes)
+    assert not any("piecewise constant" in text for text in kept.notes)
     for found, right in ((drawn, False), (kept, True)):
         tau = found["lag.time_constant"]
         assert (tau.low < 0.2 < tau.high) is right
@@ -43,7 +43,7 @@ def test_a_diagnosis_says_so_beside_the_delay_that_it_makes():
     effects = ["dead_time", "first_order_lag", "resonance"]
     drawn = tsm.diagnose(LAG, answered(), free=FREE, noise_floor=0.003, effects=effects)
     assert [one.name for one in drawn.effects] == ["dead_time"]
-    assert any("say hold='zero'" in text for text in drawn.notes)
+    assert any("give hold='zero'" in text for text in drawn.notes)
     kept = tsm.diagnose(LAG, answered(), free=FREE, noise_floor=0.003, effects=effects, hold="zero")
     assert (kept.verdict, kept.effects) == ("none", ())
 

@@ -204,12 +204,12 @@ def _noisy(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:
 
 def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:
     """Say once what signals without a unit are taken to be in, and how to say another, before any work is done."""
-    from tsmblocks.data.missing_units import untold
+    from tsmblocks.data.missing_units import assumed_units
 
     wanted = _units(diagrams)
     said: dict[str, list[Any]] = {}
     for record in records if not getattr(args, "json", False) else ():
-        texts = untold(record, wanted)
+        texts = assumed_units(record, wanted)
         if texts:
             said.setdefault(" ".join(texts), []).append(record)
     for text, those in said.items():

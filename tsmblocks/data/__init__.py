@@ -1,4 +1,11 @@
-"""Measured data: files of several kinds in, one checked record out. Nothing here knows diagrams or runs."""
+"""Measured data: files of several kinds in, one checked record out. Nothing here knows diagrams or runs.
+
+Reading order: ``record`` (what a measurement is), ``files`` (from a file to a record), ``table`` and ``repair`` (faults
+of the numbers; ``repair_time`` those of the time), then what is computed from a record: ``noise_floor``, ``filters``,
+``conditioning``. Formats: ``text`` for CSV and its relatives, ``containers`` for NPZ, MAT, HDF5 and pandas, with
+``structures`` for what MAT files nest, ``writing`` for the way out. The methods of a record are in ``grid``,
+``resampling``, ``parts``, ``periods`` and ``signals``.
+"""
 
 from tsmblocks.common.units import heading, split_heading
 from tsmblocks.data.files import from_pandas, read

@@ -14,11 +14,11 @@ from tsmblocks.common.units import split_heading, unmistakable
 from tsmblocks.data import structures
 from tsmblocks.data.table import Rows, within
 
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-CLOCKS = ("t", "time", "tout")
-"""Names of an array of times, whatever their case."""
-WIDEST = 64
-"""Columns of a matrix that are taken for signals."""
+_HDF5 = b"\x89HDF\r\n\x1a\n"  # signature of an HDF5 file, from its format specification
+TIME_NAMES = ("t", "time", "tout")
+"""Names of an array of times, whatever their case; ``tout`` is Simulink's."""
+MAX_COLUMNS = 64
+"""Columns of a matrix up to which they are taken for signals. Chosen: a matrix of more is an image or a result."""
 
 
 @attrs.frozen(eq=False)
@@ -56,13 +56,13 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     if columns or not series:
         return _matrix(origin, known, columns)
     lengths = [len(a) for a in series.values()]
-    clock = next((k for k in series if k.rpartition("/")[2].lower() in CLOCKS), None)
+    clock = next((k for k in series if k.rpartition("/")[2].lower() in TIME_NAMES), None)
     length = len(series[clock]) if clock else max(set(lengths), key=lengths.count)
     kept = _of_length(known, length)
-    left = [k for k in series if len(series[k]) != length]
+    others = [k for k in series if len(series[k]) != length]
     of = clock or next(iter(kept))
-    other = ", ".join(f"{k} ({len(series[k])})" for k in left)
-    notes = (f"Left out, being of another length than {of} ({length}): {other}.",) if left else ()
+    lengths_of_others = ", ".join(f"{k} ({len(series[k])})" for k in others)
+    notes = (f"Left out, being of another length than {of} ({length}): {lengths_of_others}.",) if others else ()
     headings = [unmistakable(k, units[k]) if k in units else k for k in kept]
     return Arrays(origin, headings, list(kept.values()), notes)
 
@@ -73,7 +73,7 @@ def _of_length(known: Mapping[str, np.ndarray], length: int) -> dict[str, np.nda
     for name, array in known.items():
         if array.ndim == 1 and len(array) == length:
             kept[name] = array
-        elif array.ndim == 2 and length in array.shape and min(array.shape) <= WIDEST:
+        elif array.ndim == 2 and length in array.shape and min(array.shape) <= MAX_COLUMNS:
             table = array if array.shape[0] == length else array.T
             kept.update({f"{name}_{k + 1}": table[:, k] for k in range(table.shape[1])})
     return kept
@@ -91,16 +91,16 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
     if columns and len(columns) == table.shape[0] != table.shape[1]:
         table = table.T
     if not columns or len(columns) != table.shape[1]:
-        given = f"{len(columns)} names were given" if columns else "they have no names"
+        named = f"{len(columns)} names were given" if columns else "they have no names"
         raise DataError(
-            f"{origin}: '{name}' has {table.shape[1]} columns, but {given}. Name them in order, "
+            f"{origin}: '{name}' has {table.shape[1]} columns, but {named}. Name them in order, "
             "with units (columns = t, x_in [deg], …)."
         )
     return Arrays(origin, list(columns), list(table.T))
 
 
 def _inside(origin: str, found: Mapping[str, Any], group: str | None) -> Mapping[str, Any]:
-    """What lies in one group of a file, named as seen from there. Raises DataError with the near miss."""
+    """Contents of one group of a file, named relative to it. Raises DataError with the near miss."""
     if not group:
         return found
     group = group.strip("/")
@@ -153,7 +153,7 @@ def open_mat(path: Path, columns: Sequence[str] | None, group: str | None = None
 
     try:
         found = loadmat(path)
-    except Exception as error:  # scipy raises whatever a damaged file leads it to
+    except Exception as error:  # scipy raises errors of any kind on a damaged file
         raise DataError(f"{path}: this is not a MAT file that can be read ({error}).") from None
     tree = {k: structures.tree_of_mat(v) for k, v in found.items() if not k.startswith("__")}
     return _of_tree(path, tree, columns, group)

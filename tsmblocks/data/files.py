@@ -29,16 +29,16 @@ _READERS = {
     ".h5": containers.open_hdf5,
     ".hdf5": containers.open_hdf5,
 }
-TIMES = ("t", "time", "timestamp", "seconds", "tout")
+TIME_NAMES = ("t", "time", "timestamp", "seconds", "tout")
 """Names of a time column, whatever their case, best first."""
-
-
-SLOW = 0.5
-"""Time from row to row from which a time without a unit is doubted to be in seconds [s]."""
-MANY = 50
-"""Rows from which that is worth a word."""
+MAX_PLAUSIBLE_STEP = 0.5
+"""Time from row to row [s] from which a time without a unit may be in ms. Chosen: mechanisms are sampled faster."""
+MIN_DOUBTED_ROWS = 50
+"""Rows from which that is reported. Chosen: a short table of slow samples is usual."""
 TAILS = ("refuse", "drop")
+"""What may be done with rows after a jump of the time backwards."""
 GAPS = ("refuse", "keep")
+"""What may be done with long gaps in time."""
 
 
 def _names(given: Iterable[str] | None) -> tuple[str, ...] | None:
@@ -47,8 +47,8 @@ def _names(given: Iterable[str] | None) -> tuple[str, ...] | None:
 
 
 @attrs.frozen
-class Wish:
-    """What a caller says about a file: names, units, parts, and what to do with its faults. See read."""
+class ReadOptions:
+    """Arguments of ``read`` that hold for every format: names, units, parts, and what is done with faults."""
 
     renamed: Mapping[str, str]
     units: Mapping[str, str]
@@ -74,22 +74,55 @@ def read(
     tail: str = "refuse",
     gaps: str = "refuse",
 ) -> Record:
-    """Read a measurement from a CSV-like text file, NPY, NPZ, MAT (5 or 7.3) or HDF5.
+    r"""Read a measurement from a CSV-like text file, NPY, NPZ, MAT (5 or 7.3) or HDF5.
 
-    ``columns`` names the columns of a file without a header, or in place of its header, in order, as a list or with
-    commas (``"t, x_in [deg]"``; an empty name skips one). ``map`` gives columns other names, and a unit where the file
-    gives none: ``{"x_in [deg]": "motor angle"}``, the time as ``"t"``; of a path like ``Model Root/angle/Out1`` the
-    end will do. ``units`` gives units by name, the new one or that of the column. ``only`` keeps these signals and
-    leaves the rest unread, faults included; those in ``also`` are kept where they are there. ``rows`` keeps the
-    rows from the first to the last given, both counted from 1 as an editor does (None: from the start, to the
-    end). ``step`` is the time in s from row to row, for files without a time column. ``group`` is the
-    structure or group of a MAT, HDF5 or NPZ file to read. Dates and times in a text file (ISO 8601, ``22.11.2026
-    14:03:07``, or times of day, which may pass midnight) become seconds from the first on. A column without
-    unit and without any number is left out where none asked for it.
+    Dates and times in a text file (ISO 8601, ``22.11.2026 14:03:07``, or times of day, which may pass midnight) become
+    seconds from the first on. Repeated and unsorted times, short gaps and missing numbers are repaired; the record's
+    ``notes`` say what was. A column without unit and without any number is left out unless it was named.
 
-    ``tail="drop"`` leaves out what comes after a jump of the time backwards, ``gaps="keep"`` reads a file with long
-    gaps in time all the same; both are refused otherwise. What was repaired stands in the record's ``notes``.
-    Raises DataError, with row and column, for what cannot be repaired.
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    columns : sequence of str, str or None, default None
+        Names of the columns in order, as a list or with commas (``"t, x_in [deg]"``; an empty name skips one), for a
+        file without a header, or in place of its header.
+    map : mapping of str to str, default None
+        Other names for columns, with a unit where the file gives none: ``{"x_in [deg]": "motor angle"}``, the time as
+        ``"t"``. The end of a path such as ``Model Root/angle/Out1`` suffices.
+    units : mapping of str to str, default None
+        Units by name, the new one or that of the column.
+    only : iterable of str or None, default None
+        Signals to keep; all others stay unread, faults included. By default all are kept.
+    also : iterable of str, default ()
+        Signals to keep beside ``only`` where the file has them.
+    rows : tuple of int or None, default (None, None)
+        First and last row to keep, counted from 1 as an editor does; None is the start or the end.
+    step : float or None, default None
+        Time from row to row [s], for files without a time column.
+    group : str or None, default None
+        Structure or group of a MAT, HDF5 or NPZ file to read.
+    tail : {"refuse", "drop"}, default "refuse"
+        What to do with rows after a jump of the time backwards.
+    gaps : {"refuse", "keep"}, default "refuse"
+        What to do with a file that has long gaps in time.
+
+    Returns
+    -------
+    Record
+        The measurement, without its time column among the signals.
+
+    Raises
+    ------
+    DataError
+        With row and column, for what cannot be read or repaired.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("sheath.csv").write_text("t [s],x_in [deg]\n0,0\n0.1,1\n0.2,2\n0.3,3\n")
+    >>> tsm.read("sheath.csv")
+    Record('sheath', 0 to 0.3 s, 4 samples, x_in [deg])
     """
     if not isinstance(path, str | os.PathLike):
         raise DataError(
@@ -104,13 +137,13 @@ def read(
         if not path.parent.is_dir():
             raise DataError(f"there is no file {path}: there is no folder '{path.parent}'.")
         raise DataError(f"there is no file {path}.{near(path.name, [p.name for p in path.parent.iterdir()])}")
-    named, told = _told(str(path), map or {}, units or {})
-    wish = Wish(named, told, only, also, rows, step, tail, gaps)
+    renamed, labels = _names_and_units(str(path), map or {}, units or {})
+    options = ReadOptions(renamed, labels, only, also, rows, step, tail, gaps)
     reader = _READERS.get(path.suffix.lower())
     if reader is None and group:
-        raise DataError(f"{path}: a group was asked for, but text files have none.")
+        raise DataError(f"{path}: a group was given, but text files have none.")
     source = reader(path, columns, group) if reader else text.open_text(path, columns)
-    return _record(source, path.stem if not group else f"{path.stem} {group}", str(path), wish)
+    return _record(source, path.stem if not group else f"{path.stem} {group}", str(path), options)
 
 
 def from_pandas(
@@ -124,44 +157,74 @@ def from_pandas(
     tail: str = "refuse",
     gaps: str = "refuse",
 ) -> Record:
-    """Return a record from a pandas frame whose columns are named like those of a file; see read.
+    """Return a record from a pandas frame whose columns are named like those of a file.
 
     The index is the time [s] when it is named ``t`` or ``time``. Units are those in the columns' names, or in
     ``attrs["units"]``, where ``to_pandas`` puts them.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        Columns of numbers.
+    name : str, default "frame"
+        Name of the record.
+    map, units, only, step, tail, gaps : optional
+        As for ``read``.
+
+    Returns
+    -------
+    Record
+        The measurement.
+
+    Raises
+    ------
+    DataError
+        With the row and column, as ``read`` does; for columns that hold no numbers.
+
+    Examples
+    --------
+    >>> import pandas
+    >>> import tsmblocks as tsm
+    >>> frame = pandas.DataFrame({"t": [0.0, 0.1, 0.2, 0.3], "x [deg]": [0.0, 1.0, 2.0, 3.0]})
+    >>> tsm.from_pandas(frame, name="ramp")
+    Record('ramp', 0 to 0.3 s, 4 samples, x [deg])
     """
-    source, (named, told) = containers.frame_arrays(name, frame), _told(name, map or {}, units or {})
-    return _record(source, name, name, Wish(named, told, only, (), (None, None), step, tail, gaps))
+    source = containers.frame_arrays(name, frame)
+    renamed, labels = _names_and_units(name, map or {}, units or {})
+    return _record(source, name, name, ReadOptions(renamed, labels, only, (), (None, None), step, tail, gaps))
 
 
-def _told(origin: str, named: Mapping[str, str], labels: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+def _names_and_units(
+    origin: str, names: Mapping[str, str], labels: Mapping[str, str]
+) -> tuple[dict[str, str], dict[str, str]]:
     """Columns and units by name; a name that is mapped may have its unit with it: ``x_in [deg]``."""
-    renamed, told = dict[str, str](), dict(labels)
-    for told_name, column in named.items():
-        name, unit = split_heading(told_name)
+    renamed, units = dict[str, str](), dict(labels)
+    for title, column in names.items():
+        name, unit = split_heading(title)
         if name in renamed:
             raise DataError(f"{origin}: '{name}' is mapped to two columns, '{renamed[name]}' and '{column}'.")
         renamed[name] = column
-        if unit and told.setdefault(name, unit) != unit:
-            raise DataError(f"{origin}: '{name}' is given two units, {told[name]} and {unit}.")
-    return renamed, told
+        if unit and units.setdefault(name, unit) != unit:
+            raise DataError(f"{origin}: '{name}' is given two units, {units[name]} and {unit}.")
+    return renamed, units
 
 
-def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
-    _check(origin, wish)
+def _record(source: Source, name: str, origin: str, options: ReadOptions) -> Record:
+    _check(origin, options)
     split = [split_heading(text) for text in source.headings]
-    found = _named(origin, split, wish.renamed, getattr(source, "folder", ""))
-    time = None if wish.step is not None else _time(origin, found, getattr(source, "clocks", ()))
-    bare = any(not unit and name.lower() not in TIMES for name, unit in split)
-    found = _selected(origin, found, wish, time, bare, source.notes)
-    labels = _labels(origin, found, split, wish.units)
-    values, at = source.numbers([*found.values()], wish.rows)
-    if not len(at) and wish.rows != (None, None):
+    found = _named(origin, split, options.renamed, getattr(source, "folder", ""))
+    time = None if options.step is not None else _time(origin, found, getattr(source, "clocks", ()))
+    bare = any(not unit and name.lower() not in TIME_NAMES for name, unit in split)
+    found = _selected(origin, found, options, time, bare, source.notes)
+    labels = _labels(origin, found, split, options.units)
+    values, at = source.numbers([*found.values()], options.rows)
+    if not len(at) and options.rows != (None, None):
         _, every = source.numbers([*found.values()], (None, None))
-        first, last = wish.rows[0] or 1, wish.rows[1] or "the end"
-        there = f"they stand in rows {every[0]} to {every[-1]}" if len(every) else "the file has none"
+        first, last = options.rows[0] or 1, options.rows[1] or "the end"
+        there = f"they are in rows {every[0]} to {every[-1]}" if len(every) else "the file has none"
         raise DataError(f"{origin}: there are no samples from row {first} to {last}; {there}.")
     if time is None:
-        table = _clocked(origin, found, labels, values, at, float(wish.step or 0.0))
+        table = _with_known_step(origin, found, labels, values, at, float(options.step or 0.0))
     else:
         order = [time, *(k for k in found if k != time)]
         keys = list(found)
@@ -169,16 +232,17 @@ def _record(source: Source, name: str, origin: str, wish: Wish) -> Record:
         values[:, 0] *= _time_factor(origin, labels[time])
         places = tuple(found[k] + 1 for k in order)
         table = Table(origin, tuple(order), tuple(labels[k] for k in order), values, at, places)
-    asked = frozenset([*wish.renamed, *wish.units, *(wish.only or ())])
-    table = repaired(attrs.evolve(table, tail=wish.tail, gaps=wish.gaps, asked=asked))
+    requested = frozenset([*options.renamed, *options.units, *(options.only or ())])
+    table = repaired(attrs.evolve(table, tail=options.tail, gaps=options.gaps, requested=requested))
     signals = {k: table.values[:, i] for i, k in enumerate(table.names) if i}
-    told = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
-    named = (*_twice(found, split), *_overruled(found, split, labels))
-    notes = (*source.notes, *named, *_of_the_clock(source, wish, table), *table.notes)
-    return Record(name, table.values[:, 0], signals, told, origin, notes)
+    own_units = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
+    named = (*_columns_read_twice(found, split), *_overruled_units(found, split, labels))
+    clock = _time_notes(source, options, table)
+    notes = (*source.notes, *named, *clock, *table.notes)
+    return Record(name, table.values[:, 0], signals, own_units, origin, notes)
 
 
-def _twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterator[str]:
+def _columns_read_twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Columns that were read under several names, a sentence for each."""
     for place in dict.fromkeys(found.values()):
         names = [name for name, own in found.items() if own == place]
@@ -186,26 +250,32 @@ def _twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterat
             yield f"{listed(names)} are the same column, '{split[place][0]}'."
 
 
-def _overruled(found: Mapping[str, int], split: Sequence[tuple[str, str]], labels: Mapping[str, str]) -> Iterator[str]:
-    """Columns read in another unit than the file says, a sentence for each."""
+def _overruled_units(
+    found: Mapping[str, int], split: Sequence[tuple[str, str]], labels: Mapping[str, str]
+) -> Iterator[str]:
+    """Columns read in another unit than the file gives, a sentence for each."""
     for name, place in found.items():
-        own, told = split[place][1], labels[name]
-        with suppress(unit_labels.UnitError):  # one that is not known is told by what needs it
-            if own and told and not unit_labels.same(own, told):
-                yield f"{name} was read in {told}, as asked; the file says {own}."
+        own, unit = split[place][1], labels[name]
+        with suppress(unit_labels.UnitError):  # an unknown unit is refused where it is used
+            if own and unit and not unit_labels.same(own, unit):
+                yield f"{name} was read in {unit}, as requested; the file gives {own}."
 
 
-def _of_the_clock(source: Source, wish: Wish, table: Table) -> Iterator[str]:
-    """What to mind of the time: a column that was not heeded, and seconds that may be none."""
-    if wish.step is not None:
-        found = [text for text in source.headings if split_heading(text)[0].lower() in TIMES]
+def _time_notes(source: Source, options: ReadOptions, table: Table) -> Iterator[str]:
+    """What to mind of the time: a column of it that was not read, and a unit that is probably not s."""
+    if options.step is not None:
+        found = [text for text in source.headings if split_heading(text)[0].lower() in TIME_NAMES]
         if found:
-            yield f"The column {found[0]} was not read: the rows follow each other at {wish.step:g} s, as asked."
-    elif not table.units[0] and len(table.values) >= MANY and (usual := usual_step(table.values[:, 0])) >= SLOW:
+            yield f"The column {found[0]} was not read: the rows follow each other at {options.step:g} s, as requested."
+    elif (
+        not table.units[0]
+        and len(table.values) >= MIN_DOUBTED_ROWS
+        and (usual := usual_step(table.values[:, 0])) >= MAX_PLAUSIBLE_STEP
+    ):
         name = split_heading(source.headings[table.places[0] - 1])[0]
         yield (
             f"{name} has no unit and was taken to be in s, which makes {usual:.4g} s from row to row. If it is in "
-            f"ms, say so: map={{'t [ms]': '{name}'}}, or --map 't [ms]={name}'."
+            f"ms, give the unit: map={{'t [ms]': '{name}'}}, or --map 't [ms]={name}'."
         )
 
 
@@ -217,11 +287,11 @@ def _labels(
     unknown = next((k for k in given if k not in found and k not in columns), None)
     if unknown is not None:
         raise DataError(f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, found)}")
-    told = {columns.get(k, k): unit for k, unit in given.items()}
-    return {k: told.get(k, split[place][1]) for k, place in found.items()}
+    wanted = {columns.get(k, k): unit for k, unit in given.items()}
+    return {k: wanted.get(k, split[place][1]) for k, place in found.items()}
 
 
-def _clocked(
+def _with_known_step(
     origin: str, found: Mapping[str, int], labels: Mapping[str, str], values: np.ndarray, at: np.ndarray, step: float
 ) -> Table:
     """Return a table whose rows follow each other at a known step."""
@@ -243,9 +313,9 @@ def _named(origin: str, split: list[tuple[str, str]], renamed: Mapping[str, str]
     names = [name for name, _ in split]
     renamed = {name: _column(origin, name, column, split, folder) for name, column in renamed.items()}
     found: dict[str, int] = {}
-    moved = set(renamed.values()) - set(renamed)
+    renamed_columns = set(renamed.values()) - set(renamed)
     for place, name in enumerate(names):
-        if not name or name in moved or name in renamed:
+        if not name or name in renamed_columns or name in renamed:
             continue
         if name in found:
             raise DataError(
@@ -264,11 +334,11 @@ def _column(origin: str, name: str, column: str, split: list[tuple[str, str]], f
         own = split[names.index(bare)][1]
         if own == unit:
             return bare
-        said = f"says that it is in {own}" if own else "gives it no unit"
-        way = f"map={{'{name} [{unit}]': '{bare}'}}, or --map '{name} [{unit}]={bare}'"
+        present = f"gives it in {own}" if own else "gives it no unit"
+        usage = f"map={{'{name} [{unit}]': '{bare}'}}, or --map '{name} [{unit}]={bare}'"
         raise DataError(
-            f"{origin}: '{name}' is mapped to column '{column}', and the file {said}. To say the unit, "
-            f"give it with the name: {way}."
+            f"{origin}: '{name}' is mapped to column '{column}', and the file {present}. To give the "
+            f"unit, write it with the name: {usage}."
         )
     inner = column.removeprefix(f"{folder}/") if folder else column
     ends = [known for known in names if known.endswith(f"/{column}")]
@@ -286,11 +356,11 @@ def _column(origin: str, name: str, column: str, split: list[tuple[str, str]], f
 
 def _time(origin: str, found: Mapping[str, int], clocks: Iterable[int]) -> str:
     """Return the name of the time column; one of dates and times may have any. Raises DataError when there is none."""
-    for wanted in TIMES:
+    for wanted in TIME_NAMES:
         for name in found:
             if name.lower() == wanted:
                 return name
-    ends = [name for name in found if name.rpartition("/")[2].lower() in TIMES]
+    ends = [name for name in found if name.rpartition("/")[2].lower() in TIME_NAMES]
     ends = ends or [name for name, place in found.items() if place in clocks]
     if len(ends) == 1:
         return ends[0]
@@ -302,25 +372,25 @@ def _time(origin: str, found: Mapping[str, int], clocks: Iterable[int]) -> str:
 
 
 def _selected(
-    origin: str, found: dict[str, int], wish: Wish, time: str | None, bare: bool, notes: Sequence[str]
+    origin: str, found: dict[str, int], options: ReadOptions, time: str | None, bare: bool, notes: Sequence[str]
 ) -> dict[str, int]:
     """Columns that are kept. Raises DataError for one that is not there; ``bare``: columns have no units."""
-    only = wish.only
+    only = options.only
     if only is None:
         return found
     wanted = [*only]
-    wanted += [k for k in wish.also if k in found and k not in wanted]
+    wanted += [k for k in options.also if k in found and k not in wanted]
     known = [k for k in found if k != time]
     for name in [k for k in wanted if k not in found]:
         ends = [k for k in known if k.endswith(f"/{name}")]
-        if len(ends) == 1:  # the end of a path will do
+        if len(ends) == 1:  # the end of a path suffices
             found = {name if k == ends[0] else k: place for k, place in found.items()}
     missing = [name for name in wanted if name not in found]
     if missing:
-        left = "".join(f" {note}" for note in notes if missing[0] in note)
+        related = "".join(f" {note}" for note in notes if missing[0] in note)
         raise DataError(
             f"{origin}: there is no column '{missing[0]}'.{near(missing[0], known)} "
-            f"If it has another name there, map it: {how_to_map(missing[0], bare=bare)}.{left}"
+            f"If it has another name there, map it: {how_to_map(missing[0], bare=bare)}.{related}"
         )
     return {k: place for k, place in found.items() if k in wanted or k == time}
 
@@ -332,11 +402,11 @@ def _time_factor(origin: str, label: str) -> float:
         raise DataError(f"{origin}: the time is in '{label}'. {error}") from None
 
 
-def _check(origin: str, wish: Wish) -> None:
-    first, last = wish.rows
+def _check(origin: str, options: ReadOptions) -> None:
+    first, last = options.rows
     if (first is not None and first < 1) or (last is not None and last < (first or 1)):
         raise DataError(f"{origin}: rows=({first}, {last}) must be two row numbers in order, the first at least 1.")
-    for what, value, choices in (("tail", wish.tail, TAILS), ("gaps", wish.gaps, GAPS)):
+    for what, value, choices in (("tail", options.tail, TAILS), ("gaps", options.gaps, GAPS)):
         if value not in choices:
             raise DataError(f"{origin}: {what} must be '{choices[0]}' or '{choices[1]}', got {in_words(value)}.")
 

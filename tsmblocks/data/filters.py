@@ -134,8 +134,8 @@ def differentiated(
         unit = units.times(unit, "s", -1)
     how = "" if chosen is None else f" after a zero-phase low-pass, {_cutoff_text(chosen, cutoff)}"
     note = f"{heading(new, unit)} is {name} differentiated{' twice' if order == 2 else ''}{how}."
-    told = {**record.units, new: unit} if unit else record.units
-    return attrs.evolve(record, signals={**record.signals, new: slope}, units=told, notes=(*record.notes, note))
+    labels = {**record.units, new: unit} if unit else record.units
+    return attrs.evolve(record, signals={**record.signals, new: slope}, units=labels, notes=(*record.notes, note))
 
 
 def _check(record: Record, cutoff: float | None, order: int, what: str) -> None:

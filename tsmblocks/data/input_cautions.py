@@ -23,11 +23,38 @@ then wrong by as much."""
 
 
 def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple[str, ...]:
-    """Say what to mind before these signals (all by default) drive a model with memory, one sentence for each.
+    """Say what to mind before signals drive a model with memory.
 
-    Hysteresis and friction integrate the path of their input. Noise and quantisation lengthen it without any
-    motion, and so fake an effect; the length is compared with that of the signal filtered with zero phase. Steps
-    that leave the length alone still make the rate jump.
+    Hysteresis and friction integrate the path of their input. Noise and quantisation lengthen it without any motion,
+    and so imitate an effect; the length is compared with that of the signal filtered with zero phase. Quantisation that
+    does not lengthen the path still makes the rate jump.
+
+    Parameters
+    ----------
+    record : Record
+        The recording.
+    inputs : str, iterable of str or None, default None
+        Signals that drive the model, by default all.
+
+    Returns
+    -------
+    tuple of str
+        A sentence for each signal that needs one.
+
+    Raises
+    ------
+    DataError
+        For an unknown signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> t = np.arange(0, 10, 0.01)
+    >>> x = np.sin(t) + np.random.default_rng(0).normal(0.0, 0.01, t.size)
+    >>> (text,) = tsm.data.cautions(tsm.Record("sine", t, {"x_in": x}, {"x_in": "rad"}))
+    >>> text[:70]
+    'x_in is noisy: its path is 80 % longer than that of the motion in it, w'
     """
     names = record.names if inputs is None else (inputs,) if isinstance(inputs, str) else tuple(inputs)
     record = evenly_sampled(record)
@@ -61,9 +88,9 @@ def _rough_rate(record: Record, name: str) -> str:
     if quantum is None or rough <= MAX_RATE_ERROR:
         return ""
     return (
-        f"{name} is quantised in steps of {with_unit(quantum, record.unit(name))}, which its rate misses by "
+        f"{name} is quantised in steps of {with_unit(quantum, record.unit(name))}, which makes its rate wrong by "
         f"{100 * rough:.0f} %. Where the rate drives the model, filter it first: "
-        f"filtered('{name}', cutoff={0.05 / record.step:.2g}), say."
+        f"filtered('{name}', cutoff={0.05 / record.step:.2g}), for example."
     )
 
 

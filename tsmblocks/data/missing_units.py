@@ -1,4 +1,4 @@
-"""Units that nobody told: what a signal without one is taken for, when that is doubtful, and how to tell it."""
+"""Signals without a unit: the unit they are taken to be in, when that is doubtful, and how a unit is given."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from tsmblocks.common.tables import listed
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
-MOST = 4 * np.pi
-"""Angle [rad] beyond which one without a unit was probably measured in degrees."""
+MAX_PLAUSIBLE_ANGLE = 4 * np.pi
+"""Angle [rad] beyond which one without a unit was probably measured in degrees. Chosen: two turns, more than the
+mechanisms of the paper make."""
 
 
-def untold(record: Record, wanted: Mapping[str, str]) -> list[str]:
+def assumed_units(record: Record, wanted: Mapping[str, str]) -> list[str]:
     """Say which signals have no unit and what they are taken to be in; ``wanted`` gives that by name, ``""`` for none.
 
     One sentence for each unit.
@@ -32,31 +33,31 @@ def untold(record: Record, wanted: Mapping[str, str]) -> list[str]:
     return made
 
 
-def in_calls(names: Sequence[str]) -> str:
+def as_argument(names: Sequence[str]) -> str:
     """Say how signals of these names are given a unit in Python."""
-    said = ", ".join(f"'{name}': 'deg'" for name in names)
-    return f"units={{{said}}}, or 'rad'"
+    entries = ", ".join(f"'{name}': 'deg'" for name in names)
+    return f"units={{{entries}}}, or 'rad'"
 
 
 def refuse_doubtful(
-    where: str, record: Record, wanted: Mapping[str, str], way: Callable[[Sequence[str]], str] = in_calls
+    where: str, record: Record, wanted: Mapping[str, str], usage: Callable[[Sequence[str]], str] = as_argument
 ) -> None:
-    """Raise DataError where angles without a unit would be many turns: all that is found from them would be wrong.
+    """Raise DataError where angles without a unit would be many turns: every result from them would be wrong.
 
-    ``wanted`` is as for untold, ``where`` what the message calls the record, ``way`` says how names get their units.
+    ``wanted`` is as for assumed_units, ``where`` what the message calls the record, ``usage`` says how units are given.
     """
     peaks = {
         k: float(np.abs(record[k]).max(initial=0.0)) for k, unit in _bare(record, wanted).items() if _is_radian(unit)
     }
-    peaks = {k: peak for k, peak in peaks.items() if peak > MOST}
+    peaks = {k: peak for k, peak in peaks.items() if peak > MAX_PLAUSIBLE_ANGLE}
     if not peaks:
         return
     names, sizes = [*peaks], listed([f"{peak:.4g}" for peak in peaks.values()])
     turns = listed([f"{peak / (2 * np.pi):.3g}" for peak in peaks.values()])
-    have, go, are, s = ("has", "goes", "it is", "") if len(peaks) == 1 else ("have", "go", "they are", "s")
+    have, reach, are, s = ("has", "reaches", "it is", "") if len(peaks) == 1 else ("have", "reach", "they are", "s")
     raise DataError(
-        f"{where}: {listed(names)} {have} no unit and {go} up to {sizes}, which in rad would be {turns} "
-        f"turns: {are} probably in deg. Give the unit{s}: {way(names)} where that is meant."
+        f"{where}: {listed(names)} {have} no unit and {reach} {sizes}, which in rad would be {turns} "
+        f"turns: {are} probably in deg. Give the unit{s}: {usage(names)} where that is meant."
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data.grid import interpolation
-from tsmblocks.data.periods import UNLIKE, find_period, unlikeness
+from tsmblocks.data.periods import MIN_UNLIKENESS, find_period, unlikeness
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 
@@ -283,7 +283,7 @@ def _period_of(record: Record, drives: list[str], name: str) -> float | None:
     if not found:
         return None
     lag = min(found, key=lambda pair: pair[1])[0]
-    if any(unlikeness(record.t, record[k], lag) > UNLIKE for k in drives if k != name):
+    if any(unlikeness(record.t, record[k], lag) > MIN_UNLIKENESS for k in drives if k != name):
         return None
     return lag
 

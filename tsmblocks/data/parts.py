@@ -1,4 +1,4 @@
-"""Parts of a record: a span of time, train and test, one period after another."""
+"""Parts of a record: a span of time, training and validation data, one period after another."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from tsmblocks.data.periods import find_period
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
-FEWEST = 4
-"""Samples a part must keep."""
+MIN_SAMPLES = 4
+"""Samples that a part has at least. Chosen: as many as ``read`` needs of a file."""
 
 
 def part(record: Record, start: float | None = None, stop: float | None = None) -> Record:
@@ -23,10 +23,10 @@ def part(record: Record, start: float | None = None, stop: float | None = None) 
     first, last = (t[0] if start is None else start), (t[-1] if stop is None else stop)
     kept = (t >= first) & (t <= last)
     count = np.count_nonzero(kept)
-    if count < FEWEST:
+    if count < MIN_SAMPLES:
         raise DataError(
             f"{record.called}: only {count} samples lie between {first:g} s and {last:g} s; "
-            f"{FEWEST} are the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
+            f"{MIN_SAMPLES} are the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
         )
     return _taken(record, kept)
 
@@ -47,12 +47,12 @@ def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tup
             f"{record.called}: the share of the first part must lie between 0 and 1, got {fraction:g}. "
             "For a time in s write split(at=…)."
         )
-    border = t[0] + fraction * (t[-1] - t[0]) if at is None else at
-    before = t < border
-    fewest = min(np.count_nonzero(before), np.count_nonzero(~before))
-    if fewest < FEWEST:
+    boundary = t[0] + fraction * (t[-1] - t[0]) if at is None else at
+    before = t < boundary
+    smaller = min(np.count_nonzero(before), np.count_nonzero(~before))
+    if smaller < MIN_SAMPLES:
         raise DataError(
-            f"{record.called}: a split at {border:g} s leaves {fewest} samples on one side; {FEWEST} are "
+            f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; {MIN_SAMPLES} are "
             f"the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
         )
     return _taken(record, before), _taken(record, ~before)

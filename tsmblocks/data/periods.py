@@ -6,20 +6,21 @@ import numpy as np
 
 from tsmblocks.data.grid import interpolation, is_even, step_of
 
-LIKE = 0.01
-"""Mean square difference of a signal to itself one period later, in mean squares, up to which it repeats itself."""
-UNLIKE = 0.3
-"""The same, at some shorter lag: a signal that never differs from itself does not move."""
+MAX_UNLIKENESS = 0.01
+"""Normalised mean square difference d of a signal to itself one period later, up to which it repeats itself. Chosen:
+below the threshold 0.1 of YIN, since mechanisms repeat better than voices."""
+MIN_UNLIKENESS = 0.3
+"""d that a signal reaches at some shorter lag: one that never differs from itself does not move. Chosen."""
 
 
 def find_period(t: np.ndarray, x: np.ndarray) -> tuple[float, float] | None:
-    r"""Period [s] of a signal and how unlike two periods are, or None when it does not repeat itself twice.
+    r"""Period [s] of a signal and d of two periods, or None when it does not repeat itself twice.
 
-    It is the shortest lag :math:`\tau` beyond the first decay at which
+    The period is the shortest lag :math:`\tau` beyond the first decay at which
 
     .. math:: d(\tau) = \frac{\sum_k (x_k - x_{k+\tau})^2}{\sum_k (x_k - \bar x)^2 + (x_{k+\tau} - \bar x)^2}
 
-    is smallest and below ``LIKE``; between two samples it is refined with a spline.
+    is smallest and below ``MAX_UNLIKENESS``; between two samples it is refined with a spline.
     Source: the difference function of de Cheveigné and Kawahara, YIN, J. Acoust. Soc. Am. 111 (2002).
     """
     step = step_of(t)
@@ -31,25 +32,25 @@ def find_period(t: np.ndarray, x: np.ndarray) -> tuple[float, float] | None:
         return None
     x = x / np.ptp(x)
     unlike = _unlikeness(x, n // 2 + 1)
-    away = np.flatnonzero(unlike > UNLIKE)
+    away = np.flatnonzero(unlike > MIN_UNLIKENESS)
     if not len(away):
         return None
     lag = np.arange(1, len(unlike) - 1)
     between = min(0.3 * float(unlike[1]), 0.05)  # what half a sample beside the period may add
     low = (unlike[1:-1] <= unlike[:-2]) & (unlike[1:-1] <= unlike[2:]) & (lag > away[0])
-    low &= unlike[1:-1] < LIKE + between
+    low &= unlike[1:-1] < MAX_UNLIKENESS + between
     if not low.any():
         return None
     limit = 2 * float(unlike[lag[low]].min()) + 1e-3
     for k in [int(k) for k in lag[low] if unlike[k] <= limit + between][:5]:
         fine, rest = _refined(x, k)
-        if rest < min(limit, LIKE):
+        if rest < min(limit, MAX_UNLIKENESS):
             return fine * step, rest
     return None
 
 
 def unlikeness(t: np.ndarray, x: np.ndarray, lag: float) -> float:
-    """How unlike itself a signal is after ``lag`` [s]: d of find_period at one lag."""
+    """d of ``find_period`` at one lag [s]."""
     kept = t + lag <= t[-1]
     now = x[kept] - x.mean()
     later = np.interp(t[kept] + lag, t, x) - x.mean()
@@ -71,7 +72,7 @@ def _unlikeness(x: np.ndarray, most: int) -> np.ndarray:
 
 
 def _refined(x: np.ndarray, lag: int) -> tuple[float, float]:
-    """Lag [samples] to a fraction, or the whole number when that fits as well, and d there."""
+    """Lag [samples] refined to a fraction, or the whole number when that fits as well, and d there."""
     from scipy.optimize import minimize_scalar
 
     n = len(x)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-FEWEST_VALUES = 8
-"""Different values below which a signal is a switch or a staircase, not a converter's output."""
-EXACT = 0.05
-"""Deviation of a value from the grid of steps, in steps, that printing and rounding may cause."""
+MIN_VALUES = 8
+"""Different values below which a signal is a switch or a staircase, not a converter's output. Chosen."""
+MAX_GRID_DEVIATION = 0.05
+"""Deviation of a value from the grid of steps, in steps, that printing and rounding may cause. Chosen."""
 
 
 def quantum_of(x: np.ndarray) -> float | None:
     """Step of which all values of a signal are whole multiples (from its first), or None when there is none.
 
-    A ramp or a triangle sampled evenly lies on such a grid too; it is told by its one size of change.
+    A ramp or a triangle sampled evenly lies on such a grid too; all of its changes are of one size.
     """
     values = np.unique(x)
-    if len(values) < FEWEST_VALUES:
+    if len(values) < MIN_VALUES:
         return None
     scale = float(np.abs(values).max())
     apart = np.diff(values)
@@ -31,11 +31,11 @@ def quantum_of(x: np.ndarray) -> float | None:
 def _is_grid(values: np.ndarray, q: float) -> bool:
     q = _sharpened(values, q)
     places = (values - values[0]) / q
-    return bool(np.mean(np.abs(places - np.round(places)) < EXACT) > 0.99)
+    return bool(np.mean(np.abs(places - np.round(places)) < MAX_GRID_DEVIATION) > 0.99)
 
 
 def _sharpened(values: np.ndarray, q: float) -> float:
-    """Least-squares step, found over spans that double, so that the error of the first guess cannot add up."""
+    """Least-squares step, found over spans that double, so that the error of the first estimate cannot accumulate."""
     far = values - values[0]
     reach = 8.0
     while True:

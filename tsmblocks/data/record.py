@@ -17,47 +17,72 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import view
 from tsmblocks.data import grid, resampling
-from tsmblocks.data import signals as one_by_one
+from tsmblocks.data import signals as signal_changes
 from tsmblocks.model.block import Samples
 
 
-def _still(values: np.ndarray) -> np.ndarray:
+def _read_only(values: np.ndarray) -> np.ndarray:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
 
 
-def _all_still(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    return MappingProxyType({name: _still(values) for name, values in signals.items()})
+def _read_only_signals(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    return MappingProxyType({name: _read_only(values) for name, values in signals.items()})
 
 
-def _fixed(labels: Mapping[str, str]) -> Mapping[str, str]:
+def _read_only_labels(labels: Mapping[str, str]) -> Mapping[str, str]:
     return MappingProxyType(dict(labels))
 
 
 @attrs.frozen(eq=False)
 class Record:
-    """A measurement: signals sampled at the increasing times ``t`` [s].
+    """A measurement: signals sampled at increasing times.
 
-    ``signals`` holds them by name in the units of ``units`` (``""`` where the file says none),
-    ``origin`` says where they come from, and ``notes`` what was repaired or changed, one sentence each.
-    Every method gives a new record and leaves this one as it is. Raises DataError for signals of another length than
-    the time, and for a unit of a misspelt signal.
+    Every method returns a new record and leaves this one unchanged.
+
+    Parameters
+    ----------
+    name : str
+        Name of the experiment.
+    t : array_like, shape (N,)
+        Increasing times [s].
+    signals : mapping of str to array_like, each of shape (N,)
+        Signals by name, in the units of ``units``.
+    units : mapping of str to str
+        Unit labels by signal; a signal without a unit is left out.
+    origin : str, default ""
+        Where the record comes from, as messages call it: the path of a file, for example.
+    notes : tuple of str, default ()
+        What was repaired or changed, one sentence each.
+
+    Raises
+    ------
+    DataError
+        For signals of another length than the time, and for a unit of a misspelt signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> tsm.Record("sine", t, {"x_in": np.sin(t)}, {"x_in": "rad"})
+    Record('sine', 0 to 1 s, 101 samples, x_in [rad])
     """
 
     name: str
-    t: np.ndarray = attrs.field(converter=_still, repr=False)
-    signals: Mapping[str, np.ndarray] = attrs.field(converter=_all_still, repr=False)
-    units: Mapping[str, str] = attrs.field(converter=_fixed)
+    t: np.ndarray = attrs.field(converter=_read_only, repr=False)
+    signals: Mapping[str, np.ndarray] = attrs.field(converter=_read_only_signals, repr=False)
+    units: Mapping[str, str] = attrs.field(converter=_read_only_labels)
     origin: str = ""
     notes: tuple[str, ...] = ()
 
     def __attrs_post_init__(self) -> None:
-        one_by_one.checked(self)
+        signal_changes.checked(self)
 
     @property
     def called(self) -> str:
-        """What messages call it: where it comes from, or its name where that is not known."""
+        """What messages call the record: its origin, or its name where that is empty."""
         return self.origin or self.name
 
     @property
@@ -81,20 +106,69 @@ class Record:
         return len(self.t)
 
     def unit(self, name: str) -> str:
-        """Return unit label of a signal, ``""`` when the file gives none."""
+        """Return the unit label of a signal.
+
+        Parameters
+        ----------
+        name : str
+            The signal.
+
+        Returns
+        -------
+        str
+            Its unit, ``""`` where it is not known.
+
+        Raises
+        ------
+        DataError
+            For an unknown signal.
+        """
         self[name]
         return self.units.get(name, "")
 
     def values(self, name: str, unit: str | None = None) -> np.ndarray:
-        """Return a signal converted to ``unit``; a signal without a unit is taken to be in it already.
+        """Return a signal converted to a unit.
 
-        Raises DataError when the units measure different things.
+        Parameters
+        ----------
+        name : str
+            The signal.
+        unit : str or None, default None
+            Unit of the result, by default that of the record. A signal without a unit is taken to be in it already.
+
+        Returns
+        -------
+        ndarray, shape (N,)
+            The samples.
+
+        Raises
+        ------
+        DataError
+            For an unknown signal, and when the units measure different things.
         """
         array = self[name]
         return array * self.factor(name, unit) if unit and self.unit(name) else array
 
     def factor(self, name: str, unit: str | None) -> float:
-        """The number by which a signal is multiplied to be in ``unit``; see values."""
+        """Return the factor that converts a signal to a unit.
+
+        Parameters
+        ----------
+        name : str
+            The signal.
+        unit : str or None
+            The unit wanted; None is that of the record.
+
+        Returns
+        -------
+        float
+            The factor; 1 where one of the units is not known.
+
+        Raises
+        ------
+        DataError
+            For an unknown signal, and when the units measure different things.
+        """
         own = self.unit(name)
         try:
             return units.factor(own, unit) if own and unit else 1.0
@@ -102,28 +176,87 @@ class Record:
             raise DataError(f"{self.called}: signal '{heading(name, own)}' is wanted in {unit}. {error}") from None
 
     def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
-        """Return a signal, converted to ``unit``, as an input of a run."""
+        """Return a signal as an input of a run.
+
+        Parameters
+        ----------
+        name : str
+            The signal.
+        unit : str or None, default None
+            Unit of the input, by default that of the record.
+        hold : {"linear", "zero", "cubic"}, default "linear"
+            How the input is interpolated between samples.
+
+        Returns
+        -------
+        Samples
+            Times [s], values and hold.
+
+        Raises
+        ------
+        DataError
+            As ``values`` does.
+        """
         return Samples(self.t, self.values(name, unit), hold)
 
     def to_pandas(self) -> Any:
-        """A frame indexed by time [s], one column per signal; ``attrs["units"]`` has their units. Needs pandas."""
+        """Return the signals as a pandas frame. Needs pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One column per signal, indexed by time [s]; ``attrs["units"]`` has the units.
+        """
         return frame(self.signals, self.t, "t", {"t": "s", **self.units})
 
     def to_xarray(self) -> Any:
-        """A data set over ``t`` [s], one variable per signal, with ``attrs["units"]``. Needs xarray."""
+        """Return the signals as an xarray data set. Needs xarray.
+
+        Returns
+        -------
+        xarray.Dataset
+            One variable per signal over ``t`` [s]; ``attrs["units"]`` of each is its unit.
+        """
         signals = {name: (("t",), values, self.unit(name)) for name, values in self.signals.items()}
         facts = {"name": self.name, "origin": self.origin, "notes": "\n".join(self.notes)}
         return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
     def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
-        """Signals over time (all unless named), angles in degrees; ``"x_in - x_out"`` is one too. Needs matplotlib."""
+        """Plot signals over time, angles in degrees. Needs matplotlib.
+
+        Parameters
+        ----------
+        *names : str
+            Signals, or expressions of them such as ``"x_in - x_out"``; all signals where none is given.
+        ax : matplotlib.axes.Axes or None, default None
+            Axes to draw into, by default those of a new figure.
+        after : float or None, default None
+            Time [s] at which the plot begins.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
         return view("plot", self, names=names, ax=ax, after=after)
 
     def save(self, path: str | Path) -> Path:
-        """Write all signals to .csv, .npz or .mat, which ``tsm.read`` takes again; returns the path.
+        """Write all signals to a file that ``tsm.read`` reads again.
 
-        In .mat a dot becomes an underscore, and units are lost. Raises DataError for another ending, and for names that
-        would not be read again as they are.
+        Parameters
+        ----------
+        path : str or Path
+            File ending in .csv, .npz or .mat. In .mat a dot of a name becomes an underscore, and units are lost.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        DataError
+            For another ending, and for names that would not be read again as they are.
         """
         from tsmblocks.data.writing import written
 
@@ -157,43 +290,114 @@ class Record:
         return grid.is_even(self.t)
 
     def resampled(self, step: float | None = None) -> Record:
-        """Return the record on an even grid of ``step`` [s], by default its own median step.
+        """Return the record on an even grid.
 
-        Signals are interpolated by a cubic spline or linearly, whichever foretells every second sample better
-        from the others. When the new step is longer, what would come back as slow motion is first taken out by a
-        zero-phase low-pass at 0.7 of the new Nyquist frequency. Raises DataError for a step that does not fit.
+        Signals are interpolated by a cubic spline or linearly, whichever predicts every second sample better from the
+        others. When the new step is longer, a zero-phase low-pass at 0.7 of the new Nyquist frequency precedes it
+        against aliasing.
+
+        Parameters
+        ----------
+        step : float or None, default None
+            Step [s], by default the median step of the record.
+
+        Returns
+        -------
+        Record
+            The record on the new grid.
+
+        Raises
+        ------
+        DataError
+            For a step that does not fit, and for samples that are not finite.
         """
         return resampling.resampled(self, step)
 
     def part(self, start: float | None = None, stop: float | None = None) -> Record:
-        """Return the samples from ``start`` to ``stop`` [s], both included; None is the end of the record.
+        """Return the samples of a span of time.
 
-        Raises DataError when fewer than 4 are left.
+        Parameters
+        ----------
+        start, stop : float or None, default None
+            Ends of the span [s], both included; None is the end of the record.
+
+        Returns
+        -------
+        Record
+            The samples inside.
+
+        Raises
+        ------
+        DataError
+            When fewer than 4 remain.
         """
         from tsmblocks.data import parts
 
         return parts.part(self, start, stop)
 
     def split(self, fraction: float = 0.5, *, at: float | None = None) -> tuple[Record, Record]:
-        """Return two records, such as train and test: before and from a border on.
+        """Return two records, such as training and validation data: before a border, and from it on.
 
-        It lies at this ``fraction`` of the time, or ``at`` an instant [s]. Raises DataError when fewer than
-        4 samples are left on a side.
+        Parameters
+        ----------
+        fraction : float, default 0.5
+            Where the border lies, as a share of the time; between 0 and 1.
+        at : float or None, default None
+            Time of the border [s], in place of ``fraction``.
+
+        Returns
+        -------
+        tuple of Record
+            The two parts.
+
+        Raises
+        ------
+        DataError
+            When fewer than 4 samples are on one side.
         """
         from tsmblocks.data import parts
 
         return parts.split(self, fraction, at)
 
     def period(self, name: str | None = None) -> float | None:
-        """Period [s] of a signal (by default of that which repeats itself best), None when there are not two alike."""
+        """Return the period of a signal.
+
+        Parameters
+        ----------
+        name : str or None, default None
+            The signal, by default the one that repeats itself best.
+
+        Returns
+        -------
+        float or None
+            Period [s]; None when the record has no two periods alike.
+
+        Raises
+        ------
+        DataError
+            For an unknown signal.
+        """
         from tsmblocks.data import parts
 
         return parts.period(self, name)
 
     def periods(self, name: str | None = None) -> tuple[Record, ...]:
-        """Return the whole periods of a signal that repeats itself, one record each; see period.
+        """Return the whole periods of a signal that repeats itself, one record each.
 
-        Raises DataError when nothing repeats itself.
+        Parameters
+        ----------
+        name : str or None, default None
+            The signal, by default the one that repeats itself best.
+
+        Returns
+        -------
+        tuple of Record
+            The periods in order.
+
+        Raises
+        ------
+        DataError
+            When nothing repeats itself.
         """
         from tsmblocks.data import parts
 
@@ -204,22 +408,48 @@ class Record:
     def filtered(
         self, names: str | Iterable[str] | None = None, *, cutoff: float | None = None, order: int = 4
     ) -> Record:
-        """Return the record with these signals (all by default) low-passed with zero phase.
+        """Return the record with signals low-passed with zero phase.
 
-        ``cutoff`` [Hz] is where the filter, a Butterworth of this ``order`` run forwards and backwards, has fallen
-        by 3 dB. When it is not given it is chosen for each signal from its spectrum, so that the expected error
-        (motion lost and noise kept) is least; a signal in which no noise stands out is left alone.
-        Raises DataError when the samples are uneven or the cut-off does not fit.
+        Parameters
+        ----------
+        names : str, iterable of str or None, default None
+            Signals to filter, by default all.
+        cutoff : float or None, default None
+            Frequency [Hz] at which the filter has fallen by 3 dB, below half the sampling frequency. By default it is
+            chosen for each signal from its spectrum, so that the expected error (motion lost and noise kept) is
+            least; a signal whose spectrum shows no noise stays as it is.
+        order : int, default 4
+            Order of the Butterworth filter, which runs forwards and backwards; from 1 to 12.
+
+        Returns
+        -------
+        Record
+            The filtered record.
+
+        Raises
+        ------
+        DataError
+            When the samples are unevenly spaced, not finite or too few, or the cut-off does not fit.
         """
         from tsmblocks.data import filters
 
         return filters.filtered(self, names, cutoff, order)
 
     def conditioned(self, names: Iterable[str]) -> Record:
-        """Return the record with these signals low-passed with zero phase, and held still where they rest.
+        """Return the record with measured inputs prepared for a model with memory, as a diagnosis does.
 
-        That is how a diagnosis takes the noise out of measured inputs, which a model with memory would follow. A signal
-        in which no noise stands out is left alone; uneven samples are first put on an even grid.
+        Signals are low-passed with zero phase, and held constant while they rest, since hysteresis and friction would
+        follow their noise. A signal whose spectrum shows no noise stays as it is; uneven samples are resampled first.
+
+        Parameters
+        ----------
+        names : iterable of str
+            The inputs; those that are missing or constant are left out.
+
+        Returns
+        -------
+        Record
+            The conditioned record.
         """
         from tsmblocks.data.conditioning import conditioned
 
@@ -228,11 +458,30 @@ class Record:
     def differentiated(
         self, signal: str, order: int = 1, *, name: str | None = None, cutoff: float | None = None
     ) -> Record:
-        """Return the record with the first or second derivative of a signal added, in unit/s or unit/s^2.
+        """Return the record with a derivative of a signal added.
 
-        It is called ``signal_dot`` or ``signal_ddot`` unless ``name`` is given. The signal is low-passed with zero
-        phase at ``cutoff`` [Hz], by default one chosen for the derivative from the spectrum, and a quintic spline
-        is differentiated. Raises DataError as filtered does.
+        The signal is low-passed with zero phase, and a quintic spline through it is differentiated.
+
+        Parameters
+        ----------
+        signal : str
+            The signal.
+        order : {1, 2}, default 1
+            First or second derivative, in unit/s or unit/s^2.
+        name : str or None, default None
+            Name of the derivative, by default ``signal_dot`` or ``signal_ddot``.
+        cutoff : float or None, default None
+            Cut-off [Hz] of the low-pass, by default chosen for the derivative from the spectrum.
+
+        Returns
+        -------
+        Record
+            The record with one signal more.
+
+        Raises
+        ------
+        DataError
+            As ``filtered`` does, for another order, and for a name that is taken.
         """
         from tsmblocks.data import filters
 
@@ -241,27 +490,87 @@ class Record:
     # ---- signals one by one: signals.py
 
     def unwrapped(self, name: str, *, turn: float | None = None) -> Record:
-        """Return the record with an angle's turns joined: a step of more than half a turn is taken for a wrap.
+        """Return the record with an angle made continuous: a step of more than half a turn counts as a wrap.
 
-        ``turn`` is one turn in the signal's unit; it need not be given for rad, deg and rev. Raises DataError
-        when it is not known.
+        Parameters
+        ----------
+        name : str
+            The angle.
+        turn : float or None, default None
+            One turn in the signal's unit; known for rad, deg and rev.
+
+        Returns
+        -------
+        Record
+            The record with the continuous angle.
+
+        Raises
+        ------
+        DataError
+            When one turn is not known.
         """
-        return one_by_one.unwrapped(self, name, turn)
+        return signal_changes.unwrapped(self, name, turn)
 
     def with_signal(self, name: str, values: Any, unit: str = "") -> Record:
-        """Return the record with one signal more (or replaced): one finite number for each sample, or DataError."""
-        return one_by_one.with_signal(self, name, values, unit)
+        """Return the record with a signal added or replaced.
+
+        Parameters
+        ----------
+        name : str
+            The signal.
+        values : array_like, shape (N,)
+            One finite number for each sample.
+        unit : str, default ""
+            Its unit.
+
+        Returns
+        -------
+        Record
+            The record with the signal.
+
+        Raises
+        ------
+        DataError
+            For another number of samples, and for samples that are not finite.
+        """
+        return signal_changes.with_signal(self, name, values, unit)
 
     def renamed(self, names: Mapping[str, str]) -> Record:
-        """Return the record with signals under other names: ``{"motor angle": "x_in"}``.
+        """Return the record with signals under other names.
 
-        Raises DataError for a name that is not there or would stand twice.
+        Parameters
+        ----------
+        names : mapping of str to str
+            New names by the present ones: ``{"motor angle": "x_in"}``.
+
+        Returns
+        -------
+        Record
+            The record with the new names.
+
+        Raises
+        ------
+        DataError
+            For an unknown signal, and for a name that two signals would have.
         """
-        return one_by_one.renamed(self, names)
+        return signal_changes.renamed(self, names)
 
     def converted(self, wanted: Mapping[str, str]) -> Record:
-        """Return the record with signals in other units: ``{"x_in": "rad"}``.
+        """Return the record with signals in other units.
 
-        A signal without a unit is taken to be in the one given. Raises DataError when units measure different things.
+        Parameters
+        ----------
+        wanted : mapping of str to str
+            Units by signal: ``{"x_in": "rad"}``. A signal without a unit is taken to be in the one given.
+
+        Returns
+        -------
+        Record
+            The record in the new units.
+
+        Raises
+        ------
+        DataError
+            For an unknown signal or unit, and when units measure different things.
         """
-        return one_by_one.converted(self, wanted)
+        return signal_changes.converted(self, wanted)

@@ -1,4 +1,4 @@
-"""What may be wrong with measured numbers: each fault is repaired with a note, or refused with its row.
+"""Faults of measured numbers: each is repaired with a note, reported, or refused with its row.
 
 A repair is a function from a table, whose first column is the time in s, to a table. ``REPAIRS``
 lists them in the order in which they act; a new one is one function and one entry.
@@ -17,42 +17,45 @@ from tsmblocks.data import repair_time
 from tsmblocks.data.signals import first_wrap
 from tsmblocks.data.table import Table, noted, plural
 
-LONGEST_GAP = 3
-"""Missing samples in a row that are interpolated; more would be inventing data."""
-FEWEST = 4
-"""Samples below which nothing can be said about a signal."""
-FAR = 0.5
-"""How far off the range of all other samples a spike lies, as a share of that range."""
-FEW = 0.005
-"""Share of the samples up to which they are spikes, and not what was measured."""
-WIDE = 2
-"""Samples in a row that a spike has at most."""
-SUDDEN = 3.0
-"""Steps to a fault and back, beside the largest step elsewhere."""
-LEAST = 50
-"""Samples below which no spike is looked for."""
-HUGE = 1e150
-"""A number whose square still is one."""
-LONG = 20
-"""Equal samples in a row from which a noisy sensor has dropped out."""
-SELDOM = 0.02
-"""Share of equal neighbours elsewhere up to which a signal never rests, and is not rounded either."""
-NOISY = 0.4
-"""Share of turns in the bends of a signal from which it is noisy; those of white noise turn two times in three."""
+MAX_FILLED_GAP = 3
+"""Missing samples in a row that are interpolated at most. Chosen: more would be invented data."""
+MIN_SAMPLES = 4
+"""Samples of a recording at least. Chosen: a spline needs as many."""
+SPIKE_DISTANCE = 0.5
+"""Distance of a spike from the range of all other samples, as a share of that range. Chosen."""
+MAX_SPIKE_SHARE = 0.005
+"""Share of the samples up to which they are spikes, and not part of the measurement. Chosen."""
+MAX_SPIKE_SAMPLES = 2
+"""Samples in a row of a spike at most. Chosen: longer ones may be motion."""
+FAULT_STEP_RATIO = 3.0
+"""Steps to a fault and back, as a multiple of the largest step elsewhere. Chosen."""
+MIN_SPIKE_RECORD = 50
+"""Samples below which no spike is searched. Chosen: the range of fewer is not known well enough."""
+MAX_SQUARABLE = 1e150
+"""Magnitude up to which squares are finite in double precision (largest number 1.8e308)."""
+MIN_DROPOUT = 20
+"""Equal samples in a row from which a noisy sensor has dropped out. Chosen."""
+MAX_EQUAL_SHARE = 0.02
+"""Share of equal neighbours elsewhere up to which a signal never rests, and is not rounded either. Chosen."""
+MIN_TURN_SHARE = 0.4
+"""Share of sign changes in the second differences of a signal from which it is noisy. Chosen, below the two in three of
+white noise."""
 
 
 def enough_samples(table: Table) -> Table:
     """Refuse a handful of samples: they are no measurement."""
-    if len(table.values) < FEWEST:
-        raise DataError(f"{table.origin}: only {plural(len(table.values), 'sample')} found; {FEWEST} are the least.")
+    if len(table.values) < MIN_SAMPLES:
+        raise DataError(
+            f"{table.origin}: only {plural(len(table.values), 'sample')} found; {MIN_SAMPLES} are the least."
+        )
     return table
 
 
 def empty_columns_are_left_out(table: Table) -> Table:
-    """Columns without unit and without any number are no sensor's: they go, where none asked for them and some stay."""
+    """Columns without unit and without any number are left out, unless they were named or no other would remain."""
     empty = np.isnan(table.values).all(axis=0) & [not unit for unit in table.units]
     empty[0] = False
-    empty &= [name not in table.asked for name in table.names]
+    empty &= [name not in table.requested for name in table.names]
     kept = np.flatnonzero(~empty)
     if not empty.any() or len(kept) < 2:
         return table
@@ -91,7 +94,7 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
     edges = np.flatnonzero(np.diff(np.r_[False, missing, False].astype(int)))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         at_end = a == 0 or b == len(missing)
-        if b - a <= LONGEST_GAP and not at_end:
+        if b - a <= MAX_FILLED_GAP and not at_end:
             continue
         first, last = table.rows[a], table.rows[b - 1]
         where = f"row {first}" if b - a == 1 else f"rows {first} to {last}"
@@ -100,13 +103,13 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
         elif at_end:
             why = f"At the {'start' if a == 0 else 'end'} there is nothing to interpolate from: read fewer rows"
         else:
-            why = f"At most {LONGEST_GAP} samples are interpolated: read the rows before or after"
+            why = f"At most {MAX_FILLED_GAP} samples are interpolated: read the rows before or after"
         place = f"{table.origin}: {table.column(k)}"
         raise DataError(f"{place} has no number in {where}. {why}, leave the column out, or correct the file.")
 
 
-def wraps_are_named(table: Table) -> Table:
-    """Angles that jump by a turn are told: an encoder that wraps looks like that, and so may a reference."""
+def wraps_are_reported(table: Table) -> Table:
+    """Angles that jump by a turn are reported: an encoder that wraps looks like that, and so may a reference."""
     notes = []
     for k in range(1, len(table.names)):
         found = first_wrap(table.values[:, k], table.units[k])
@@ -122,16 +125,16 @@ def wraps_are_named(table: Table) -> Table:
     return attrs.evolve(table, notes=(*table.notes, *notes))
 
 
-def constants_are_named(table: Table) -> Table:
-    """Keep signals that never change, but say so: it is often a sensor that was not connected."""
+def constants_are_reported(table: Table) -> Table:
+    """Constant signals are kept and reported: often a sensor was not connected."""
     values = table.values[:, 1:]
     still = [k + 1 for k in np.flatnonzero(values.min(axis=0) == values.max(axis=0))] if values.size else []
     notes = [f"{table.names[k]} never changes (it is {table.values[0, k]:g} throughout)." for k in still]
     return attrs.evolve(table, notes=(*table.notes, *notes))
 
 
-def spikes_are_named(table: Table) -> Table:
-    """One or two samples in a row far off all others are told, and stay: a fit would bend towards them."""
+def spikes_are_reported(table: Table) -> Table:
+    """One or two samples in a row far off all others are reported, and stay: a fit would follow them."""
     for k in range(1, len(table.names)):
         values = table.values[:, k]
         at = _spikes(values)
@@ -146,20 +149,20 @@ def spikes_are_named(table: Table) -> Table:
             (
                 f"{table.names[k]} has {plural(len(at), 'spike')} ({shown}) far off all other samples, which "
                 f"are between "
-                f"{rest.min():g} and {rest.max():g}. A true pulse may be that short. A false one weighs on all that is "
-                "found: empty its cell, and it is interpolated."
+                f"{rest.min():g} and {rest.max():g}. A true pulse may be that short. A false one affects all "
+                "results: empty its cell, and it is interpolated."
             ),
         )
     return table
 
 
-def dropouts_are_named(table: Table) -> Table:
-    """A run of equal numbers in a signal that is noisy everywhere else is told: its sensor may not have measured."""
+def dropouts_are_reported(table: Table) -> Table:
+    """Equal samples in a signal that is noisy everywhere else are reported: its sensor may not have measured."""
     for k in range(1, len(table.names)):
         values = table.values[:, k]
         first, last = _longest_rest(values)
         rest = np.delete(values, slice(first, last + 1))
-        if last - first < LONG or not _restless(rest) or _clipped(values, first, last, rest):
+        if last - first < MIN_DROPOUT or not _is_noisy(rest) or _clipped(values, first, last, rest):
             continue
         t = table.values[:, 0]
         table = noted(
@@ -167,10 +170,9 @@ def dropouts_are_named(table: Table) -> Table:
             table.values,
             table.rows,
             (
-                f"{table.names[k]} is {values[first]:g} all the time from {t[first]:g} s to {t[last]:g} s (rows "
-                f"{table.rows[first]} to {table.rows[last]}), and noisy elsewhere. Either it stood still, or "
-                f"its sensor "
-                "dropped out; then leave this time out: part, or --rows and --window."
+                f"{table.names[k]} is constant at {values[first]:g} from {t[first]:g} s to {t[last]:g} s (rows "
+                f"{table.rows[first]} to {table.rows[last]}), and noisy elsewhere. Either it was at rest, "
+                "or its sensor dropped out; then leave this time out: part, or --rows and --window."
             ),
         )
     return table
@@ -179,20 +181,20 @@ def dropouts_are_named(table: Table) -> Table:
 def _spikes(values: np.ndarray) -> np.ndarray:
     """Where spikes are, in order; empty where there are none, or more than a few."""
     order = np.argsort(values, kind="stable")
-    few = max(int(FEW * len(values)), 1)
-    if len(values) < LEAST or not np.abs(values).max() < HUGE:
+    few = max(int(MAX_SPIKE_SHARE * len(values)), 1)
+    if len(values) < MIN_SPIKE_RECORD or not np.abs(values).max() < MAX_SQUARABLE:
         return np.array([], dtype=int)
     middle = values[order[few:-few]]
     reach = float(np.ptp(middle))
-    far = (values > middle.max() + FAR * reach) | (values < middle.min() - FAR * reach)
+    far = (values > middle.max() + SPIKE_DISTANCE * reach) | (values < middle.min() - SPIKE_DISTANCE * reach)
     edges = np.flatnonzero(np.diff(np.r_[False, far, False].astype(int)))
     first, after = edges[::2], edges[1::2]
-    few_and_short = 0 < far.sum() <= few and int((after - first).max()) <= WIDE
+    few_and_short = 0 < far.sum() <= few and int((after - first).max()) <= MAX_SPIKE_SAMPLES
     if not (reach > 0 and few_and_short and first[0] > 0 and after[-1] < len(values)):
         return np.array([], dtype=int)
     usual = float(np.abs(np.diff(values[~far])).max())
     sudden = min(np.abs(values[first] - values[first - 1]).min(), np.abs(values[after - 1] - values[after]).min())
-    return np.flatnonzero(far) if sudden > SUDDEN * usual else np.array([], dtype=int)
+    return np.flatnonzero(far) if sudden > FAULT_STEP_RATIO * usual else np.array([], dtype=int)
 
 
 def _longest_rest(values: np.ndarray) -> tuple[int, int]:
@@ -203,20 +205,20 @@ def _longest_rest(values: np.ndarray) -> tuple[int, int]:
 
 
 def _clipped(values: np.ndarray, first: int, last: int, rest: np.ndarray) -> bool:
-    """Whether a signal comes gently to one of its ends: there is a limit, which a diagnosis may find."""
+    """Whether a signal approaches one of its ends without a step: a limit, which a diagnosis may find."""
     if rest.min() < values[first] < rest.max():
         return False
     edges = [(first - 1, first), (last, last + 1)]
     steps = [abs(float(values[b] - values[a])) for a, b in edges if a >= 0 and b < len(values)]
-    return max(steps, default=0.0) <= SUDDEN * float(np.quantile(np.abs(np.diff(rest)), 0.99))
+    return max(steps, default=0.0) <= FAULT_STEP_RATIO * float(np.quantile(np.abs(np.diff(rest)), 0.99))
 
 
-def _restless(values: np.ndarray) -> bool:
-    """Whether a signal is noisy, and its neighbouring samples are hardly ever equal."""
-    if len(values) < 2 * LONG or float(np.mean(np.diff(values) == 0)) > SELDOM:
+def _is_noisy(values: np.ndarray) -> bool:
+    """Whether a signal turns as noise does, and its neighbouring samples are hardly ever equal."""
+    if len(values) < 2 * MIN_DROPOUT or float(np.mean(np.diff(values) == 0)) > MAX_EQUAL_SHARE:
         return False
     bends = np.diff(values, 2)
-    return float(np.mean(bends[1:] * bends[:-1] < 0)) >= NOISY
+    return float(np.mean(bends[1:] * bends[:-1] < 0)) >= MIN_TURN_SHARE
 
 
 REPAIRS: tuple[Callable[[Table], Table], ...] = (
@@ -229,17 +231,17 @@ REPAIRS: tuple[Callable[[Table], Table], ...] = (
     repair_time.repeats_are_merged,
     enough_samples,
     gaps_are_filled,
-    repair_time.missing_rows_are_named,
-    repair_time.jitter_is_measured,
-    wraps_are_named,
-    constants_are_named,
-    spikes_are_named,
-    dropouts_are_named,
+    repair_time.missing_rows_are_reported,
+    repair_time.jitter_is_reported,
+    wraps_are_reported,
+    constants_are_reported,
+    spikes_are_reported,
+    dropouts_are_reported,
 )
 
 
 def repaired(table: Table) -> Table:
-    """Return the table after every repair. Raises DataError at the first fault that cannot be mended."""
+    """Return the table after every repair. Raises DataError at the first fault that cannot be repaired."""
     for repair in REPAIRS:
         table = repair(table)
     return table

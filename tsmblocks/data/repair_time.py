@@ -1,4 +1,4 @@
-"""What may be wrong with the time of a measurement: rows out of order, resets, missing rows, uneven steps."""
+"""Faults of the time of a measurement: rows out of order, resets, missing rows, uneven steps."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from tsmblocks.common.errors import DataError
 from tsmblocks.data.grid import MAX_JITTER, jitter_of_steps, usual_step
 from tsmblocks.data.table import Table, noted, plural
 
-FARTHEST = 8
-"""Rows that a late row may have to move to count as out of order; farther is another recording."""
-MOST_LATE = 0.1
-"""Share of the rows that may be late; more is no accident of the logger."""
+MAX_SORTED_DISTANCE = 8
+"""Rows by which a late row may have to move to be sorted. Chosen: farther, it belongs to another recording."""
+MAX_LATE_SHARE = 0.1
+"""Share of the rows that may be late. Chosen: more is no accident of the logger."""
 LONG_GAP = 10.0
-"""Usual steps without a sample from which on nobody can say what happened in between."""
+"""Usual steps without a sample from which a gap is refused. Chosen: the inputs in between are then unknown."""
 SHORT_GAP = 1.5
-"""Usual steps without a sample from which on samples are missing, rather than late."""
-MOST_ROWS = 5
-"""Row numbers that are named; more say nothing."""
-FAR = 5.0
-"""Difference of two rows of one time, in rms differences of neighbouring samples, that is worth a word."""
+"""Usual steps without a sample from which samples are missing, rather than late. Derived: halfway to one missing."""
+MAX_LISTED_ROWS = 5
+"""Row numbers that a note lists at most. Chosen."""
+NOTABLE_DIFFERENCE = 5.0
+"""Difference of two rows of one time, in rms differences of neighbouring samples, from which it is reported. Chosen."""
 
 
 def time_is_known(table: Table) -> Table:
-    """Every row must have a time: without it nothing else in the row has a place."""
+    """Every row must have a time."""
     missing = np.flatnonzero(np.isnan(table.values[:, 0]))
     if len(missing):
         raise DataError(
@@ -46,30 +46,30 @@ def time_moves(table: Table) -> Table:
 
 
 def backwards_is_turned(table: Table) -> Table:
-    """Rows that all stand in the reverse order of time, newest first, are turned round."""
+    """Rows in reverse order of time, newest first, are reversed."""
     t = table.values[:, 0]
     if len(t) < 3 or not (np.diff(t) <= 0).all():
         return table
-    note = "The time falls from row to row, the newest row coming first; the rows were turned round."
+    note = "The time falls from row to row, the newest row coming first; the rows were reversed."
     return noted(table, table.values[::-1], table.rows[::-1], note)
 
 
 def disorder_is_sorted(table: Table) -> Table:
-    """A few rows written a little late are sorted; what is no such accident is left for time_goes_forward.
+    """A few rows written a little late are sorted; anything else is refused by time_goes_forward.
 
-    Sorting is a repair only when it brings no two rows to one time: two recordings that overlap would.
+    Sorting is a repair only where it gives no two rows the same time, as two recordings that overlap would have.
     """
     t = table.values[:, 0]
     late = np.flatnonzero(t < np.maximum.accumulate(t)) if len(t) else np.empty(0, dtype=int)
-    if not len(late) or len(late) > max(1.0, MOST_LATE * len(t)):
+    if not len(late) or len(late) > max(1.0, MAX_LATE_SHARE * len(t)):
         return table
     order = np.argsort(t, kind="stable")
     places = int(np.abs(order - np.arange(len(t))).max())
     repeats = np.count_nonzero(np.diff(t[order]) == 0) - np.count_nonzero(np.diff(t) == 0)
-    if places > FARTHEST or repeats > 0:
+    if places > MAX_SORTED_DISTANCE or repeats > 0:
         return table
     k = late[0]
-    they = "row stood" if len(late) == 1 else "rows stood"
+    they = "row was" if len(late) == 1 else "rows were"
     note = (
         f"{len(late)} {they} out of order by up to {plural(places, 'place')}, the first at row {table.rows[k]} "
         f"({t[k]:g} s after {t[k - 1]:g} s); the rows were sorted by time."
@@ -93,7 +93,7 @@ def time_goes_forward(table: Table) -> Table:
     if table.tail == "drop":
         note = (
             f"Time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s; everything from there on "
-            f"({share}) was dropped, as asked."
+            f"({share}) was dropped, as requested."
         )
         return noted(table, table.values[:k], rows[:k], note)
     places = "" if len(back) == 1 else f", the first of {len(back)} such places"
@@ -107,7 +107,7 @@ def time_goes_forward(table: Table) -> Table:
 
 
 def _refuse_lone_times(table: Table, k: int, places: int) -> None:
-    """One wrong time among right ones is no tail: say which row it is."""
+    """One wrong time among right ones is no tail: the row is named."""
     t, rows = table.values[:, 0], table.rows
     if k + 1 < len(t) and t[k - 1] < t[k + 1]:
         wrong = k
@@ -135,17 +135,17 @@ def repeats_are_merged(table: Table) -> Table:
         mean = np.where(count > 0, total / count, np.nan)
     mean[:, 0] = t[first]  # the mean of equal numbers is not always that number
     again = np.setdiff1d(np.arange(len(t)), first)
-    shown = ", ".join(map(str, table.rows[again][:MOST_ROWS])) + (", …" if len(again) > MOST_ROWS else "")
+    shown = ", ".join(map(str, table.rows[again][:MAX_LISTED_ROWS])) + (", …" if len(again) > MAX_LISTED_ROWS else "")
+    apart = _largest_difference(table, again, first, mean)
     note = (
         f"{plural(len(again), 'row')} repeated the time of the row before (row{'s' if len(again) > 1 else ''} "
-        f"{shown}){_apart(table, again, first, mean)}; each group was replaced by its mean, leaving {len(first)} "
-        f"of {len(t)} samples."
+        f"{shown}){apart}; each group was replaced by its mean, leaving {len(first)} of {len(t)} samples."
     )
     return noted(table, mean, table.rows[first], note)
 
 
-def _apart(table: Table, again: np.ndarray, first: np.ndarray, mean: np.ndarray) -> str:
-    """How far the values of one time are apart, in the signal that shows most beside its own motion."""
+def _largest_difference(table: Table, again: np.ndarray, first: np.ndarray, mean: np.ndarray) -> str:
+    """Largest difference between rows of one time, in the signal where it is largest relative to the motion."""
     off = np.nan_to_num(np.abs(table.values[again, 1:] - table.values[first, 1:][_group(again, first)]))
     if not off.any():
         return ", with the same values"
@@ -156,7 +156,7 @@ def _apart(table: Table, again: np.ndarray, first: np.ndarray, mean: np.ndarray)
     worst = int(np.argmax(off[:, k]))
     size = f"{off[worst, k]:.3g} {table.units[k + 1]}".rstrip()
     far = ""
-    if share[k] > FAR:
+    if share[k] > NOTABLE_DIFFERENCE:
         times = f"{share[k]:.0f} times what" if np.isfinite(share[k]) else "while"
         far = f", {times} neighbouring samples {'differ by' if np.isfinite(share[k]) else 'do not differ'}"
     return f", their values up to {size} apart ({table.names[k + 1]}, row {table.rows[again[worst]]}{far})"
@@ -167,10 +167,10 @@ def _group(again: np.ndarray, first: np.ndarray) -> np.ndarray:
     return np.searchsorted(first, again, side="right") - 1
 
 
-def missing_rows_are_named(table: Table) -> Table:
+def missing_rows_are_reported(table: Table) -> Table:
     """Places without samples: short ones are noted, long ones refused unless ``gaps = "keep"``.
 
-    Across a long one the inputs are not known, so a run over it would be wrong without a sign of it.
+    Across a long one the inputs are not known, so a run over it would be wrong unnoticed.
     """
     t, rows = table.values[:, 0], table.rows
     steps, usual = np.diff(t), usual_step(t)
@@ -189,7 +189,7 @@ def missing_rows_are_named(table: Table) -> Table:
     k = gaps[np.argmax(steps[gaps])]
     where = "one place" if len(gaps) == 1 else f"{len(gaps)} places"
     longest = "It" if len(gaps) == 1 else "The longest"
-    kept = " Long gaps were kept, as asked." if len(long) else ""
+    kept = " Long gaps were kept, as requested." if len(long) else ""
     note = (
         f"Samples are missing in {where}. {longest} lasts {steps[k] / usual:.1f} usual steps, before row "
         f"{rows[k + 1]} (from {t[k]:g} s to {t[k + 1]:g} s); signals are interpolated there.{kept}"
@@ -197,8 +197,8 @@ def missing_rows_are_named(table: Table) -> Table:
     return attrs.evolve(table, notes=(*table.notes, note))
 
 
-def jitter_is_measured(table: Table) -> Table:
-    """Uneven steps are kept as they were measured, and told."""
+def jitter_is_reported(table: Table) -> Table:
+    """Uneven steps are kept as they were measured, and reported."""
     t = table.values[:, 0]
     steps = np.diff(t)
     steps = steps[steps <= SHORT_GAP * usual_step(t)]

@@ -1,4 +1,4 @@
-"""A record on another time axis: interpolated, or thinned out after a low-pass."""
+"""A record on another time axis: interpolated, or decimated after a low-pass."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from tsmblocks.data.grid import better_interpolation, interpolation, refuse_not_
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
-PASSED = 0.7
-"""Share of the new Nyquist frequency that is left by the low-pass before samples are thinned out."""
-MOST_SAMPLES = 50_000_000
-"""Samples of a resampled record; more is a step typed in the wrong unit."""
+PASSBAND_SHARE = 0.7
+"""Cut-off of the low-pass before decimation, as a share of the new Nyquist frequency. Chosen: of order 8 twice, it has
+fallen far enough at the Nyquist frequency."""
+MAX_SAMPLES = 50_000_000
+"""Samples of a resampled record at most. Chosen: more is a step typed in the wrong unit, and a gigabyte."""
 
 
 def evenly_sampled(record: Record) -> Record:
@@ -37,12 +38,12 @@ def resampled(record: Record, step: float | None = None) -> Record:
         )
     refuse_not_finite(record, record, "resampling")
     count = int((t[-1] - t[0]) / step * (1 + 1e-12) + 1e-6) + 1
-    if count > MOST_SAMPLES:
+    if count > MAX_SAMPLES:
         raise DataError(f"{record.called}: a step of {step:g} s makes {count} samples; is it in seconds?")
     grid = t[0] + step * np.arange(count)
     grid[-1] = min(grid[-1], t[-1])
     if step > 1.05 * own:
-        return _thinned(record, grid, step)
+        return _decimated(record, grid, step)
     kinds = {name: better_interpolation(t, record[name]) for name in record}
     signals = {name: interpolation(t, record[name], kinds[name])(grid) for name in record}
     how = "; ".join(
@@ -54,10 +55,10 @@ def resampled(record: Record, step: float | None = None) -> Record:
     return attrs.evolve(record, t=grid, signals=signals, notes=(*record.notes, note))
 
 
-def _thinned(record: Record, grid: np.ndarray, step: float) -> Record:
-    """Fewer samples: what is too fast for them is taken out first, or it would come back as slow motion."""
+def _decimated(record: Record, grid: np.ndarray, step: float) -> Record:
+    """Fewer samples, after a low-pass against aliasing."""
     even = evenly_sampled(record)
-    cutoff = PASSED * 0.5 / step
+    cutoff = PASSBAND_SHARE * 0.5 / step
     smooth = {name: low_pass(record[name] if even is record else even[name], even.step, cutoff, 8) for name in record}
     signals = {name: interpolation(even.t, values, "cubic")(grid) for name, values in smooth.items()}
     note = (

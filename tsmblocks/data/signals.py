@@ -1,4 +1,4 @@
-"""Signals of a record taken one by one: added, renamed, converted, an angle's turns joined."""
+"""Changes of single signals of a record: added, renamed, converted, angles unwrapped."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
 TURNS = (2 * np.pi, 360.0)
-"""A turn in rad and in deg, for angles whose unit nobody wrote down."""
-ALIKE = 0.85
-"""Likeness of two names from which one is the other misspelt."""
+"""A turn in rad and in deg, for angles without a unit."""
+MISSPELT_RATIO = 0.85
+"""Similarity of two names (``difflib`` ratio) from which one is taken for the other misspelt. Chosen."""
 
 
 def turn_in(unit: str) -> float | None:
@@ -32,8 +32,8 @@ def turn_in(unit: str) -> float | None:
 def first_wrap(x: np.ndarray, unit: str) -> tuple[int, int, float] | None:
     """Where an angle jumps by about a turn: index after the first jump, number of jumps, the turn in its unit.
 
-    An encoder that wraps stays within one turn, crosses it in one sample and moves little in the others. What
-    also fits (a square wave of just that height) is why this is a note and no repair.
+    An encoder that wraps stays within one turn, crosses it in one sample and moves little in the others. A square wave
+    of that height does the same, so this is a note and no repair.
     """
     own, size = turn_in(unit), float(np.abs(x).max(initial=0.0))
     for turn in (own,) if own else () if unit else TURNS:
@@ -48,7 +48,7 @@ def first_wrap(x: np.ndarray, unit: str) -> tuple[int, int, float] | None:
 
 
 def unwrapped(record: Record, name: str, turn: float | None = None) -> Record:
-    """Return the record with an angle's turns joined; see Record.unwrapped."""
+    """See Record.unwrapped."""
     x, unit = record[name], record.unit(name)
     turn = turn if turn is not None else turn_in(unit)
     if turn is None:
@@ -71,8 +71,8 @@ def with_signal(record: Record, name: str, values: Any, unit: str = "") -> Recor
     if len(bad):
         raise DataError(f"{record.called}: signal '{name}' holds {array[bad[0]]} in sample {bad[0]}.")
     note = f"{name} was {'replaced' if name in record else 'added'}."
-    told = {**{k: u for k, u in record.units.items() if k != name}, **({name: unit} if unit else {})}
-    return attrs.evolve(record, signals={**record.signals, name: array}, units=told, notes=(*record.notes, note))
+    labels = {**{k: u for k, u in record.units.items() if k != name}, **({name: unit} if unit else {})}
+    return attrs.evolve(record, signals={**record.signals, name: array}, units=labels, notes=(*record.notes, note))
 
 
 def checked(record: Record) -> None:
@@ -86,7 +86,7 @@ def checked(record: Record) -> None:
         _fits(record, name, array)
     bare = [k for k in record.signals if k not in record.units]
     for lost in (k for k in record.units if k not in record.signals):
-        meant = get_close_matches(lost, bare, 1, ALIKE)
+        meant = get_close_matches(lost, bare, 1, MISSPELT_RATIO)
         if meant:
             raise DataError(
                 f"{record.called}: a unit is given for '{lost}', which is no signal. Did you mean '{meant[0]}'?"
@@ -103,35 +103,35 @@ def _fits(record: Record, name: str, array: np.ndarray) -> None:
 
 def renamed(record: Record, names: Mapping[str, str]) -> Record:
     """Return the record with signals under other names; see Record.renamed."""
-    _known(record, names)
+    _refuse_unknown(record, names)
     new = [names.get(k, k) for k in record]
     twice = next((k for k in new if new.count(k) > 1), None)
     if twice is not None:
         raise DataError(f"{record.called}: two signals would both be named '{twice}'.")
-    said = ", ".join(f"{a} is now {b}" for a, b in names.items())
+    changes = ", ".join(f"{a} is now {b}" for a, b in names.items())
     signals = dict(zip(new, record.signals.values(), strict=True))
-    told = {names.get(k, k): u for k, u in record.units.items()}
-    return attrs.evolve(record, signals=signals, units=told, notes=(*record.notes, f"Renamed: {said}."))
+    labels = {names.get(k, k): u for k, u in record.units.items()}
+    return attrs.evolve(record, signals=signals, units=labels, notes=(*record.notes, f"Renamed: {changes}."))
 
 
 def converted(record: Record, wanted: Mapping[str, str]) -> Record:
     """Return the record with signals in other units; see Record.converted."""
-    _known(record, wanted)
+    _refuse_unknown(record, wanted)
     for unit in wanted.values():
         try:
             units.parse(unit)
         except units.UnitError as error:
             raise DataError(f"{record.called}: {error}") from None
     signals = {**record.signals, **{k: record.values(k, unit) for k, unit in wanted.items()}}
-    said = ", ".join(
+    changes = ", ".join(
         f"{k} from {record.unit(k)} to {u}" if record.unit(k) else f"{k}, which had no unit, taken as {u}"
         for k, u in wanted.items()
     )
-    told = {**record.units, **wanted}
-    return attrs.evolve(record, signals=signals, units=told, notes=(*record.notes, f"Converted: {said}."))
+    labels = {**record.units, **wanted}
+    return attrs.evolve(record, signals=signals, units=labels, notes=(*record.notes, f"Converted: {changes}."))
 
 
-def _known(record: Record, names: Mapping[str, str]) -> None:
+def _refuse_unknown(record: Record, names: Mapping[str, str]) -> None:
     for name in names:
         if name not in record:
             raise DataError(f"{record.called}: there is no signal '{name}'.{near(name, record.names)}")

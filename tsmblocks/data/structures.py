@@ -12,10 +12,10 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, clip
 
-DEEPEST = 12
-"""Structures within structures that are followed."""
+MAX_DEPTH = 12
+"""Structures within structures that are followed at most. Chosen: references of a file may form a ring."""
 OBJECT = object()
-"""Stands for an object of a MATLAB class, which nothing outside MATLAB can read."""
+"""Denotes an object of a MATLAB class, which only MATLAB can read."""
 
 
 # ---- trees: dict for a structure, list for an array of them or a cell array, str, numbers, OBJECT
@@ -28,22 +28,24 @@ def tree_of_mat(value: Any) -> Any:
     if not isinstance(value, np.ndarray):
         return value
     if value.dtype.names:
-        return _lone([{k: tree_of_mat(item[k]) for k in value.dtype.names} for item in value.ravel(order="F")])
+        return _without_lone_dimension(
+            [{k: tree_of_mat(item[k]) for k in value.dtype.names} for item in value.ravel(order="F")]
+        )
     if value.dtype == object:
-        return _lone([tree_of_mat(item) for item in value.ravel(order="F")])
+        return _without_lone_dimension([tree_of_mat(item) for item in value.ravel(order="F")])
     if value.dtype.kind in "US":
         return str(value.ravel()[0]) if value.size else ""
     return value
 
 
-def _lone(items: list[Any]) -> Any:
+def _without_lone_dimension(items: list[Any]) -> Any:
     return items[0] if len(items) == 1 else items
 
 
 def tree_of_hdf5(file: Any, item: Any, depth: int = 0) -> Any:
     """Plain Python of a group or data set of a MAT file of version 7.3, which keeps structures by references."""
     kind = _text_of(item.attrs.get("MATLAB_class", ""))
-    if depth > DEEPEST or "MATLAB_object_decode" in item.attrs:
+    if depth > MAX_DEPTH or "MATLAB_object_decode" in item.attrs:
         return OBJECT
     if hasattr(item, "items"):
         return _structure(file, {k: v for k, v in item.items() if not k.startswith("#")}, depth)
@@ -51,7 +53,7 @@ def tree_of_hdf5(file: Any, item: Any, depth: int = 0) -> Any:
         return "" if kind == "char" else np.empty(0)
     if item.dtype == object:
         cells = [tree_of_hdf5(file, file[ref], depth + 1) for ref in np.ravel(item[()]) if ref]
-        return cells if kind == "cell" else _lone(cells)
+        return cells if kind == "cell" else _without_lone_dimension(cells)
     values = np.asarray(item[()])
     if kind == "char":
         return "".join(map(chr, values.ravel()))
@@ -89,8 +91,8 @@ class Axis:
 
 
 @attrs.frozen(eq=False)
-class Found:
-    """Arrays of a file by name, with what is known of their units and what was left out."""
+class MatSignals:
+    """Arrays of a file by name, with what is known of their units and notes on those left out."""
 
     arrays: dict[str, Any]
     units: dict[str, str]
@@ -98,28 +100,28 @@ class Found:
     objects: tuple[str, ...] = ()
 
 
-def signals_of(tree: Mapping[str, Any]) -> Found:
+def signals_of(tree: Mapping[str, Any]) -> MatSignals:
     """Signals of every layout known here; arrays elsewhere by their path, ``structure/field``."""
     axes: list[tuple[str, Axis]] = []
     plain: dict[str, Any] = {}
     objects: list[str] = []
-    _walk("", tree, axes, plain, objects)
-    told = (f"Left out, being objects of MATLAB: {', '.join(objects)}.",) if objects else ()
+    _collect("", tree, axes, plain, objects)
+    object_notes = (f"Left out, being objects of MATLAB: {', '.join(objects)}.",) if objects else ()
     if not axes:
-        return Found(plain, {}, told, tuple(objects))
+        return MatSignals(plain, {}, object_notes, tuple(objects))
     name, first = max(axes, key=lambda pair: len(pair[1].signals))
-    arrays, units, left = dict(first.signals), dict(first.units), []
+    arrays, units, on_other_axes = dict(first.signals), dict(first.units), []
     for other, axis in axes:
         if axis is first:
             continue
         if not np.array_equal(axis.time, first.time):
-            left.append(other)
+            on_other_axes.append(other)
             continue
         for key, values in axis.signals.items():
             key = key if key not in arrays else f"{other}/{key}"
             arrays[key], units[key] = values, axis.units.get(key, "")
-    notes = (f"Left out, being on another time axis than {name}: {', '.join(left)}.",) if left else ()
-    notes = (*told, *notes)
+    notes = (f"Left out, being on another time axis than {name}: {', '.join(on_other_axes)}.",) if on_other_axes else ()
+    notes = (*object_notes, *notes)
     if first.time.size:
         arrays, units = {"t": first.time, **arrays}, {"t": first.unit, **units}
     extra = {
@@ -127,13 +129,13 @@ def signals_of(tree: Mapping[str, Any]) -> Found:
         for k, v in plain.items()
         if k not in arrays and np.size(v) == np.size(first.time) and not np.array_equal(np.ravel(v), first.time)
     }
-    return Found({**arrays, **extra}, units, notes, tuple(objects))
+    return MatSignals({**arrays, **extra}, units, notes, tuple(objects))
 
 
-def _walk(
+def _collect(
     name: str, value: Any, axes: list[tuple[str, Axis]], plain: dict[str, Any], objects: list[str], depth: int = 0
 ) -> None:
-    if depth > DEEPEST:
+    if depth > MAX_DEPTH:
         return
     if value is OBJECT:
         objects.append(name)
@@ -143,25 +145,25 @@ def _walk(
             axes.extend((name, axis) for axis in found)
             return
         for key, item in value.items():
-            _walk(f"{name}/{key}" if name else str(key), item, axes, plain, objects, depth + 1)
+            _collect(f"{name}/{key}" if name else str(key), item, axes, plain, objects, depth + 1)
     elif isinstance(value, list):
         for k, item in enumerate(value, 1):
-            _walk(f"{name}_{k}", item, axes, plain, objects, depth + 1)
+            _collect(f"{name}_{k}", item, axes, plain, objects, depth + 1)
     elif isinstance(value, np.ndarray):
         plain[name] = value
 
 
-def _all(value: Any) -> list[Any]:
+def _as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _line(value: Any) -> np.ndarray:
+def _flat_numbers(value: Any) -> np.ndarray:
     array = np.asarray(value) if isinstance(value, np.ndarray) else np.empty(0)
     return array.ravel().astype(float) if array.dtype.kind in "fiub" else np.empty(0)
 
 
-def _word(value: Any) -> str:
-    """Return text with what dSPACE puts around names taken off, and nothing that could pass for a unit."""
+def _clean_title(value: Any) -> str:
+    """A title without the quotes and braces of dSPACE, and without brackets that would be taken for a unit."""
     text = value if isinstance(value, str) else ""
     text = re.sub(r"[\"{}]", "", text).strip().strip("/")
     return re.sub(r"[\[(](\d+)[\])]", r"_\1", text)
@@ -172,22 +174,22 @@ def _controldesk(_name: str, value: Mapping[str, Any]) -> list[Axis]:
 
     Where there are several times, Y(k).XIndex or the name of the Raster says which one belongs to a signal.
     """
-    xs, ys = _all(value.get("X")), _all(value.get("Y"))
+    xs, ys = _as_list(value.get("X")), _as_list(value.get("Y"))
     if not all(isinstance(part, Mapping) and "Data" in part for part in (*xs, *ys)):
         return []
-    titles = _short([_word(y.get("Name")) or f"y_{k}" for k, y in enumerate(ys, 1)])
+    titles = _without_common_folders([_clean_title(y.get("Name")) or f"y_{k}" for k, y in enumerate(ys, 1)])
     groups: dict[int, Axis] = {}
     for title, y in zip(titles, ys, strict=True):
-        data, at = _line(y["Data"]), _axis_of(y, xs)
+        data, at = _flat_numbers(y["Data"]), _axis_of(y, xs)
         if at not in groups:
-            groups[at] = Axis(_line(xs[at]["Data"]), _word(xs[at].get("Unit")), {}, {})
+            groups[at] = Axis(_flat_numbers(xs[at]["Data"]), _clean_title(xs[at].get("Unit")), {}, {})
         groups[at].signals[title] = data
-        groups[at].units[title] = _word(y.get("Unit"))
+        groups[at].units[title] = _clean_title(y.get("Unit"))
     return list(groups.values())
 
 
 def _axis_of(y: Mapping[str, Any], xs: list[Any]) -> int:
-    index = _line(y.get("XIndex"))
+    index = _flat_numbers(y.get("XIndex"))
     if index.size == 1 and 1 <= index[0] <= len(xs):
         return int(index[0]) - 1
     raster = y.get("Raster")
@@ -196,7 +198,7 @@ def _axis_of(y: Mapping[str, Any], xs: list[Any]) -> int:
     return next(iter(named or fits), 0)
 
 
-def _short(names: list[str]) -> list[str]:
+def _without_common_folders(names: list[str]) -> list[str]:
     """Paths without the folders that all of them share, at either end, as long as they stay different."""
     parts = [re.split(r"/+", name) for name in names]
     for kept in (slice(1, None), slice(None, -1)):
@@ -209,12 +211,12 @@ def _short(names: list[str]) -> list[str]:
 
 def _simulink(name: str, value: Mapping[str, Any]) -> list[Axis]:
     """What To Workspace writes as a structure: time (empty in one form), and signals(k).values, .label."""
-    signals = _all(value.get("signals"))
+    signals = _as_list(value.get("signals"))
     if not all(isinstance(part, Mapping) and "values" in part for part in signals):
         return []
-    axis = Axis(_line(value.get("time")), "", {}, {})
+    axis = Axis(_flat_numbers(value.get("time")), "", {}, {})
     for k, part in enumerate(signals, 1):
-        title = _word(part.get("label")) or (f"{name}_{k}" if len(signals) > 1 else name)
+        title = _clean_title(part.get("label")) or (f"{name}_{k}" if len(signals) > 1 else name)
         _add(axis, title, part["values"])
     return [axis]
 
@@ -224,10 +226,10 @@ def _timeseries(name: str, value: Mapping[str, Any]) -> list[Axis]:
     if not {"Time", "Data"} <= set(value):
         return []
     info = value.get("DataInfo")
-    axis = Axis(_line(value["Time"]), "", {}, {})
-    title = _word(value.get("Name")) or name
+    axis = Axis(_flat_numbers(value["Time"]), "", {}, {})
+    title = _clean_title(value.get("Name")) or name
     _add(axis, title, value["Data"])
-    unit = _word(info.get("Units") if isinstance(info, Mapping) else value.get("Units"))
+    unit = _clean_title(info.get("Units") if isinstance(info, Mapping) else value.get("Units"))
     axis.units.update(dict.fromkeys(axis.signals, unit))
     return [axis]
 

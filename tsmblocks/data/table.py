@@ -1,4 +1,4 @@
-"""What every reader hands on: headings, and numbers with the place in the file that each came from."""
+"""What every reader returns: headings, and numbers with their rows and columns in the file."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Table:
     """Columns of numbers. ``values`` has one column per name, NaN where the file has no number.
 
     ``rows`` holds the row number of each sample and ``places`` the column number of each column,
-    both counted from 1 as an editor or a spreadsheet counts them. ``tail`` and ``gaps`` say what the
-    user wants done with them (see read), ``asked`` which columns were named.
+    both counted from 1 as an editor or a spreadsheet counts them. ``tail`` and ``gaps`` are arguments of
+    ``read``, ``requested`` the columns that its arguments name.
     """
 
     origin: str
@@ -32,7 +32,7 @@ class Table:
     notes: tuple[str, ...] = ()
     tail: str = "refuse"
     gaps: str = "refuse"
-    asked: frozenset[str] = frozenset()
+    requested: frozenset[str] = frozenset()
 
     def column(self, k: int) -> str:
         """Return a column as a message names it."""
@@ -40,7 +40,7 @@ class Table:
 
 
 def noted(table: Table, values: np.ndarray, rows: np.ndarray, note: str) -> Table:
-    """Return the table with other numbers, and the sentence that says why."""
+    """Return the table with other numbers, and a note of what was changed."""
     return attrs.evolve(table, values=values, rows=rows, notes=(*table.notes, note))
 
 
@@ -54,12 +54,12 @@ class Source(Protocol):
 
     @property
     def headings(self) -> Sequence[str]:
-        """What stands above each column: a name, perhaps with a unit."""
+        """Heading of each column: a name, perhaps with a unit."""
         ...
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What had to be guessed or left out already."""
+        """What was assumed or left out, one sentence each."""
         ...
 
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Reading tables of numbers from text: CSV and its relatives, with or without a header."""
+"""Tables of numbers from text: CSV and its relatives, with or without a header."""
 
 from __future__ import annotations
 
@@ -17,18 +17,21 @@ from tsmblocks.common.units import heading, split_heading
 from tsmblocks.data.table import Rows, within
 
 COMMENTS = ("#", "%", "//")
+"""Beginnings of a line of comment."""
 BLANK = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "+inf", "-inf"})
-"""What stands in a cell that holds no number. An infinity is none either."""
-CLOCKS = "Dates and times are read as 2026-11-22 14:03:07.5, 22.11.2026 14:03:07.5 or 14:03:07.5."
-"""What is said beside a cell that may have been meant as a time."""
-DAY, NIGHT = 86400.0, 3600.0
-"""Length of a day [s], and the longest gap [s] in which midnight may have passed."""
+"""Contents of a cell without a number. An infinity is no number either."""
+TIME_FORMATS = "Dates and times are read as 2026-11-22 14:03:07.5, 22.11.2026 14:03:07.5 or 14:03:07.5."
+"""Hint beside a cell that may be meant as a time."""
+DAY = 86400.0
+"""Length of a day [s]."""
+MAX_MIDNIGHT_GAP = 3600.0
+"""Longest gap [s] between times of day over midnight. Chosen: with a longer one, time has jumped back."""
 _DOTTED = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})[ T]+(?=\d)")
 _WORD = re.compile(r"\"[^\"]*\"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
 
 
 def _decoded(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
-    """Return the text of a file, and a note where it is not in UTF-8; says what is wrong where it is no text."""
+    """Return the text of a file, and a note where it is not in UTF-8. Raises DataError where it is no text."""
     if not raw.strip():
         raise DataError(f"{path}: the file is empty.")
     if raw[:4] == b"PK\x03\x04":
@@ -37,7 +40,7 @@ def _decoded(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
         try:
             return raw.decode("utf-16"), ("Read as UTF-16 text.",)
         except UnicodeDecodeError:
-            raise DataError(f"{path}: this begins as UTF-16 text and goes on as none. Save it as UTF-8.") from None
+            raise DataError(f"{path}: this begins as UTF-16 text and continues as none. Save it as UTF-8.") from None
     if b"\0" in raw:
         raise DataError(f"{path}: this is not text (zero byte in row {raw[: raw.index(0)].count(10) + 1}).")
     try:
@@ -101,10 +104,10 @@ def _seconds(cell: str, first: datetime) -> float | None:
 
 
 def _over_midnight(seconds: np.ndarray) -> np.ndarray:
-    """Times of day [s] that go on after midnight, which comes no more than ``NIGHT`` after the last one."""
+    """Times of day [s] continued over midnight, where no more than ``MAX_MIDNIGHT_GAP`` passes."""
     known = np.flatnonzero(np.isfinite(seconds))
     steps = np.diff(seconds[known])
-    passed = (steps < 0) & (steps + DAY <= NIGHT)
+    passed = (steps < 0) & (steps + DAY <= MAX_MIDNIGHT_GAP)
     made = seconds.copy()
     made[known[1:]] += DAY * np.cumsum(passed)
     return made
@@ -151,10 +154,10 @@ class Text:
         bad = np.flatnonzero(counts != len(self.headings))
         if len(bad):
             k = bad[0]
-            many, advice = _more(len(bad), "row"), _ending(len(bad), k, at)
+            others, advice = _count_of_others(len(bad), "row"), _short_row_advice(len(bad), k, at)
             raise DataError(
                 f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are "
-                f"{len(self.headings)} columns{many}. {advice}"
+                f"{len(self.headings)} columns{others}. {advice}"
             )
 
     def _one_by_one(self, lines: list[str], at: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
@@ -171,7 +174,7 @@ class Text:
         if wrong:
             row, place, cell = wrong[0]
             spot = f"row {at[row]}, column {place + 1} ({self.headings[place]})"
-            many = _more(len(wrong), "cell")
+            many = _count_of_others(len(wrong), "cell")
             what = "a number" if place not in self.clocks else "a date and time as in the first row"
             throughout = sum(place == other for _, other, _ in wrong) == len(lines)
             hint = self._advice(place, cell, chosen if throughout else ())
@@ -182,19 +185,19 @@ class Text:
         return values
 
     def _advice(self, place: int, cell: str, throughout: Sequence[int]) -> str:
-        """What may be meant by a cell of text, and how to read the other columns where ``place`` holds nothing else."""
+        """Advice on a cell of text; where all cells of its column are text, how to read the other columns."""
         if ":" in cell and place not in self.clocks:
-            return f" {CLOCKS}"
+            return f" {TIME_FORMATS}"
         others = [split_heading(text)[0] for k, text in enumerate(self.headings) if k in throughout and k != place]
         return f" To leave that column out, name the others: only={others}." if others else ""
 
 
-def _more(count: int, what: str) -> str:
+def _count_of_others(count: int, what: str) -> str:
     return f" (and {count - 1} more such {what}{'s' if count > 2 else ''})" if count > 1 else ""
 
 
-def _ending(count: int, k: int, at: np.ndarray) -> str:
-    """Say what to do about one short row at the very end: the file was cut while it was written."""
+def _short_row_advice(count: int, k: int, at: np.ndarray) -> str:
+    """Advice on a row of another length; one at the very end was cut while it was written."""
     if count > 1 or k != len(at) - 1 or k == 0:
         return "Every row needs the same number of cells."
     return f"The file seems to have been cut while it was written: rows=(1, {at[k] - 1}) leaves that row out."
@@ -203,7 +206,7 @@ def _ending(count: int, k: int, at: np.ndarray) -> str:
 def open_text(path: Path, columns: Sequence[str] | None) -> Text:
     """Split a text file into headings and lines. Raises DataError when it is no table or has no header."""
     lines, at, remark = list[str](), list[int](), ""
-    whole, told = _decoded(path, path.read_bytes())
+    whole, decoding_notes = _decoded(path, path.read_bytes())
     for number, line in enumerate(re.split("\r?\n|\r", whole), 1):
         bare = line.strip()
         if bare.startswith(COMMENTS):
@@ -213,7 +216,7 @@ def open_text(path: Path, columns: Sequence[str] | None) -> Text:
             at.append(number)
     if not lines:
         raise DataError(f"{path}: the file holds no numbers, only comments.")
-    separator, notes = _separator(lines[:50]), list(told)
+    separator, notes = _separator(lines[:50]), list(decoding_notes)
     first = _cells(lines[0], separator)
     headings = _headings(path, columns, first, remark, separator)
     if not _is_numeric(first):
@@ -231,7 +234,7 @@ def open_text(path: Path, columns: Sequence[str] | None) -> Text:
     clocks = _clocks(_cells(lines[0], separator) if lines else [])
     for place, begin in clocks.items():
         headings[place] = heading(split_heading(headings[place])[0], "s")
-        notes.append(f"{split_heading(headings[place])[0]} was read as seconds since {_said(begin)}.")
+        notes.append(f"{split_heading(headings[place])[0]} was read as seconds since {_instant_text(begin)}.")
     return Text(str(path), headings, separator, lines, np.array(at, dtype=int), tuple(notes), clocks)
 
 
@@ -241,18 +244,18 @@ def _clocks(cells: Sequence[str]) -> dict[int, datetime]:
     return {place: begin for place, begin in found.items() if begin is not None}
 
 
-def _said(begin: datetime) -> str:
+def _instant_text(begin: datetime) -> str:
     return begin.time().isoformat() if begin.date() == date.min else begin.isoformat(" ")
 
 
-def _bare(cell: str) -> str:
-    """A unit without the brackets it may stand in."""
+def _without_brackets(cell: str) -> str:
+    """A unit without the brackets around it."""
     return cell.strip().strip("[]()").strip()
 
 
 def _is_units(cells: list[str], columns: int) -> bool:
     """Whether a row under the header holds units: no number in it, and a known unit in half of its cells."""
-    filled = [_bare(cell) for cell in cells if _bare(cell)]
+    filled = [_without_brackets(cell) for cell in cells if _without_brackets(cell)]
     if len(cells) != columns or not filled or any(_number(cell) == _number(cell) is not None for cell in filled):
         return False
     return 2 * sum(map(_is_unit, filled)) >= len(filled)
@@ -269,7 +272,7 @@ def _is_unit(label: str) -> bool:
 def _with_unit(text: str, unit: str) -> str:
     """Return a heading with the unit from the row below, unless it has one already."""
     name, own = split_heading(text)
-    return text if own or _bare(unit) in BLANK else heading(name, _bare(unit))
+    return text if own or _without_brackets(unit) in BLANK else heading(name, _without_brackets(unit))
 
 
 def _headings(

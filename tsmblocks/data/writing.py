@@ -13,11 +13,12 @@ from tsmblocks.common.errors import DataError, in_words
 from tsmblocks.common.units import split_heading, unmistakable
 
 ENDINGS = (".csv", ".npz", ".mat")
-TAKEN = ("t", "units", "file", "allow_pickle")
+"""Endings of files that are written."""
+RESERVED_NAMES = ("t", "units", "file", "allow_pickle")
 """Names that NumPy's archives, or this package in them, use for something else."""
 _MATLAB = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
-"""Letters that end a line, or a name in an archive, or are none."""
+"""Control characters and lone surrogates, which end a line or a name in an archive."""
 
 
 def written(
@@ -37,19 +38,19 @@ def written(
     columns = {"t [s]" if kind == ".csv" else "t": t}
     for name, values in signals.items():
         title, why = _title(name, units.get(name, ""), kind)
-        if not why and (name == "t" or title in columns or (kind != ".csv" and title in TAKEN)):
+        if not why and (name == "t" or title in columns or (kind != ".csv" and title in RESERVED_NAMES)):
             why = f"the name '{title}' is taken there"
         if why:
             raise DataError(f"signal {in_words(name)} cannot be written to '{path.name}': {why}. {advice}")
         columns[title] = values
-    _put(path, kind, columns, [f"{name}={units.get(name, '')}" for name in signals])
+    _write(path, kind, columns, [f"{name}={units.get(name, '')}" for name in signals])
     return path
 
 
 def _title(name: str, unit: str, kind: str) -> tuple[str, str]:
     """What a signal is called in a file, and why it cannot be written there as it is, or ``""``."""
     if kind == ".mat":
-        title = _variable(name)
+        title = _matlab_name(name)
         return title, "" if _MATLAB.fullmatch(title) else "MATLAB has no variables of such names"
     title = unmistakable(name, unit)
     kept = name and split_heading(title) == (name, unit) and not _CONTROL.search(title)
@@ -58,7 +59,7 @@ def _title(name: str, unit: str, kind: str) -> tuple[str, str]:
     return title, f"it would not be read from there as it is{f', in {in_words(unit)}' if unit else ''}"
 
 
-def _put(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list[str]) -> None:
+def _write(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list[str]) -> None:
     if kind == ".csv":
         with path.open("w", encoding="utf-8", newline="\n") as text:
             csv.writer(text, lineterminator="\n").writerow(columns)  # names with commas and quotes in quotes
@@ -73,7 +74,7 @@ def _put(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list[s
             savemat(file, columns)
 
 
-def _variable(name: str) -> str:
+def _matlab_name(name: str) -> str:
     """A MATLAB variable for a signal: no dots, and a letter in front."""
     plain = name.replace(".", "_")
     return plain if not plain or plain[0].isalpha() else f"x{plain}"

@@ -63,13 +63,13 @@ def _lead(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
 
 
 def standing(record: Record, inputs: Iterable[str], hold: str) -> Iterator[str]:
-    """What to mind of inputs that stand still and jump, unless they are taken as held from sample to sample."""
+    """What to mind of piecewise constant inputs that are not taken as zero-order hold."""
     for name in (k for k in inputs if k in record and hold != "zero"):
         steps = np.abs(np.diff(record[name]))
         size = float(np.ptp(record[name]))
         if size > 0 and np.mean(steps == 0) >= STILL and steps.max() >= JUMP * size:
             yield (
-                f"the input {name} stands still and jumps, and between two samples a jump is drawn out "
-                f"(hold='{hold}'). If it was held from sample to sample, as a controller holds its command, say "
-                "hold='zero', or --hold zero."
+                f"the input {name} is piecewise constant, and hold='{hold}' draws each of its steps out over a sample "
+                "interval. If it was a zero-order hold, as a controller applies its command, give hold='zero', or "
+                "--hold zero."
             )

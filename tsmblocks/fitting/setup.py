@@ -15,7 +15,7 @@ from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.data import Record, read
-from tsmblocks.data.missing_units import refuse_doubtful, untold
+from tsmblocks.data.missing_units import refuse_doubtful, assumed_units
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.methods import method_named
 from tsmblocks.fitting.constraints import constraints as read_constraints
@@ -194,7 +194,7 @@ def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iter
     wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
     for name, record in records.items():
         refuse_doubtful(name, record, wanted)
-    return [f"{name}: {text}" for name, record in records.items() for text in untold(record, wanted)]
+    return [f"{name}: {text}" for name, record in records.items() for text in assumed_units(record, wanted)]
 
 
 def _parts(own: float, periods: Sequence[float]) -> int:
