@@ -143,7 +143,8 @@ def test_a_tail_is_dropped_when_that_is_wanted(file):
     record = read(file(csv(CUT, np.arange(43.0))), tail="drop")
     np.testing.assert_allclose(record.t, STEPS)
     assert record.notes == (
-        "Time jumps back at row 42, from 3.9 s to 0 s; everything from there on (3 rows, 7 %) was dropped, as requested.",
+        "Time jumps back at row 42, from 3.9 s to 0 s; everything from there on (3 rows, 7 %) was "
+        "dropped, as requested.",
     )
     assert read(file(csv(STEPS, STEPS)), tail="drop").notes == ()
 
@@ -217,7 +218,8 @@ def test_repeats_jitter_and_a_tail_together(file):
     record = read(file(csv(t, np.r_[np.repeat(STEPS, 2), 7.0, 7.0])), tail="drop")
     np.testing.assert_allclose(record["x"], STEPS)
     assert record.notes == (
-        "Time jumps back at row 82, from 3.9 s to 0 s; everything from there on (2 rows, 2 %) was dropped, as requested.",
+        "Time jumps back at row 82, from 3.9 s to 0 s; everything from there on (2 rows, 2 %) was "
+        "dropped, as requested.",
         "40 rows repeated the time of the row before (rows 3, 5, 7, 9, 11, …), with the same values; each group was "
         "replaced by its mean, leaving 40 of 80 samples.",
     )

@@ -5,7 +5,7 @@ import pytest
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, from_pandas, read
-from tsmblocks.data.missing_units import how_to_map, refuse_doubtful, assumed_units
+from tsmblocks.data.missing_units import assumed_units, how_to_map, refuse_doubtful
 
 
 @pytest.fixture

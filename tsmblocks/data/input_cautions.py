@@ -54,7 +54,7 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
     >>> x = np.sin(t) + np.random.default_rng(0).normal(0.0, 0.01, t.size)
     >>> (text,) = tsm.data.cautions(tsm.Record("sine", t, {"x_in": x}, {"x_in": "rad"}))
     >>> text[:70]
-    'x_in is noisy: its path is 80 % longer than that of the motion in it, w'
+    'x_in is noisy: its path is 91 % longer than that of the motion in it, '
     """
     names = record.names if inputs is None else (inputs,) if isinstance(inputs, str) else tuple(inputs)
     record = evenly_sampled(record)

@@ -15,7 +15,7 @@ from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
 from tsmblocks.data import Record, read
-from tsmblocks.data.missing_units import refuse_doubtful, assumed_units
+from tsmblocks.data.missing_units import assumed_units, refuse_doubtful
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.methods import method_named
 from tsmblocks.fitting.constraints import constraints as read_constraints
