@@ -10,9 +10,41 @@ from tsmblocks.model.diagram import Diagram, needed
 
 
 def to_mermaid(diagram: Diagram) -> str:
-    """The diagram as a Mermaid flow chart: a line for each block, each link, input and output.
+    """Return a diagram as a Mermaid flow chart, with a line for each block, link, input and output.
 
-    Raises TsmError for what is no diagram.
+    Parameters
+    ----------
+    diagram : Diagram
+        What is drawn.
+
+    Returns
+    -------
+    str
+        Mermaid text, which ends with a newline.
+
+    Raises
+    ------
+    TsmError
+        ``diagram`` is not a diagram.
+
+    See Also
+    --------
+    to_svg : The same diagram with a layout of its own.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> print(tsm.to_mermaid(tsm.load("motor_linear")))
+    ---
+    title: "Motor as a linear transfer function"
+    ---
+    flowchart LR
+      in_u(["u"])
+      b_motor["motor<br/>K/s(τs+1)"]
+      out_x(["x"])
+      in_u --> b_motor
+      b_motor -->|"y"| out_x
+    <BLANKLINE>
     """
     diagram = needed(diagram, "drawn", TsmError)
     lines = ["---", f"title: {json.dumps(diagram.title, ensure_ascii=False)}", "---"] if diagram.title else []

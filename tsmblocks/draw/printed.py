@@ -25,10 +25,36 @@ def to_png(
     highlight: Iterable[str] = (),
     values: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write the drawing to a PNG file, ``scale`` pixels for each of the SVG's.
+    """Draw a diagram into a PNG file.
 
-    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, when ``path`` ends in anything but
-    .png, and when matplotlib is not installed.
+    Parameters
+    ----------
+    diagram : Diagram
+        What is drawn.
+    path : str or Path
+        File that is written; its name ends in ``.png``.
+    scale : float, default 2
+        Pixels of the file for each pixel of the SVG drawing.
+    highlight : iterable of str, optional
+        Names of blocks that are drawn in the accent colour (``"motor.slack"`` marks ``motor``). None by default.
+    values : mapping of str to str or float, optional
+        Signal (``"tsm.y"``) to the text or number that is written on its wire, a number with the unit of its port.
+        None by default.
+
+    Raises
+    ------
+    TsmError
+        ``diagram`` is not a diagram, or has no block or signal of a name given; ``path`` has another ending;
+        matplotlib is not installed.
+
+    See Also
+    --------
+    to_svg, to_pdf : The same drawing in other formats.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> tsm.to_png(tsm.load("motor_linear"), "motor.png", scale=3)  # doctest: +SKIP
     """
     _fits(path, ".png")
     _figure(diagram, highlight, values, DPI * scale).savefig(
@@ -39,10 +65,34 @@ def to_png(
 def to_pdf(
     diagram: Diagram, path: str | Path, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None
 ) -> None:
-    """Write the drawing to a PDF file of one page, made of lines and letters.
+    """Draw a diagram into a PDF file of one page, made of lines and letters that can be searched.
 
-    ``highlight`` and ``values`` as for ``to_svg``. Raises TsmError as that does, when ``path`` ends in anything but
-    .pdf, and when matplotlib is not installed.
+    Parameters
+    ----------
+    diagram : Diagram
+        What is drawn.
+    path : str or Path
+        File that is written; its name ends in ``.pdf``.
+    highlight : iterable of str, optional
+        Names of blocks that are drawn in the accent colour (``"motor.slack"`` marks ``motor``). None by default.
+    values : mapping of str to str or float, optional
+        Signal (``"tsm.y"``) to the text or number that is written on its wire, a number with the unit of its port.
+        None by default.
+
+    Raises
+    ------
+    TsmError
+        ``diagram`` is not a diagram, or has no block or signal of a name given; ``path`` has another ending;
+        matplotlib is not installed.
+
+    See Also
+    --------
+    to_svg, to_png : The same drawing in other formats.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> tsm.to_pdf(tsm.load("motor_linear"), "motor.pdf", highlight=["motor"])  # doctest: +SKIP
     """
     _fits(path, ".pdf")
     figure = _figure(diagram, highlight, values, DPI)

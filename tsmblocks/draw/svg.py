@@ -14,12 +14,40 @@ from tsmblocks.model.diagram import Diagram, needed
 
 
 def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:
-    """The diagram drawn as one SVG text, without outside fonts or scripts.
+    """Draw a diagram as SVG text, without external fonts or scripts.
 
-    ``highlight`` names blocks to be drawn in the accent colour (``"motor.slack"`` marks ``motor``);
-    ``values`` maps signals (``"tsm.y"``) to texts or numbers that are written on their wires, numbers with
-    their unit. The paper is white, so it is readable on a dark page too. Raises TsmError for a name
-    that is not in the diagram, and for what is no diagram.
+    Signals flow from left to right, feedback runs below the blocks. The background is white, so that the drawing is
+    readable on a dark page too. The same diagram gives the same text.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        What is drawn.
+    highlight : iterable of str, optional
+        Names of blocks that are drawn in the accent colour (``"motor.slack"`` marks ``motor``). None by default.
+    values : mapping of str to str or float, optional
+        Signal (``"tsm.y"``) to the text or number that is written on its wire, a number with the unit of its port.
+        None by default.
+
+    Returns
+    -------
+    str
+        One ``<svg>`` element.
+
+    Raises
+    ------
+    TsmError
+        ``diagram`` is not a diagram, or has no block or signal of a name given.
+
+    See Also
+    --------
+    to_png, to_pdf : The same drawing as a file.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> tsm.to_svg(tsm.load("motor_linear"), highlight=["motor"], values={"x": 0.5}).count("<rect")
+    2
     """
     accent = marked(needed(diagram, "drawn", TsmError), highlight)
     picture = layout(diagram, values=values)
