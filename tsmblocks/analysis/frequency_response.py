@@ -21,9 +21,10 @@ from tsmblocks.common.units import for_people
 from tsmblocks.common.views import view
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.batch import batch_of
 from tsmblocks.simulation.compiled import equations
+from tsmblocks.simulation.run_options import RunOptions
 
 SETTLED = 1e-4
 """Change of a signal from one period to the next, as a share of its size, that counts as none."""
@@ -151,9 +152,7 @@ def frequency_response(
         as_integer("harmonics", harmonics, 1),
     )
     longest, least = as_positive("step", step), as_integer("samples", samples, 4 * most)
-    how = dict(
-        method=method, inputs=inputs, hold="zero", backend=backend, outputs=list(dict.fromkeys([f"{source}.y", shown]))
-    )
+    constant, kept = as_inputs(inputs), list(dict.fromkeys([f"{source}.y", shown]))
     response = np.full((len(a), len(f)), np.nan, dtype=complex)
     over = np.full((len(a), len(f), most - 1), np.nan)
     for k, one in enumerate(f):
@@ -166,7 +165,9 @@ def frequency_response(
         waiting = np.arange(len(a))
         while len(waiting):
             sets = {f"{source}.amplitude": a[waiting], f"{source}.frequency": np.full(len(waiting), one)}
-            batch = batch_of(tuned, sets, step=1.0 / (one * n), stop=(left_out + count) / one, **how)  # type: ignore[arg-type]
+            stop = (left_out + count) / one
+            options = RunOptions(stop, 1.0 / (one * n), 0.0, method, constant, "zero", backend=backend)
+            batch = batch_of(tuned, sets, options, kept)
             found = batch.results(0, batch.count, _Harmonics(f"{source}.y", shown, n, count, most, held), threads)
             settled = ~(found["change"] > SETTLED)
             done = waiting[settled]

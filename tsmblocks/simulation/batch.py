@@ -15,15 +15,14 @@ from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.kernel import Kernel, Memory
-from tsmblocks.engine.methods import method_named
-from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import batch_kernel, lane_columns, lane_memory, lanes_for, whole_run
 from tsmblocks.simulation.logged_signals import kept_columns, signal_positions
+from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import Beginning, extremes, set_in_words, warn_of_fast_poles
 
 Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
@@ -52,20 +51,9 @@ def simulate_batch(
     returns results of shape (lanes,), so that long batches need not be kept whole. Other arguments as
     for ``simulate``. Raises ParameterError for an unknown name or arrays of different lengths.
     """
-    made = batch_of(
-        diagram,
-        parameters,
-        stop=stop,
-        step=step,
-        start=start,
-        method=method,
-        inputs=inputs,
-        hold=hold,
-        outputs=outputs,
-        every=every,
-        backend=backend,
-    )
-    warn_of_fast_poles([made.beginning(k) for k in extremes(made.sets)], method_named(method), step)
+    options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
+    made = batch_of(diagram, parameters, options, outputs)
+    warn_of_fast_poles([made.beginning(k) for k in extremes(made.sets)], options.rule, step)
     return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t, {} if reduce else made.units)
 
 
@@ -143,16 +131,8 @@ class PreparedBatch:
 def batch_of(
     diagram: Diagram,
     parameters: Mapping[str, Any],
-    *,
-    stop: float | None = None,
-    step: float = 1e-3,
-    start: float = 0.0,
-    method: str = "rk4",
-    inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
+    options: RunOptions,
     outputs: Sequence[str] | None = None,
-    every: int = 1,
-    backend: str = "",
     lanes: int | None = None,
 ) -> PreparedBatch:
     """Check and compile a batch without running it; arguments and errors as for ``simulate_batch``.
@@ -160,18 +140,17 @@ def batch_of(
     ``lanes`` is how many sets are run side by side, a power of two (by default what suits the diagram): parts of one
     study give it, so that their results agree to the last digit however the work is cut.
     """
-    given = as_inputs(inputs)
     if not isinstance(parameters, Mapping):
         raise ParameterError(f"parameters must map names to one number per set each, got {in_words(parameters)}.")
     diagram = as_diagram(diagram).untied(parameters)
-    times = run_times(given, start, stop, step, every)
+    times = options.times
     eq = equations(diagram)
     sets, count = parameter_sets(eq, diagram, parameters)
     names = as_list(outputs) if outputs is not None else list(eq.aliases)
     chosen, lanes = kept_columns(eq, names), lanes or lanes_for(count, len(eq.x))
     vary = frozenset(eq.p.index(k) for k in sets)
-    kernel = batch_kernel(eq, method_named(method), chosen, lanes, vary, backend)
-    signals = gather_signals(eq, given, times.grid, hold)
+    kernel = batch_kernel(eq, options.rule, chosen, lanes, vary, options.backend)
+    signals = options.signals(eq)
     whole = whole_run(eq, kernel, signals, times)
     columns = {name: chosen.index(k) for name, k in zip(names, signal_positions(eq, names), strict=True)}
     return PreparedBatch(

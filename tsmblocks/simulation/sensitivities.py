@@ -9,15 +9,14 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import ParameterError
-from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
-from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.batch_parameters import parameter_index
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
 from tsmblocks.simulation.logged_signals import kept_columns, signal_positions
+from tsmblocks.simulation.run_options import RunOptions
 
 
 def sensitivities(
@@ -40,17 +39,23 @@ def sensitivities(
     At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
     for an unknown name.
     """
-    given, names = as_inputs(inputs), as_list(names)
+    options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
+    return sensitivities_of(diagram, as_list(names), options, outputs)
+
+
+def sensitivities_of(
+    diagram: Diagram, names: Sequence[str], options: RunOptions, outputs: Sequence[str] | None = None
+) -> Sensitivities:
+    """As ``sensitivities``, with the options of the run as one value."""
     if not names:
         raise ParameterError(f"sensitivities of '{as_diagram(diagram).title}' need the name of a parameter at least.")
     diagram = as_diagram(diagram).untied(names)
-    times = run_times(given, start, stop, step, every)
-    eq = equations(diagram)
+    times, eq = options.times, equations(diagram)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
     shown = as_list(outputs) if outputs is not None else list(eq.aliases)
     chosen, lanes = kept_columns(eq, shown), directions(len(known))
-    kernel = tangent_kernel(eq, method_named(method), chosen, lanes, backend)
-    whole = whole_run(eq, kernel, gather_signals(eq, given, times.grid, hold), times)
+    kernel = tangent_kernel(eq, options.rule, chosen, lanes, options.backend)
+    whole = whole_run(eq, kernel, options.signals(eq), times)
     columns = [chosen.index(k) for k in signal_positions(eq, shown)]
     jacobian = np.empty((times.kept, len(shown), len(known)))
     for first in range(0, len(known), lanes):

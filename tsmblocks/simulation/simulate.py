@@ -12,14 +12,15 @@ from tsmblocks.common.arguments import as_callback
 from tsmblocks.common.errors import NotFinite
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.events import locating
-from tsmblocks.engine.methods import Method, method_named
-from tsmblocks.engine.session import Session, Stopped, gather_signals, single_kernel, start_memory, steps_per_period
+from tsmblocks.engine.methods import Method
+from tsmblocks.engine.session import Session, Stopped, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.divergence import explain
 from tsmblocks.simulation.logged_signals import logged_signals
 from tsmblocks.simulation.run import Run
+from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.saved_state import Saved, begins, remembered, taken_up
 from tsmblocks.simulation.stability import Beginning, warn_of_fast_poles
 
@@ -62,19 +63,20 @@ def simulate(
     Raises NotFinite when a signal becomes NaN or infinite, RunError, DataError, ParameterError and
     what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
     """
-    diagram, given = as_diagram(diagram, parameters), as_inputs(inputs)
+    diagram = as_diagram(diagram, parameters)
     begin, h = begins(start, step, initial)
-    times = run_times(given, begin, stop, h, every)
+    options = RunOptions(stop, h, begin, method, inputs, hold, every, backend)
+    times = options.times
     as_callback(progress, "the fraction done")
     eq = equations(diagram)
     chosen, names = logged_signals(eq, log, times)
-    rule, p = method_named(method), parameter_vector(eq, diagram)
+    rule, p = options.rule, parameter_vector(eq, diagram)
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
     saved = initial if isinstance(initial, Saved) else None
     memory = start_memory(eq, kernel, p, h, None if saved else initial)  # type: ignore[arg-type]
     origin, k = (times.start, 0) if saved is None else (saved.start, saved.k)
     memory = memory if saved is None else taken_up(saved, eq, memory, h)
-    signals, hits = gather_signals(eq, given, times.grid, hold), steps_per_period(eq, h)
+    signals, hits = options.signals(eq), steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
     warn_of_fast_poles([Beginning(eq, p, times.start, signals, memory)], rule, h)
     if locate:

@@ -12,9 +12,9 @@ from tsmblocks.common.errors import RunError, near
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
-from tsmblocks.engine.methods import method_named
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram, as_inputs
+from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
 from tsmblocks.studies.runner import beginnings, grouped
@@ -82,21 +82,12 @@ def responses(
     """
     diagram, plan = as_diagram(diagram), planned(plan)
     units, names = signal_units(diagram), list(signals) if signals is not None else list(diagram.outputs)
-    how = dict(
-        stop=stop,
-        step=step,
-        start=start,
-        method=method,
-        inputs=as_inputs(inputs),
-        hold=hold,
-        every=every,
-        backend=backend,
-    )
+    options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
     made: dict[str, Any] = {}
     t, columns = np.empty(0), own_numbers(diagram, plan)
-    groups = grouped(diagram, columns, how)
+    groups = grouped(diagram, columns, options)
     batches = [group.batch(names) for group in groups]
-    warn_of_fast_poles(beginnings(groups, batches, columns), method_named(method), step)
+    warn_of_fast_poles(beginnings(groups, batches, columns), options.rule, step)
     for group, batch in zip(groups, batches, strict=True):
         for name, values in batch.results(0, batch.count, None, threads).items():
             made.setdefault(name, np.empty((len(plan), values.shape[1])))[group.runs] = values

@@ -19,6 +19,7 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.batch import PreparedBatch, batch_of
 from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.lanes import lanes_for
+from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import LOOKED_AT, Beginning, extremes, set_in_words
 from tsmblocks.studies.plans import plain
 
@@ -48,7 +49,7 @@ class Runs:
     diagram: Diagram
     runs: np.ndarray
     sets: Mapping[str, np.ndarray]
-    how: Mapping[str, Any]
+    options: RunOptions
     lanes: int
 
     def part(self, chosen: np.ndarray) -> Runs:
@@ -57,7 +58,7 @@ class Runs:
 
     def batch(self, signals: Sequence[str]) -> PreparedBatch:
         """The batch of these runs, with some of their signals."""
-        return batch_of(self.diagram, self.sets, outputs=signals, lanes=self.lanes, **self.how)
+        return batch_of(self.diagram, self.sets, self.options, signals, self.lanes)
 
     def prepared(self, metrics: Sequence[Metric]) -> PreparedBatch:
         """The batch of these runs, with the signals that the metrics need."""
@@ -68,7 +69,7 @@ Piece = tuple[Runs, tuple[Metric, ...]]
 """What an executor is given at a time: runs, and what is measured."""
 
 
-def grouped(diagram: Diagram, columns: Mapping[str, np.ndarray], how: Mapping[str, Any]) -> list[Runs]:
+def grouped(diagram: Diagram, columns: Mapping[str, np.ndarray], options: RunOptions) -> list[Runs]:
     """Runs whose equations are the same, together. What shapes the equations (an option) tells groups apart.
 
     Raises ParameterError for an unknown name or a value that its block refuses.
@@ -84,7 +85,7 @@ def grouped(diagram: Diagram, columns: Mapping[str, np.ndarray], how: Mapping[st
         at = np.array(runs)
         sets = {k: columns[k][at] for k in side_by_side} or _something(own, len(at))
         lanes = lanes_for(len(at), len(equations(own.untied(sets)).x))
-        made.append(Runs(own, at, sets, how, lanes))
+        made.append(Runs(own, at, sets, options, lanes))
     return made
 
 

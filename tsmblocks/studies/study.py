@@ -17,13 +17,13 @@ from tsmblocks.common.errors import DataError, ParameterError, RunError, in_word
 from tsmblocks.common.version import __version__
 from tsmblocks.data import heading
 from tsmblocks.engine.inputs import Signal
-from tsmblocks.engine.methods import method_named
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.metrics.metrics import metrics as read_metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.simulation.arguments import as_diagram, as_inputs, run_times
+from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations
+from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results
@@ -71,17 +71,17 @@ def study(
             "{name: study(one, plan, metrics) for name, one in diagrams.items()}."
         )
     diagram, plan = as_diagram(diagram), planned(plan)
-    how = dict(stop=stop, step=step, start=start, method=method, inputs=as_inputs(inputs), hold=hold, backend=backend)
+    options = RunOptions(stop, step, start, method, inputs, hold, backend=backend)
     wanted = read_metrics(metrics, signal_units(diagram))
-    asked = _Asked(title or diagram.title, diagram, plan.kind, own_numbers(diagram, plan), wanted, how)
+    asked = _Asked(title or diagram.title, diagram, plan.kind, own_numbers(diagram, plan), wanted, options)
     tell = as_callback(progress, "done and of")
     if executor is not None and not hasattr(executor, "submit"):
         raise RunError(f"executor is one of concurrent.futures, or Dask's get_executor(), got {in_words(executor)}.")
     if threads is not None:
         as_integer("threads", threads, 1)
-    groups = grouped(diagram, asked.columns, how)
+    groups = grouped(diagram, asked.columns, options)
     looked_at = beginnings(groups, checked(groups, wanted), asked.columns)
-    warn_of_fast_poles(looked_at, method_named(method), step)
+    warn_of_fast_poles(looked_at, options.rule, step)
     store = Store(_path(out), asked.facts, asked.heading, tuple(asked.columns.values()), asked.count)
     store.begin()
     missing = np.array([k not in store.done for k in range(asked.count)])
@@ -113,14 +113,14 @@ def _run(parts: Generator[Found, None, None], asked: _Asked, store: Store, tell:
 
 @attrs.frozen(eq=False)
 class _Asked:
-    """A study, all of it settled: ``columns`` have a value for every run, ``how`` the other arguments of the runs."""
+    """A study, all of it settled: ``columns`` have a value for every run, ``options`` are those of the runs."""
 
     title: str
     diagram: Diagram
     kind: str
     columns: Mapping[str, np.ndarray]
     metrics: tuple[Metric, ...]
-    how: Mapping[str, Any]
+    options: RunOptions
 
     def __attrs_post_init__(self) -> None:
         for one in self.metrics:
@@ -146,10 +146,9 @@ class _Asked:
     @property
     def facts(self) -> dict[str, Any]:
         """All that the results depend on, so that those of another study are not gone on with."""
-        how = self.how
-        times = run_times(how["inputs"], how["start"], how["stop"], how["step"], 1)
+        options, times = self.options, self.options.times
         values = (f"{k}={v.tolist()!r}" for k, v in self.columns.items())
-        driven = (f"{k}={_shown(k, v, times.grid, how['hold'])}" for k, v in how["inputs"].items())
+        driven = (f"{k}={_shown(k, v, times.grid, options.hold)}" for k, v in options.inputs.items())
         return {
             "format": FORMAT,
             "title": self.title,
@@ -165,7 +164,7 @@ class _Asked:
             "start": times.start,
             "step": times.h,
             "steps": times.steps,
-            "method": how["method"],
+            "method": options.method,
         }
 
     def results(self, store: Store, status: str) -> Results:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import attrs
 import numpy as np
@@ -12,6 +11,7 @@ from tsmblocks.common import units as known_units
 from tsmblocks.common.tables import few
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.simulate import simulate
 from tsmblocks.simulation.stability import no_more_of_steps
 from tsmblocks.studies import study, table
@@ -47,7 +47,7 @@ def hunting(
     values: Mapping[str, float],
     goal: Metric,
     watched: Sequence[str],
-    how: Mapping[str, Any],
+    options: RunOptions,
 ) -> list[str]:
     """What to beware of in words, empty where no signal hunts: with some ``values`` against the diagrams' ``own``.
 
@@ -59,11 +59,11 @@ def hunting(
     blocks = {name.rpartition(".")[0] for name in own} - {""}
     tuned = [name for name in units if name.rpartition(".")[0] in blocks and name not in watched]
     for names in (list(watched), tuned):
-        ways = _ways(cases, own, values, goal, [*goal.signals, *names], how)
+        ways = _ways(cases, own, values, goal, [*goal.signals, *names], options)
         found = _found(ways, goal, names)
         if found:
             most = ROOM * max(one.before for one in ways if one.name == found[0].name)
-            return [_said(found, most, cases, values, goal, units, how)]
+            return [_said(found, most, cases, values, goal, units, options)]
     return []
 
 
@@ -73,7 +73,7 @@ def _ways(
     values: Mapping[str, float],
     goal: Metric,
     names: Sequence[str],
-    how: Mapping[str, Any],
+    options: RunOptions,
 ) -> list[_Way]:
     window = _window(goal)
     texts = {f"{kind} {name}": f"{kind}({name}{window})" for name in names for kind in ("variation", "peak_to_peak")}
@@ -81,7 +81,7 @@ def _ways(
     made = []
     for case, diagram in cases.items():
         with no_more_of_steps():
-            found = study(diagram, plan, texts, **how)
+            found = study(diagram, plan, texts, **options.arguments)
         for name in dict.fromkeys(names):
             way, size = found[f"variation {name}"], found[f"peak_to_peak {name}"]
             times = np.where(size > 0, way / np.where(size > 0, size, 1.0), 0.0)
@@ -110,12 +110,12 @@ def _said(
     values: Mapping[str, float],
     goal: Metric,
     units: Mapping[str, str],
-    how: Mapping[str, Any],
+    options: RunOptions,
 ) -> str:
     one, *others = found
     factor, unit = known_units.for_people(units.get(one.name, ""))
     grown = f"{one.growth:.2g} times as far as before" if one.before > 1e-9 * one.after else "to and fro"
-    often = _swings(cases[one.case].with_parameters(values), one.name, goal, how)
+    often = _swings(cases[one.case].with_parameters(values), one.name, goal, options)
     swings = f", mostly in swings of some {often:.2g} Hz" if often else ""
     more = f"; so do {few(other.name for other in others)}" if len(others) > 1 else ""
     more = f"; so does {others[0].name}" if len(others) == 1 else more
@@ -134,12 +134,12 @@ def _window(goal: Metric) -> str:
     return "".join(f", {k}={v:.12g}" for k, v in given.items() if np.isfinite(v))
 
 
-def _swings(diagram: Diagram, name: str, goal: Metric, how: Mapping[str, Any]) -> float | None:
+def _swings(diagram: Diagram, name: str, goal: Metric, options: RunOptions) -> float | None:
     """How often a signal swings to and fro, in Hz, half its swings being faster; None where there are few."""
     from scipy.signal import find_peaks
 
     with no_more_of_steps():
-        run = simulate(diagram, **how)
+        run = simulate(diagram, **options.arguments)
     part = goal.parts[0]
     inside = (run.t >= part.after - 1e-9) & (run.t <= part.before + 1e-9)
     t, y = run.t[inside], run[name][inside]

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import attrs
 import numpy as np
@@ -14,7 +13,8 @@ import numpy as np
 from tsmblocks.common.errors import RunError
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.sensitivities import sensitivities
+from tsmblocks.simulation.run_options import RunOptions
+from tsmblocks.simulation.sensitivities import sensitivities_of
 from tsmblocks.simulation.stability import LOOKED_AT, Beginning, no_more_of_steps
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
 from tsmblocks.studies.runner import beginnings, checked, grouped
@@ -50,7 +50,7 @@ class Search:
     bounds: Mapping[str, Uniform]
     goal: Metric
     limits: Sequence[Limit]
-    how: Mapping[str, Any]
+    options: RunOptions
     threads: int | None
 
     @property
@@ -71,7 +71,7 @@ class Search:
         made = {}
         for case, diagram in self.cases.items():
             with no_more_of_steps():
-                found = study(diagram, plan, texts, threads=self.threads, **self.how)
+                found = study(diagram, plan, texts, threads=self.threads, **self.options.arguments)
             made[case] = {one.asked: found[one.asked] for one in self.metrics}
             for one in self.limits:
                 if one.metric is None:
@@ -87,7 +87,7 @@ class Search:
         columns = {name: np.array([one[name] for one in (own, *ends)]) for name in own}
         made: list[Beginning] = []
         for case, diagram in list(self.cases.items())[:LOOKED_AT]:
-            groups = grouped(diagram, columns, self.how)
+            groups = grouped(diagram, columns, self.options)
             found = beginnings(groups, checked(groups, self.metrics), columns)[: 1 if made else None]
             named = f"case '{case}', " if len(self.cases) > 1 else ""
             made += [attrs.evolve(one, words=named + one.words) for one in found]
@@ -256,7 +256,7 @@ class Search:
         wanted = list(dict.fromkeys(name for one in marks for name in one.metric.signals))
         found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in marks]
         for diagram in self.cases.values():
-            run = sensitivities(diagram.with_parameters(numbers), list(self.bounds), outputs=wanted, **self.how)
+            run = sensitivities_of(diagram.with_parameters(numbers), list(self.bounds), self.options, wanted)
             signals = {name: run.y[:, k] for k, name in enumerate(wanted)}
             along = {name: run.jacobian[:, k] for k, name in enumerate(wanted)}
             with np.errstate(all="ignore"):

@@ -7,11 +7,11 @@ from typing import Any
 
 from tsmblocks.common.arguments import as_callback, as_integer
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.engine.methods import method_named
 from tsmblocks.metrics.metrics import Metric, metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
 from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.plans import between
@@ -66,12 +66,12 @@ def tune(
     bounds, units = _bounds(free, first), signal_units(first)
     goal = _goal(minimise, units)
     limits = [limit(text, units, first) for text in _listed(subject_to)]
-    how = dict(stop=stop, step=step, method=method, inputs=inputs, hold=hold, backend=backend)
-    search = Search(cases, bounds, goal, limits, how, threads)
+    options = RunOptions(stop, step, 0.0, method, inputs, hold, backend=backend)
+    search = Search(cases, bounds, goal, limits, options, threads)
     own = {name: first.parameters[name] for name in bounds}
     inside = all(one.low <= own[name] <= one.high for name, one in bounds.items())
     begins = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
-    warn_of_fast_poles(search.beginnings(own), method_named(method), step)
+    warn_of_fast_poles(search.beginnings(own), options.rule, step)
     trails, status = _walked(search, begins, tell)
     if inside:
         trails[0].insert(0, own)  # they are never made worse
@@ -79,7 +79,7 @@ def tune(
     best = judged.best
     values = dict(judged.sets[best])
     made = {name: d.with_parameters(values) for name, d in named.items()}
-    said = [] if values == own else hunting(cases, own, values, goal, search.watched, how)
+    said = [] if values == own else hunting(cases, own, values, goal, search.watched, options)
     return Tuned(
         values,
         made,
