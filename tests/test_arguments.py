@@ -11,7 +11,7 @@ from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram, Inlet
-from tsmblocks.simulation.arguments import Times, resolve_stop, run_times, whole_steps
+from tsmblocks.simulation.arguments import TimeGrid, end_time, run_times, step_count
 from tsmblocks.simulation.sensitivities import sensitivities
 from tsmblocks.simulation.simulate import simulate
 
@@ -31,12 +31,12 @@ SINE = Diagram(blocks=dict(ref=Sine(), k=Gain()), wires=["ref -> k"], outputs={"
     ],
 )
 def test_whole_steps(start, stop, h, steps):
-    assert whole_steps(start, stop, h) == steps
+    assert step_count(start, stop, h) == steps
 
 
 @given(st.integers(1, 10_000_000), st.sampled_from([1e-5, 1e-4, 1e-3, 0.01, 1 / 3, 1 / 7]))
 def test_whole_steps_of_a_multiple_are_that_multiple(n, h):
-    assert whole_steps(0.0, n * h, h) == n
+    assert step_count(0.0, n * h, h) == n
 
 
 def test_a_run_never_goes_beyond_its_end():
@@ -60,12 +60,12 @@ def test_a_run_never_goes_beyond_its_end():
     ids=str,
 )
 def test_without_an_end_a_run_lasts_as_long_as_its_inputs(inputs, stop):
-    assert resolve_stop(inputs, 0.0, 0.01) == pytest.approx(stop)
+    assert end_time(inputs, 0.0, 0.01) == pytest.approx(stop)
 
 
 def test_times():
     times = run_times({}, 1, 2, 0.25, 2)
-    assert times == Times(1.0, 0.25, 4, 2)
+    assert times == TimeGrid(1.0, 0.25, 4, 2)
     assert times.grid.tolist() == [1.0, 1.25, 1.5, 1.75, 2.0]
     assert times.kept == 3
 

@@ -735,7 +735,7 @@ def test_nan_is_caught_where_it_is_born_with_the_run_so_far():
     assert (error.block, error.time) == ("q", 0.5)
     assert (
         str(error)
-        == "q.y = nan at t = 0.5 s, born in q (Divide). Its inputs: num (from one.y) = 0, den (from r.y) = 0."
+        == "q.y = nan at t = 0.5 s, first in q (Divide). Its inputs: num (from one.y) = 0, den (from r.y) = 0."
     )
     assert len(error.run.t) == 4
     assert np.array_equal(error.run["r.y"], [0.5, 0.375, 0.25, 0.125])
@@ -748,7 +748,7 @@ def test_nan_is_not_swallowed_by_a_limit_when_only_outputs_are_logged():
         wires=["a -> q.num", "b -> q.den", "q -> cap"],
         outputs={"y": "cap"},
     )
-    with pytest.raises(NotFinite, match="born in q"):
+    with pytest.raises(NotFinite, match="first in q"):
         tsm.simulate(d, stop=1.0, log="outputs")
 
 

@@ -655,7 +655,7 @@ def test_a_relay_in_sliding_mode_warns_once_and_goes_on_plainly():
         wires=["r -> e.plus", "e -> relay -> i -> e.minus"],
         outputs={"x": "i"},
     )
-    with pytest.warns(SlidingWarning, match="the sign in relay turns over again and again") as caught:
+    with pytest.warns(SlidingWarning, match="the sign in relay changes again and again") as caught:
         run = simulate(d, stop=6.0, step=0.01, locate=True)
     assert len(caught) == 1
     assert caught[0].filename == __file__
@@ -724,7 +724,7 @@ def test_nan_is_reported_as_without(options):
     )
     errors = []
     for locate in (False, True):
-        with pytest.raises(NotFinite, match="born in root") as caught:
+        with pytest.raises(NotFinite, match="first in root") as caught:
             simulate(d, stop=6.0, step=0.01, locate=locate, **options)
         errors.append(caught.value)
     plain, located = errors

@@ -14,7 +14,7 @@ from tsmblocks.blocks import FirstOrderLag, RateLimit, Step
 from tsmblocks.cli import main
 from tsmblocks.export import to_c
 from tsmblocks.simulation.batch import simulate_batch
-from tsmblocks.simulation.stability import LOOKED_AT, StepWarning, extremes
+from tsmblocks.simulation.stability import MOST_CHECKED, StepWarning, extreme_sets
 from tsmblocks.simulation.stepper import Stepper
 from tsmblocks.studies import latin_hypercube, responses
 
@@ -80,8 +80,8 @@ def test_many_runs_on_many_processes_say_it_once():
 
 def test_of_many_sets_a_few_are_looked_at():
     rng = np.random.default_rng(0)
-    assert extremes({"a": np.array([2.0, 3.0, 1.0, 2.5]), "b": np.array(["x", "y", "x", "y"], object)}) == [0, 2, 1]
-    assert len(extremes({str(k): rng.random(1000) for k in range(50)})) == LOOKED_AT
+    assert extreme_sets({"a": np.array([2.0, 3.0, 1.0, 2.5]), "b": np.array(["x", "y", "x", "y"], object)}) == [0, 2, 1]
+    assert len(extreme_sets({str(k): rng.random(1000) for k in range(50)})) == MOST_CHECKED
 
 
 def test_options_that_make_other_equations_are_looked_at_too():

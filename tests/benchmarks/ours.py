@@ -10,7 +10,7 @@ import numpy as np
 
 import tsmblocks as tsm
 from tsmblocks import blocks, load  # noqa: F401 - parts that are imported when first asked for; the same
-from tsmblocks.engine import inputs as feeds
+from tsmblocks.engine.inputs import input_rows
 from tsmblocks.engine.kernel import Kernel
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
@@ -63,7 +63,7 @@ class KernelRun:
         p, grid = parameter_vector(eq, diagram), step * np.arange(self.steps + 1)
         self.memory = start_memory(eq, self.kernel, p, step)
         instants = self.kernel.plan.method.instants
-        self.u = feeds.rows(gather_signals(eq, dict(inputs or {}), grid, "linear"), 0.0, step, 0, self.steps, instants)
+        self.u = input_rows(gather_signals(eq, dict(inputs or {}), grid, "linear"), 0.0, step, 0, self.steps, instants)
         self.hits = steps_per_period(eq, step)
         self.y = np.zeros((self.steps + 1, self.kernel.layout_y.size))
 

@@ -42,7 +42,7 @@ def plant(**blocks):
 # ---- not finite
 
 
-@mistake(NotFinite, "q.y = nan at t = 0 s, born in q (Divide). Its inputs: num (from a.y) = 0, den (from b.y) = 0.")
+@mistake(NotFinite, "q.y = nan at t = 0 s, first in q (Divide). Its inputs: num (from a.y) = 0, den (from b.y) = 0.")
 def zero_over_zero():
     d = Diagram(
         title="quotients", blocks=dict(a=Sine(), b=Sine(unit="1"), q=Divide()), wires=["a -> q.num", "b -> q.den"]
@@ -51,7 +51,7 @@ def zero_over_zero():
 
 
 @mistake(
-    NotFinite, "q.y = inf at t = 0.5 s, born in q (Divide). Its inputs: num (from one.y) = 1, den (from sum.y) = 0."
+    NotFinite, "q.y = inf at t = 0.5 s, first in q (Divide). Its inputs: num (from one.y) = 1, den (from sum.y) = 0."
 )
 def a_denominator_that_passes_zero_later():
     d = Diagram(
@@ -69,7 +69,7 @@ def a_denominator_that_passes_zero_later():
     simulate(d, stop=1.0, step=0.125)
 
 
-@mistake(NotFinite, "log.y = nan at t = 2.94 s, born in log (Log). Its inputs: u (from ref.y) = -0.00413145.")
+@mistake(NotFinite, "log.y = nan at t = 2.94 s, first in log (Log). Its inputs: u (from ref.y) = -0.00413145.")
 def the_logarithm_of_a_negative_number():
     @block(register=False)
     class Log(Block):
@@ -89,7 +89,7 @@ def the_logarithm_of_a_negative_number():
     simulate(d, stop=3.0, step=0.01)
 
 
-@mistake(NotFinite, "log.y = -inf at t = 0 s, born in log (Log). Its inputs: u (from lag.y) = 0.")
+@mistake(NotFinite, "log.y = -inf at t = 0 s, first in log (Log). Its inputs: u (from lag.y) = 0.")
 def the_logarithm_in_the_middle_of_a_loop():
     @block(register=False)
     class Log(Block):
@@ -136,7 +136,7 @@ def an_unstable_loop_logged_by_its_outputs_only():
     simulate(d, stop=10.0, step=0.01, log="outputs")
 
 
-@mistake(NotFinite, "k.y = inf at t = 0.3 s, born in k (Gain). Its inputs: u (from error.y) = 1e+300.")
+@mistake(NotFinite, "k.y = inf at t = 0.3 s, first in k (Gain). Its inputs: u (from error.y) = 1e+300.")
 def an_unstable_loop_of_samples():
     d = Diagram(
         title="runaway",
@@ -576,7 +576,7 @@ def a_state_of_another_step():
     Stepper(plant(), step=1e-4).restore(saved)
 
 
-@mistake(NotFinite, "q.y = inf at t = 0 s, born in q (Divide). Its inputs: num (from a) = 1, den (from b) = 0.")
+@mistake(NotFinite, "q.y = inf at t = 0 s, first in q (Divide). Its inputs: num (from a) = 1, den (from b) = 0.")
 def a_stepper_that_leaves_the_finite():
     d = Diagram(title="quotients", blocks=dict(q=Divide()), inputs={"a": "q.num", "b": "q.den"}, outputs={"c": "q"})
     Stepper(d).step({"a": 1.0, "b": 0.0})

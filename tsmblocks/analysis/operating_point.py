@@ -11,7 +11,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
-from tsmblocks.engine.equations import KEPT, Equations
+from tsmblocks.engine.equations import DELAY_SAMPLES, Equations
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
@@ -106,7 +106,7 @@ def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any
     lags = eq.lag.call([p])[0] if eq.q else ca.SX(0, 1)
     held = []
     for k in range(len(eq.q)):
-        away = [float(i) - 0.5 * (KEPT - 1) for i in range(KEPT)]
+        away = [float(i) - 0.5 * (DELAY_SAMPLES - 1) for i in range(DELAY_SAMPLES)]
         values = [late[k] + (slopes[k] * a if slopes is not None else 0.0) for a in away]
         held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, LONG))
     found: list[Any] = eq.rhs.call(

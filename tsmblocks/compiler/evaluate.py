@@ -16,7 +16,7 @@ import casadi as ca
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
 from tsmblocks.compiler.dependencies import call
 from tsmblocks.compiler.flatten import Flat, Node
-from tsmblocks.engine.equations import PER_DELAY, Feed
+from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
 
 _PENDING = ca.SX.sym("pending")
@@ -36,7 +36,7 @@ class Evaluator:
             self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
             self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
             self.u: dict[tuple[Any, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
-            self.q = [ca.vertsplit(ca.SX.sym(k, PER_DELAY)) for k in map(".".join, flat.past_keys)]
+            self.q = [ca.vertsplit(ca.SX.sym(k, DELAY_NUMBERS)) for k in map(".".join, flat.past_keys)]
             self.owner: dict[int, tuple[Any, ...]] = {}
             for kind, table in (("x", self.x), ("d", self.d)):
                 self.owner |= {s.element_hash(): (kind, k) for k, s in table.items()}
@@ -102,10 +102,10 @@ class Evaluator:
         for kind, *rest in self.u:
             if kind == "u":
                 name, order = rest
-                yield Feed("d/dt " * int(order) + name, order=int(order), unit=self.flat.inputs[name])
+                yield SampledInput("d/dt " * int(order) + name, order=int(order), unit=self.flat.inputs[name])
             else:
                 path, tape, order = rest
-                yield Feed("d/dt " * int(order) + f"{path}.{tape}", path, tape, int(order))
+                yield SampledInput("d/dt " * int(order) + f"{path}.{tape}", path, tape, int(order))
 
     def x_symbols(self) -> list[Any]:
         """Symbols of the continuous states, in order."""
@@ -361,7 +361,7 @@ class Evaluator:
 def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
     """The value a signal had ``delay`` s before ``t``: along the cubic through four instants, fewer at the start.
 
-    ``kept`` holds what the engine keeps of the signal (``PER_DELAY`` numbers). ``first`` is the value before
+    ``kept`` holds what the engine keeps of the signal (``DELAY_NUMBERS`` numbers). ``first`` is the value before
     the start (None: the first that was kept). ``now`` is the present value (None: it may not take part); it
     is the newest point where the instant asked for lies after all that are kept.
     """

@@ -13,7 +13,7 @@ from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.register_kernel import RegisterKernel
 
 LARGE_OPERATIONS = 1500
-"""Above this many operations a kernel is cut into functions."""
+"""Operations above which a kernel is cut into functions. Chosen: LLVM's compile time grows faster than a function."""
 
 
 class CompiledKernel(Kernel):
@@ -58,10 +58,10 @@ class CompiledKernel(Kernel):
 
 
 def kernel_for(plan: Plan, backend: str = "", quick: bool = False) -> Kernel:
-    """A kernel for the plan: compiled where llvmlite is there, else CasADi's own evaluator.
+    """A kernel for the plan: machine code where llvmlite is installed, else CasADi's own evaluator.
 
     ``backend`` forces ``"llvm"`` or ``"casadi"``; ``quick`` is for kernels that run a few times only. Raises RunError
-    when a forced one cannot be had.
+    when a forced one is not available.
     """
     if backend not in ("", "llvm", "casadi"):
         raise RunError(f"there is no back end '{backend}'. Known here: casadi, llvm.")

@@ -9,9 +9,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tsmblocks.engine.equations import KEPT, PER_DELAY
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
 from tsmblocks.engine.kernel import Kernel, Memory
-from tsmblocks.engine.kernel_frame import HAIR, KernelFrame
+from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, KernelFrame
 from tsmblocks.engine.plan import Layout, Plan
 
 
@@ -24,11 +24,11 @@ class CasadiKernel(Kernel):
         self.jumps = frame.jumps
         self.lanes = plan.lanes
         simple = plan.lanes == 1 and plan.update is None and not plan.wide_s
-        self.quick = _Quick(plan, frame.jumps) if simple else None
+        self.quick = _SimpleStep(plan, frame.jumps) if simple else None
         if not simple:
-            self.step = _Call(_one_step(plan, frame.jumps), plan.lanes) if not plan.wide_s else None
-            self.rhs = _Call(plan.rhs, plan.lanes)
-            self.update = _Call(plan.update, plan.lanes) if plan.update is not None else None
+            self.step = _BufferedCall(_one_step(plan, frame.jumps), plan.lanes) if not plan.wide_s else None
+            self.rhs = _BufferedCall(plan.rhs, plan.lanes)
+            self.update = _BufferedCall(plan.update, plan.lanes) if plan.update is not None else None
         self.lock = threading.Lock()  # the buffers of a call are shared
 
     def advance(
@@ -71,7 +71,7 @@ class CasadiKernel(Kernel):
             _open(a, lay)
             for a, lay in ((memory.x, self.layout_x), (memory.d, self.layout_d), (memory.p, self.layout_p))
         )
-        past = _Past(self, memory, p, t0, h) if plan.wide_s else None
+        past = _DelayLine(self, memory, p, t0, h) if plan.wide_s else None
         row, left = 0, skip
         for k in range(count):
             t, kg = t0 + (k0 + k) * h, k0 + k
@@ -82,7 +82,7 @@ class CasadiKernel(Kernel):
                     d, x = self.update(t, x, d, u[k, 0][:, None], q, p, hit)
             dx, out, s = self.rhs(t, x, d, u[k, 0][:, None], q, p)
             if plan.watched and len(plan.y) < len(out) and not (sound := np.isfinite(out).all(axis=0)).all():
-                # CasADi's limits swallow a NaN; the caller shall look closer. Other lanes go on.
+                # CasADi's min and max drop a NaN, so the row is marked for the caller. Other lanes continue.
                 x, out = np.where(sound, x, np.nan), np.where(sound, out, np.nan)
             if left == 0:
                 _shut(y[row], self.layout_y, out[list(plan.y)])
@@ -100,9 +100,9 @@ class CasadiKernel(Kernel):
         _shut(memory.d, self.layout_d, d)
 
     def _stages(
-        self, past: _Past, k: int, t: float, h: float, x: Any, d: Any, u: Any, p: Any, first: Any
+        self, past: _DelayLine, k: int, t: float, h: float, x: Any, d: Any, u: Any, p: Any, first: Any
     ) -> np.ndarray:
-        """One step with delays, which are read anew at each stage."""
+        """One step with delays, which are read at each stage."""
         method, slopes = self.plan.method, [first]
         for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
             ahead = x
@@ -113,8 +113,8 @@ class CasadiKernel(Kernel):
         return np.asarray(x + sum(h * b * s for b, s in zip(method.weights, slopes, strict=True)))
 
 
-class _Quick:
-    """A step and its outputs as one function on arrays that stay: one run, nothing sampled or delayed."""
+class _SimpleStep:
+    """A step and its outputs as one function on fixed buffers: a single run without samples and delays."""
 
     def __init__(self, plan: Plan, jumps: bool) -> None:
         step = _one_step(plan, jumps)
@@ -151,7 +151,7 @@ class _Quick:
                 self.u[:] = u[k].ravel()
             trigger()
             if not isfinite(total[0]):
-                ahead[:] = out[:] = np.nan  # CasADi's limits swallow a NaN; the caller shall look closer
+                ahead[:] = out[:] = np.nan  # CasADi's min and max drop a NaN, so the row is marked for the caller
             if left == 0:
                 y[row] = out
                 row, left = row + 1, every
@@ -161,13 +161,13 @@ class _Quick:
         memory.x[:] = x
 
 
-class _Past:
+class _DelayLine:
     """The ring of delayed signals, read and written as the compiled kernels do."""
 
     def __init__(self, kernel: CasadiKernel, memory: Memory, p: np.ndarray, t0: float, h: float) -> None:
         self.layout, self.ring, self.mask, self.t0, self.h = kernel.layout_s, memory.ring, memory.mask, t0, h
         self.lanes = kernel.lanes
-        (tau,) = _Call(kernel.plan.lag, kernel.lanes)(p)
+        (tau,) = _BufferedCall(kernel.plan.lag, kernel.lanes)(p)
         self.delay = tau / h
         size = memory.mask + 1
         self.parts = []
@@ -182,14 +182,14 @@ class _Past:
 
     def at(self, k: int, offset: float) -> np.ndarray:
         last = k - 1 if offset == 0 else k
-        made = np.empty((PER_DELAY * len(self.parts), self.lanes))
+        made = np.empty((DELAY_NUMBERS * len(self.parts), self.lanes))
         for j, part in enumerate(self.parts):
             m = np.floor(k + offset - self.delay[j]).astype(int)
-            n = np.minimum(np.where(m < 0, 0, np.maximum(m + 2, KEPT - 1)), last)
+            n = np.minimum(np.where(m < 0, 0, np.maximum(m + 2, DELAY_SAMPLES - 1)), last)
             newest = np.maximum(n, 0)
             columns = np.arange(self.lanes) if part.shape[1] > 1 else np.zeros(self.lanes, dtype=int)
-            kept = [part[(newest - back) & self.mask, columns] for back in reversed(range(KEPT))]
-            made[PER_DELAY * j : PER_DELAY * (j + 1)] = [
+            kept = [part[(newest - back) & self.mask, columns] for back in reversed(range(DELAY_SAMPLES))]
+            made[DELAY_NUMBERS * j : DELAY_NUMBERS * (j + 1)] = [
                 *kept,
                 self.t0 + newest * self.h,
                 np.full(self.lanes, 1 / self.h),
@@ -198,7 +198,7 @@ class _Past:
         return made
 
 
-class _Call:
+class _BufferedCall:
     """A CasADi function on columns of lanes, called through its buffers."""
 
     def __init__(self, function: Any, lanes: int) -> None:
@@ -252,9 +252,9 @@ def _one_step(plan: Plan, jumps: bool) -> Any:
 
 
 def _at(t: Any, h: Any, offset: float, jumps: bool) -> Any:
-    """The time of a stage; the end of a step stands a hair before it where signals jump with time."""
+    """The time of a stage; the end of a step is moved just before a jump with time (``JUMP_OFFSETS``)."""
     time = t + offset * h
-    hair = ca.fmin(HAIR[0] * h + HAIR[1] * ca.fabs(time), HAIR[2] * h)
+    hair = ca.fmin(JUMP_OFFSETS[0] * h + JUMP_OFFSETS[1] * ca.fabs(time), JUMP_OFFSETS[2] * h)
     return time - hair if jumps and offset == 1 else time
 
 

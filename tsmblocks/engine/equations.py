@@ -1,4 +1,4 @@
-"""What compile hands to an engine: functions, names and numbers. No block and no diagram in sight."""
+"""What the compiler hands to the engine: functions, names and numbers. No block and no diagram."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import attrs
 
 from tsmblocks.common.tables import few
 
-KEPT = 4
-"""Instants of a delayed signal that are read at a time."""
+DELAY_SAMPLES = 4
+"""Instants of a delayed signal that are read at a time: those a cubic interpolation needs."""
 
-PER_DELAY = KEPT + 3
+DELAY_NUMBERS = DELAY_SAMPLES + 3
 """Numbers in ``q`` for one delay: its values at four instants a step apart, oldest first; the newest of these
-instants [s]; steps per second; how many instants there have been up to that one. What lies before the start is void."""
+instants [s]; steps per second; the number of instants up to that one. Values before the start are undefined."""
 
 
 @attrs.frozen
-class Feed:
-    """One sampled input of the equations: an input of the diagram, a block's tape, or a slope of either.
+class SampledInput:
+    """One sampled input of the equations: an input of the diagram, a block's tape, or a time derivative of either.
 
     ``block`` and ``tape`` name the tape's owner (``block`` is empty for an input of the diagram);
     ``order`` is 0 for the signal itself, 1 for its time derivative, and so on.
@@ -36,17 +36,17 @@ class Feed:
 class Equations:
     """A diagram as x' = f(t, x, d, u, q, p) with outputs y, ready for an engine that knows no blocks.
 
-    ``x`` continuous states, ``d`` memory and held outputs, ``u`` sampled inputs, ``q`` what is kept of delayed
-    signals (``PER_DELAY`` numbers each), ``p`` parameters. ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being
-    the signals that are delayed. ``update(t, x, d, u, q, p, hit)`` gives ``(d, x)`` after an instant at
-    which the rate groups with ``hit`` = 1 act (None when nothing is updated). ``start(p)`` gives
-    ``(x, d, s)`` before the run, ``lag(p)`` the delays in s, ``least`` the fewest steps each may take (1, or 0).
+    ``x`` continuous states, ``d`` memory and held outputs, ``u`` sampled inputs, ``q`` the past of delayed signals
+    (``DELAY_NUMBERS`` numbers each), ``p`` parameters. ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being the
+    signals that are delayed. ``update(t, x, d, u, q, p, hit)`` gives ``(d, x)`` after an instant at which the rate
+    groups with ``hit`` = 1 are sampled (None when nothing is updated). ``start(p)`` gives ``(x, d, s)`` before the
+    run, ``lag(p)`` the delays in s, ``least`` the fewest steps each may take (1, or 0).
     """
 
     title: str
     x: tuple[str, ...]
     d: tuple[str, ...]
-    u: tuple[Feed, ...]
+    u: tuple[SampledInput, ...]
     p: tuple[str, ...]
     y: tuple[str, ...]
     q: tuple[str, ...]

@@ -1,13 +1,12 @@
 """Switching instants located within the step, so that a method keeps its order across kinks and jumps.
 
-With the modes of all switches frozen (see ``switches``) each step is smooth. A walk runs stretches of
-such steps, goes back to the first one at whose end some switching function contradicts its mode, and
-passes that step in parts (see ``crossing``).
+With the modes of all switches frozen (see ``switches``) each step is smooth. Stretches of such steps are run; the
+first step at whose end some switching function contradicts its mode is repeated in parts (see ``zero_crossing``).
 
-A signal that crosses an edge and comes back within one step is not seen. Rounding (floor, ceil) is
-left as it is: the jumps of a quantiser are not located. Memory is updated at events as at instants of
-the grid: a relay, which holds in between, switches where its input reaches a level. Play and rate limits
-still know on the grid only where their input turned; samples and resets are on the grid only.
+A signal that crosses zero and comes back within one step is not detected. Rounding (floor, ceil) is not a switch:
+the jumps of a quantiser are not located. Memory is updated at events as at instants of the grid, so a relay switches
+where its input reaches a level. Play and rate limits detect a turning point of their input on the grid only; samples
+and resets are on the grid only.
 """
 
 from __future__ import annotations
@@ -18,28 +17,28 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
-from tsmblocks.engine import inputs as feeds
+from tsmblocks.engine.inputs import input_rows
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session, Stopped
 from tsmblocks.engine.switches import Frozen, freeze
 from tsmblocks.engine.zero_crossing import Crossing, Event, Passed, Point
 
-SHORTEST, LONGEST = 32, 8192
-"""Steps run at a stretch before their ends are looked at."""
-MOST_NUMBERS = 4_000_000
-"""Numbers kept of a stretch, so that long ones of large diagrams stay short."""
-MOST_PLAIN = 16
-"""Steps taken plainly at a time while a sliding mode lasts."""
+SHORTEST_STRETCH, LONGEST_STRETCH = 32, 8192
+"""Steps in a stretch, at least and at most, before its switching functions are checked. Chosen."""
+STRETCH_NUMBERS = 4_000_000
+"""Numbers stored for a stretch, at most (32 MB): stretches of large diagrams are shorter. Chosen."""
+MOST_PLAIN_STEPS = 16
+"""Steps taken without location at a time during a sliding mode, at most. Chosen."""
 
 
 class SlidingWarning(UserWarning):
-    """A switch turns over again and again at one instant, so that its instants cannot be located."""
+    """A switch changes again and again at one instant (a sliding mode), so its instants are not located."""
 
 
 @attrs.define(eq=False)
 class Located(Session):
-    """A run in progress whose switching instants are located. ``events`` are those found so far."""
+    """A run in progress whose switching instants are located; ``events`` are those so far."""
 
     frozen: Frozen | None = None
     modes: np.ndarray | None = None
@@ -60,16 +59,16 @@ class Located(Session):
             _warn(self.eq.title, walk.slid)
         y[:] = walk.y
 
-    def _failed(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
-        """As for any run, but from the last plain steps, which can be repeated."""
-        found = Session._failed(self, y, before, k, n)
+    def _early_end(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
+        """As for any run, from the last steps that were taken without location, which can be repeated."""
+        found = Session._early_end(self, y, before, k, n)
         if found is None or self.last is None:
             return found
         return attrs.evolve(found, k=self.last[0], memory=self.last[1], steps=self.last[2])
 
 
 def locating(s: Session, method: Method, y: tuple[int, ...], backend: str) -> Located:
-    """Make a session of one that locates switching instants. Raises RunError for transport delays."""
+    """The same session with switching instants located. Raises RunError for transport delays."""
     if s.eq.q:
         raise RunError(
             f"diagram '{s.eq.title}': locate=True does not go with a transport delay ({s.eq.q[0]}), which "
@@ -82,7 +81,7 @@ def locating(s: Session, method: Method, y: tuple[int, ...], backend: str) -> Lo
 def _warn(title: str, slid: Event) -> None:
     place = f"the {slid.switch} in {slid.block}" if slid.block else f"a {slid.switch}"
     warnings.warn(
-        f"diagram '{title}': from t = {round(slid.t, 9):g} s on, {place} turns over again and again at one "
+        f"diagram '{title}': from t = {round(slid.t, 9):g} s on, {place} changes again and again at one "
         "instant (a sliding mode). Such steps are taken as without locate, with errors of the step's order.",
         SlidingWarning,
         stacklevel=6,
@@ -90,7 +89,7 @@ def _warn(title: str, slid: Event) -> None:
 
 
 class _Walk:
-    """Some steps of a run, on arrays of their own, from one return to the session to the next."""
+    """Some steps of a run, on arrays of their own: all of them reach the session, or none."""
 
     def __init__(self, session: Located, frozen: Frozen, n: int, final: bool) -> None:
         self.s, self.f = session, frozen
@@ -101,15 +100,15 @@ class _Walk:
         self.slid: Event | None = None
         self.failed = False
         self.last = (self.k, self.memory(), n)
-        self.length, self.since, self.plain = 2 * SHORTEST, 0, 1
-        self.longest = max(SHORTEST, min(LONGEST, MOST_NUMBERS // frozen.whole.layout_y.size))
+        self.length, self.since, self.plain = 2 * SHORTEST_STRETCH, 0, 1
+        self.longest = max(SHORTEST_STRETCH, min(LONGEST_STRETCH, STRETCH_NUMBERS // frozen.whole.layout_y.size))
         self.crossing = Crossing(frozen, session.signals, session.memory, session.start, session.h)
         a, b, c = np.cumsum([self.y.shape[1], len(self.x), len(self.d)])
         self.logged, self.states, self.memories = slice(a), slice(a, b), slice(b, c)
         self.now = slice(c, c + len(frozen.names))
 
     def memory(self) -> Memory:
-        """Give the state now, in arrays of its own."""
+        """The present state, in arrays of its own."""
         old = self.s.memory
         return Memory(self.x.copy(), self.d.copy(), old.p, old.ring, old.mask)
 
@@ -117,7 +116,7 @@ class _Walk:
         return self.s.start + k * self.s.h
 
     def go(self) -> None:
-        """Take all steps, and log the last instant. After a failure rows stay NaN."""
+        """Take all steps, and log the last instant. After divergence rows stay NaN."""
         while self.k < self.stop and not self.failed:
             self._stretch(self._settled())
         if self.final and not self.failed:
@@ -127,7 +126,7 @@ class _Walk:
             self.x, self.d = memory.x, memory.d[: len(self.d)]
 
     def _stretch(self, m: np.ndarray) -> None:
-        """Go up to the first event and past it; plainly for some steps where it cannot be passed."""
+        """Steps up to the first event and past it; where that fails, some steps without location."""
         n = min(self.length, self.stop - self.k)
         rows, _ = self._frozen(m, n)
         lost, turns = self._looked_at(rows, m)
@@ -141,7 +140,7 @@ class _Walk:
             self.events += passed.events
             self.since += count
             turned_over = bool((self.m != m).any())
-            self.length = min(self.longest, max(SHORTEST, self.since) if turned_over else 2 * self.length)
+            self.length = min(self.longest, max(SHORTEST_STRETCH, self.since) if turned_over else 2 * self.length)
             self.since = 0 if turned_over else self.since
         if count == aim:
             self.plain = 1
@@ -149,13 +148,13 @@ class _Walk:
             self._plainly()
 
     def _looked_at(self, rows: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which rows hold numbers that are not finite, and which contradict the modes."""
+        """Rows with non-finite values, and rows that contradict the modes."""
         g = rows[:, self.now.start :].reshape(len(rows), -1, len(m))
         lost = np.asarray(~np.isfinite(rows[:, : self.states.stop]).all(axis=1) | np.isnan(g).any(axis=(1, 2)))
         return lost, np.asarray(self.f.wrong(g, m).any(axis=(1, 2)))
 
     def _passed(self, rows: np.ndarray, m: np.ndarray, count: int) -> tuple[int, Passed | None]:
-        """Pass the last of ``count`` steps, or of fewer when it cannot be; how many, and its end."""
+        """Pass the last of ``count`` steps, or of fewer where that fails; the number of steps, and the end."""
         while count:
             row = rows[count - 1]
             here = Point(self.time(self.k + count - 1), row[self.states], row[self.memories], m, row[self.now])
@@ -169,7 +168,7 @@ class _Walk:
     def _settled(self) -> np.ndarray:
         """Modes that agree with the signals at this instant, after its updates."""
         m = self.f.fresh if self.m is None else self.m
-        for _ in range(len(m) + 1):  # one turn may lead to others downstream
+        for _ in range(len(m) + 1):  # one change may lead to others downstream
             g = self._frozen(m, 0)[0][0, self.now]
             wrong = self.f.first(self.f.wrong(g, m))
             if not wrong.any():
@@ -188,7 +187,7 @@ class _Walk:
         return rows, memory
 
     def _plainly(self) -> None:
-        """Take a few steps with the ordinary kernel, which decides switches anew at each stage."""
+        """Take a few steps with the ordinary kernel, which decides switches at each stage."""
         n, memory = min(self.plain, self.stop - self.k), self.memory()
         self.last = (self.k, self.memory(), n)
         rows = np.empty((n, self.y.shape[1]))
@@ -199,15 +198,15 @@ class _Walk:
         if self.failed:
             self.y[-1:], memory.x[:] = np.nan, np.nan
         self.k, self.x, self.d, self.m = self.k + n, memory.x, memory.d, None
-        self.plain, self.length, self.since = min(2 * self.plain, MOST_PLAIN), SHORTEST, 0
+        self.plain, self.length, self.since = min(2 * self.plain, MOST_PLAIN_STEPS), SHORTEST_STRETCH, 0
 
     def _advance(self, kernel: Kernel, memory: Memory, n: int, final: bool, rows: np.ndarray) -> None:
         s = self.s
-        u = feeds.rows(s.signals, s.start, s.h, self.k, n, kernel.plan.method.instants)
+        u = input_rows(s.signals, s.start, s.h, self.k, n, kernel.plan.method.instants)
         kernel.advance(memory, u, t0=s.start, h=s.h, k0=self.k, n=n, final=final, every=1, skip=0, hits=s.hits, y=rows)
 
     def _keep(self, rows: np.ndarray) -> None:
-        """Put rows from the present instant on where they belong, if they are to be logged."""
+        """Log the rows, which begin at the present instant, that are due."""
         every = self.s.every
         due = np.arange(-self.k % every, len(rows), every)
         self.y[(self.k + due) // every - (self.first + every - 1) // every] = rows[due, self.logged]

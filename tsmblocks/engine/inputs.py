@@ -1,7 +1,6 @@
 """Sampled inputs as the rows a kernel reads: each signal at every instant of every step.
 
-How a signal is between its samples (its hold) is settled here, once, at the stages' own instants;
-the kernels know nothing of it.
+Interpolation between samples (the hold) is done here, at the instants of the stages; kernels do not depend on it.
 """
 
 from __future__ import annotations
@@ -15,13 +14,13 @@ from tsmblocks.common.errors import DataError, in_words, near
 
 HOLDS = ("zero", "linear", "cubic")
 ORDERS = {"zero": 0, "linear": 1}
-"""Highest derivative of an input that a hold has; a cubic has any that a block takes."""
-SLACK = 1e-3
-"""Share of a step by which a sample may be late and still counts from that step on: clocks are printed rounded."""
+"""Highest time derivative of an input that exists with a hold; a cubic has all that blocks use."""
+LATE_SAMPLE = 1e-3
+"""Share of a step by which a sample may be late and still counts at that step. Chosen: printed times are rounded."""
 
 
 class Signal:
-    """A signal as a function of time, from the left or the right, with its slopes."""
+    """A signal as a function of time, with limits from the left and the right and its time derivatives."""
 
     def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str) -> None:
         self.name = name
@@ -30,9 +29,9 @@ class Signal:
             self.hold, self.t = "exact", grid
             return
         if not hasattr(given, "t") and not isinstance(given, (list, tuple)) and np.ndim(given) == 0:
-            given = _Plain(grid[[0, -1]], np.full(2, _number(name, given)), "zero")
+            given = _PlainSamples(grid[[0, -1]], np.full(2, _number(name, given)), "zero")
         elif not hasattr(given, "t"):
-            given = _Plain(*_pair(name, given, grid), hold)
+            given = _PlainSamples(*_pair(name, given, grid), hold)
         self.hold = given.hold
         self.t, self.y = _numbers(name, given.t), _numbers(name, given.y)
         self._check()
@@ -75,13 +74,13 @@ class Signal:
             )
 
     def at(self, t: np.ndarray, order: int, side: str, tiny: float) -> np.ndarray:
-        """Values (or slopes) at ``t``; where there is a jump, those of the given side."""
+        """Values (or derivatives of an order) at ``t``; at a jump, the limit from ``side``."""
         if self.call is not None:
             return self._exact(t, order)
         if self.hold == "cubic":
             return np.asarray(self._spline()(np.clip(t, self.t[0], self.t[-1]), nu=order))
         if order > ORDERS[self.hold]:
-            raise DataError(self._too_smooth(order))
+            raise DataError(self._no_derivative(order))
         if self.hold == "zero":
             shifted = t + tiny if side == "right" else t - tiny
             return self.y[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(self.t) - 1)]
@@ -93,8 +92,8 @@ class Signal:
         slopes = np.diff(self.y) / np.diff(self.t)
         return slopes[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(slopes) - 1)]
 
-    def _too_smooth(self, order: int) -> str:
-        """What is said where a derivative is needed that the hold does not have."""
+    def _no_derivative(self, order: int) -> str:
+        """The message where a derivative is needed that the hold does not have."""
         if self.hold == "zero":
             return (
                 f"input '{self.name}' is held constant between samples, but its derivative is needed. "
@@ -106,7 +105,7 @@ class Signal:
         )
 
     def stands_on(self, start: float, step: float) -> bool:
-        """Whether the samples are the values at the steps, linear in between; then nothing need be searched."""
+        """Whether the samples lie on the steps, linear in between, so that values are found by position."""
         if self.call is not None or self.hold != "linear" or len(self.t) < 2:
             return False
         if abs(self.t[0] - start) + abs(self.t[1] - self.t[0] - step) > 1e-9 * step:
@@ -117,7 +116,7 @@ class Signal:
         return self._grid[2]
 
     def on_steps(self, first: int, count: int, offset: float, order: int) -> np.ndarray:
-        """Values at a fraction of the steps ``first`` ... ``first + count``, or the slopes of those steps."""
+        """Values at a fraction of the steps ``first`` ... ``first + count``, or the derivatives over those steps."""
         if self._slopes is None:
             self._slopes = np.append(np.diff(self.y) / np.diff(self.t), 0.0)
             self._slopes[-1] = self._slopes[-2]
@@ -135,7 +134,7 @@ class Signal:
         if order:
             raise DataError(
                 f"input '{self.name}' is a Python function, but its derivative is needed. "
-                "Give samples with hold='cubic', or make it a source block."
+                "Give samples with hold='cubic', or write it as a source block."
             )
         try:
             values = np.asarray(self.call(t), dtype=float)
@@ -165,7 +164,7 @@ class Signal:
         return self._splines[0]
 
 
-class _Plain:
+class _PlainSamples:
     def __init__(self, t: Any, y: Any, hold: str) -> None:
         self.t, self.y, self.hold = t, y, hold
 
@@ -217,7 +216,7 @@ def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
     )
 
 
-def rows(
+def input_rows(
     signals: list[tuple[Signal, int]], start: float, step: float, first: int, count: int, offsets: tuple[float, ...]
 ) -> np.ndarray:
     """Inputs at each instant of steps ``first`` … ``first+count``, shape (count+1, instants, inputs)."""
@@ -232,5 +231,5 @@ def rows(
             if order <= 1 and signal.stands_on(start, step):
                 made[:, i, j] = signal.on_steps(first, count, offset, order)
             else:
-                made[:, i, j] = signal.at(t, order, side, SLACK * step)
+                made[:, i, j] = signal.at(t, order, side, LATE_SAMPLE * step)
     return made

@@ -1,7 +1,7 @@
-"""Machine code from LLVM IR, kept on disk between runs.
+"""Machine code from LLVM IR, cached on disk.
 
-The store is private to the user (loading machine code executes it), files are written whole or not
-at all, and anything unreadable in it is simply compiled again.
+The cache is private to the user (loading machine code executes it), files are written atomically, and what is
+unreadable is compiled again.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-KEPT_BYTES = 200_000_000
+CACHE_BYTES = 200_000_000
+"""Size of the cache [bytes] above which the oldest files are deleted. Chosen: small beside a disk."""
 _LOCK = threading.Lock()
 _LOADED: dict[str, tuple[Any, Any]] = {}
 _MAGIC = b"tsmblocks machine code 1\n"
-PRUNED_EVERY = 200
-"""Files written by a process between two looks at how much is kept; the first is looked after at once."""
+WRITES_PER_PRUNE = 200
+"""Files that a process writes between two checks of the size of the cache; the first check follows the first file."""
 _WRITES = itertools.count()
 
 
@@ -47,7 +48,7 @@ def _binding() -> Any:
 
 
 def host() -> str:
-    """The machine's target triple, which the emitters ask."""
+    """The target triple of this machine."""
     return str(_binding().get_default_triple())
 
 
@@ -66,7 +67,7 @@ def _machine(llvm: Any, quick: bool) -> tuple[Any, str]:
 
 
 def cache_directory() -> Path | None:
-    """Where machine code is kept; None when switched off with ``TSMBLOCKS_CACHE=off``.
+    """Directory of cached machine code; None when switched off with ``TSMBLOCKS_CACHE=off``.
 
     ``TSMBLOCKS_CACHE`` may name another directory.
     """
@@ -85,19 +86,19 @@ def cache_directory() -> Path | None:
 
 
 def _private(directory: Path) -> bool:
-    """Make the directory if need be; False unless it is ours alone."""
+    """Make the directory if needed; whether only this user can write to it."""
     try:
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         info = directory.stat()
     except OSError:
         return False
-    if sys.platform == "win32":  # a user's own folder is closed to others there
+    if sys.platform == "win32":  # a user's own folder is protected there
         return True
     return info.st_uid == os.getuid() and not stat.S_IMODE(info.st_mode) & 0o022
 
 
 def _read(path: Path) -> bytes | None:
-    """The machine code in a file, or None when it is missing, foreign or damaged."""
+    """The machine code in a file, or None when it is missing, owned by another user or damaged."""
     try:
         if sys.platform != "win32" and path.stat().st_uid != os.getuid():
             return None
@@ -109,16 +110,16 @@ def _read(path: Path) -> bytes | None:
 
 
 def _write(path: Path, body: bytes) -> None:
-    """Whole or not at all, whoever else writes and wherever it is killed."""
+    """Write a file atomically, then check the size of the cache now and then."""
     name = ""
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
         with os.fdopen(handle, "wb") as file:
             file.write(_MAGIC + hashlib.sha256(body).digest() + body)
         Path(name).replace(path)
-        if next(_WRITES) % PRUNED_EVERY == 0:  # looking at thousands of files takes longer than making one
+        if next(_WRITES) % WRITES_PER_PRUNE == 0:  # listing thousands of files takes longer than writing one
             _prune(path.parent)
-    except OSError:  # a full or read-only disk costs time, not the result; nor does a file that another process reads
+    except OSError:  # without a cache (disk full, read-only, file in use) the code is compiled each time
         if name:
             with suppress(OSError):
                 Path(name).unlink(missing_ok=True)
@@ -130,7 +131,7 @@ def _prune(directory: Path) -> None:
         files = [(f.stat().st_mtime, f.stat().st_size, Path(f.path)) for f in found if f.is_file()]
     total = sum(size for _, size, _ in files)
     for _, size, file in sorted(files, key=lambda row: row[0]):
-        if total <= KEPT_BYTES:
+        if total <= CACHE_BYTES:
             return
         file.unlink(missing_ok=True)
         total -= size
@@ -139,8 +140,8 @@ def _prune(directory: Path) -> None:
 def compile_text(text: str, *, promote: bool, quick: bool = False) -> Any:
     """The function ``run`` of a module as a callable taking the address of its table.
 
-    ``promote`` lifts the frame's variables into registers (wanted for all but the large form). ``quick`` code is made
-    in a third of the time and takes longer to run, by a half or so: for what runs a few times only.
+    ``promote`` moves stack variables into registers (for all but the large form). ``quick`` compiles without
+    optimisation: a third of the time to compile, about half as much again to run, for code that runs a few times.
     """
     llvm = _binding()
     with _LOCK:
@@ -154,7 +155,7 @@ def compile_text(text: str, *, promote: bool, quick: bool = False) -> Any:
         engine.finalize_object()
         address = engine.get_function_address("run")
         function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
-        function.engine = engine  # type: ignore[attr-defined] # so the code lives as long as whoever may call it
+        function.engine = engine  # type: ignore[attr-defined] # keeps the code alive as long as the function
         _LOADED[key] = (engine, function)
         return function
 
@@ -166,7 +167,7 @@ def _module(llvm: Any, text: str) -> Any:
 
 
 def _object(llvm: Any, machine: Any, key: str, text: str, promote: bool) -> bytes:
-    """Object code, from the store or fresh."""
+    """Object code, from the cache or compiled."""
     directory = cache_directory()
     usable = directory is not None and _private(directory)
     path = directory / f"{key}.o" if usable and directory is not None else None

@@ -20,7 +20,7 @@ class Memory:
 
 
 class Kernel:
-    """A compiled plan. ``advance`` takes steps; layouts say where each number lies."""
+    """A compiled plan. ``advance`` takes steps; layouts give the position of each number."""
 
     layout_x: Layout
     layout_d: Layout
@@ -48,5 +48,10 @@ class Kernel:
         hits: tuple[int, ...],
         y: np.ndarray,
     ) -> None:
-        """Take ``n`` steps from instant ``k0``; write a row of ``y`` at each ``every``-th instant."""
+        """Take ``n`` steps of ``h`` s from instant ``k0``; write a row of ``y`` at each ``every``-th instant.
+
+        Instant k is at ``t0 + k h``. With ``final`` the last instant is logged too; ``skip`` instants come before the
+        first row. ``u`` (steps, instants of the method, inputs) are the sampled inputs, ``hits`` the steps between
+        samples of each rate group.
+        """
         raise NotImplementedError

@@ -17,31 +17,35 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tsmblocks.engine.equations import KEPT, PER_DELAY
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
 from tsmblocks.engine.llvm_ir import Writer, llvm_double
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
 
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
+"""64-bit integers after ``h`` and ``t0`` in the settings of a kernel, in order; the rate groups' n follow."""
 CONSTANT, TIME, HELD, MOVING = range(4)
-HAIR = (1e-9, 8e-12, 1 / 64)
-"""How far the end of a step stands before a jump that falls on it: of the step, of the time itself, of it at most."""
-
+"""How often a value changes: never, with time, once a step, at each stage."""
+JUMP_OFFSETS = (1e-9, 8e-12, 1 / 64)
+"""Distance of the last stage before the end of a step, where a signal may jump with time: a share of the step plus a
+share of the time, at most a share of the step. Chosen: above the rounding of a time, small beside a step."""
 
 SLOTS = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
 """How often each input of a program changes."""
 
 
 def grades_of(program: Program) -> list[int]:
-    """How often each node's value changes: never, with time, once a step, at each stage."""
+    """How often each node's value changes: ``CONSTANT``, ``TIME``, ``HELD`` or ``MOVING``."""
     return program.grade({k: SLOTS[name] for k, name in enumerate(program.inputs)})
 
 
 def time_jumps(program: Program) -> bool:
-    """Whether time alone decides a comparison (a step, a staircase), or rounds where a past is read (a delay)."""
+    """Whether a comparison depends on time alone (a step, a staircase), or rounding on the past of a delay."""
     deciding = {"LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL"}
     read = [args for name, args in program.nodes if name == "INPUT" and program.inputs[args[0]] == "q"]
-    past = [MOVING if k % PER_DELAY < KEPT else TIME for k in range(max((k for _, k in read), default=0) + 1)]
+    past = [
+        MOVING if k % DELAY_NUMBERS < DELAY_SAMPLES else TIME for k in range(max((k for _, k in read), default=0) + 1)
+    ]
     late = program.grade({k: past if name == "q" else SLOTS[name] for k, name in enumerate(program.inputs)})
     return any(
         (name in deciding and own == TIME) or (name == "FLOOR" and of_past == TIME)
@@ -106,7 +110,7 @@ class KernelFrame:
         self._flush_denormals()
 
     def _flush_denormals(self) -> None:
-        """Numbers below 1e-308 cost a hundred cycles each and mean nothing here."""
+        """Set denormal numbers (below 1e-308) to zero: each costs a hundred cycles and they have no effect here."""
         if not self.host.startswith("x86_64"):
             return
         w = self.w
@@ -119,14 +123,14 @@ class KernelFrame:
         w.do("call void @llvm.x86.sse.ldmxcsr(ptr %quick)")
 
     def close(self) -> None:
-        """End the function, with the mode of the processor as it was found."""
+        """End the function, with the mode of the processor restored."""
         if self.host.startswith("x86_64"):
             self.w.do("call void @llvm.x86.sse.ldmxcsr(ptr %mode)")
         self.w.do("ret void")
         self.w.lines.append("}")
 
     def counters(self) -> None:
-        """Step counter, log countdown and row pointer, kept in the frame until mem2reg lifts them."""
+        """Step counter, log countdown and row pointer: stack variables, which LLVM moves into registers."""
         w = self.w
         for name, kind, start in (("k", "i64", "0"), ("left", "i64", "%skip"), ("row", "ptr", "%y")):
             w.do(f"%{name}_at = alloca {kind}")
@@ -155,7 +159,7 @@ class KernelFrame:
     def time_at(self, offset: float) -> str:
         """The time at a fraction of the present step; at its end, exactly that of the next one.
 
-        Where a signal jumps with time, a hair before: a jump on the grid belongs to the step after it.
+        Where a signal jumps with time it is just before the end: a jump on the grid belongs to the step after it.
         """
         w = self.w
         if offset == 0:
@@ -168,9 +172,9 @@ class KernelFrame:
 
     def _before(self, t: str) -> str:
         w = self.w
-        of_step = w.emit(f"fmul double %h, {llvm_double(HAIR[0])}")
-        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {llvm_double(HAIR[1])}")
-        most = w.emit(f"fmul double %h, {llvm_double(HAIR[2])}")
+        of_step = w.emit(f"fmul double %h, {llvm_double(JUMP_OFFSETS[0])}")
+        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {llvm_double(JUMP_OFFSETS[1])}")
+        most = w.emit(f"fmul double %h, {llvm_double(JUMP_OFFSETS[2])}")
         hair = w.operation("FMIN", [w.emit(f"fadd double {of_step}, {of_time}"), most], False)
         return w.emit(f"fsub double {t}, {hair}")
 
@@ -226,21 +230,21 @@ class KernelFrame:
         return w.emit(f"getelementptr double, ptr %ring, i64 {w.emit(f'mul i64 {size}, {self.s.offset[k]}')}")
 
     def remember(self, k: int, value: str) -> None:
-        """Keep the present value of the k-th delayed signal."""
+        """Store the present value of the k-th delayed signal."""
         w, wide = self.w, self.s.wide[k]
         slot = w.emit("and i64 %kg, %mask")
         place = w.emit(f"mul i64 {slot}, {self.plan.lanes if wide else 1}")
         w.store(value, w.emit(f"getelementptr double, ptr {self.ring_of(k)}, i64 {place}"), wide)
 
     def recall(self, k: int, delay: str, wide_delay: bool, offset: float) -> list[str]:
-        """What is kept of the k-th signal around the instant ``delay`` steps before a stage, as ``q`` holds it."""
+        """The past of the k-th signal around the instant ``delay`` steps before a stage, as ``q`` holds it."""
         w, wide = self.w, self.s.wide[k]
-        w.functions["tsm_past"] = _PAST
+        w.functions["tsm_past"] = _DELAY_READ
         w.declared["llvm.floor.f64"] = "declare double @llvm.floor.f64(double)"
         now = w.emit(f"fadd double {w.emit('sitofp i64 %kg to double')}, {llvm_double(offset)}")
         last = w.emit(f"add i64 %kg, {-1 if offset == 0 else 0}")
         ring, stride = self.ring_of(k), self.plan.lanes if wide else 1
-        parts = PER_DELAY - 1  # all but the steps per second
+        parts = DELAY_NUMBERS - 1  # all but the steps per second
         values = ["poison"] * parts
         for lane in range(self.plan.lanes if wide else 1):
             one = w.emit(f"extractelement {w.vector} {delay}, i32 {lane}") if wide_delay else delay
@@ -250,7 +254,7 @@ class KernelFrame:
                 f"call [6 x double] @tsm_past(ptr {base}, i64 %mask, i64 {stride}, double {place}, i64 {last})"
             )
             each = [w.emit(f"extractvalue [6 x double] {found}, {i}") for i in range(parts)]
-            each[KEPT] = w.emit(self._time_of(each[KEPT]))
+            each[DELAY_SAMPLES] = w.emit(self._time_of(each[DELAY_SAMPLES]))
             if not wide:
                 values = each
                 break
@@ -258,10 +262,10 @@ class KernelFrame:
                 w.emit(f"insertelement {w.vector} {v}, double {e}, i32 {lane}")
                 for v, e in zip(values, each, strict=True)
             ]
-        return [*values[: KEPT + 1], w.emit(f"fdiv double {llvm_double(1.0)}, %h"), values[-1]]
+        return [*values[: DELAY_SAMPLES + 1], w.emit(f"fdiv double {llvm_double(1.0)}, %h"), values[-1]]
 
 
-_PAST = """
+_DELAY_READ = """
 ; what is kept around ``pos``: four values, the newest one's instant and how many instants there have been up to it
 define internal [6 x double] @tsm_past(ptr %ring, i64 %mask, i64 %stride, double %pos, i64 %last) {
   %f = call double @llvm.floor.f64(double %pos)

@@ -10,16 +10,16 @@ from collections.abc import Iterable
 
 import attrs
 
-from tsmblocks.engine.equations import PER_DELAY
+from tsmblocks.engine.equations import DELAY_NUMBERS
 from tsmblocks.engine.kernel_frame import CONSTANT, KernelFrame, grades_of
 from tsmblocks.engine.llvm_ir import Writer, llvm_double
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
 
-PIECE = 200
-"""Operations in one function."""
+FUNCTION_OPERATIONS = 200
+"""Operations in one function. Chosen: some hundred, for which compile time is linear."""
 WIDTH = 8
-"""Doubles that the loops over states take at a time; arrays in the work area are padded to it."""
+"""Doubles that loops over states process at a time (a 512-bit vector); arrays in the work area are padded to it."""
 
 _ARGUMENTS = ("x", "d", "p", "u", "q", "hit", "work", "fixed", "o0", "o1", "o2")
 _SIGNATURE = "double %t, " + ", ".join(f"ptr noalias %{a}" for a in _ARGUMENTS)
@@ -79,7 +79,7 @@ class LargeKernel:
         nodes = sorted(program.needed(n for n, *_ in job.stores if n is not None))
         work = [n for n in nodes if program.nodes[n][0] not in ("CONST", "INPUT") and n not in job.fixed]
         work = self._without_fixed(program, work, job)
-        piece = {n: k // PIECE for k, n in enumerate(work)}
+        piece = {n: k // FUNCTION_OPERATIONS for k, n in enumerate(work)}
         last_use: dict[int, int] = {}
         for node in work:
             for j in program.arguments(node):
@@ -89,12 +89,12 @@ class LargeKernel:
             if last_use.get(node, -1) > piece[node]:
                 places[node] = self.temporaries
                 self.temporaries += self.plan.lanes if job.wide[node] else 1
-        count = len(work) // PIECE + 1
+        count = len(work) // FUNCTION_OPERATIONS + 1
         ends: dict[int, list[Store]] = {}
         for store in job.stores:
             ends.setdefault(piece.get(store[0], count - 1) if store[0] is not None else count - 1, []).append(store)
         for k in range(count):
-            self._piece(job, k, work[k * PIECE : (k + 1) * PIECE], places, ends.get(k, []))
+            self._piece(job, k, work[k * FUNCTION_OPERATIONS : (k + 1) * FUNCTION_OPERATIONS], places, ends.get(k, []))
         calls = "\n".join(
             f"  call void @{job.name}_{k}(double %t, {', '.join(f'ptr %{a}' for a in _ARGUMENTS)})"
             for k in range(count)
@@ -285,7 +285,7 @@ class LargeKernel:
             tau = w.load(w.at("%tau", f.s.offset[k]), wide)
             delay = w.emit(f"fdiv {w.type(wide)} {tau}, {w.widen('%h') if wide else '%h'}")
             for i, value in enumerate(f.recall(k, delay, wide, offset)):
-                place = PER_DELAY * k + i
+                place = DELAY_NUMBERS * k + i
                 w.store(value, w.at("%q", f.q.offset[place]), f.q.wide[place])
 
     def _stages(self) -> None:

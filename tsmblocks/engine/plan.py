@@ -1,4 +1,4 @@
-"""What a kernel is made for: equations, a method, and which numbers differ from lane to lane."""
+"""What a kernel is generated from: equations, a method, and which numbers differ between lanes."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.engine.equations import KEPT, PER_DELAY
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
 from tsmblocks.engine.methods import Method
 
 
 @attrs.frozen(eq=False)
 class Plan:
-    """Everything an emitter needs to write one kernel.
+    """Everything that is needed to generate one kernel.
 
     ``rhs(t, x, d, u, q, p) -> (dx, y, s)``, ``update(t, x, d, u, q, p, hit) -> (d, x)`` or None,
     ``lag(p) -> tau``. ``wide_x``, ``wide_d``, ``wide_p`` and ``wide_s`` say for each element whether
     it has one value per lane (``lanes`` of them) or one for all. ``every_step``: memory is updated
     at each step, not at hits only. ``y`` picks and orders the outputs of ``rhs`` that are logged.
-    ``jumps``: signals jump with time alone (None: to be found from ``rhs``). ``watched``: signals that
-    are not logged are finite too, so that one which is not is a fault.
+    ``jumps``: signals jump with time alone (None: read from ``rhs``). ``watched``: a signal that is not
+    logged and not finite is a fault too.
     """
 
     rhs: Any
@@ -42,7 +42,7 @@ class Plan:
     @property
     def wide_q(self) -> tuple[bool, ...]:
         """For each delay its values, an instant, steps per second (one for all lanes) and a count."""
-        return tuple(w and k != KEPT + 1 for w in self.wide_s for k in range(PER_DELAY))
+        return tuple(w and k != DELAY_SAMPLES + 1 for w in self.wide_s for k in range(DELAY_NUMBERS))
 
 
 @attrs.frozen

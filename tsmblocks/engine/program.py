@@ -1,4 +1,4 @@
-"""A CasADi function as a list of scalar operations, each written once: what every emitter reads."""
+"""A CasADi function as a list of scalar operations, each once: the form that code is generated from."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Program:
 
     Structurally zero outputs are absent from ``outputs``. Equal operations are merged. With
     ``reciprocals`` a division by something that depends on parameters only becomes a multiplication
-    by its inverse, which is then formed once instead of at every stage.
+    by its reciprocal, which is then computed once instead of at every stage.
     """
 
     def __init__(self, function: ca.Function, reciprocals: bool = False) -> None:

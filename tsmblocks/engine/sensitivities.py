@@ -1,6 +1,6 @@
 """Exact derivatives of a run with respect to parameters: one seed direction per SIMD lane.
 
-CasADi differentiates the equations, the emitter puts the directions side by side. Since a
+CasADi differentiates the equations, the kernel carries the directions side by side. Since a
 Runge-Kutta step commutes with linearisation, the result is the exact derivative of the discrete
 solution, not an approximation of the continuous one.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
@@ -55,8 +55,8 @@ def _tangent_functions(eq: Equations) -> tuple[Any, Any, Any]:
     f = eq.rhs
     t, x, d, u, q, p = f.sx_in()
     xs, ds, qs, ps = (ca.SX.sym(f"d{k}", v.shape[0]) for k, v in zip("xdqp", (x, d, q, p), strict=True))
-    # Of what is kept of a delayed signal only its values have derivatives, not the instants.
-    q_seed = ca.vertcat(*(qs[i] if i % PER_DELAY < KEPT else 0 for i in range(q.shape[0]))) if eq.q else qs
+    # Of the past of a delayed signal only the values have derivatives, not the instants.
+    q_seed = ca.vertcat(*(qs[i] if i % DELAY_NUMBERS < DELAY_SAMPLES else 0 for i in range(q.shape[0]))) if eq.q else qs
     values = f.call([t, x, d, u, q, p])
     moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, q_seed, ps)
     tangents = [ca.jtimes(v, moving, along) for v in values]
@@ -76,8 +76,8 @@ def _tangent_functions(eq: Equations) -> tuple[Any, Any, Any]:
 
 
 @functools.lru_cache(maxsize=64)
-def _start_and_slopes(eq: Equations) -> Any:
-    """Start values and their derivatives by parameters (kept, as making the function takes longer than a call)."""
+def _start_and_derivatives(eq: Equations) -> Any:
+    """Initial states and their derivatives by parameters (cached: building the function takes longer than a call)."""
     p = eq.start.sx_in()[0]
     values = ca.vertcat(*eq.start.call([p]))
     return ca.Function("start", [p], [ca.densify(values), ca.densify(ca.jacobian(values, p))])
@@ -85,7 +85,7 @@ def _start_and_slopes(eq: Equations) -> Any:
 
 def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
     """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
-    values, slopes = (np.asarray(v) for v in _start_and_slopes(eq)(p))
+    values, slopes = (np.asarray(v) for v in _start_and_derivatives(eq)(p))
     ends = np.cumsum([len(eq.x), len(eq.d)])
     x, d, s = np.split(values.ravel(), ends)
     dx, dd, dsd = np.split(slopes @ seeds, ends)

@@ -1,4 +1,4 @@
-"""One run of one set of equations: memory, inputs piece by piece, progress, failures found."""
+"""One run of one set of equations: memory, inputs piece by piece, progress, detection of divergence."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
-from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Layout, Plan
 
-MOST_KEPT = 1e8
-"""Instants kept of a delayed signal (1 GB)."""
+MOST_DELAY_STEPS = 1e8
+"""Steps that a delay may be long. Chosen: its past takes 1 GB."""
 PIECE_SECONDS = 0.2
-"""How long a kernel runs before Ctrl-C and progress get their turn."""
+"""Time [s] that a kernel runs before Ctrl-C and the progress callback are served. Chosen: short for a person."""
 
 
 @functools.lru_cache(maxsize=256)
@@ -70,7 +70,7 @@ def steps_per_period(eq: Equations, h: float) -> tuple[int, ...]:
 
 
 def _shorter_step(periods: tuple[float, ...], period: float, h: float) -> str:
-    """A step that can be typed, no longer than the one asked for, of which every period is a multiple."""
+    """A hint with a step of few digits, no longer than ``h``, of which every period is a multiple."""
     least = math.ceil(period / h)
     for n in range(least, 100 * least):
         step = float(f"{period / n:.4g}")
@@ -80,15 +80,15 @@ def _shorter_step(periods: tuple[float, ...], period: float, h: float) -> str:
 
 
 def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
-    """Delays in steps. Raises RunError for one too long to be kept, or shorter than a step where it may not be."""
+    """Delays in steps. Raises RunError for one longer than ``MOST_DELAY_STEPS``, or below its least length."""
     if not eq.q:
         return np.empty(0)
     tau = np.asarray(eq.lag(p)).ravel() / h
     for name, steps, least in zip(eq.q, tau, eq.least, strict=True):
-        if steps > MOST_KEPT:
+        if steps > MOST_DELAY_STEPS:
             raise RunError(
-                f"the delay of {name} is {steps * h:g} s, of which {steps:.1g} instants would have to be "
-                f"kept; {MOST_KEPT:.0g} are the most. Take a longer step."
+                f"the delay of {name} is {steps * h:g} s, which is {steps:.1g} steps; at most "
+                f"{MOST_DELAY_STEPS:.0g} are possible. Take a longer step."
             )
         if not steps >= least - 1e-9:
             raise RunError(
@@ -99,7 +99,7 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
 
 
 def spread(values: Sequence[Any] | np.ndarray, layout: Layout) -> np.ndarray:
-    """Values laid out as a kernel wants them: for each element a number, or one number per lane."""
+    """Values in the layout of a kernel: for each element a number, or one number per lane."""
     flat = np.empty(layout.size)
     for k in range(len(layout.wide)):
         flat[layout.span(k)] = values[k]
@@ -131,10 +131,8 @@ def start_memory(
     )
 
 
-def gather_signals(
-    eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, hold: str
-) -> list[tuple[feeds.Signal, int]]:
-    """The signal and slope order behind each sampled input. Raises DataError for missing or unknown ones."""
+def gather_signals(eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, hold: str) -> list[tuple[Signal, int]]:
+    """Signal and order of derivative of each sampled input. Raises DataError for missing or unknown inputs."""
     wanted = [f.name for f in eq.u if not f.block and not f.order]
     for name in inputs:
         if name not in wanted:
@@ -142,17 +140,17 @@ def gather_signals(
     missing = [name for name in wanted if name not in inputs]
     if missing:
         units = ", ".join(f"{f.name}{f' [{f.unit}]' if f.unit else ''}" for f in eq.u if f.name in missing)
-        words = "inputs" if len(missing) > 1 else "input"
-        raise DataError(f"diagram '{eq.title}' needs its {words} {units}: give inputs={{'{missing[0]}': samples}}.")
+        noun = "inputs" if len(missing) > 1 else "input"
+        raise DataError(f"diagram '{eq.title}' needs its {noun} {units}: give inputs={{'{missing[0]}': samples}}.")
     span = (float(grid[0]), float(grid[-1]))
     taped = {block: source(*span) for block, source in eq.tapes.items()}
-    known: dict[tuple[str, str], feeds.Signal] = {}
+    known: dict[tuple[str, str], Signal] = {}
     made = []
     for feed in eq.u:
         key = (feed.block, feed.tape or feed.name.removeprefix("d/dt " * feed.order))
         if key not in known:
             given = taped[feed.block][feed.tape] if feed.block else _sampled(inputs[key[1]], key[1], feed.unit, hold)
-            known[key] = feeds.Signal(f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold)
+            known[key] = Signal(f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold)
             step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
             known[key].covers(*span, step)
         made.append((known[key], feed.order))
@@ -160,7 +158,7 @@ def gather_signals(
 
 
 def _sampled(given: Any, name: str, unit: str, hold: str) -> Any:
-    """A recording (or a run) given for an input stands for its signal of that name, in the input's unit."""
+    """The samples of an input: of a recording or a run its signal of that name, in the input's unit."""
     given = given.record(name) if hasattr(given, "record") else given
     return given.samples(name, unit or None, hold) if hasattr(given, "samples") else given
 
@@ -169,13 +167,13 @@ def _sampled(given: Any, name: str, unit: str, hold: str) -> Any:
 class Session:
     """A run in progress. ``advance`` takes steps and returns the logged rows; ``memory`` is the state.
 
-    ``events`` stays empty here: it is for sessions that locate switching instants.
+    ``events`` is used by sessions that locate switching instants only.
     """
 
     eq: Equations
     kernel: Kernel
     memory: Memory
-    signals: list[tuple[feeds.Signal, int]]
+    signals: list[tuple[Signal, int]]
     start: float
     h: float
     every: int = 1
@@ -184,18 +182,18 @@ class Session:
     events: list[Any] = attrs.field(factory=list)
 
     def rows_in(self, n: int, final: bool) -> int:
-        """How many logged instants fall into the next n steps."""
+        """Number of logged instants within the next n steps."""
         stop = self.k + n + (1 if final else 0)
         return (stop + self.every - 1) // self.every - (self.k + self.every - 1) // self.every
 
     def rows_for(self, n: int, final: bool) -> np.ndarray:
-        """Room for the rows that the next n steps log."""
+        """Space for the rows that the next n steps log."""
         return np.empty((self.rows_in(n, final), self.kernel.layout_y.size))
 
     def advance(self, n: int, final: bool, y: np.ndarray) -> None:
         """Take n steps, writing the rows logged into ``y``, shape (rows, size of a row)."""
         kernel = self.kernel
-        u = feeds.rows(self.signals, self.start, self.h, self.k, n, kernel.plan.method.instants)
+        u = input_rows(self.signals, self.start, self.h, self.k, n, kernel.plan.method.instants)
         kernel.advance(
             self.memory,
             u,
@@ -212,7 +210,7 @@ class Session:
         self.k += n
 
     def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:
-        """Run ``steps`` steps, or to where it stopped being finite or was interrupted."""
+        """Run ``steps`` steps, or up to where the run diverges or is interrupted."""
         rows, count, first, steps = self.rows_for(steps, True), 0, self.k, self.k + steps
         piece, safe = 4096, (count, self.k, self.memory.copy())
         try:
@@ -221,9 +219,9 @@ class Session:
                 n = min(piece, steps - self.k)
                 final = self.k + n == steps
                 y = rows[count : count + self.rows_in(n, final)]
-                self._go(n, final, y)
+                self._logged_steps(n, final, y)
                 if not math.isfinite(y.sum() + self.memory.x.sum()):
-                    stopped = self._failed(y, safe[2], safe[1], n)
+                    stopped = self._early_end(y, safe[2], safe[1], n)
                     if stopped is not None:
                         return rows[: count + stopped.rows], stopped
                 count += len(y)
@@ -235,11 +233,11 @@ class Session:
                 took = max(clock.perf_counter() - began, 1e-6)
                 piece = int(np.clip(piece * PIECE_SECONDS / took, 1024, 1 << 20))
         except KeyboardInterrupt:
-            count, self.k, self.memory = safe  # wherever it struck, all up to here is whole
+            count, self.k, self.memory = safe  # Ctrl-C comes anywhere; up to here all rows are complete
             return rows[:count], Stopped(self.k, 0, self.memory, interrupted=True)
 
-    def _go(self, n: int, final: bool, y: np.ndarray) -> None:
-        """Take n steps; of the last instant only rows are kept, so that who goes on from there lets it act once."""
+    def _logged_steps(self, n: int, final: bool, y: np.ndarray) -> None:
+        """Take n steps. The last instant is logged on a copy: a run continued from there samples it once."""
         count = self.rows_in(n, False)
         self.advance(n, False, y[:count])
         y[count:] = np.nan
@@ -248,7 +246,7 @@ class Session:
             self.advance(0, True, y[count:])
             self.memory = rest
 
-    def _failed(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
+    def _early_end(self, y: np.ndarray, before: Memory, k: int, n: int) -> Stopped | None:
         bad = np.flatnonzero(~np.isfinite(y).all(axis=1))
         if not len(bad) and np.isfinite(self.memory.x).all():
             return None  # the sum overflowed, no number did
@@ -257,7 +255,7 @@ class Session:
 
 @attrs.frozen(eq=False)
 class Stopped:
-    """Where a run ended early: the step it was safe at, good rows after it, the memory there."""
+    """Where a run ended early: the last step known to be finite, finite rows after it, and the memory there."""
 
     k: int
     rows: int

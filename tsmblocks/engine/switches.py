@@ -1,4 +1,4 @@
-"""Equations whose switches are decided from outside, so that they are smooth within a step.
+"""Equations whose switches are decided by modes, so that they are smooth within a step.
 
 Every abs, sign, min, max and comparison on a moving signal is a switch. Rewritten, it takes its branch
 from a mode, an extra element of memory, and its switching function g is logged: a for abs(a) and
@@ -23,14 +23,15 @@ from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
 
-WORDS = {"FABS": "abs", "SIGN": "sign", "FMIN": "min", "FMAX": "max", "LT": "<", "LE": "<="}
-EDGE = {"LE": 1.0, "LT": -1.0, "SIGN": 0.0}
-"""Mode at g = 0; that of the others may be either."""
-BAND = 4e-15
-"""A difference this small against its terms is rounding, and counts as zero."""
+SWITCHES = {"FABS": "abs", "SIGN": "sign", "FMIN": "min", "FMAX": "max", "LT": "<", "LE": "<="}
+MODE_AT_ZERO = {"LE": 1.0, "LT": -1.0, "SIGN": 0.0}
+"""Mode at g = 0; for the other switches either mode is right there."""
+ROUNDING = 4e-15
+"""Size of g, as a share of its terms, that counts as zero. Chosen: some 20 roundings."""
 MOST_CHAINED = 8
-"""Times that memory fed by other memory is updated anew, where each waits for another."""
+"""Further updates of memory that depends on other memory, at most. Chosen."""
 ALWAYS = True
+"""In the place of a condition: a node that has an effect whatever the modes."""
 RHS = (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])
 UPDATE = ([*RHS[0], "hit"], ["d_next", "x_next"])
 
@@ -66,7 +67,7 @@ class Frozen:
         return np.where(which, np.where(g == 0, on_edge, np.sign(g)), m)
 
     def first(self, wrong: np.ndarray) -> np.ndarray:
-        """Those that read none of the others: what is downstream may come right with them."""
+        """Those that depend on none of the others: the ones downstream may agree once these have changed."""
         return wrong & ~self.upstream[:, wrong].any(axis=1)
 
     def memory(self, x: np.ndarray, d: np.ndarray, m: np.ndarray, like: Memory) -> Memory:
@@ -75,7 +76,7 @@ class Frozen:
 
 
 def margin(g: np.ndarray, m: np.ndarray) -> np.ndarray:
-    """How far each switch is from turning over; negative once it should have. Mode 0 holds at g = 0 only."""
+    """Distance of each switch from its change; negative after it. Mode 0 is right at g = 0 only."""
     return np.where(m == 0, -np.abs(g), np.where(m > 0, g, -g))
 
 
@@ -83,8 +84,8 @@ def margin(g: np.ndarray, m: np.ndarray) -> np.ndarray:
 def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> Frozen | None:
     """Kernels of the equations with frozen switches (kept); None when there is no switch.
 
-    Updates on the grid stay plain, and run at every step, since g is wanted before them. Memory that waits
-    for other memory is updated again, so that a chain of relays switches at once.
+    Updates on the grid are unchanged, and run at every step, since g is needed before them. Memory that depends on
+    other memory is updated again, so that a chain of relays switches at once.
     """
     program, switches, moving = _switches(eq)
     if not switches:
@@ -98,16 +99,16 @@ def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> F
         whole=kernel_for(_plan(eq, method, rhs, update, logged), backend),
         part=kernel_for(_plan(eq, method, rhs, None, range(first, first + count)), backend),
         remember=remember,
-        names=tuple(zip(_owners(eq, program, reach, count), (WORDS[k] for k in kinds), strict=True)),
-        edge=np.array([EDGE.get(k, np.nan) for k in kinds]),
-        fresh=np.array([EDGE.get(k, 1.0) for k in kinds]),
+        names=tuple(zip(_owners(eq, program, reach, count), (SWITCHES[k] for k in kinds), strict=True)),
+        edge=np.array([MODE_AT_ZERO.get(k, np.nan) for k in kinds]),
+        fresh=np.array([MODE_AT_ZERO.get(k, 1.0) for k in kinds]),
         spare=np.zeros(0 if update is None else count),
-        upstream=np.array([_bits(reach[n] ^ 1 << k, count) for k, n in enumerate(switches)]),
+        upstream=np.array([_flags(reach[n] ^ 1 << k, count) for k, n in enumerate(switches)]),
     )
 
 
 def _functions(eq: Equations, program: Program, switches: list[int], moving: list[int]) -> tuple[Any, Any, Any]:
-    """Make the frozen right-hand side, the update (plain) and the one for events, all with longer memory."""
+    """The frozen right-hand side, the update on the grid and that at events, all with longer memory."""
     count, held = len(switches), len(eq.d)
     t, x, u, q, p = (ca.SX.sym(k, eq.rhs.size1_in(eq.rhs.index_in(k))) for k in "txuqp")
     d = ca.SX.sym("d", held + count * (1 if eq.update is None else 2))
@@ -135,13 +136,13 @@ def _functions(eq: Equations, program: Program, switches: list[int], moving: lis
 
 
 def _chained(eq: Equations, program: Program) -> list[set[int]]:
-    """Find memory that reads memory of other blocks, as a relay fed by a relay does: what to update once more."""
+    """Memory that depends on memory of other blocks (a relay fed by a relay): what to update once more."""
     inputs = {args[1]: n for n, (name, args) in enumerate(program.nodes) if name == "INPUT" and args[0] == 2}
     reach = _reach(program, list(inputs.values()))
     fresh = {k: n for (slot, k), n in program.outputs.items() if slot == 2 and n != inputs.get(k)}
     owner = [name.rpartition(".")[0] for name in eq.d]
     reads = {
-        k: {j for j, read in zip(inputs, _bits(reach[n], len(inputs)), strict=True) if read and owner[j] != owner[k]}
+        k: {j for j, read in zip(inputs, _flags(reach[n], len(inputs)), strict=True) if read and owner[j] != owner[k]}
         for k, n in fresh.items()
     }
     made: list[set[int]] = []
@@ -166,7 +167,7 @@ def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
     program = Program(ca.Function("all", symbols, values, RHS[0], names))
     moving = program.grade({0: 1, 1: 2, 2: 0, 3: 2, 4: 2, 5: 0})
     needed = program.needed(n for (slot, _), n in program.outputs.items() if slot < 3)
-    switches = [n for n in sorted(needed) if program.nodes[n][0] in WORDS and moving[n]]
+    switches = [n for n in sorted(needed) if program.nodes[n][0] in SWITCHES and moving[n]]
     return program, switches, moving
 
 
@@ -188,12 +189,12 @@ def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]
         wide_s=(),
         inputs=len(eq.u),
         fused=False,
-        watched=False,  # a branch not taken may be anything
+        watched=False,  # a branch that is not taken may have any value
     )
 
 
 def _rewritten(program: Program, symbols: list[Any], modes: dict[int, Any], moving: list[int]) -> tuple[list[Any], Any]:
-    """Form the value of every node with its switches decided by modes, and the switching functions.
+    """The value of every node with its switches decided by modes, and the switching functions.
 
     Where a switch has no effect for now, its switching function is its mode, which agrees with it.
     """
@@ -209,7 +210,7 @@ def _rewritten(program: Program, symbols: list[Any], modes: dict[int, Any], movi
             values.append(_decided(name, modes[node], *given))
             gap = given[0] if len(args) == 1 else given[1] - given[0] if name in ("LT", "LE") else given[0] - given[1]
             size = sum(_size(program, values, j) for j in args)
-            gaps[node] = gap if moving[node] == 1 else ca.if_else(ca.fabs(gap) < BAND * size, 0, gap)
+            gaps[node] = gap if moving[node] == 1 else ca.if_else(ca.fabs(gap) < ROUNDING * size, 0, gap)
         else:
             values.append(_operation(name, [values[j] for j in args]))
         if moving[node] < 2:
@@ -229,7 +230,7 @@ def _operation(name: str, given: list[Any]) -> Any:
 
 
 def _rounds(name: str, moving: int) -> bool:
-    """Whether a node is a jump in time that stays, which kernels must see to depend on time alone."""
+    """Whether a node jumps with time alone and is no switch: it must stay an expression of time for the kernels."""
     return moving == 1 and name in ("FLOOR", "CEIL", "EQ", "NE")
 
 
@@ -259,7 +260,7 @@ def _either(a: Any, b: Any) -> Any:
 
 
 def _decided(name: str, mode: Any, a: Any, b: Any = None) -> Any:
-    """Form a switch's value in a mode."""
+    """The value of a switch in a mode."""
     if name == "FABS":
         return mode * a
     if name == "SIGN":
@@ -270,7 +271,7 @@ def _decided(name: str, mode: Any, a: Any, b: Any = None) -> Any:
 
 
 def _size(program: Program, values: list[Any], node: int) -> Any:
-    """Size that rounding in a node goes by: its terms, if it is a sum."""
+    """Size of a node for its rounding: that of its terms, if it is a sum."""
     name, args = program.nodes[node]
     return sum(ca.fabs(values[j]) for j in (args if name in ("ADD", "SUB") else [node]))
 
@@ -280,7 +281,7 @@ def _column(elements: list[Any]) -> Any:
 
 
 def _reach(program: Program, switches: list[int]) -> list[int]:
-    """Which switches each node depends on, as bits of a whole number; a switch depends on itself."""
+    """Which switches each node depends on, as bits of an integer; a switch depends on itself."""
     own = {n: 1 << k for k, n in enumerate(switches)}
     reach: list[int] = []
     for node in range(len(program.nodes)):
@@ -288,7 +289,7 @@ def _reach(program: Program, switches: list[int]) -> list[int]:
     return reach
 
 
-def _bits(number: int, count: int) -> np.ndarray:
+def _flags(number: int, count: int) -> np.ndarray:
     data = np.frombuffer(number.to_bytes((count + 7) // 8, "little"), dtype=np.uint8)
     return np.unpackbits(data, count=count, bitorder="little").astype(bool)
 
@@ -298,7 +299,7 @@ def _union(sets: Iterable[int]) -> int:
 
 
 def _owners(eq: Equations, program: Program, reach: list[int], count: int) -> list[str]:
-    """Find the block of each switch: its rates, outputs or memory depend on it, while nothing it reads does."""
+    """The block of each switch: its rates, outputs or memory depend on it, while none of its inputs does."""
     rates, signals, memory = (
         {name: reach[program.outputs[slot, k]] for k, name in enumerate(names) if (slot, k) in program.outputs}
         for slot, names in ((0, eq.x), (1, eq.y), (2, eq.d))
@@ -308,6 +309,6 @@ def _owners(eq: Equations, program: Program, reach: list[int], count: int) -> li
         block = name.rpartition(".")[0]
         if found and block in eq.reads:
             given = _union(signals.get(k, 0) for k in eq.reads[block][1].values())
-            for k in np.flatnonzero(_bits(found & ~given, count)):
+            for k in np.flatnonzero(_flags(found & ~given, count)):
                 owners[k] = owners[k] or block
     return owners

@@ -1,29 +1,30 @@
-"""Through one step in parts: up to where a switch turns over, and on with its other branch."""
+"""One step in parts: up to the instant at which a switch changes its branch, and on with the other branch."""
 
 from __future__ import annotations
 
 import attrs
 import numpy as np
 
-from tsmblocks.engine import inputs as feeds
+from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.switches import Frozen, margin
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
-MOST = 8
-"""Times a switch may turn over within a step."""
-MOST_AT_ONCE = 3
-"""Times it may do so at one instant; a relay takes two, over, and back once its memory has been set."""
+"""Relative rounding of a double, and the smallest normal one."""
+MOST_CHANGES = 8
+"""Changes of a switch within a step, above which it counts as a sliding mode. Chosen."""
+MOST_CHANGES_AT_ONCE = 3
+"""Changes at one instant, above which it counts as one. Chosen: a relay takes two (see ``Crossing``)."""
 INSTANT_TOLERANCE = 1e-9
-"""Fraction of a step within which two instants are one."""
+"""Fraction of a step within which two instants are the same. Chosen: above their rounding."""
 
 
 @attrs.frozen
 class Event:
-    """An instant ``t`` [s] at which a switch turned over.
+    """An instant ``t`` [s] at which a switch changed its branch.
 
-    ``block`` is the block whose equation holds the switch (``""`` when it cannot be told), ``switch`` one
-    of abs, sign, min, max, <, <=. ``rising`` tells the direction: the argument of abs and sign, a - b of
+    ``block`` is the block whose equation holds the switch (``""`` when it is not known), ``switch`` one
+    of abs, sign, min, max, <, <=. ``rising`` is the direction: the argument of abs and sign, a - b of
     min(a, b) and max(a, b), b - a of a < b and a <= b became positive.
     """
 
@@ -46,18 +47,16 @@ class Point:
 
 @attrs.frozen(eq=False)
 class Passed:
-    """A step that was passed: its end, and the events on the way."""
+    """A completed step: its end, and the events within it."""
 
     end: Point
     events: list[Event]
 
 
 class Crossing:
-    """Takes single steps of length ``h`` with frozen switches; ``like`` lends the parameters."""
+    """Takes single steps of length ``h`` with frozen switches; the parameters are those of ``like``."""
 
-    def __init__(
-        self, frozen: Frozen, signals: list[tuple[feeds.Signal, int]], like: Memory, start: float, h: float
-    ) -> None:
+    def __init__(self, frozen: Frozen, signals: list[tuple[Signal, int]], like: Memory, start: float, h: float) -> None:
         self.frozen, self.signals, self.like, self.start, self.h = frozen, signals, like, start, h
         self.instants = frozen.part.plan.method.instants
         self.no_inputs = np.empty((2, len(self.instants), 0))
@@ -65,10 +64,10 @@ class Crossing:
     def step(self, here: Point, t: float) -> Passed | Event | None:
         """From a point on the grid to the next one at ``t``.
 
-        An Event when a switch keeps turning over (a sliding mode), None when numbers leave the finite ones.
+        An Event when a switch changes again and again (a sliding mode), None when values become non-finite.
         """
         frozen, events = self.frozen, list[Event]()
-        count, near, last, told = (np.full(len(here.m), v) for v in (0, 0, -np.inf, -np.inf))
+        count, near, last, reported = (np.full(len(here.m), v) for v in (0, 0, -np.inf, -np.inf))
         while t - here.t > self._finest(t):
             end = self._part(here, t)
             if end is None:
@@ -84,36 +83,36 @@ class Crossing:
             again = here.t - last <= INSTANT_TOLERANCE * self.h
             count, last = count + which, np.where(which, here.t, last)
             near = np.where(which, near * again + 1, near)
-            chattering = (near > MOST_AT_ONCE) | (count > MOST)
+            chattering = (near > MOST_CHANGES_AT_ONCE) | (count > MOST_CHANGES)
             if chattering.any():
                 return self.events(here.t, chattering, here.m)[0]
             over = (
                 (here.m != old)
-                & (here.t - told > INSTANT_TOLERANCE * self.h)
+                & (here.t - reported > INSTANT_TOLERANCE * self.h)
                 & (here.t > self.start + INSTANT_TOLERANCE * self.h)
             )
-            events, told = events + self.events(here.t, over, here.m), np.where(over, here.t, told)
+            events, reported = events + self.events(here.t, over, here.m), np.where(over, here.t, reported)
         return Passed(here, events)
 
     def events(self, t: float, which: np.ndarray, m: np.ndarray) -> list[Event]:
-        """Put the turning over of some switches in words."""
+        """The events of switches that have changed."""
         return [Event(t, *self.frozen.names[i], bool(m[i] > 0)) for i in np.flatnonzero(which)]
 
     def _finest(self, t: float) -> float:
-        """To what an instant [s] is located."""
+        """The resolution [s] to which an instant is located."""
         return 1e-13 * self.h + 4 * EPS * abs(t)
 
     def _inputs(self, t: float, length: float) -> np.ndarray:
-        """Sample the inputs for a part of a step; at its end those just before it."""
+        """Sampled inputs over a part of a step; at its end the limits from the left."""
         if not self.signals:
             return self.no_inputs
-        made = feeds.rows(self.signals, t, length, 0, 1, (*self.instants, 1.0))
+        made = input_rows(self.signals, t, length, 0, 1, (*self.instants, 1.0))
         u = np.ascontiguousarray(made[:, : len(self.instants)])
         u[1, 0] = made[0, -1]
         return u
 
     def _part(self, here: Point, t: float) -> Point | None:
-        """One step of the method from a point to t, or no step but g anew; None if not finite."""
+        """One step of the method from a point to t, or no step and g evaluated again; None if not finite."""
         n, length = (1, t - here.t) if t > here.t else (0, self.h)
         memory, g = self.frozen.memory(here.x, here.d, here.m, self.like), np.empty((1, len(here.m)))
         self.frozen.part.advance(
@@ -148,7 +147,7 @@ class Crossing:
         finest, side, tries = self._finest(end.t), 0, 0
         while high - low > finest and below < 0:
             tries += 1
-            if above < INSTANT_TOLERANCE and side >= 0:  # on the edge from the start: is it left at once?
+            if above < INSTANT_TOLERANCE and side >= 0:  # at zero from the start: does it change at once?
                 t = low + ((high - low) * 1e-6 if side == 0 else finest * 0.9)
             elif above == 0 or tries % 4 == 0:
                 t = (low + high) / 2
@@ -166,7 +165,7 @@ class Crossing:
         return past
 
     def _turn(self, past: Point, wrong: np.ndarray) -> tuple[Point, np.ndarray] | None:
-        """Turn over all switches that cross at a point or jump with those; and say which they are."""
+        """Change all switches that cross zero at a point or jump with those; the point, and which they are."""
         frozen = self.frozen
         which = frozen.first(frozen.wrong(past.g, past.m) | (wrong & (margin(past.g, past.m) <= 0)))
         here = self._settled(attrs.evolve(past, m=frozen.turned(past.g, past.m, which)), which)
@@ -188,10 +187,10 @@ class Crossing:
             here, first = made, first or made
             if all(np.array_equal(getattr(here, k), getattr(old, k)) for k in "dxm"):
                 return here
-        return first  # it never comes to rest: a relay that feeds itself, or memory that counts
+        return first  # no fixed point: a relay that feeds itself, or memory that counts
 
     def _settled(self, here: Point, crossed: np.ndarray) -> Point | None:
-        """Turn over what jumps with those that crossed, which may be off themselves by rounding."""
+        """Change the switches that jump with those that crossed, whose own g may be off by rounding."""
         for _ in range(2 * len(crossed) + 2):
             seen = self._part(here, here.t)
             if seen is None:

@@ -18,8 +18,8 @@ from tsmblocks.common.atomic_write import replace_file
 from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.common.units import times
 from tsmblocks.common.version import __version__
-from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
-from tsmblocks.engine.kernel_frame import HAIR, time_jumps
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
+from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, time_jumps
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
@@ -28,7 +28,7 @@ from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, us
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
-from tsmblocks.simulation.stability import Beginning, warn_of_fast_poles
+from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
 
 
 @attrs.frozen
@@ -71,7 +71,7 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
             )
     rule, p = method_named(method), parameter_vector(eq, diagram)
     made = _Text(eq, p, h, rule, name).code()
-    warn_of_fast_poles([Beginning(eq, p)], rule, h)
+    warn_of_fast_poles([RunStart(eq, p)], rule, h)
     return made
 
 
@@ -268,8 +268,8 @@ class _Text:
         yield ""
         yield from PAST.format(
             n=n,
-            kept=KEPT,
-            per=PER_DELAY,
+            kept=DELAY_SAMPLES,
+            per=DELAY_NUMBERS,
             count=len(self.eq.q),
             mask=self.room - 1,
             room=self.room,
@@ -289,7 +289,7 @@ class _Text:
             yield f"    double ahead[{len(eq.x)}];"
             yield "    int i;"
         if eq.q:
-            yield f"    double q[{PER_DELAY * len(eq.q)}];"
+            yield f"    double q[{DELAY_NUMBERS * len(eq.q)}];"
             yield f"    double s[{len(eq.q)}];"
         past = "q" if eq.q else "0"
         yield from self._act(past)
@@ -350,8 +350,8 @@ class _Text:
             return "t"
         if offset == 1:
             end = f"(double)(c->k + 1) * {c_double(self.h)}"
-            hair = f"{c_double(HAIR[0] * self.h)} + {c_double(HAIR[1])} * fabs({end})"
-            return f"{end} - fmin({hair}, {c_double(HAIR[2] * self.h)})" if self.jumps else end
+            hair = f"{c_double(JUMP_OFFSETS[0] * self.h)} + {c_double(JUMP_OFFSETS[1])} * fabs({end})"
+            return f"{end} - fmin({hair}, {c_double(JUMP_OFFSETS[2] * self.h)})" if self.jumps else end
         return f"t + {c_double(offset)} * {c_double(self.h)}"
 
 

@@ -12,15 +12,15 @@ import numpy as np
 from tsmblocks.common.errors import DataError, RunError, clip, near
 from tsmblocks.data import Record
 from tsmblocks.data.missing_units import how_to_map
-from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.inputs import input_rows
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.sensitivities import tangent_memory
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import Times
+from tsmblocks.simulation.arguments import TimeGrid
 from tsmblocks.simulation.lanes import batch_kernel, directions, lane_memory, tangent_kernel
 
 FEWEST = 4
@@ -48,7 +48,7 @@ class Trial:
     eq: Equations = attrs.field(repr=False)
     rule: Method
     columns: tuple[int, ...]
-    times: Times
+    times: TimeGrid
     rows: np.ndarray = attrs.field(repr=False)
     hits: tuple[int, ...]
     t: np.ndarray = attrs.field(repr=False)
@@ -189,7 +189,7 @@ def prepare(
     even = is_even(record.t, own) and abs(own / step / every - 1) < UNEVEN
     h = own / every if even else step
     steps = (cut.stop - 1) * every if even else math.ceil((t[-1] - start) / h - UNEVEN)
-    times = Times(start, h, max(steps, 1), every if even else 1)
+    times = TimeGrid(start, h, max(steps, 1), every if even else 1)
     if times.steps > MOST_STEPS:
         raise RunError(
             f"experiment '{name}': a step of {h:g} s makes {times.steps:.3g} steps of its {t[-1] - start:g} "
@@ -207,7 +207,7 @@ def prepare(
         rule,
         tuple(eq.y.index(eq.aliases[k]) for k in outputs),
         times,
-        feeds.rows(ordered, start, h, 0, times.steps, rule.instants),
+        input_rows(ordered, start, h, 0, times.steps, rule.instants),
         steps_per_period(eq, h),
         t,
         np.stack([signal_of(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1),

@@ -28,7 +28,7 @@ from tsmblocks.optimal.transcription import (
     given_rows,
     units_of,
 )
-from tsmblocks.simulation.arguments import as_diagram, whole_steps
+from tsmblocks.simulation.arguments import as_diagram, step_count
 
 FEW = 60
 """Iterations of the solver for one sample at most: the last plan is near, and the next sample comes soon."""
@@ -283,7 +283,7 @@ def _count(given: Given, begin: float, stop: float | None, h: float, preview: in
             f"what is given ends at {last:g} s, before one preview of {preview} samples of {h:g} s and one "
             "sample are over. Give more, or a shorter preview."
         )
-    return whole_steps(begin, last - preview * h, h)
+    return step_count(begin, last - preview * h, h)
 
 
 def _word(control: RecedingHorizon, count: int, stopped: bool) -> str:

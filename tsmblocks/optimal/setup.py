@@ -15,7 +15,7 @@ from tsmblocks.fitting.constraints import constraints
 from tsmblocks.metrics.expressions import expression
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.transcription import Given, Interval, Task
-from tsmblocks.simulation.arguments import ends_of, resolve_stop, whole_steps
+from tsmblocks.simulation.arguments import end_time, input_ends, step_count
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.stability import poles
 
@@ -157,14 +157,14 @@ def given_of(title: str, commands: Any, inputs: Any, references: Any, hold: str)
 def ending(given: Given, start: float, step: float) -> float:
     """The end of what is given, where no stop is. Raises RunError."""
     signals = {**given.references, **given.inputs}
-    if not ends_of(signals, start, step):
+    if not input_ends(signals, start, step):
         raise RunError("say when it ends: stop=… [s], or references as (times, values).")
-    return resolve_stop(signals, start, step)
+    return end_time(signals, start, step)
 
 
 def count_of(begin: float, end: float, h: float) -> int:
     """How many samples of ``h`` s there are from ``begin`` to ``end`` [s]. Raises RunError where that is not whole."""
-    count = whole_steps(begin, end, h)
+    count = step_count(begin, end, h)
     if abs(begin + count * h - end) > 1e-6 * h:
         raise RunError(f"stop={end:g} s is no whole number of steps of {h:g} s after start={begin:g} s.")
     return count

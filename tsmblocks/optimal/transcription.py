@@ -15,7 +15,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.inputs import Signal, rows
+from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.fitting.constraints import Constraint
@@ -117,7 +117,7 @@ def given_rows(task: Task, given: Given, grid: np.ndarray) -> np.ndarray:
         signal = Signal(name, given.references[name], grid, given.hold)
         signal.covers(float(grid[0]), float(grid[-1]), step)
         signals.append((signal, 0))
-    return rows(signals, float(grid[0]), step, 0, len(grid) - 1, (0.0, 0.5, 1.0))[:-1]
+    return input_rows(signals, float(grid[0]), step, 0, len(grid) - 1, (0.0, 0.5, 1.0))[:-1]
 
 
 @attrs.frozen(eq=False)

@@ -44,7 +44,7 @@ def _timed(name: str, column: Any) -> Any:
     return values if counted else (times, values)
 
 
-def whole_steps(start: float, stop: float, h: float) -> int:
+def step_count(start: float, stop: float, h: float) -> int:
     """Whole steps between ``start`` and ``stop`` [s]. Raises RunError when there is none."""
     if not start < stop:
         raise RunError(f"the run must end after it starts, got start={start:g} s and stop={stop:g} s.")
@@ -57,7 +57,7 @@ def whole_steps(start: float, stop: float, h: float) -> int:
     return count
 
 
-def ends_of(inputs: Mapping[str, Any], start: float, h: float) -> list[float]:
+def input_ends(inputs: Mapping[str, Any], start: float, h: float) -> list[float]:
     """Where recorded inputs end [s]; those that go on for ever have no end."""
     ends = []
     for value in inputs.values():
@@ -69,14 +69,14 @@ def ends_of(inputs: Mapping[str, Any], start: float, h: float) -> list[float]:
     return ends
 
 
-def resolve_stop(inputs: Mapping[str, Any], start: float, h: float) -> float:
+def end_time(inputs: Mapping[str, Any], start: float, h: float) -> float:
     """The end of the shortest recorded input, on a step; 20 s when there is none."""
-    ends = ends_of(inputs, start, h)
+    ends = input_ends(inputs, start, h)
     return start + math.floor((min(ends) - start) / h + 1e-6) * h if ends else 20.0
 
 
 @attrs.frozen
-class Times:
+class TimeGrid:
     """The instants of a run: ``start`` and step ``h`` in s, ``steps`` of them, every ``every``-th one kept."""
 
     start: float
@@ -95,9 +95,9 @@ class Times:
         return self.steps // self.every + 1
 
 
-def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any) -> Times:
+def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any) -> TimeGrid:
     """The instants asked for; without ``stop``, to the end of the inputs. Raises RunError."""
     begin, h, spacing = as_number("start", start), as_positive("step", step), as_integer("every", every, 1)
-    end = resolve_stop(inputs, begin, h) if stop is None else as_number("stop", stop)
-    steps = whole_steps(begin, end, h)
-    return Times(begin, h, steps, min(spacing, int(MOST_STEPS) + 1))
+    end = end_time(inputs, begin, h) if stop is None else as_number("stop", stop)
+    steps = step_count(begin, end, h)
+    return TimeGrid(begin, h, steps, min(spacing, int(MOST_STEPS) + 1))

@@ -12,8 +12,8 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_integer, as_list
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -23,7 +23,7 @@ from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import batch_kernel, lane_columns, lane_memory, lanes_for, whole_run
 from tsmblocks.simulation.logged_signals import kept_columns, signal_positions
 from tsmblocks.simulation.run_options import RunOptions
-from tsmblocks.simulation.stability import Beginning, extremes, set_in_words, warn_of_fast_poles
+from tsmblocks.simulation.stability import RunStart, extreme_sets, set_text, warn_of_fast_poles
 
 Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
 
@@ -53,7 +53,7 @@ def simulate_batch(
     """
     options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
     made = batch_of(diagram, parameters, options, outputs)
-    warn_of_fast_poles([made.beginning(k) for k in extremes(made.sets)], options.rule, step)
+    warn_of_fast_poles([made.run_start(k) for k in extreme_sets(made.sets)], options.rule, step)
     return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t, {} if reduce else made.units)
 
 
@@ -73,7 +73,7 @@ class PreparedBatch:
     _columns: Mapping[str, int]
     _h: float
     _start: float
-    _signals: list[tuple[feeds.Signal, int]]
+    _signals: list[tuple[Signal, int]]
 
     @property
     def count(self) -> int:
@@ -113,12 +113,12 @@ class PreparedBatch:
             parts = list(pool.map(group, begins, memories))
         return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
 
-    def beginning(self, k: int) -> Beginning:
+    def run_start(self, k: int) -> RunStart:
         """Where the run of a set begins, by its position."""
         numbers = {name: float(values[k]) for name, values in self.sets.items()}
         p = self._base.copy()
         p[[self._eq.p.index(name) for name in numbers]] = list(numbers.values())
-        return Beginning(self._eq, p, self._start, self._signals, words=set_in_words(numbers))
+        return RunStart(self._eq, p, self._start, self._signals, words=set_text(numbers))
 
     def _parameters(self, first: int) -> np.ndarray:
         """Parameters of the sets from ``first`` on, one set per lane; lanes left over repeat the last set."""

@@ -10,11 +10,11 @@ import numpy as np
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.session import Session
 
-ORDINARY = 1e20
+ORDINARY_STATE = 1e20
 """States below this did not run away."""
 
 
-def explain(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:
+def explain_divergence(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:
     """Run again from the last safe instant with everything logged; (message, block, time [s])."""
     first = session.k
     y = session.rows_for(steps, True)
@@ -24,7 +24,7 @@ def explain(eq: Equations, session: Session, steps: int) -> tuple[str, str, floa
     time = session.start + (first + row) * session.h
     values = dict(zip(eq.y, y[row], strict=True))
     before = dict(zip(eq.y, y[row - 1], strict=True)) if row else {}
-    block = _born(eq, values)
+    block = _first_non_finite(eq, values)
     if block:
         return _output_message(eq, values, block, time), block, time
     states = [k for k in eq.x if not math.isfinite(values.get(k, 0.0))]
@@ -32,7 +32,7 @@ def explain(eq: Equations, session: Session, steps: int) -> tuple[str, str, floa
     return _state_message(eq, values, before, states, block, time), block, time
 
 
-def _born(eq: Equations, values: dict[str, float]) -> str:
+def _first_non_finite(eq: Equations, values: dict[str, float]) -> str:
     """The first block whose output is not finite though its inputs and states are."""
     for name, value in values.items():
         block, _, _ = name.rpartition(".")
@@ -55,7 +55,7 @@ def _output_message(eq: Equations, values: dict[str, float], block: str, time: f
     states = [
         (k.rpartition(".")[2], values[k]) for k in (*eq.x, *eq.d) if k.rpartition(".")[0] == block and k in values
     ]
-    text = f"{_list(outputs)} at t = {time:g} s, born in {block} ({kind})."
+    text = f"{_list(outputs)} at t = {time:g} s, first in {block} ({kind})."
     text += f" Its inputs: {_list(inputs)}." if inputs else ""
     return text + (f" Its states: {_list(states)}." if states else "")
 
@@ -68,6 +68,6 @@ def _state_message(
     text = f"{_list(now)} at t = {time:g} s: a state of {block} ({kind}) left the finite numbers."
     if before:
         text += f" One step before: {_list((k, before[k]) for k in states[:4])}."
-    if before and all(abs(before[k]) < ORDINARY for k in states):
+    if before and all(abs(before[k]) < ORDINARY_STATE for k in states):
         return text + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
     return text + " The loop may be unstable, or the step too long for it; try a smaller step."

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.engine import inputs as feeds
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.sensitivities import tangent_plan
 from tsmblocks.engine.session import check_delays, plan_for, spread, steps_per_period
-from tsmblocks.simulation.arguments import Times
+from tsmblocks.simulation.arguments import TimeGrid
 
 MOST_DIRECTIONS = 32
 """Derivative directions side by side in one run."""
@@ -61,10 +61,10 @@ def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memor
 
 
 def whole_run(
-    eq: Equations, kernel: Kernel, signals: list[tuple[feeds.Signal, int]], times: Times
+    eq: Equations, kernel: Kernel, signals: list[tuple[Signal, int]], times: TimeGrid
 ) -> Callable[[Memory], np.ndarray]:
     """A function that runs from the memory it is given to the end and returns the rows kept."""
-    rows = feeds.rows(signals, times.start, times.h, 0, times.steps, kernel.plan.method.instants)
+    rows = input_rows(signals, times.start, times.h, 0, times.steps, kernel.plan.method.instants)
     hits = steps_per_period(eq, times.h)
     fixed: dict[str, Any] = dict(
         t0=times.start, h=times.h, k0=0, n=times.steps, final=True, every=times.every, skip=0, hits=hits

@@ -8,13 +8,13 @@ from fnmatch import fnmatchcase
 
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.engine.equations import Equations
-from tsmblocks.simulation.arguments import Times
+from tsmblocks.simulation.arguments import TimeGrid
 
 MOST_NUMBERS = 250_000_000
 """Logged numbers (2 GB) above which a run asks to be told what to log."""
 
 
-def logged_signals(eq: Equations, log: str | Iterable[str], times: Times) -> tuple[tuple[int, ...], tuple[str, ...]]:
+def logged_signals(eq: Equations, log: str | Iterable[str], times: TimeGrid) -> tuple[tuple[int, ...], tuple[str, ...]]:
     """Which signals are kept: columns and names. Raises RunError when they would not fit."""
     chosen = _chosen(eq, log)
     if times.kept * len(chosen) > MOST_NUMBERS:

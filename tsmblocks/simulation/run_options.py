@@ -11,7 +11,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.session import gather_signals
-from tsmblocks.simulation.arguments import Times, as_inputs, run_times
+from tsmblocks.simulation.arguments import TimeGrid, as_inputs, run_times
 
 
 @attrs.frozen(eq=False)
@@ -28,7 +28,7 @@ class RunOptions:
     backend: str = ""
 
     @property
-    def times(self) -> Times:
+    def times(self) -> TimeGrid:
         """The instants of the run. Raises RunError."""
         return run_times(self.inputs, self.start, self.stop, self.step, self.every)
 

@@ -17,7 +17,7 @@ STEP_TOLERANCE = 1e-9
 
 
 @attrs.frozen(eq=False)
-class Saved:
+class SavedState:
     """A state to go on from: all memory, the step counter and the step. It pickles."""
 
     memory: Memory = attrs.field(repr=False)
@@ -35,12 +35,12 @@ class Saved:
         return self.start + self.k * self.step
 
 
-def remembered(eq: Equations) -> tuple[str, ...]:
+def memory_names(eq: Equations) -> tuple[str, ...]:
     """Names of all that a saved state holds."""
     return (*eq.x, *eq.d, *eq.q)
 
 
-def taken_up(saved: Saved, eq: Equations, own: Memory, h: float) -> Memory:
+def restored_memory(saved: SavedState, eq: Equations, own: Memory, h: float) -> Memory:
     """The memory of a saved state, with the numbers of ``own``. Raises RunError where it does not belong here."""
     if saved.lost is not None:
         raise RunError(
@@ -49,7 +49,7 @@ def taken_up(saved: Saved, eq: Equations, own: Memory, h: float) -> Memory:
         )
     if not _same(saved.step, h):
         raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {h:g} s.")
-    if saved.names != remembered(eq):
+    if saved.names != memory_names(eq):
         raise RunError(f"the saved state belongs to a diagram other than '{eq.title}'.")
     if saved.memory.mask != own.mask:
         raise RunError(
@@ -61,9 +61,9 @@ def taken_up(saved: Saved, eq: Equations, own: Memory, h: float) -> Memory:
     return made
 
 
-def begins(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
+def start_and_step(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
     """When a run starts and its step: those of a saved state that it goes on from. Raises RunError for another time."""
-    if not isinstance(initial, Saved):
+    if not isinstance(initial, SavedState):
         return start, step
     if start != 0.0 and not math.isclose(
         as_number("start", start), initial.t, rel_tol=1e-12, abs_tol=STEP_TOLERANCE * initial.step

@@ -17,12 +17,12 @@ from tsmblocks.engine.session import Session, Stopped, single_kernel, start_memo
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
-from tsmblocks.simulation.divergence import explain
+from tsmblocks.simulation.divergence import explain_divergence
 from tsmblocks.simulation.logged_signals import logged_signals
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.run_options import RunOptions
-from tsmblocks.simulation.saved_state import Saved, begins, remembered, taken_up
-from tsmblocks.simulation.stability import Beginning, warn_of_fast_poles
+from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
+from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
 
 
 def simulate(
@@ -35,7 +35,7 @@ def simulate(
     inputs: Mapping[str, Any] | None = None,
     hold: str = "linear",
     parameters: Mapping[str, Any] | None = None,
-    initial: Mapping[str, float] | Saved | None = None,
+    initial: Mapping[str, float] | SavedState | None = None,
     log: str | Iterable[str] = "all",
     every: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -64,7 +64,7 @@ def simulate(
     what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
     """
     diagram = as_diagram(diagram, parameters)
-    begin, h = begins(start, step, initial)
+    begin, h = start_and_step(start, step, initial)
     options = RunOptions(stop, h, begin, method, inputs, hold, every, backend)
     times = options.times
     as_callback(progress, "the fraction done")
@@ -72,13 +72,13 @@ def simulate(
     chosen, names = logged_signals(eq, log, times)
     rule, p = options.rule, parameter_vector(eq, diagram)
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
-    saved = initial if isinstance(initial, Saved) else None
+    saved = initial if isinstance(initial, SavedState) else None
     memory = start_memory(eq, kernel, p, h, None if saved else initial)  # type: ignore[arg-type]
     origin, k = (times.start, 0) if saved is None else (saved.start, saved.k)
-    memory = memory if saved is None else taken_up(saved, eq, memory, h)
+    memory = memory if saved is None else restored_memory(saved, eq, memory, h)
     signals, hits = options.signals(eq), steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
-    warn_of_fast_poles([Beginning(eq, p, times.start, signals, memory)], rule, h)
+    warn_of_fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
     if locate:
         session = locating(session, rule, chosen, backend)
     rows, stopped = session.run(times.steps, progress)
@@ -110,7 +110,7 @@ def _result(
         dict(zip(eq.p, p, strict=True)),
         h,
         rule.name,
-        Saved(session.memory, session.k, start, h, remembered(eq)),
+        SavedState(session.memory, session.k, start, h, memory_names(eq)),
         complete,
         tuple(e for e in session.events if e.t <= start + session.k * h),
     )
@@ -122,7 +122,7 @@ def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, ru
     again = Session(
         eq, kernel, stopped.memory.copy(), session.signals, session.start, session.h, 1, stopped.k, session.hits
     )
-    text, block, time = explain(eq, again, stopped.steps)
+    text, block, time = explain_divergence(eq, again, stopped.steps)
     error = NotFinite(text)
     error.run, error.block, error.time = attrs.evolve(run, state=attrs.evolve(run.state, lost=time)), block, time
     return error

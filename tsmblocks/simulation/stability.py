@@ -13,18 +13,18 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import KEPT, PER_DELAY, Equations
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import Method
 
-DENSE = 120
+MOST_STATES = 120
 """Up to so many states all eigenvalues are found; above, the diagonal of the Jacobian is looked at."""
-LOOKED_AT = 16
+MOST_CHECKED = 16
 """Sets of parameters, of many that are run, whose poles are looked at."""
 
 _JACOBIANS: dict[int, tuple[Equations, Any]] = {}
-_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+_SILENT: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
 class StepWarning(UserWarning):
@@ -32,7 +32,7 @@ class StepWarning(UserWarning):
 
 
 @attrs.frozen(eq=False)
-class Beginning:
+class RunStart:
     """Where a run begins: ``start`` [s], and states and memory, those of the diagram unless given.
 
     ``signals`` are the inputs with the order of their derivatives, all zero where there are none. ``words`` say which
@@ -47,12 +47,12 @@ class Beginning:
     words: str = ""
 
 
-def warn_of_fast_poles(beginnings: Sequence[Beginning], rule: Method, h: float) -> None:
+def warn_of_fast_poles(beginnings: Sequence[RunStart], rule: Method, h: float) -> None:
     """Warn when a mode that decays would grow under this method at this step of ``h`` [s].
 
     The warning is of the worst of some beginnings, and stands where the caller of the caller is.
     """
-    if _QUIET.get():
+    if _SILENT.get():
         return
     looked = [(fastest_unstable(one, rule, h), one) for one in beginnings]
     grown = [(*found, one) for found, one in looked if found is not None]
@@ -71,23 +71,23 @@ def warn_of_fast_poles(beginnings: Sequence[Beginning], rule: Method, h: float) 
 
 
 @contextmanager
-def no_more_of_steps() -> Iterator[None]:
+def no_step_warnings() -> Iterator[None]:
     """Within this nothing is said of steps: the call that does many runs has said it once for all."""
-    before = _QUIET.set(True)
+    before = _SILENT.set(True)
     try:
         yield
     finally:
-        _QUIET.reset(before)
+        _SILENT.reset(before)
 
 
-def extremes(columns: Mapping[str, np.ndarray]) -> list[int]:
+def extreme_sets(columns: Mapping[str, np.ndarray]) -> list[int]:
     """Positions of the first set, and of those with the smallest and largest value of each number; a few at most."""
     numbers = [values for values in columns.values() if values.dtype.kind == "f"]
     ends = (int(end(values)) for values in numbers for end in (np.argmin, np.argmax))
-    return list(dict.fromkeys([0, *ends]))[:LOOKED_AT]
+    return list(dict.fromkeys([0, *ends]))[:MOST_CHECKED]
 
 
-def set_in_words(numbers: Mapping[str, Any]) -> str:
+def set_text(numbers: Mapping[str, Any]) -> str:
     """One set of parameters in a line."""
     return few(
         f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value!r}"
@@ -95,16 +95,16 @@ def set_in_words(numbers: Mapping[str, Any]) -> str:
     )
 
 
-def fastest_unstable(begin: Beginning, rule: Method, h: float) -> tuple[complex, str] | None:
+def fastest_unstable(begin: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
     """The fastest decaying pole that grows under the method, with the state it belongs to; None if all is well."""
     eq, p, start = begin.eq, begin.p, begin.start
     if not eq.x:
         return None
-    q = np.tile([*np.zeros(KEPT), start, 1 / h, 0.0], len(eq.q))  # nothing is kept yet
+    q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))  # nothing is kept yet
     u = np.array([s.at(np.array([start]), order, "right", 1e-6 * h)[0] for s, order in begin.signals])
     x, d = (begin.memory.x, begin.memory.d) if begin.memory else (np.asarray(v).ravel() for v in eq.start(p)[:2])
     jacobian = _jacobian(eq)(start, x, d, u if len(u) else np.zeros(len(eq.u)), q, p)
-    if len(eq.x) <= DENSE:
+    if len(eq.x) <= MOST_STATES:
         a = np.asarray(jacobian)
         if not np.isfinite(a).all():
             return None  # the run itself will say what is not finite, and where
@@ -123,7 +123,7 @@ def fastest_unstable(begin: Beginning, rule: Method, h: float) -> tuple[complex,
 def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
     """Poles of the equations around their start values, with inputs of zero; none where they are not finite."""
     x, d, _ = (np.asarray(v).ravel() for v in eq.start(p))
-    a = np.asarray(_jacobian(eq)(0.0, x, d, np.zeros(len(eq.u)), np.zeros(PER_DELAY * len(eq.q)), p))
+    a = np.asarray(_jacobian(eq)(0.0, x, d, np.zeros(len(eq.u)), np.zeros(DELAY_NUMBERS * len(eq.q)), p))
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
 
 

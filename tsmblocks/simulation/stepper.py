@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_number, as_positive
 from tsmblocks.common.errors import DataError, NotFinite, RunError, in_words, near
-from tsmblocks.engine.equations import Feed
+from tsmblocks.engine.equations import SampledInput
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import method_named
@@ -17,9 +17,9 @@ from tsmblocks.engine.session import Session, single_kernel, start_memory, steps
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.compiled import equations, parameter_vector
-from tsmblocks.simulation.divergence import explain
-from tsmblocks.simulation.saved_state import Saved, remembered, taken_up
-from tsmblocks.simulation.stability import Beginning, no_more_of_steps, warn_of_fast_poles
+from tsmblocks.simulation.divergence import explain_divergence
+from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory
+from tsmblocks.simulation.stability import RunStart, no_step_warnings, warn_of_fast_poles
 
 
 class Stepper:
@@ -37,7 +37,7 @@ class Stepper:
         step: float = 1e-3,
         method: str = "rk4",
         parameters: Mapping[str, Any] | None = None,
-        initial: Mapping[str, float] | Saved | None = None,
+        initial: Mapping[str, float] | SavedState | None = None,
         backend: str = "",
     ) -> None:
         diagram = self.diagram = as_diagram(diagram, parameters)
@@ -51,12 +51,12 @@ class Stepper:
         rule, p = method_named(method), parameter_vector(eq, diagram)
         self.kernel = single_kernel(eq, rule, shown, backend)
         self.hits = steps_per_period(eq, self.h)
-        saved = initial if isinstance(initial, Saved) else None
+        saved = initial if isinstance(initial, SavedState) else None
         self.memory = start_memory(eq, self.kernel, p, self.h, None if saved else initial)  # type: ignore[arg-type]
         self.k = 0
         if saved is not None:
             self.restore(saved)
-        warn_of_fast_poles([Beginning(eq, p, memory=self.memory)], rule, self.h)
+        warn_of_fast_poles([RunStart(eq, p, memory=self.memory)], rule, self.h)
 
     def __repr__(self) -> str:
         return f"Stepper({self.eq.title!r}, t = {self.t:g} s in steps of {self.h:g} s)"
@@ -90,7 +90,7 @@ class Stepper:
         kernel = single_kernel(self.eq, self.kernel.plan.method, tuple(range(len(self.eq.y))), self.backend)
         ends = np.array([0.0, self.h])  # held before and after
         held = [(Signal(f.name, v, ends, "zero"), 0) for f, v in zip(self.eq.u, values, strict=True)]
-        text, block, time = explain(
+        text, block, time = explain_divergence(
             self.eq, Session(self.eq, kernel, before, held, self.start, self.h, 1, self.k, self.hits), 1
         )
         error = NotFinite(text)
@@ -128,27 +128,27 @@ class Stepper:
     def __reduce__(self) -> Any:  # machine code neither copies nor pickles; it is made, or found, again
         return _revived, (self.diagram, self.h, self.kernel.plan.method.name, self.backend, self.save())
 
-    def save(self) -> Saved:
+    def save(self) -> SavedState:
         """The state now, to come back to."""
-        return Saved(self.memory.copy(), self.k, self.start, self.h, remembered(self.eq))
+        return SavedState(self.memory.copy(), self.k, self.start, self.h, memory_names(self.eq))
 
-    def restore(self, saved: Saved) -> None:
+    def restore(self, saved: SavedState) -> None:
         """Go on from a saved state of the same diagram and step, or from ``run.state``. Raises RunError otherwise."""
-        if not isinstance(saved, Saved):
+        if not isinstance(saved, SavedState):
             raise RunError(f"restore takes what save gave, or the state of a run, got {in_words(saved)}.")
-        self.memory = taken_up(saved, self.eq, self.memory, self.h)
+        self.memory = restored_memory(saved, self.eq, self.memory, self.h)
         self.k, self.start, self.h = saved.k, saved.start, saved.step  # the step to the last digit, as time is counted
 
 
-def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: Saved) -> Stepper:
+def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: SavedState) -> Stepper:
     """A stepper that goes on where another stood."""
-    with no_more_of_steps():
+    with no_step_warnings():
         stepper = Stepper(diagram, step=step, method=method, backend=backend)
     stepper.restore(saved)
     return stepper
 
 
-def _need_single(title: str, feed: Feed) -> None:
+def _need_single(title: str, feed: SampledInput) -> None:
     """Raise RunError for an input that is known only where the whole run is."""
     if feed.block:
         raise RunError(

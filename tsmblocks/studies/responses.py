@@ -17,7 +17,7 @@ from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
-from tsmblocks.studies.runner import beginnings, grouped
+from tsmblocks.studies.runner import grouped, run_starts
 from tsmblocks.studies.study import own_numbers, planned, signal_units
 
 
@@ -87,7 +87,7 @@ def responses(
     t, columns = np.empty(0), own_numbers(diagram, plan)
     groups = grouped(diagram, columns, options)
     batches = [group.batch(names) for group in groups]
-    warn_of_fast_poles(beginnings(groups, batches, columns), options.rule, step)
+    warn_of_fast_poles(run_starts(groups, batches, columns), options.rule, step)
     for group, batch in zip(groups, batches, strict=True):
         for name, values in batch.results(0, batch.count, None, threads).items():
             made.setdefault(name, np.empty((len(plan), values.shape[1])))[group.runs] = values

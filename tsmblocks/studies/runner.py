@@ -20,7 +20,7 @@ from tsmblocks.simulation.batch import PreparedBatch, batch_of
 from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.lanes import lanes_for
 from tsmblocks.simulation.run_options import RunOptions
-from tsmblocks.simulation.stability import LOOKED_AT, Beginning, extremes, set_in_words
+from tsmblocks.simulation.stability import MOST_CHECKED, RunStart, extreme_sets, set_text
 from tsmblocks.studies.plans import plain
 
 TURNS = 4
@@ -249,14 +249,14 @@ def checked(groups: Sequence[Runs], metrics: Sequence[Metric]) -> list[PreparedB
     return batches
 
 
-def beginnings(
+def run_starts(
     groups: Sequence[Runs], batches: Sequence[PreparedBatch], columns: Mapping[str, np.ndarray]
-) -> list[Beginning]:
+) -> list[RunStart]:
     """Where a few of the runs begin: those at the ends of what varies, and the first of each group."""
-    chosen = dict.fromkeys([*extremes(columns), *(int(group.runs[0]) for group in groups)])
+    chosen = dict.fromkeys([*extreme_sets(columns), *(int(group.runs[0]) for group in groups)])
     made = []
-    for run in list(chosen)[:LOOKED_AT]:
+    for run in list(chosen)[:MOST_CHECKED]:
         k, at = next((k, at[0]) for k, one in enumerate(groups) if len(at := np.flatnonzero(one.runs == run)))
-        words = set_in_words({name: plain(values[run]) for name, values in columns.items()})
-        made.append(attrs.evolve(batches[k].beginning(int(at)), words=words))
+        words = set_text({name: plain(values[run]) for name, values in columns.items()})
+        made.append(attrs.evolve(batches[k].run_start(int(at)), words=words))
     return made

@@ -27,7 +27,7 @@ from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results
-from tsmblocks.studies.runner import Found, beginnings, checked, elsewhere, grouped, here
+from tsmblocks.studies.runner import Found, checked, elsewhere, grouped, here, run_starts
 from tsmblocks.studies.store import FORMAT, Store
 
 Progress = Callable[[int, int], Any]
@@ -80,7 +80,7 @@ def study(
     if threads is not None:
         as_integer("threads", threads, 1)
     groups = grouped(diagram, asked.columns, options)
-    looked_at = beginnings(groups, checked(groups, wanted), asked.columns)
+    looked_at = run_starts(groups, checked(groups, wanted), asked.columns)
     warn_of_fast_poles(looked_at, options.rule, step)
     store = Store(_path(out), asked.facts, asked.heading, tuple(asked.columns.values()), asked.count)
     store.begin()

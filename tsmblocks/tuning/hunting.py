@@ -13,7 +13,7 @@ from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.simulate import simulate
-from tsmblocks.simulation.stability import no_more_of_steps
+from tsmblocks.simulation.stability import no_step_warnings
 from tsmblocks.studies import study, table
 from tsmblocks.studies.study import signal_units
 
@@ -80,7 +80,7 @@ def _ways(
     plan = table({name: [own[name], values[name]] for name in own})
     made = []
     for case, diagram in cases.items():
-        with no_more_of_steps():
+        with no_step_warnings():
             found = study(diagram, plan, texts, **options.arguments)
         for name in dict.fromkeys(names):
             way, size = found[f"variation {name}"], found[f"peak_to_peak {name}"]
@@ -138,7 +138,7 @@ def _swings(diagram: Diagram, name: str, goal: Metric, options: RunOptions) -> f
     """How often a signal swings to and fro, in Hz, half its swings being faster; None where there are few."""
     from scipy.signal import find_peaks
 
-    with no_more_of_steps():
+    with no_step_warnings():
         run = simulate(diagram, **options.arguments)
     part = goal.parts[0]
     inside = (run.t >= part.after - 1e-9) & (run.t <= part.before + 1e-9)

@@ -15,9 +15,9 @@ from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.sensitivities import sensitivities_of
-from tsmblocks.simulation.stability import LOOKED_AT, Beginning, no_more_of_steps
+from tsmblocks.simulation.stability import MOST_CHECKED, RunStart, no_step_warnings
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
-from tsmblocks.studies.runner import beginnings, checked, grouped
+from tsmblocks.studies.runner import checked, grouped, run_starts
 from tsmblocks.tuning.constraints import INSIDE, MET, Limit
 from tsmblocks.tuning.smooth_metrics import Sloped, sloped
 
@@ -70,7 +70,7 @@ class Search:
         texts = {one.asked: one.text for one in self.metrics}
         made = {}
         for case, diagram in self.cases.items():
-            with no_more_of_steps():
+            with no_step_warnings():
                 found = study(diagram, plan, texts, threads=self.threads, **self.options.arguments)
             made[case] = {one.asked: found[one.asked] for one in self.metrics}
             for one in self.limits:
@@ -81,17 +81,17 @@ class Search:
                     made[case][one.name] = found[one.metric.asked]
         return made
 
-    def beginnings(self, own: Mapping[str, float]) -> list[Beginning]:
+    def run_starts(self, own: Mapping[str, float]) -> list[RunStart]:
         """Where runs begin: with the diagrams' ``own`` numbers, and in the first case with each at its bounds."""
         ends = [{**own, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
         columns = {name: np.array([one[name] for one in (own, *ends)]) for name in own}
-        made: list[Beginning] = []
-        for case, diagram in list(self.cases.items())[:LOOKED_AT]:
+        made: list[RunStart] = []
+        for case, diagram in list(self.cases.items())[:MOST_CHECKED]:
             groups = grouped(diagram, columns, self.options)
-            found = beginnings(groups, checked(groups, self.metrics), columns)[: 1 if made else None]
+            found = run_starts(groups, checked(groups, self.metrics), columns)[: 1 if made else None]
             named = f"case '{case}', " if len(self.cases) > 1 else ""
             made += [attrs.evolve(one, words=named + one.words) for one in found]
-        return made[:LOOKED_AT]
+        return made[:MOST_CHECKED]
 
     @property
     def watched(self) -> list[str]:

@@ -71,7 +71,7 @@ def tune(
     own = {name: first.parameters[name] for name in bounds}
     inside = all(one.low <= own[name] <= one.high for name, one in bounds.items())
     begins = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
-    warn_of_fast_poles(search.beginnings(own), options.rule, step)
+    warn_of_fast_poles(search.run_starts(own), options.rule, step)
     trails, status = _walked(search, begins, tell)
     if inside:
         trails[0].insert(0, own)  # they are never made worse
