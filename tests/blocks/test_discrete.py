@@ -174,12 +174,17 @@ def test_pid_gives_way_at_its_limit():
             dict(period=0),
         ),
         (
-            "DiscreteTransferFunction.den must begin with a number other than 0.",
+            "DiscreteTransferFunction.den must begin with a number other than 0, got (0.0, 1.0).",
             DiscreteTransferFunction,
             dict(den=(0.0, 1.0)),
         ),
         (
-            "DiscreteTransferFunction needs 1 <= len(num) <= len(den), got 3 and 2.",
+            "DiscreteTransferFunction.num must be one list of numbers, such as [1, 0.5].",
+            DiscreteTransferFunction,
+            dict(num=((1.0, 2.0),)),
+        ),
+        (
+            "DiscreteTransferFunction must be proper: 1 <= len(num) <= len(den), got 3 and 2.",
             DiscreteTransferFunction,
             dict(num=(1.0, 2.0, 3.0)),
         ),

@@ -10,18 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.blocks.matrices import (
-    Rows,
-    check_matrices,
-    check_starts,
-    inputs_of,
-    names_of,
-    output_map,
-    outputs_of,
-    start_values,
-    state_map,
-    states_of,
-)
+from tsmblocks.blocks import linear_systems as systems
 from tsmblocks.blocks.ports import UNIT, UNIT_IN
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
@@ -107,31 +96,13 @@ class DiscreteTransferFunction(Block):
     u = Input("any signal", unit_option="unit_in")
     y = Output("filtered signal", unit_option="unit")
 
-    def check(self) -> None:
-        if not self.den or self.den[0] == 0:
-            raise ParameterError("DiscreteTransferFunction.den must begin with a number other than 0.")
-        if not 1 <= len(self.num) <= len(self.den):
-            raise ParameterError(
-                f"DiscreteTransferFunction needs 1 <= len(num) <= len(den), got {len(self.num)} and {len(self.den)}."
-            )
-        check_starts("DiscreteTransferFunction", self.x0, len(self.den) - 1)
+    check = systems.check_fraction
+    updates = systems.fraction_states
+    outputs = systems.fraction_output
 
     @property
     def states(self) -> dict[str, State]:
-        return start_values(self.x0, len(self.den) - 1, "w before this sample, by", "w")
-
-    def _newest(self, x: Any, u: Any) -> Any:
-        a0, *a = self.den
-        return (u.u - sum(ai * wi for ai, wi in zip(a, x, strict=True))) / a0
-
-    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(zip(x._fields, (self._newest(x, u), *x[:-1]), strict=False))
-
-    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        missing = len(self.den) - len(self.num)
-        # b0 that is not given must not appear: 0 * u would count as a path from input to output.
-        w = x[missing - 1 :] if missing else (self._newest(x, u), *x)
-        return dict(y=sum(bi * wi for bi, wi in zip(self.num, w, strict=True)))
+        return systems.initial_states(self.x0, len(self.den) - 1, "w before this sample, by", "w")
 
 
 @block
@@ -149,35 +120,21 @@ class DiscreteStateSpace(Block):
     sampled = True
 
     period: float = _period()
-    A: Rows = parameter(default=((0.9,),), about="state matrix, as rows")
-    B: Rows = parameter(default=((0.1,),), about="input matrix, as rows")
-    C: Rows = parameter(default=((1.0,),), about="output matrix, as rows")
-    D: Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
+    A: systems.Rows = parameter(default=((0.9,),), about="state matrix, as rows")
+    B: systems.Rows = parameter(default=((0.1,),), about="input matrix, as rows")
+    C: systems.Rows = parameter(default=((1.0,),), about="output matrix, as rows")
+    D: systems.Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
-    input_names: tuple[str, ...] = names_of("inputs", "u, or u1, u2, …")
-    output_names: tuple[str, ...] = names_of("outputs", "y, or y1, y2, …")
-    state_names: tuple[str, ...] = names_of("states", "x1, x2, …")
+    input_names: tuple[str, ...] = systems.names_of("inputs", "u, or u1, u2, …")
+    output_names: tuple[str, ...] = systems.names_of("outputs", "y, or y1, y2, …")
+    state_names: tuple[str, ...] = systems.names_of("states", "x1, x2, …")
 
-    def check(self) -> None:
-        check_matrices(self)
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return inputs_of(self)
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return outputs_of(self)
-
-    @property
-    def states(self) -> dict[str, State]:
-        return states_of(self)
-
-    def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return state_map(self, x, u)
-
-    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return output_map(self, x, u)
+    check = systems.check_matrices
+    inports = systems.matrix_inputs
+    outports = systems.matrix_outputs
+    states = systems.matrix_states
+    updates = systems.state_equation
+    outputs = systems.output_equation
 
 
 @block

@@ -6,34 +6,13 @@ import re
 from itertools import zip_longest
 from typing import Any
 
-from tsmblocks.blocks.matrices import (
-    Rows,
-    check_matrices,
-    check_starts,
-    inputs_of,
-    names_of,
-    output_map,
-    outputs_of,
-    start_values,
-    state_map,
-    states_of,
-)
+from tsmblocks.blocks import linear_systems as systems
+from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
 from tsmblocks.blocks.ports import UNIT, UNIT_IN
 from tsmblocks.common.errors import BlockError, ParameterError, in_words
 from tsmblocks.common.tables import unlike
 from tsmblocks.common.units import heading, split_heading
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter
-
-
-def _section(num: Any, den: Any, x: Any, u: Any) -> tuple[Any, Any]:
-    """Highest derivative and output of num/den in controllable canonical form.
-
-    A coefficient that is not given must not appear: as a symbol, 0 * u would count as a path from
-    input to output.
-    """
-    newest = (u - sum(a * z for a, z in zip(den[1:], x, strict=True))) / den[0]
-    kept = (newest, *x)[len(den) - len(num) :]
-    return newest, sum(b * z for b, z in zip(num, kept, strict=True))
 
 
 @block
@@ -58,30 +37,13 @@ class TransferFunction(Block):
     u = Input("any signal", unit="?u", unit_option="unit_in")
     y = Output("filtered signal", unit="?y", unit_option="unit")
 
-    def check(self) -> None:
-        for name in ("num", "den"):
-            if any(isinstance(number, tuple) for number in getattr(self, name)):
-                raise ParameterError(f"TransferFunction.{name} must be one list of numbers, such as [1, 0.5].")
-        if not self.den or self.den[0] == 0:
-            raise ParameterError(
-                f"TransferFunction.den must begin with a number other than 0, got {in_words(self.den)}."
-            )
-        if not 1 <= len(self.num) <= len(self.den):
-            raise ParameterError(
-                f"TransferFunction must be proper: 1 <= len(num) <= len(den), got {len(self.num)} and {len(self.den)}."
-            )
-        check_starts("TransferFunction", self.x0, len(self.den) - 1)
+    check = systems.check_fraction
+    derivatives = systems.fraction_states
+    outputs = systems.fraction_output
 
     @property
     def states(self) -> dict[str, State]:
-        return start_values(self.x0, len(self.den) - 1, "canonical state")
-
-    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        newest, _ = _section(self.num, self.den, x, u.u)
-        return dict(zip(x._fields, (newest, *x), strict=False))
-
-    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=_section(self.num, self.den, x, u.u)[1])
+        return systems.initial_states(self.x0, len(self.den) - 1, "canonical state")
 
 
 def _quadratic(pair: Any) -> tuple[Any, ...]:
@@ -115,8 +77,10 @@ class ZeroPoleGain(Block):
 
     zeros: tuple[float, ...] = parameter(default=(-10.0,), about="real zeros", unit="rad/s")
     poles: tuple[float, ...] = parameter(default=(-20.0,), about="real poles", unit="rad/s")
-    zero_pairs: Rows = parameter(default=(), about="conjugate zeros, as rows of real and imaginary part", unit="rad/s")
-    pole_pairs: Rows = parameter(
+    zero_pairs: systems.Rows = parameter(
+        default=(), about="conjugate zeros, as rows of real and imaginary part", unit="rad/s"
+    )
+    pole_pairs: systems.Rows = parameter(
         default=((-3.0, 4.0),), about="conjugate poles, as rows of real and imaginary part", unit="rad/s"
     )
     gain: float = parameter(default=50.0, about="factor in front of the fraction")
@@ -139,14 +103,14 @@ class ZeroPoleGain(Block):
             raise ParameterError(
                 f"ZeroPoleGain must be proper: no more zeros than poles, got {above} zeros and {self._order()} poles."
             )
-        check_starts("ZeroPoleGain", self.x0, self._order())
+        systems.check_initial("ZeroPoleGain", self.x0, self._order())
 
     def _order(self) -> int:
         return len(self.poles) + 2 * len(self.pole_pairs)
 
     @property
     def states(self) -> dict[str, State]:
-        return start_values(self.x0, self._order(), "state of the chain,")
+        return systems.initial_states(self.x0, self._order(), "state of the chain,")
 
     def _sections(self) -> list[tuple[Any, Any]]:
         """Numerator and denominator of each section; real poles pair up where a pair of zeros needs it."""
@@ -162,11 +126,11 @@ class ZeroPoleGain(Block):
 
     def _chain(self, x: Any, u: Any) -> tuple[list[Any], Any]:
         """Rates of the states and the output."""
-        rates, signal, left = [], self.gain * u.u, list(x)
+        rates, signal, left = list[Any](), self.gain * u.u, list(x)
         for num, den in self._sections():
             own, left = left[: len(den) - 1], left[len(den) - 1 :]
-            newest, signal = _section(num, den, own, signal)
-            rates += [newest, *own[:-1]]
+            moved, signal = systems.section(num, den, own, signal)
+            rates += moved
         return rates, signal
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
@@ -190,35 +154,21 @@ class StateSpace(Block):
     source = "Åström and Murray, Feedback Systems, section 3.2"
     symbol = "A,B,C,D"
 
-    A: Rows = parameter(default=((0.0, 1.0), (-100.0, -2.0)), about="state matrix, as rows")
-    B: Rows = parameter(default=((0.0,), (100.0,)), about="input matrix, as rows")
-    C: Rows = parameter(default=((1.0, 0.0),), about="output matrix, as rows")
-    D: Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
+    A: systems.Rows = parameter(default=((0.0, 1.0), (-100.0, -2.0)), about="state matrix, as rows")
+    B: systems.Rows = parameter(default=((0.0,), (100.0,)), about="input matrix, as rows")
+    C: systems.Rows = parameter(default=((1.0, 0.0),), about="output matrix, as rows")
+    D: systems.Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
-    input_names: tuple[str, ...] = names_of("inputs", "u, or u1, u2, …")
-    output_names: tuple[str, ...] = names_of("outputs", "y, or y1, y2, …")
-    state_names: tuple[str, ...] = names_of("states", "x1, x2, …")
+    input_names: tuple[str, ...] = systems.names_of("inputs", "u, or u1, u2, …")
+    output_names: tuple[str, ...] = systems.names_of("outputs", "y, or y1, y2, …")
+    state_names: tuple[str, ...] = systems.names_of("states", "x1, x2, …")
 
-    def check(self) -> None:
-        check_matrices(self)
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return inputs_of(self)
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return outputs_of(self)
-
-    @property
-    def states(self) -> dict[str, State]:
-        return states_of(self)
-
-    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return state_map(self, x, u)
-
-    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return output_map(self, x, u)
+    check = systems.check_matrices
+    inports = systems.matrix_inputs
+    outports = systems.matrix_outputs
+    states = systems.matrix_states
+    derivatives = systems.state_equation
+    outputs = systems.output_equation
 
 
 # ---- systems of python-control ----------------------------------------------------------------
@@ -252,8 +202,6 @@ def from_control(system: Any) -> Block:
 
 
 def _from_fraction(system: Any, period: float) -> Block:
-    from tsmblocks.blocks.discrete import DiscreteTransferFunction
-
     if (system.ninputs, system.noutputs) != (1, 1):
         raise BlockError(
             f"from_control takes a transfer function with one input and one output, got {system.ninputs} "
@@ -308,8 +256,6 @@ def _trimmed(coefficients: Any) -> tuple[float, ...]:
 
 
 def _from_matrices(system: Any, period: float) -> Block:
-    from tsmblocks.blocks.discrete import DiscreteStateSpace
-
     a, b, c, d = (tuple(map(tuple, matrix.tolist())) for matrix in (system.A, system.B, system.C, system.D))
     if not system.D.any() and a:
         d = ()
