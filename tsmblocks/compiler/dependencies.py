@@ -16,7 +16,7 @@ import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import BlockError, EquationError, clip, in_words, near
-from tsmblocks.model.block import Block, Input, Unchanging, is_reference, signals
+from tsmblocks.model.block import Block, Input, Unchanging, is_reference, leaves, signals
 
 _HERE = str(Path(__file__).parent.parent)
 
@@ -54,17 +54,43 @@ def _shape(value: Any) -> Any:
     return tuple(_shape(v) for v in value) if isinstance(value, tuple) else is_reference(value)
 
 
-def symbolic(block: Block) -> tuple[Any, Any, Any, Any]:
-    """A twin of the block with symbols, and symbols for t, x, u."""
-    twin = block.with_symbols(lambda name, _: ca.SX.sym(name))
+EQUATIONS = {"y": "outputs", "dx": "derivatives", "next": "updates"}
+"""Kinds of results, and the method of a block that gives them."""
+
+
+@attrs.frozen
+class SymbolicEquations:
+    """A block's equations as expressions: symbols for t, x, u and parameters, and ``results`` by kind and name."""
+
+    t: Any
+    x: Any
+    u: Any
+    p: list[Any]
+    results: dict[tuple[str, str], Any]
+
+    def of(self, kind: str) -> dict[str, Any]:
+        """The expressions of one kind (``"y"``, ``"dx"``, ``"next"``), by name."""
+        return {name: expression for (k, name), expression in self.results.items() if k == kind}
+
+
+def symbolic(block: Block) -> SymbolicEquations:
+    """The equations of a block as expressions. Raises EquationError."""
+    made = block.with_symbols(lambda name, _: ca.SX.sym(name))
     t = ca.SX.sym("t")
     x = signals(list(block.states), [ca.SX.sym(k) for k in block.states])
     u = signals(list(block.read_names), [ca.SX.sym(k) for k in block.read_names])
-    return twin, t, x, u
+    p = [symbol for value in made.parameters.values() for _, symbol in leaves(value)]
+    return SymbolicEquations(t, x, u, p, results_of(made, t, x, u))
+
+
+def results_of(block: Any, t: Any, x: Any, u: Any) -> dict[tuple[str, str], Any]:
+    """Every equation of a block at t, x, u, by kind and name."""
+    calls = {kind: call(block, equation, t, x, u) for kind, equation in EQUATIONS.items()}
+    return {(kind, name): value for kind, values in calls.items() for name, value in values.items()}
 
 
 def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> dict[str, Any]:
-    """One equation of a block (or twin) as scalars by name. Raises EquationError in the user's words."""
+    """One equation of a block, called with symbols or expressions, as scalars by name. Raises EquationError."""
     owner = f"{name} ({type(block).__name__})" if name else type(block).__name__
     try:
         result = getattr(block, equation)(t, x, u)
@@ -121,16 +147,12 @@ def _line(error: Exception) -> str:
 
 def _read(block: Block) -> Structure:
     _check_ports(block)
-    twin, t, x, u = symbolic(block)
-    owner = type(block).__name__
-    y = call(twin, "outputs", t, x, u)
-    dx = call(twin, "derivatives", t, x, u)
-    dm = call(twin, "updates", t, x, u)
+    made, owner, states = symbolic(block), type(block).__name__, list(block.states)
+    y, dx, fresh = map(made.of, EQUATIONS)
     _same_names(owner, "outputs", list(y), list(block.outports))
-    states = list(block.states)
     _known_names(owner, "derivatives", dx, states)
-    _known_names(owner, "updates", dm, states)
-    idle = [k for k in states if k not in dx and k not in dm]
+    _known_names(owner, "updates", fresh, states)
+    idle = [k for k in states if k not in dx and k not in fresh]
     if idle:
         raise EquationError(
             f"{owner} leaves state {', '.join(idle)} without a rate or an update. "
@@ -140,15 +162,16 @@ def _read(block: Block) -> Structure:
         raise EquationError(f"{owner} is sampled, so it has no rates; {', '.join(dx)} should be in updates.")
     if block.sampled and not isinstance(getattr(block, "period", None), float):
         raise EquationError(f"{owner} is sampled and needs an option 'period' in s.")
-    for equation, part in (("outputs", y), ("derivatives", dx), ("updates", dm)):
-        _no_nan(owner, equation, part)
+    for (kind, name), expression in made.results.items():
+        _no_nan(owner, EQUATIONS[kind], name, expression)
+    moving = [getattr(made.x, name) for name in dx]
     return Structure(
-        outputs={k: _needs(v, u) for k, v in y.items()},
-        rates={k: _needs(v, u) for k, v in dx.items()},
+        outputs={k: _needs(v, made.u) for k, v in y.items()},
+        rates={k: _needs(v, made.u) for k, v in dx.items()},
         continuous=tuple(k for k in states if k in dx),
         memory=tuple(k for k in states if k not in dx),
-        resets=tuple(k for k in states if k in dx and k in dm),
-        moving=frozenset(k for k, v in y.items() if _moves(v, t, [getattr(x, name) for name in dx])),
+        resets=tuple(k for k in states if k in dx and k in fresh),
+        moving=frozenset(k for k, v in y.items() if _moves(v, made.t, moving)),
     )
 
 
@@ -222,13 +245,12 @@ def _known_names(owner: str, equation: str, given: dict[str, Any], states: list[
         )
 
 
-def _no_nan(owner: str, equation: str, part: dict[str, Any]) -> None:
-    """A function of ``math`` applied to a symbol gives NaN without a word; find it here."""
-    for name, expression in part.items():
-        f = ca.Function("f", ca.symvar(expression), [expression])
-        constants = (f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
-        if any(math.isnan(c) for c in constants):
-            raise EquationError(
-                f"{owner}.{equation} makes {name} not a number. Inside equations use casadi's functions "
-                "(ca.tanh, ca.fabs), not math's or float()."
-            )
+def _no_nan(owner: str, equation: str, name: str, expression: Any) -> None:
+    """Raise EquationError for NaN in an expression: a function of ``math`` applied to a symbol gives it silently."""
+    f = ca.Function("f", ca.symvar(expression), [expression])
+    constants = (f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST)
+    if any(math.isnan(c) for c in constants):
+        raise EquationError(
+            f"{owner}.{equation} makes {name} not a number. Inside equations use casadi's functions "
+            "(ca.tanh, ca.fabs), not math's or float()."
+        )

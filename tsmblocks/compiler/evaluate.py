@@ -14,8 +14,9 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
-from tsmblocks.compiler.dependencies import call
+from tsmblocks.compiler.dependencies import EQUATIONS, call
 from tsmblocks.compiler.flatten import Flat, Node
+from tsmblocks.compiler.past_values import recalled, recalled_steps
 from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
 
@@ -85,10 +86,9 @@ class Evaluator:
         nodes = {name: self._source(path, name) for name in block.read_names}
         self.demand(node for node in nodes.values() if node[0] != "read")
         values = [self._read(path, name, node) for name, node in nodes.items()]
-        x = self._states(path)
-        new = call(block, "updates", flat.t, x, signals(block.read_names, values), path)
+        new = self._call(path, "updates", values)
         if path in flat.group:
-            hit = self.hit[flat.group[path]]
+            x, hit = self._states(path), self.hit[flat.group[path]]
             new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
         return {(path, k): v for k, v in new.items()}
 
@@ -176,8 +176,8 @@ class Evaluator:
             values.append(self._read(path, name, node) if there else _PENDING)  # type: ignore[arg-type]
             if there:
                 ready.add(name)
-        equation, needs = ("outputs", shape.outputs) if kind == "y" else ("derivatives", shape.rates)
-        result = call(block, equation, flat.t, self._states(path), signals(block.read_names, values), path)
+        needs = shape.outputs if kind == "y" else shape.rates
+        result = self._call(path, EQUATIONS[kind], values)
         for name, wanted in needs.items():
             if wanted <= ready and (kind, path, name) not in self.value:
                 value = result[name]
@@ -307,6 +307,11 @@ class Evaluator:
         names = list(block.states)
         return signals(names, [self.x[path, k] if k in shape.rates else self.d[path, k] for k in names])
 
+    def _call(self, path: str, equation: str, values: list[Any]) -> dict[str, Any]:
+        """One equation of a block, reading ``values``."""
+        block = self.flat.symbolic_blocks[path]
+        return call(block, equation, self.flat.t, self._states(path), signals(block.read_names, values), path)
+
     def _loop(self, nodes: list[Node]) -> None:
         """Say which way an algebraic loop runs."""
         path: list[str] = []
@@ -343,10 +348,9 @@ class Evaluator:
         for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):
             if kind != "y":
                 continue
-            block = flat.symbolic_blocks[path]
-            names = block.read_names
+            names = flat.symbolic_blocks[path].read_names
             symbols = [ca.SX.sym(name) for name in names]
-            made = call(block, "outputs", flat.t, self._states(path), signals(names, symbols), path)[port]
+            made = self._call(path, "outputs", symbols)[port]
             around = [s for k, s in zip(names, symbols, strict=True) if self._source(path, k, strict=False) == read]
             if around and not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
                 idle.append(path)
@@ -356,47 +360,3 @@ class Evaluator:
             f" Now {' and '.join(idle)} would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, "
             "counts as a path until it is left out."
         )
-
-
-def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
-    """The value a signal had ``delay`` s before ``t``: along the cubic through four instants, fewer at the start.
-
-    ``kept`` holds what the engine keeps of the signal (``DELAY_NUMBERS`` numbers). ``first`` is the value before
-    the start (None: the first that was kept). ``now`` is the present value (None: it may not take part); it
-    is the newest point where the instant asked for lies after all that are kept.
-    """
-    *values, newest, per_second, count = kept
-    y0, y1, y2, y3 = values
-    since = (t - delay - newest) * per_second
-
-    def there(n: int, value: Any) -> Any:
-        """A difference that needs so many instants, and counts as zero without."""
-        return ca.if_else(count >= n, value, 0.0)
-
-    d1, d2 = y3 - y2, y3 - 2 * y2 + y1
-    d3 = there(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
-    value = y3 + since * (there(2, d1) + (since + 1) / 2 * (there(3, d2) + (since + 2) * d3))
-    passed, before = ca.fmax(count - 1, 0.0) + since + _rounding(t, per_second), y3 if first is None else first
-    if now is None:
-        return ca.if_else(ca.floor(passed) < 0, before, value)
-    back, away = -delay * per_second, ca.if_else(count >= 1, (t - newest) * per_second, 1.0)
-    e1 = there(1, (now - y3) / away)
-    e2 = there(2, (e1 - d1) / (away + 1))
-    e3 = there(3, (e2 - d2 / 2) / (away + 2))
-    recent = now + back * (e1 + (back + away) * (e2 + (back + away + 1) * e3))
-    value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
-    before = ca.if_else(count < 1, now, y3) if first is None else first
-    return ca.if_else(passed < 0, before, value)
-
-
-def recalled_steps(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
-    """As ``recalled``, of a signal that stands still within steps: its jumps stay jumps."""
-    y0, y1, y2, y3, newest, per_second, count = kept
-    back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
-    value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))
-    return ca.if_else(ca.fmax(count - 1, 0.0) + back < 0, y3 if first is None else first, value)
-
-
-def _rounding(t: Any, per_second: Any) -> Any:
-    """By how many steps an instant may fall short of one on the grid by rounding."""
-    return 1e-10 + 4e-15 * ca.fabs(t) * per_second

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 import attrs
 import casadi as ca
 
-from tsmblocks.compiler.dependencies import call, symbolic
+from tsmblocks.compiler.dependencies import symbolic
 from tsmblocks.engine.program import Program
-from tsmblocks.model.block import Block, leaves
+from tsmblocks.model.block import Block
 
 LONGEST = 150
 """Operations above which a block's equations are a listing and no longer a formula."""
@@ -189,18 +189,11 @@ def listing(block: Block, tongue: Tongue = LATEX, names: Mapping[str, str] | Non
 
 def _function(block: Block) -> tuple[ca.Function, list[str], list[tuple[str, str]]]:
     """All equations as a function of one column; the names of its elements, and of its results."""
-    twin, t, x, u = symbolic(block)
-    p = [v for value in twin.parameters.values() for _, v in leaves(value)]
+    made = symbolic(block)
     starts = {k for k, f in block.fields().items() if f.kind == "state"}
-    p = [v for v in p if v.name() not in starts]
-    made = {
-        (kind, k): v
-        for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
-        for k, v in call(twin, equation, t, x, u).items()
-    }
-    column = [t, *x, *u, *p]
-    function = ca.Function("equations", [ca.vertcat(*column)], [ca.vertcat(*made.values())])
-    return function, [v.name() for v in column], list(made)
+    column = [made.t, *made.x, *made.u, *(p for p in made.p if p.name() not in starts)]
+    function = ca.Function("equations", [ca.vertcat(*column)], [ca.vertcat(*made.results.values())])
+    return function, [v.name() for v in column], list(made.results)
 
 
 class _Walk:

@@ -21,7 +21,7 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import BlockError, ParameterError, TsmError, in_words
-from tsmblocks.compiler.dependencies import call, structure_of, symbolic
+from tsmblocks.compiler.dependencies import results_of, structure_of, symbolic
 from tsmblocks.model.block import Block, is_reference, leaves, map_leaves, signals
 from tsmblocks.model.unit_inference import SHARED
 
@@ -97,17 +97,12 @@ def need(condition: Any, text: str) -> None:
 @functools.lru_cache(maxsize=512)
 def _functions(block: Block) -> tuple[Any, list[str], list[str]]:
     """All equations as one function of (t, x, u, p), with the names of its results and parameters."""
-    twin, t, x, u = symbolic(block)
-    results = {
-        f"{kind}.{k}": v
-        for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
-        for k, v in call(twin, equation, t, x, u).items()
-    }
-    p = [v for value in twin.parameters.values() for _, v in leaves(value)]
+    made = symbolic(block)
     names = [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
+    results = {f"{kind}.{name}": expression for (kind, name), expression in made.results.items()}
     column = lambda parts: ca.vertcat(*parts) if parts else ca.SX(0, 1)  # noqa: E731 - a local shorthand
-    f = ca.Function("block", [t, column(list(x)), column(list(u)), column(p)], [column(list(results.values()))])
-    return f, list(results), names
+    reads = [made.t, *(column([*part]) for part in (made.x, made.u, made.p))]
+    return ca.Function("block", reads, [column([*results.values()])]), list(results), names
 
 
 def _numbers(block: Block) -> list[float]:
@@ -215,11 +210,11 @@ def every_input_matters(block: Block) -> None:
 @promise
 def every_state_matters(block: Block) -> None:
     """Each state reaches an output, at once or by way of other states."""
-    twin, t, x, u = symbolic(block)
-    results = {**call(twin, "derivatives", t, x, u), **call(twin, "updates", t, x, u)}
+    made = symbolic(block)
+    x, results = made.x, {**made.of("dx"), **made.of("next")}
     reached, found = {""}, set(x._fields) if not block.outports else set[str]()
     while reached:
-        of = [results[k] for k in reached if k in results] or list(call(twin, "outputs", t, x, u).values())
+        of = [results[k] for k in reached if k in results] or list(made.of("y").values())
         reached = {k for k, s in zip(x._fields, x, strict=True) if any(ca.depends_on(e, s) for e in of)} - found
         found |= reached
     idle = [k for k in x._fields if k not in found]
@@ -249,11 +244,7 @@ def floats_and_symbols_agree(block: Block) -> None:
         expected = np.asarray(f(t, x, u, _numbers(block))).ravel()
         for _ in range(2):
             states, inputs = signals(list(block.states), x), signals(list(block.read_names), u)
-            direct = {
-                f"{kind}.{k}": float(v)
-                for kind, equation in (("y", "outputs"), ("dx", "derivatives"), ("next", "updates"))
-                for k, v in call(block, equation, t, states, inputs).items()
-            }
+            direct = {f"{kind}.{k}": float(v) for (kind, k), v in results_of(block, t, states, inputs).items()}
             for name, value in zip(results, expected, strict=True):
                 same = direct[name] == value or math.isclose(direct[name], value, rel_tol=1e-9, abs_tol=1e-12)
                 same = same or (math.isnan(value) and math.isnan(direct[name]))
