@@ -163,7 +163,7 @@ def test_run_says_what_an_input_without_a_unit_is_taken_for(tsm, here):
     (here / "m.txt").write_text("".join(f"{k} {k}\n" for k in range(5)))
     _, _, err = tsm("run", "lag.toml", "--data", "m.txt", "--columns", "t,x_in")
     assert err == (
-        "note: m.txt: x_in has no unit and is taken to be in rad. Where that is wrong, say the unit: "
+        "note: m.txt: x_in has no unit and is taken to be in rad. Where that is wrong, give the unit: "
         "--map 'x_in [deg]=x_in'.\n"
     )
     out = tsm("run", "lag.toml", "--data", "m.txt", "--columns", "t, x_in [deg]", "--rows", "2:", "--json")[1]

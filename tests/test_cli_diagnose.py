@@ -272,7 +272,7 @@ def stops(monkeypatch, stage, after=0):
         if told.count(stage) > after:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(console, "progress", lambda words, quiet: nullcontext(tell))
+    monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(tell))
     return told
 
 
@@ -301,5 +301,5 @@ def test_ctrl_c_keeps_what_was_found(run, monkeypatch, tmp_path):
 def test_a_terminal_is_told_how_far_the_search_is():
     from tsmblocks.cli import diagnose
 
-    assert diagnose._far("fitted", 2, 5) == "diagnosing: fitted, 2 of 5"
-    assert diagnose._far("calibrated", 0, 1) == "diagnosing: calibrated"
+    assert diagnose._progress_text("fitted", 2, 5) == "diagnosing: fitted, 2 of 5"
+    assert diagnose._progress_text("calibrated", 0, 1) == "diagnosing: calibrated"

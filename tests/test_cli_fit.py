@@ -69,7 +69,7 @@ def stops_after(calls, monkeypatch):
         if len(seen) == calls:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(console, "progress", lambda words, quiet: nullcontext(tell))
+    monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(tell))
     return seen
 
 
@@ -160,7 +160,7 @@ REFUSED = [
     (["tendon_sheath_play", "--data", "tendon_sheath_linear"],
      "--data takes recordings, and 'tendon_sheath_linear' is a diagram. Name diagrams before the options."),
     (["tendon_sheath_play", "--data", "sheath.csv", "./sheath.csv"],
-     "--data names ./sheath.csv twice; it would count for two experiments."),
+     "--data names ./sheath.csv twice; it would count as two experiments."),
     (["tendon_sheath_play", "--data", "sheth.csv"], "there is no file sheth.csv. Did you mean 'sheath.csv'?"),
     (["tendon_sheath_play", "sheath.csv"], "fit takes no argument 'sheath.csv'. Recordings follow --data."),
     (["+", "--map", "x_inn=motor"], "--map x_inn=…: there is no signal 'x_inn' to compare. Did you mean 'x_in'?"),
@@ -330,7 +330,7 @@ def test_each_has_no_held_out_files(run):
     assert run("compare", *MODELS, "--data", "sheath.csv", "--each", "--held-out", "sheath") == (
         2,
         "",
-        "tsmblocks: --each fits every file, so none can be held out; leave --held-out away.\n",
+        "tsmblocks: --each fits every file, so none can be held out; leave out --held-out.\n",
     )
 
 
@@ -438,7 +438,7 @@ def test_lists_are_cut_where_nobody_would_read_on():
 
 def test_help_fits_a_terminal(run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    said = (("fit", "tendon_sheath_play", ("what may change:", "search:")), ("compare", "play", ("what is fitted:",)))
+    said = (("fit", "tendon_sheath_play", ("parameters:", "search:")), ("compare", "play", ("fits:",)))
     for command, model, groups in said:
         status, out, err = run(command, "--help")
         assert (status, err) == (0, "")
@@ -450,11 +450,11 @@ def test_help_fits_a_terminal(run, monkeypatch):
 
 def test_messages_are_folded_on_a_terminal_only(capsys, monkeypatch):
     text = "a file: " + "several words " * 12
-    console.note(text)
+    console.print_note(text)
     assert len(capsys.readouterr().err.splitlines()) == 1
     monkeypatch.setenv("COLUMNS", "60")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    console.note(text)
+    console.print_note(text)
     lines = capsys.readouterr().err.splitlines()
     assert max(map(len, lines)) <= 60
     assert " ".join(line.strip() for line in lines) == f"note: {text}".strip()

@@ -118,8 +118,8 @@ def test_machines_that_share_a_study_are_sent_it(folder):
 
 def test_its_effects_take_part(folder):
     code = (
-        "import sys; from tsmblocks.cli.extensions import bring; "
-        "bring(['tested_spring.py']); bring(['./tested_spring.py']); "
+        "import sys; from tsmblocks.cli.extensions import import_files; "
+        "import_files(['tested_spring.py']); import_files(['./tested_spring.py']); "
         "from tsmblocks.effects import catalogue; print(catalogue()[-1].name, len({e.name for e in catalogue()}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
@@ -139,7 +139,7 @@ def test_without_it_the_message_says_how(folder, capsys):
 WRONG = {
     "gone.py": (None, "--with gone.py: there is no such file."),
     "spring.toml": (None, "--with takes Python files, and 'spring.toml' does not end in .py."),
-    "my-own.py": ("", "--with my-own.py: 'my-own' is no name that Python could import. Rename the file."),
+    "my-own.py": ("", "--with my-own.py: 'my-own' is not a name that Python can import. Rename the file."),
     "numpy.py": ("", "--with numpy.py: there is a module named 'numpy' already. Rename the file."),
     "syntax_own.py": ("x = 1\ndef f(:\n", "syntax_own.py:2: SyntaxError: invalid syntax."),
     "near_own.py": (

@@ -109,7 +109,7 @@ def test_a_name_that_is_neither_input_nor_output_is_refused(run):
 
 
 UNTOLD = (
-    "note: small.csv: x_in and x_out have no unit and are taken to be in rad. Where that is wrong, say the unit: "
+    "note: small.csv: x_in and x_out have no unit and are taken to be in rad. Where that is wrong, give the unit: "
     "--map 'x_in [deg]=Motor pos'.\n"
 )
 FOUR = [("run", PLAY), ("fit", PLAY, "--starts", "1"), ("compare", "play", "--starts", "1"), ("diagnose", PLAY)]
@@ -195,7 +195,7 @@ def test_the_way_to_say_milliseconds_is_taken(run, tmp_path):
 
 SYMMETRIC = "tendon_sheath_symmetric"
 NOISY = ("--data", "noisy.csv", "--step", "0.02")
-TAKE_OUT = "which drives hysteresis and friction. Take the noise out first: --condition."
+TAKE_OUT = "which drives hysteresis and friction. Filter it first: --condition."
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 
 import tsmblocks
 from tsmblocks.cli import main
-from tsmblocks.cli.study import counted, in_time
+from tsmblocks.cli.study import duration_text, study_progress
 from tsmblocks.common.errors import FileError
 from tsmblocks.studies.files import load_study
 
@@ -200,7 +200,7 @@ WRONG = {
     ("study.toml", "--plot", "x.txt"): "'x.txt' must end in .png, .svg or .pdf.",
     ("study.toml", "--workers", "0"): "argument --workers: '0' is not a whole number of at least 1",
     ("study.toml", "--workers", "2", "--dask", "a:1"): "argument --dask: not allowed with argument --workers",
-    ("found.csv", "--out", "b.csv"): "results are shown again as they are; --out is for a study file.",
+    ("found.csv", "--out", "b.csv"): "results are printed again as they are; --out is for a study file.",
     ("found.csv",): "found.csv: cannot be read: No such file or directory.",
     ("study.toml", "--data", "x.csv"): "has no inputs, so there is nothing that --data could drive.",
 }
@@ -225,6 +225,6 @@ def test_a_scheduler_that_is_not_there(file, capsys, monkeypatch):
 def test_a_terminal_sees_rate_and_time_left(monkeypatch):
     clock = iter([0.0, 2.0])
     monkeypatch.setattr("tsmblocks.cli.study.time.monotonic", lambda: next(clock))
-    words = counted()
+    words = study_progress()
     assert [words(100, 1000), words(300, 1000)] == ["100 of 1000 runs", "300 of 1000 runs, 100 runs/s, 7 s left"]
-    assert [in_time(s) for s in (0.4, 59, 200, 7500)] == ["0 s", "59 s", "3 min 20 s", "2 h 5 min"]
+    assert [duration_text(s) for s in (0.4, 59, 200, 7500)] == ["0 s", "59 s", "3 min 20 s", "2 h 5 min"]

@@ -235,7 +235,7 @@ def test_rows_by_name_and_in_order(ranked):
 
 
 def test_all_of_it_is_plain_json(ranked):
-    told = json.loads(json.dumps(console.plain(ranked.to_dict()), allow_nan=False))
+    told = json.loads(json.dumps(console.json_value(ranked.to_dict()), allow_nan=False))
     assert [m["name"] for m in told["models"]] == ["slack", "line"]
     assert told["models"][0]["held_out"]["rms"] == pytest.approx(ranked.best.figure)
     assert told["models"][0]["fit"]["format"] == told["format"] == 1

@@ -210,7 +210,7 @@ def test_check_gives_the_faults_of_each_file(here, capsys):
 
 
 def test_numbers_of_numpy_are_numbers_and_what_is_none_is_null(capsys):
-    console.give(
+    console.print_json(
         {
             "nan": float("nan"),
             "inf": np.float64("-inf"),
@@ -236,7 +236,7 @@ def test_numbers_of_numpy_are_numbers_and_what_is_none_is_null(capsys):
 
 def test_what_is_no_value_of_json_is_a_fault_of_ours():
     with pytest.raises(TypeError):
-        console.give({"what": object()})
+        console.print_json({"what": object()})
 
 
 # ---- letters
@@ -300,7 +300,7 @@ def test_letters_are_told_by_likeness():
         "⌋": ")",
         "\udcff": "?",
     }
-    assert {one: console.plain_letter(one) for one in letters} == letters
+    assert {one: console.ascii_letter(one) for one in letters} == letters
 
 
 def test_the_streams_are_left_as_they_were(monkeypatch):
@@ -325,7 +325,7 @@ def watched(monkeypatch, wide=80, term="xterm"):
 
 def test_progress_is_one_line_that_is_gone_at_the_end(monkeypatch):
     stream = watched(monkeypatch)
-    with console.progress(console.searched("fitting")) as tell:
+    with console.progress_line(console.search_progress("fitting")) as tell:
         tell("first", 100, 0.5)
         tell("b", 2, 0.25)
     assert stream.seen() == ["", "fitting: first, 100 runs, rms 0.5", "fitting: b, 2 runs, rms 0.25     ", " " * 28, ""]
@@ -337,7 +337,7 @@ def test_progress_is_gone_after_ctrl_c_too_and_cut_to_the_terminal(monkeypatch):
     stream = watched(monkeypatch, wide=20)
 
     def work():
-        with console.progress(console.percent("a very long piece of work")) as tell:
+        with console.progress_line(console.percent_progress("a very long piece of work")) as tell:
             tell(0.5)
             raise KeyboardInterrupt
 
@@ -349,11 +349,11 @@ def test_progress_is_gone_after_ctrl_c_too_and_cut_to_the_terminal(monkeypatch):
 @pytest.mark.parametrize(("term", "quiet"), [("dumb", False), ("xterm", True)])
 def test_progress_is_quiet_where_nobody_looks(term, quiet, monkeypatch, capsys):
     stream = watched(monkeypatch, term=term)
-    with console.progress(console.percent("x"), quiet=quiet) as tell:
+    with console.progress_line(console.percent_progress("x"), quiet=quiet) as tell:
         assert tell is None
     assert stream.getvalue() == ""
     monkeypatch.undo()
-    with console.progress(console.percent("x")) as tell:
+    with console.progress_line(console.percent_progress("x")) as tell:
         assert tell is None  # standard error is caught here, no terminal
     assert capsys.readouterr().err == ""
 
@@ -362,7 +362,7 @@ def test_progress_is_shown_as_often_as_it_can_be_read(monkeypatch):
     stream = watched(monkeypatch)
     clock = iter([0.0, 0.01, 0.02, 0.2, 0.21])
     monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
-    with console.progress(console.percent("x")) as tell:
+    with console.progress_line(console.percent_progress("x")) as tell:
         for share in (0.1, 0.2, 0.3, 0.4):
             tell(share)
     assert stream.seen()[1:3] == ["x:  10 %", "x:  40 %"]

@@ -123,7 +123,12 @@ def test_the_page_is_whole_and_needs_nothing_else(name):
 
 def test_nothing_is_told_of_a_model_that_there_is_not():
     tale = story("none")
-    chapters = [command._measured(tale), command._rebuilt(tale), command._revealed(tale), page(cases(), tale)]
+    chapters = [
+        command._measurement_text(tale),
+        command._tracking_text(tale),
+        command._hidden_text(tale),
+        page(cases(), tale),
+    ]
     for text in map(" ".join, map(str.split, chapters)):
         for words in ("both models", AUGMENTED, "it in place", "Something is in it", "no place for it"):
             assert words not in text
@@ -177,10 +182,16 @@ def alike(shown, printed):
 
 def test_what_is_printed_fits_a_terminal():
     tale = story("position_ripple")
-    chapters = [command._paper(cases())]
+    chapters = [command._paper_text(cases())]
     chapters += [
         tell(tale)
-        for tell in (command._measured, command._identified, command._diagnosed, command._rebuilt, command._revealed)
+        for tell in (
+            command._measurement_text,
+            command._fit_text,
+            command._diagnosis_text,
+            command._tracking_text,
+            command._hidden_text,
+        )
     ]
     lines = "\n".join(chapters).splitlines()
     assert max(map(len, lines)) <= 80

@@ -689,7 +689,7 @@ def test_nothing_at_all_to_learn_from():
     found = tsm.fit(LINEAR, record(units=RAD, x_in=zeros, x_out=zeros))
     assert found["gain"].verdict == "no influence"
     assert found.values["offset.bias"] == 0.0
-    json.dumps(console.plain(found.to_dict()), allow_nan=False)
+    json.dumps(console.json_value(found.to_dict()), allow_nan=False)
 
 
 def test_a_diagram_that_explains_nothing_is_told():
@@ -834,13 +834,13 @@ def test_an_offset_and_an_asymmetry_that_do_the_same_are_named():
 
 def test_all_of_it_is_plain_json(fitted):
     told = fitted.to_dict()
-    assert json.loads(json.dumps(console.plain(told), allow_nan=False))["format"] == 1
+    assert json.loads(json.dumps(console.json_value(told), allow_nan=False))["format"] == 1
     assert [e["name"] for e in told["estimates"]] == list(fitted.names)
     assert told["differences"]["items"][1]["experiment"] == "bend 2"
     assert told["starts"]["tried"] == 2
     assert told["starts"]["rms"][0] == pytest.approx(fitted.rms, rel=1e-9)
     held = tsm.fit(LINEAR, straight(), bounds={"gain.gain": (0.9, 1.0)})
-    assert console.plain(held.to_dict())["estimates"][0]["low"] is None
+    assert console.json_value(held.to_dict())["estimates"][0]["low"] is None
 
 
 def test_it_reads_as_a_table_and_a_list_of_what_to_beware_of(fitted):

@@ -95,7 +95,7 @@ def test_names_stay_apart_where_capitals_do_not():
 
 
 def test_files_of_several_experiments_stay_apart_and_have_names_that_every_system_takes():
-    paths = common.marked(Path("out") / "fitted.toml", ["bend 60", "bend:60", "Bend_60", "CON", "a/b\\c", "Δ"])
+    paths = common.paths_by_name(Path("out") / "fitted.toml", ["bend 60", "bend:60", "Bend_60", "CON", "a/b\\c", "Δ"])
     made = [path.name for path in paths.values()]
     assert made == [
         "fitted_bend_60.toml",
@@ -146,7 +146,7 @@ def test_results_are_written_whatever_the_case_of_the_ending_and_with_plain_newl
 )
 def test_a_reader_that_goes_away_is_known_by_what_the_system_says(platform, error, gone, monkeypatch):
     monkeypatch.setattr(sys, "platform", platform)
-    assert entry._left(error) is gone
+    assert entry._is_closed_pipe(error) is gone
 
 
 # ---- processes

@@ -1,4 +1,4 @@
-"""What blocks there are, by family; or the card of one: equation, source, ports, parameters."""
+"""List the blocks by family, or print the card of one: equation, source, ports, parameters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HELP = "list the blocks, or show one block's card"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    common.suggest(parser.add_argument("name", metavar="NAME", nargs="?", help="a block"), common.BLOCKS)
+    common.suggest_values(parser.add_argument("name", metavar="NAME", nargs="?", help="a block"), common.BLOCKS)
     common.json_argument(parser)
 
 
@@ -27,16 +27,16 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.model.block import REGISTRY
 
     if args.name:
-        made = card(REGISTRY[common.choose(args.name, REGISTRY, "block")])
-        console.give(made) if args.json else print(card_in_words(made))
+        made = card(REGISTRY[common.known_name(args.name, REGISTRY, "block")])
+        console.print_json(made) if args.json else print(card_text(made))
         return 0
     listed = {k: {name: words(cls)[0] for name, cls in some.items()} for k, some in by_family(REGISTRY).items()}
-    console.give(listed) if args.json else print(list_in_words(listed))
+    console.print_json(listed) if args.json else print(list_text(listed))
     return 0
 
 
-def list_in_words(listed: dict[str, dict[str, str]]) -> str:
-    """Return the list as the terminal shows it."""
+def list_text(listed: dict[str, dict[str, str]]) -> str:
+    """The list as text."""
     width = max(len(name) for blocks in listed.values() for name in blocks)
     lines: list[str] = []
     for name, blocks in listed.items():
@@ -45,15 +45,15 @@ def list_in_words(listed: dict[str, dict[str, str]]) -> str:
     return "\n".join([*lines, "'tsmblocks blocks NAME' shows one block's card."])
 
 
-def card_in_words(made: dict[str, Any]) -> str:
-    """Return the card as the terminal shows it."""
+def card_text(made: dict[str, Any]) -> str:
+    """The card as text."""
     wide = console.width()
-    lines = [f"{made['name']} ({made['family']})", console.wrapped(_unmarked(made["words"]), wide), ""]
+    lines = [f"{made['name']} ({made['family']})", console.wrap(_unmarked(made["words"]), wide), ""]
     if made["equation"]:
-        lines += [textwrap.indent(console.wrapped(plain(made["equation"]), wide - 4, "  "), "    "), ""]
+        lines += [textwrap.indent(console.wrap(plain(made["equation"]), wide - 4, "  "), "    "), ""]
     if made["remarks"]:
-        lines += [console.wrapped(_unmarked(made["remarks"]), wide), ""]
-    lines.append(console.wrapped(f"Source: {made['source']}", wide, "  "))
+        lines += [console.wrap(_unmarked(made["remarks"]), wide), ""]
+    lines.append(console.wrap(f"Source: {made['source']}", wide, "  "))
     for title in ("inputs", "outputs"):
         rows = [(p["name"], f"[{p['unit'] or 'any'}]", p["about"] + _rate(p)) for p in made[title]]
         lines += ["", title, columns(rows, "  ", _LEFT, wide) if rows else "  none"]
@@ -61,7 +61,7 @@ def card_in_words(made: dict[str, Any]) -> str:
     lines += ["", "parameters", columns(fields, "  ", _LEFT - {2}, wide) if fields else "  none"]
     if any("?" in p["unit"] for kind in ("inputs", "outputs", "parameters") for p in made[kind]):
         any_unit = "A unit with a question mark, as [?u], is any unit, the same wherever the letter occurs."
-        lines += ["", console.wrapped(any_unit, wide)]
+        lines += ["", console.wrap(any_unit, wide)]
     return "\n".join(lines)
 
 
@@ -69,9 +69,9 @@ _LEFT = frozenset(range(4))
 
 
 def _unmarked(text: str) -> str:
-    """Words of a docstring without the marks around code, formulas as text."""
-    told = re.sub(r":math:`(.+?)`", lambda found: plain(found[1]), text)
-    return re.sub(r"(`+)(.+?)\1", r"\2", told)
+    """Text of a docstring without the marks around code, formulas as text."""
+    text = re.sub(r":math:`(.+?)`", lambda match: plain(match[1]), text)
+    return re.sub(r"(`+)(.+?)\1", r"\2", text)
 
 
 def _rate(port: dict[str, Any]) -> str:
@@ -92,5 +92,5 @@ def _limits(parameter: dict[str, Any]) -> str:
 
 
 def _about(parameter: dict[str, Any]) -> str:
-    kind = {"state": "start value: ", "option": "option: "}.get(parameter["kind"], "")
+    kind = {"state": "initial state: ", "option": "option: "}.get(parameter["kind"], "")
     return "; ".join(filter(None, [f"{kind}{parameter['about']}", _limits(parameter)]))

@@ -1,4 +1,4 @@
-"""Load and compile diagram files; one line on each that is sound, every fault of each that is not."""
+"""Load and compile diagram files: one line on each valid file, every fault of each other file."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ HELP = "check diagram files and list their faults"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     files = parser.add_argument("files", metavar="FILE", nargs="+", help="diagram files, or names of ready-made ones")
-    common.suggest(files, common.DIAGRAMS)
+    common.suggest_values(files, common.DIAGRAMS)
     common.json_argument(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status is 2 when any file has a fault."""
-    found = []
+    checked = []
     for name in args.files:
         try:
-            found.append({"file": name, "sound": True, **parts(name)})
+            checked.append({"file": name, "sound": True, **contents(name)})
             if not args.json:
-                print(console.folded(f"{name}: {summary_line(found[-1])}", sys.stdout))
+                print(console.fold(f"{name}: {description(checked[-1])}", sys.stdout))
         except (TsmError, OSError) as error:
-            found.append({"file": name, "sound": False, "faults": _faults(error)})
+            checked.append({"file": name, "sound": False, "faults": _faults(error)})
             if not args.json:
-                console.complain(str(error))
-    faulty = sum(not one["sound"] for one in found)
+                console.print_error(str(error))
+    faulty = sum(not one["sound"] for one in checked)
     if args.json:
-        console.give({"faulty": faulty, "files": found})
-    elif faulty and len(found) > 1:
-        console.complain(f"{faulty} of {len(found)} files have faults.")
+        console.print_json({"faulty": faulty, "files": checked})
+    elif faulty and len(checked) > 1:
+        console.print_error(f"{faulty} of {len(checked)} files have faults.")
     return 2 if faulty else 0
 
 
@@ -44,8 +44,8 @@ def _faults(error: Exception) -> list[str]:
     return list(error.problems) if isinstance(error, (DiagramError, FileError)) else [str(error)]
 
 
-def parts(name: str) -> dict[str, Any]:
-    """What a sound diagram is made of: counts of blocks, states and parameters; inputs and outputs with their units."""
+def contents(name: str) -> dict[str, Any]:
+    """Contents of a valid diagram: counts of blocks, states and parameters; inputs and outputs with their units."""
     from tsmblocks.compiler.compile import compile_diagram
     from tsmblocks.files import load
 
@@ -61,8 +61,8 @@ def parts(name: str) -> dict[str, Any]:
     }
 
 
-def summary_line(made: dict[str, Any]) -> str:
-    """What a sound diagram is made of, in one line."""
+def description(made: dict[str, Any]) -> str:
+    """Contents of a valid diagram in one line."""
     counts = ", ".join(_count(made[f"{word}s"], word) for word in ("block", "state", "parameter"))
     return f"ok; {counts}; inputs: {_named(made['inputs'])}; outputs: {_named(made['outputs'])}"
 

@@ -1,4 +1,4 @@
-"""What the commands share: arguments, and how their results are handed over. Light: nothing heavy at import."""
+"""Arguments, results and exit states that commands share. Nothing heavy is imported."""
 
 from __future__ import annotations
 
@@ -11,20 +11,24 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tsmblocks.cli.console import complain, give, wrapped
+from tsmblocks.cli.console import print_error, print_json, wrap
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.tables import unlike
 
 INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells expect it."""
+"""Exit status after Ctrl-C: 128 plus the number of SIGINT, as in POSIX shells."""
 RESULTS = (".csv", ".npz", ".mat")
 PICTURES = (".png", ".svg", ".pdf")
+"""Endings of files of results, and of figures."""
 
 
 DIAGRAMS, BLOCKS, FILES, FOLDERS = "diagrams", "blocks", "files", "folders"
-"""What a shell may offer, beside plain words."""
+"""Kinds of values that a shell can complete, beside fixed words."""
 METHODS, HOLDS, BACKENDS = ("euler", "heun", "rk4"), ("zero", "linear", "cubic"), ("llvm", "casadi")
 FITS = ("gauss-newton", "ipopt", "ga")
+"""Integration methods, holds, back ends and fitting methods: named here too, so that parsing imports nothing heavy."""
+SEVERAL: dict[str, Any] = dict(nargs="+", action="extend")
+"""Settings of an option that takes several values and may be repeated."""
 
 
 class UsageError(TsmError):
@@ -36,14 +40,14 @@ class Formatter(argparse.HelpFormatter):
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         parts = [
-            part if part.startswith(" ") else wrapped(" ".join(part.split()), width)
+            part if part.startswith(" ") else wrap(" ".join(part.split()), width)
             for part in text.strip("\n").split("\n\n")
         ]
         return textwrap.indent("\n\n".join(parts), indent)
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that raises its complaints, so that all messages leave by one door."""
+    """An argument parser that raises its errors, so that all messages are printed in one place."""
 
     def options(self) -> list[str]:
         """Every option it takes, as it is typed."""
@@ -63,7 +67,7 @@ class Parser(argparse.ArgumentParser):
 # ---- arguments ----------------------------------------------------------------------------------
 
 
-def finite_float(text: str) -> float:
+def finite_number(text: str) -> float:
     """Return a finite number."""
     try:
         value = float(text)
@@ -74,14 +78,14 @@ def finite_float(text: str) -> float:
     return value
 
 
-def whole(text: str) -> int:
+def positive_integer(text: str) -> int:
     """Return a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
     return int(text)
 
 
-def span(text: str) -> tuple[int | None, int | None]:
+def row_range(text: str) -> tuple[int | None, int | None]:
     """``FIRST:LAST`` as row numbers; either may be left out."""
     first, colon, last = text.partition(":")
     if not colon or not all(part == "" or part.isdecimal() for part in (first, last)):
@@ -89,62 +93,62 @@ def span(text: str) -> tuple[int | None, int | None]:
     return (int(first) if first else None), (int(last) if last else None)
 
 
-def pair(text: str, form: str = "NAME=VALUE") -> tuple[str, str]:
-    """``NAME=VALUE`` taken apart; ``form`` says what was expected."""
+def name_and_value(text: str, form: str = "NAME=VALUE") -> tuple[str, str]:
+    """``NAME=VALUE`` as a pair; ``form`` is the expected form in the error."""
     name, equals, value = text.partition("=")
     if not equals or not name.strip() or not value.strip():
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
     return name.strip(), value.strip()
 
 
-def count(text: str) -> int:
+def nonnegative_integer(text: str) -> int:
     """Return a whole number of at least 0."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 0")
     return int(text)
 
 
-def times(text: str) -> tuple[float | None, float | None]:
+def time_range(text: str) -> tuple[float | None, float | None]:
     """``START:STOP`` in s; either may be left out."""
     first, colon, last = text.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not START:STOP in s, such as 2.5:10 or 5:")
-    return (finite_float(first) if first else None), (finite_float(last) if last else None)
+    return (finite_number(first) if first else None), (finite_number(last) if last else None)
 
 
-def part(text: str) -> float | tuple[float | None, float | None]:
+def share_or_time_range(text: str) -> float | tuple[float | None, float | None]:
     """A share such as ``0.5``, or ``START:STOP`` in s."""
-    return times(text) if ":" in text else finite_float(text)
+    return time_range(text) if ":" in text else finite_number(text)
 
 
 def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
     """``NAME=LOW:HIGH``; either may be left out."""
     form = "NAME=LOW:HIGH, such as tsm.theta=0.1:50"
-    name, value = pair(text, form)
+    name, value = name_and_value(text, form)
     low, colon, high = value.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (finite_float(low) if low else None, finite_float(high) if high else None)
+    return name, (finite_number(low) if low else None, finite_number(high) if high else None)
 
 
-def belief(text: str) -> tuple[str, tuple[float, float]]:
+def prior(text: str) -> tuple[str, tuple[float, float]]:
     """``NAME=MEAN:DEVIATION``."""
     form = "NAME=MEAN:DEVIATION, such as tsm.theta=5:0.5"
-    name, value = pair(text, form)
+    name, value = name_and_value(text, form)
     mean, colon, deviation = value.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (finite_float(mean), finite_float(deviation))
+    return name, (finite_number(mean), finite_number(deviation))
 
 
 def tie(text: str) -> tuple[str, str]:
     """``NAME=EXPRESSION``."""
-    return pair(text, "NAME=EXPRESSION, such as alpha2=alpha1")
+    return name_and_value(text, "NAME=EXPRESSION, such as alpha2=alpha1")
 
 
 def setting(text: str) -> tuple[str, Any]:
     """``block.parameter=VALUE``, the value being a number, a list, true or false, or else text."""
-    name, value = pair(text)
+    name, value = name_and_value(text)
     try:
         return name, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
@@ -152,7 +156,7 @@ def setting(text: str) -> tuple[str, Any]:
 
 
 def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | None:
-    """Check a path to be written: what would fail at the end of a long run is refused before it."""
+    """Check a path to be written before a long run, and not at its end."""
     if text is None:
         return None
     path = Path(text)
@@ -166,10 +170,10 @@ def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | No
     return path
 
 
-def marked(path: Path, names: Iterable[str]) -> dict[str, Path]:
+def paths_by_name(path: Path, names: Iterable[str]) -> dict[str, Path]:
     """The paths of several files: each of ``names`` added before the ending, ``fitted_bend60.toml``.
 
-    No two are alike, on disks that do not tell capitals apart either.
+    All differ, also on file systems that ignore case.
     """
     listed = list(names)
     plain = unlike((re.sub(r"[^a-zA-Z0-9_.-]+", "_", name).strip("_") for name in listed), case=False)
@@ -177,7 +181,7 @@ def marked(path: Path, names: Iterable[str]) -> dict[str, Path]:
 
 
 def figure_path(text: str | None) -> Path | None:
-    """Check the path of a figure, and that there is something to draw it with."""
+    """Check the path of a figure, and that matplotlib is installed."""
     path = result_path(text, PICTURES)
     if path is not None:
         from tsmblocks.plots.panels import need_matplotlib
@@ -186,82 +190,122 @@ def figure_path(text: str | None) -> Path | None:
     return path
 
 
-def settings_argument(options: argparse._ActionsContainer) -> None:
+def diagram_argument(options: argparse._ActionsContainer) -> None:
+    """Declare DIAGRAM, for commands that take one."""
+    options.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+
+
+def settings_argument(
+    options: argparse._ActionsContainer, about: str = "other values for parameters, such as pid.kp=2.2"
+) -> None:
     """Declare --set."""
     options.add_argument(
-        "--set",
-        dest="settings",
-        metavar="NAME=VALUE",
-        type=setting,
-        nargs="+",
-        action="extend",
-        default=[],
-        help="other values for parameters, such as pid.kp=2.2",
+        "--set", dest="settings", metavar="NAME=VALUE", type=setting, default=[], help=about, **SEVERAL
     )
 
 
-def result_arguments(options: argparse._ActionsContainer, written: str) -> None:
-    """Declare the options of a fit's results; ``written`` is what --out takes."""
+def method_argument(options: argparse._ActionsContainer, default: str | None = "rk4", what: str = "") -> None:
+    """Declare --method of a simulation; None as ``default`` is for a command that also works without one."""
+    about = f"{what}euler, heun or rk4 (default)"
+    suggest_values(options.add_argument("--method", metavar="M", default=default, help=about), METHODS)
+
+
+def free_argument(options: argparse._ActionsContainer) -> None:
+    """Declare --free, for commands that fit one diagram."""
+    about = "parameters that may change, such as 'tsm.*' (default: all)"
+    options.add_argument("--free", metavar="PATTERN", help=about, **SEVERAL)
+
+
+def compared_arguments(options: argparse._ActionsContainer) -> None:
+    """Declare --outputs and --window: the part of the recordings that a fit is compared with."""
     add = options.add_argument
-    add("--out", metavar="FILE", help=f"write {written} to a .toml file")
-    add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
-    json_argument(options)
+    add("--outputs", metavar="NAME", help="outputs that are compared (default: all that were measured)", **SEVERAL)
+    add("--window", metavar="START:STOP", type=time_range, default=None, help="times in s that count (default: all)")
 
 
-def suggest(action: argparse.Action, what: str | Sequence[str]) -> None:
-    """Say what a shell may offer for a value: words, or one of the kinds above."""
-    vars(action)["suggests"] = what if isinstance(what, str) else tuple(what)
+def seed_argument(options: argparse._ActionsContainer) -> None:
+    """Declare --seed."""
+    about = "seed of the random numbers (default 0)"
+    options.add_argument("--seed", metavar="N", type=nonnegative_integer, default=0, help=about)
+
+
+def search_arguments(options: argparse._ActionsContainer, *, starts: int | None = None, hold: str = "linear") -> None:
+    """Declare --starts, --seed, --step and --hold of a search; ``starts`` and ``hold`` are the defaults of the first
+    (None: there is none) and the last.
+    """
+    add = options.add_argument
+    if starts is not None:
+        about = f"starts of each fit, random ones after the first (default {starts})"
+        add("--starts", metavar="N", type=positive_integer, default=starts, help=about)
+    seed_argument(options)
+    about = "step of the simulation in s (default: chosen from the data)"
+    add("--step", metavar="H", type=finite_number, help=about)
+    hold_argument(options, hold)
 
 
 def hold_argument(options: argparse._ActionsContainer, default: str = "linear") -> None:
     """Declare --hold; ``default`` is that of the function behind the command."""
     words = [f"{one} (default)" if one == default else one for one in HOLDS]
-    hold = options.add_argument(
-        "--hold", default=default, metavar="HOLD", help=f"data between samples: {', '.join(words[:-1])} or {words[-1]}"
-    )
-    suggest(hold, HOLDS)
+    about = f"signals between samples: {', '.join(words[:-1])} or {words[-1]}"
+    suggest_values(options.add_argument("--hold", default=default, metavar="HOLD", help=about), HOLDS)
+
+
+def plot_argument(options: argparse._ActionsContainer) -> None:
+    """Declare --plot."""
+    options.add_argument("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
 
 
 def json_argument(options: argparse._ActionsContainer) -> None:
     """Declare --json, which every command has that prints results."""
-    options.add_argument(
-        "--json", action="store_true", help="print one JSON object and nothing else; null is what is no finite number"
-    )
+    about = "print one JSON object and nothing else; a number that is not finite is null"
+    options.add_argument("--json", action="store_true", help=about)
 
 
-# ---- what is said -------------------------------------------------------------------------------
+def result_arguments(options: argparse._ActionsContainer, out: str, metavar: str = "FILE") -> None:
+    """Declare --out, --plot and --json; ``out`` says what the first does."""
+    options.add_argument("--out", metavar=metavar, help=out)
+    plot_argument(options)
+    json_argument(options)
 
 
-def hand_over(facts: dict[str, Any], written: Sequence[str], args: argparse.Namespace) -> None:
-    """Give what was found as JSON, or say what was written, apart from what stands above it."""
+def suggest_values(action: argparse.Action, what: str | Sequence[str]) -> None:
+    """Set what a shell completes a value with: fixed words, or one of the kinds above."""
+    vars(action)["suggests"] = what if isinstance(what, str) else tuple(what)
+
+
+# ---- results ------------------------------------------------------------------------------------
+
+
+def report_results(facts: dict[str, Any], written: Sequence[str], args: argparse.Namespace) -> None:
+    """Print the results as JSON, or else the paths that were written, after an empty line."""
     if args.json:
-        give({**facts, "written": [*written]})
+        print_json({**facts, "written": [*written]})
     elif written:
         print("\n" + "\n".join(f"wrote {path}" for path in written))
 
 
-def ended(interrupted: bool, written: Sequence[str], missing: Sequence[str] = ()) -> int:
-    """Exit status of a search; one that Ctrl-C ended is said to be no more than the best so far."""
+def exit_status(interrupted: bool, written: Sequence[str], missing: Sequence[str] = ()) -> int:
+    """Exit status of a search; a message says that the result of one that Ctrl-C ended is the best so far."""
     if interrupted:
         seen = "what you see and what was written is" if written else "what you see is"
         left_out = f" Not reached: {', '.join(missing)}." if missing else ""
-        complain(f"stopped before the search was over; {seen} the best so far.{left_out}")
+        print_error(f"stopped before the search was over; {seen} the best so far.{left_out}")
     return INTERRUPTED if interrupted else 0
 
 
-def finished(found: Any, facts: dict[str, Any], written: list[str], plot: Path | None, args: argparse.Namespace) -> int:
-    """Draw and hand over what a search found; its exit status. ``facts`` are added in JSON."""
+def finish(result: Any, facts: dict[str, Any], written: list[str], plot: Path | None, args: argparse.Namespace) -> int:
+    """Plot and print the result of a search; its exit status. ``facts`` are added in JSON."""
     if plot:
-        found.plot().savefig(plot, dpi=150)
+        result.plot().savefig(plot, dpi=150)
         written.append(str(plot))
-    hand_over({**found.to_dict(), **facts}, written, args)
-    return ended(found.status == "interrupted", written)
+    report_results({**result.to_dict(), **facts}, written, args)
+    return exit_status(result.status == "interrupted", written)
 
 
-def as_typed(error: TsmError, typed: Iterable[tuple[str, str]]) -> TsmError:
-    """The same complaint with arguments as they are typed here, not as they stand in a script.
+def with_option_names(error: TsmError, typed: Iterable[tuple[str, str]]) -> TsmError:
+    """The same error with options of the command in place of arguments of the function.
 
-    ``typed`` has pairs of a pattern and what stands in its place.
+    ``typed`` has pairs of a pattern and its replacement.
     """
     if len(error.args) == 1:
         text = str(error)
@@ -271,15 +315,15 @@ def as_typed(error: TsmError, typed: Iterable[tuple[str, str]]) -> TsmError:
     return error
 
 
-def show(value: float) -> str:
-    """Return a number as a table shows it."""
+def format_number(value: float) -> str:
+    """A number as tables have it."""
     return f"{value:.4g}"
 
 
-def choose(name: str, known: Iterable[str], what: str) -> str:
-    """Return a known name, whatever its case; raises UsageError with the near miss."""
+def known_name(name: str, known: Iterable[str], what: str) -> str:
+    """The known name that equals ``name``, ignoring case; raises UsageError with the nearest one."""
     names = list(known)
-    found = next((k for k in names if k == name), None) or next((k for k in names if k.lower() == name.lower()), None)
-    if found is None:
+    same = [k for k in names if k == name] or [k for k in names if k.lower() == name.lower()]
+    if not same:
         raise UsageError(f"there is no {what} '{name}'.{near(name, names)}")
-    return found
+    return same[0]

@@ -1,9 +1,9 @@
-"""Fit several models to the same recordings and rank them on parts held out.
+"""Fit several models to the same recordings and rank them on validation data.
 
-Without DIAGRAM every ready-made tendon-sheath model takes part; the short names
-of the table (play, asymmetric) stand for them too. Each FILE is one experiment.
-A model has one set of numbers for all files; with --each it is fitted to every
-file by itself, and a table of models and files is printed.
+Without DIAGRAM every ready-made tendon-sheath model is fitted; the short names
+of the table (play, asymmetric) may be used too. Each FILE is one experiment.
+A model has one set of parameters for all files; with --each it is fitted to every
+file separately, and a table of models and files is printed.
 
   tsmblocks compare --data sheath.csv --out best.toml --plot models.png
   tsmblocks compare play my_model.toml --data bend*.csv --each
@@ -24,7 +24,7 @@ from tsmblocks.cli import common, console, recordings
 if TYPE_CHECKING:
     from tsmblocks.fitting.compare import Comparison
 
-HELP = "fit several models to the same recordings and rank them on held-out parts"
+HELP = "fit several models to the same recordings and rank them on validation data"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,35 +39,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     measured = parser.add_argument_group("measured data")
     recordings.data_arguments(measured, several=True)
     recordings.condition_argument(measured)
-    fitted = parser.add_argument_group("what is fitted")
+    fitted = parser.add_argument_group("fits")
     add = fitted.add_argument
     add(
         "--train",
         metavar="PART",
-        type=common.part,
+        type=common.share_or_time_range,
         default=0.5,
-        help="share of each recording that is fitted, from its start (default 0.5; 1 holds nothing out), or its "
-        "times START:STOP in s",
+        help="share of each recording that is fitted, from its start (default 0.5; with 1 there are no validation "
+        "data), or its times START:STOP in s",
     )
-    add(
-        "--held-out",
-        metavar="EXPERIMENT",
-        nargs="+",
-        action="extend",
-        default=[],
-        help="experiments that are not fitted at all",
-    )
-    add("--each", action="store_true", help="fit every file by itself")
-    add("--starts", metavar="N", type=common.whole, default=8, help="starts of each fit (default 8)")
-    add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
-    add(
-        "--step",
-        metavar="H",
-        type=common.finite_float,
-        help="step of the simulation in s (default: found from the data)",
-    )
-    common.hold_argument(fitted)
-    common.result_arguments(parser.add_argument_group("results"), "the best model, fitted (with --each one per file),")
+    add("--held-out", metavar="EXPERIMENT", default=[], help="experiments that are not fitted at all", **common.SEVERAL)
+    add("--each", action="store_true", help="fit every file separately")
+    common.search_arguments(fitted, starts=8)
+    written = "write the best model, fitted (with --each one per file), to a .toml file"
+    common.result_arguments(parser.add_argument_group("results"), written)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -77,40 +63,42 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.fitting.text import by_file
 
     if args.each and args.held_out:
-        raise common.UsageError("--each fits every file, so none can be held out; leave --held-out away.")
+        raise common.UsageError("--each fits every file, so none can be held out; leave out --held-out.")
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
     given = [in_full(name) for name in args.models]
     models = {_label(name, given): load(name) for name in given or ready_made()}
     records = recordings.read_experiments(args, *models.values())
     groups = {name: {name: record} for name, record in records.items()} if args.each else {"": records}
-    found = _compared(args, models, groups)
+    results = _compare(args, models, groups)
     if not args.json:
-        print(f"{_head(args)}\n\n{by_file(found) if args.each else found['']}")
-    written = _saved(found, out)
+        print(f"{_heading(args)}\n\n{by_file(results) if args.each else results['']}")
+    written = _save(results, out)
     if plot:
-        _figure(found, args.each).savefig(plot, dpi=150)
+        _figure(results, args.each).savefig(plot, dpi=150)
         written.append(str(plot))
-    facts = {"format": 1, "each": {name: one.to_dict() for name, one in found.items()}} if args.each else None
-    common.hand_over({**(facts or found[""].to_dict()), "data": recordings.as_json(records)}, written, args)
-    missing = [name for name in models if any(name not in [row.name for row in one] for one in found.values())]
-    missing += [name for name in groups if name not in found]
-    return common.ended(any(one.interrupted for one in found.values()), written, missing)
+    facts = {"format": 1, "each": {name: one.to_dict() for name, one in results.items()}} if args.each else None
+    common.report_results(
+        {**(facts or results[""].to_dict()), "data": recordings.recordings_json(records)}, written, args
+    )
+    missing = [name for name in models if any(name not in [row.name for row in one] for one in results.values())]
+    missing += [name for name in groups if name not in results]
+    return common.exit_status(any(one.interrupted for one in results.values()), written, missing)
 
 
 def _label(name: str, given: Sequence[str]) -> str:
-    """The name of a model: that of its file, or as it was given where two files share it."""
+    """The name of a model: that of its file, or the whole path where two files share it."""
     from tsmblocks.fitting.compare import SHIPPED
 
     stem = Path(name).stem
     return name if sum(Path(other).stem == stem for other in given) > 1 else stem.removeprefix(SHIPPED)
 
 
-def _compared(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -> dict[str, Comparison]:
-    """One comparison for each group of recordings, until Ctrl-C ends one."""
+def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -> dict[str, Comparison]:
+    """One comparison for each group of recordings, until Ctrl-C."""
     from tsmblocks.fitting.compare import compare
 
-    found: dict[str, Comparison] = {}
-    with console.progress(console.searched("fitting"), quiet=args.json) as tell:
+    results: dict[str, Comparison] = {}
+    with console.progress_line(console.search_progress("fitting"), quiet=args.json) as progress:
         for name, records in groups.items():
             made = compare(
                 models,
@@ -121,16 +109,18 @@ def _compared(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) 
                 seed=args.seed,
                 step=args.step,
                 hold=args.hold,
-                progress=tell,
+                progress=progress,
             )
-            found[name] = attrs.evolve(made, notes=tuple(recordings.in_options(text, args) for text in made.notes))
-            if found[name].interrupted:
+            results[name] = attrs.evolve(
+                made, notes=tuple(recordings.with_condition_option(text, args) for text in made.notes)
+            )
+            if results[name].interrupted:
                 break
-    return found
+    return results
 
 
-def _head(args: argparse.Namespace) -> str:
-    """What was fitted and what was held out, in a sentence."""
+def _heading(args: argparse.Namespace) -> str:
+    """One sentence on the fitted data and the validation data."""
     if isinstance(args.train, tuple):
         low, high = ("" if value is None else f"{value:g}" for value in args.train)
         where = f"{low}:{high} s of each recording"
@@ -141,22 +131,22 @@ def _head(args: argparse.Namespace) -> str:
     return textwrap.fill(f"fitted to {where}{ranked}{apart}", 80)
 
 
-def _saved(found: Mapping[str, Comparison], out: Path | None) -> list[str]:
-    """Write the model that is best overall, with the numbers of each group; the paths."""
+def _save(results: Mapping[str, Comparison], out: Path | None) -> list[str]:
+    """Write the model that is best overall, with the parameters of each group; the paths."""
     from tsmblocks.fitting.compare import overall
 
-    best, written = overall(found)[0][0], list[str]()
+    best, written = overall(results)[0][0], list[str]()
     if out is None:
         return written
-    paths = common.marked(out, found) if len(found) > 1 or "" not in found else {"": out}
-    for name, one in found.items():
+    paths = common.paths_by_name(out, results) if len(results) > 1 or "" not in results else {"": out}
+    for name, one in results.items():
         fitted = next((row.fit for row in one if row.name == best), None)
         if fitted is not None:
             written.append(str(fitted.save(paths[name])))
     return written
 
 
-def _figure(found: Mapping[str, Comparison], each: bool) -> Any:
+def _figure(results: Mapping[str, Comparison], each: bool) -> Any:
     from tsmblocks.plots import plot_comparison, plot_each
 
-    return plot_each(found) if each else plot_comparison(found[""])
+    return plot_each(results) if each else plot_comparison(results[""])

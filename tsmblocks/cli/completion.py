@@ -12,7 +12,7 @@ Write it where the shell looks for such scripts, and open a new shell:
   tsmblocks completion fish > ~/.config/fish/completions/tsmblocks.fish
 
   tsmblocks completion powershell > tsmblocks.ps1
-      (with '. FOLDER/tsmblocks.ps1' in the file that $PROFILE names)
+      (with '. FOLDER/tsmblocks.ps1' in your $PROFILE)
 
 For this shell alone: source <(tsmblocks completion bash)
 """
@@ -69,14 +69,14 @@ DIAGRAMS = {
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    common.suggest(parser.add_argument("shell", metavar="SHELL", help="bash, zsh, fish or powershell"), NAMES)
+    common.suggest_values(parser.add_argument("shell", metavar="SHELL", help="bash, zsh, fish or powershell"), NAMES)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     import shtab
 
-    shell = common.choose(args.shell, NAMES, "shell")
+    shell = common.known_name(args.shell, NAMES, "shell")
     parser, commands = args.parsers()
     offered = _offered()
     for name, command in commands.items():

@@ -1,4 +1,4 @@
-"""What leaves the program: messages as wide as the terminal, JSON, progress, and letters that a console may lack.
+"""Output of the commands: messages as wide as the terminal, JSON, progress, and letters that a console may lack.
 
 No colours are used, so there are none to switch off.
 """
@@ -19,13 +19,13 @@ from contextlib import contextmanager
 from pathlib import PurePath
 from typing import Any, TextIO
 
-NARROWEST, WIDEST = 40, 100
-"""Columns that text is folded to at least and at most, whatever the terminal says."""
-OFTEN = 0.05
-"""Time in s between two changes of the line that tells how far things are."""
-LEGIBLE = "tsmblocks.legible"
-"""Name of the way in which letters are written that an encoding has not."""
-PLAIN = {
+MIN_WIDTH, MAX_WIDTH = 40, 100
+"""Columns of text, at least and at most. Chosen: tables need some 40, and longer lines are hard to read."""
+UPDATE_INTERVAL = 0.05
+"""Time in s between two updates of the progress line. Chosen: 20 per second look continuous and cost nothing."""
+ENCODE_ERRORS = "tsmblocks.readable"
+"""Name of the codec error handler that replaces letters which an encoding lacks."""
+REPLACEMENTS = {
     "−": "-",
     "–": "-",
     "→": "->",
@@ -53,43 +53,43 @@ PLAIN = {
     "↓": "down",
     "\N{COMBINING CIRCUMFLEX ACCENT}": "_hat",
 }
-"""What stands for letters that an encoding has not; of others the nearest plain letter, or the name of a Greek one."""
+"""Replacements of letters that an encoding lacks; others become the nearest ASCII letter, Greek ones their name."""
 
 
 # ---- letters ------------------------------------------------------------------------------------
 
 
-def _legible(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Letters that an encoding has not, in letters that every encoding has."""
+def _replace_unencodable(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Letters that an encoding lacks, as ASCII."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(map(plain_letter, error.object[error.start : error.end])), error.end
+    return "".join(map(ascii_letter, error.object[error.start : error.end])), error.end
 
 
-def plain_letter(letter: str) -> str:
-    """A letter in ASCII: ``->`` for an arrow, ``theta`` for the Greek letter, ``?`` for what has no likeness."""
-    if letter in PLAIN:
-        return PLAIN[letter]
+def ascii_letter(letter: str) -> str:
+    """A letter in ASCII: ``->`` for an arrow, ``theta`` for the Greek letter, ``?`` where nothing is similar."""
+    if letter in REPLACEMENTS:
+        return REPLACEMENTS[letter]
     script, _, rest = unicodedata.name(letter, "").partition(" ")
     if script == "GREEK":
         name = rest.rpartition("LETTER ")[2].partition(" ")[0]
         return name.capitalize() if letter.isupper() else name.lower()
     power = "^" if unicodedata.decomposition(letter).startswith("<super>") else ""
-    parts = (PLAIN.get(part, part) for part in unicodedata.normalize("NFKD", letter))
+    parts = (REPLACEMENTS.get(part, part) for part in unicodedata.normalize("NFKD", letter))
     return power + "".join(parts).encode("ascii", "ignore").decode() or "?"
 
 
-codecs.register_error(LEGIBLE, _legible)
+codecs.register_error(ENCODE_ERRORS, _replace_unencodable)
 
 
 @contextmanager
-def legible() -> Iterator[None]:
-    """Have both streams write something readable where their encoding lacks a letter, and never fail for it."""
+def readable_streams() -> Iterator[None]:
+    """Let both streams write a readable replacement of every letter that their encoding lacks, instead of failing."""
     changed = []
     for stream in (sys.stdout, sys.stderr):
         before = getattr(stream, "errors", "")
         if before in ("strict", "backslashreplace") and hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors=LEGIBLE)
+            stream.reconfigure(errors=ENCODE_ERRORS)
             changed.append((stream, before))
     try:
         yield
@@ -102,28 +102,28 @@ def legible() -> Iterator[None]:
 # ---- messages -----------------------------------------------------------------------------------
 
 
-def complain(text: str) -> None:
-    """One message to standard error under the program's name."""
-    print(folded(f"tsmblocks: {text}", sys.stderr), file=sys.stderr)
+def print_error(text: str) -> None:
+    """Print one error on standard error, after the program's name."""
+    print(fold(f"tsmblocks: {text}", sys.stderr), file=sys.stderr)
 
 
-def note(text: str) -> None:
-    """Something the user should know but need not act on."""
-    print(folded(f"note: {text}", sys.stderr), file=sys.stderr)
+def print_note(text: str) -> None:
+    """Print one remark on standard error that needs no action."""
+    print(fold(f"note: {text}", sys.stderr), file=sys.stderr)
 
 
 def width() -> int:
-    """Columns that text is folded to: those of the terminal, or COLUMNS; 80 where neither is known."""
-    return min(max(shutil.get_terminal_size().columns, NARROWEST), WIDEST)
+    """Columns of text: those of the terminal, or COLUMNS; 80 where neither is known."""
+    return min(max(shutil.get_terminal_size().columns, MIN_WIDTH), MAX_WIDTH)
 
 
-def folded(text: str, stream: TextIO) -> str:
-    """A text in lines as wide as the terminal; as it is where nobody looks at it, so that programs can."""
-    return wrapped(text, width(), "  ") if stream.isatty() else text
+def fold(text: str, stream: TextIO) -> str:
+    """A text in lines as wide as the terminal; unchanged where the stream is not one, so that programs can read it."""
+    return wrap(text, width(), "  ") if stream.isatty() else text
 
 
-def wrapped(text: str, columns: int, others: str = "") -> str:
-    """Every line of a text in lines that fit; those that follow begin with ``others``."""
+def wrap(text: str, columns: int, others: str = "") -> str:
+    """Every line of a text broken into lines that fit; all but the first of each begin with ``others``."""
     return "\n".join(
         textwrap.fill(line, columns, subsequent_indent=others, break_long_words=False, break_on_hyphens=False)
         for line in text.split("\n")
@@ -133,61 +133,60 @@ def wrapped(text: str, columns: int, others: str = "") -> str:
 # ---- JSON ---------------------------------------------------------------------------------------
 
 
-def give(value: Mapping[str, Any]) -> None:
-    """One JSON object on standard output, infinities and NaN as null.
+def print_json(value: Mapping[str, Any]) -> None:
+    """Print one JSON object on standard output, infinities and NaN as null.
 
-    It is UTF-8, or where the stream has another encoding ASCII with escapes, which every reader of JSON takes.
+    It is UTF-8, or ASCII with escapes where the stream has another encoding; every reader of JSON accepts both.
     """
     unicode = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().startswith("utf")
-    print(json.dumps(plain(value), indent=2, ensure_ascii=not unicode, allow_nan=False))
+    print(json.dumps(json_value(value), indent=2, ensure_ascii=not unicode, allow_nan=False))
 
 
-def plain(value: Any) -> Any:
-    """A value as JSON knows it: of NumPy the numbers, of a path its text, None for what is no number."""
+def json_value(value: Any) -> Any:
+    """A value in types of JSON: numbers of NumPy as numbers, a path as text, infinities and NaN as None."""
     if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {str(k): json_value(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
+        return [json_value(v) for v in value]
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, PurePath):
         return str(value)
-    return plain(value.tolist()) if hasattr(value, "tolist") else value
+    return json_value(value.tolist()) if hasattr(value, "tolist") else value
 
 
 # ---- progress -----------------------------------------------------------------------------------
 
 
 @contextmanager
-def progress(words: Callable[..., str], *, quiet: bool = False) -> Iterator[Callable[..., None] | None]:
-    """Give a function that shows ``words(...)`` on one line of standard error, which is gone at the end.
+def progress_line(words: Callable[..., str], *, quiet: bool = False) -> Iterator[Callable[..., None] | None]:
+    """Yield a progress callback that writes ``words(...)`` on one line of standard error, which is erased at the end.
 
-    None is given where nobody would see it: standard error is no terminal or one that moves no cursor (``TERM=dumb``),
-    or with ``quiet``.
+    None is yielded with ``quiet``, and where standard error is no terminal or one without a cursor (``TERM=dumb``).
     """
     if quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield None
         return
-    line = _Line(sys.stderr)
+    line = _ProgressLine(sys.stderr)
     try:
         yield lambda *far: line.show(words, far)
     finally:
         line.show(lambda: "", ())
 
 
-class _Line:
-    """One line that is written over again and again, by plain letters alone: old consoles know no escape codes."""
+class _ProgressLine:
+    """One line that is overwritten, without escape codes: old consoles do not support them."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream, self.length, self.last = stream, 0, -math.inf
 
     def show(self, words: Callable[..., str], far: tuple[Any, ...]) -> None:
-        """Write the words over those before, cut to one line; as often as can be read, and always when there are none.
+        """Overwrite the line with ``words(*far)``, at most each UPDATE_INTERVAL; an empty text erases it at once.
 
-        Words are asked for each time: they may count.
+        ``words`` is called each time, since it may count the calls.
         """
         text, now = words(*far)[: shutil.get_terminal_size().columns - 1], time.monotonic()
-        if (text and now - self.last < OFTEN) or (not text and not self.length):
+        if (text and now - self.last < UPDATE_INTERVAL) or (not text and not self.length):
             return
         rest = " " * (self.length - len(text))
         self.stream.write(f"\r{text}{rest}" if text else f"\r{rest}\r")
@@ -195,11 +194,11 @@ class _Line:
         self.last, self.length = now, len(text)
 
 
-def percent(what: str) -> Callable[[float], str]:
-    """Words for how much of one thing is done."""
+def percent_progress(what: str) -> Callable[[float], str]:
+    """The text of progress as a percentage."""
     return lambda done: f"{what}: {100 * done:3.0f} %"
 
 
-def searched(what: str) -> Callable[[str, int, float], str]:
-    """Words for how far a search has come."""
+def search_progress(what: str) -> Callable[[str, int, float], str]:
+    """The text of progress of a search: stage, number of runs and the least rms so far."""
     return lambda stage, runs, rms: f"{what}: {stage}, {runs} runs, rms {rms:.4g}"

@@ -1,14 +1,14 @@
-"""The main job, in under a minute: the paper's experiments, then a mechanism in which something is hidden.
+"""Run a demonstration in under a minute: the paper's experiments, then a mechanism with a hidden effect.
 
 The paper's three diagrams are run on its three signals (and on a measured
-reference, with --data). Then a tendon sheath with an effect that its model has
-not is measured, with noise; the model is identified, what it misses is found
-and added, the compensators are rebuilt on it, and the tracking error of the
-mechanism is told before and after. The folder holds all of it, with index.html
-to begin at.
+reference, with --data). Then a tendon sheath with an effect that its model lacks
+is measured, with noise; the model is identified, the unmodelled effect is
+diagnosed and added, the compensators are rebuilt on it, and the tracking error
+of the mechanism is reported before and after. The folder has all of it; begin
+with index.html.
 
   tsmblocks demo --out story
-  tsmblocks demo --hide none      (is anything found where nothing is?)
+  tsmblocks demo --hide none      (is anything reported where nothing is hidden?)
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from tsmblocks.demo.paper import Case
     from tsmblocks.demo.story import Story
 
-HELP = "the paper's experiments, and a hidden effect found; one page with pictures"
+HELP = "the paper's experiments, and a hidden effect diagnosed; one page with pictures"
 NAMES = ("position_ripple", "backlash", "odd_nonlinearity", "none")
-"""What may be hidden, the usual first."""
+"""Effects that can be hidden, the default first."""
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
     add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
-    hide = add("--hide", metavar="EFFECT", default=NAMES[0], help=f"what is hidden: {', '.join(NAMES)} ({NAMES[0]})")
-    common.suggest(hide, NAMES)
-    add("--seed", metavar="N", type=common.count, default=0, help="of the noise and of random starts (0)")
+    hide = add("--hide", metavar="EFFECT", default=NAMES[0], help=f"the hidden effect: {', '.join(NAMES)} ({NAMES[0]})")
+    common.suggest_values(hide, NAMES)
+    common.seed_argument(parser)
     common.json_argument(parser)
     recordings.data_arguments(parser)
     add(
@@ -51,24 +51,30 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
-    hidden = common.choose(args.hide, NAMES, "effect to hide")
+    hidden = common.known_name(args.hide, NAMES, "effect to hide")
     cases = _cases(args)
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
     say: Callable[[str], None] = (lambda _: None) if args.json else print
     whole = _run_paper(cases, args.json)
-    say(_paper(cases))
+    say(_paper_text(cases))
     _write_paper(cases, folder)
     if not whole:
-        console.complain("stopped early; the table and the files hold what was done until then.")
+        console.print_error("stopped early; the table and the files have what was done until then.")
         return common.INTERRUPTED
     story = _tell_story(hidden, args.seed, args.json)
-    for chapter in (_measured(story), _identified(story), _diagnosed(story), _rebuilt(story), _revealed(story)):
+    for chapter in (
+        _measurement_text(story),
+        _fit_text(story),
+        _diagnosis_text(story),
+        _tracking_text(story),
+        _hidden_text(story),
+    ):
         say("\n" + chapter)
     _write_story(cases, story, folder)
     say(f"\nAll of it with pictures: {folder / 'index.html'}")
     if args.json:
-        console.give(_facts(cases, story, folder))
+        console.print_json(_facts(cases, story, folder))
     return 0
 
 
@@ -95,21 +101,21 @@ def _cases(args: argparse.Namespace) -> list[Case]:
 def _run_paper(cases: list[Case], quiet: bool) -> bool:
     from tsmblocks.demo import paper
 
-    with console.progress(console.percent("running"), quiet=quiet) as tell:
-        return paper.run(cases, tell)
+    with console.progress_line(console.percent_progress("running"), quiet=quiet) as progress:
+        return paper.run(cases, progress)
 
 
 def _tell_story(hidden: str, seed: int, quiet: bool) -> Story:
     from tsmblocks.demo.story import build_story
 
-    with console.progress(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=quiet) as tell:
-        return build_story(hidden, seed, tell)
+    with console.progress_line(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=quiet) as progress:
+        return told(hidden, seed, progress)
 
 
-# ---- what is said ---------------------------------------------------------------------------------
+# ---- text ---------------------------------------------------------------------------------------
 
 
-def _paper(cases: Sequence[Case]) -> str:
+def _paper_text(cases: Sequence[Case]) -> str:
     from tsmblocks.demo import paper
 
     head = ("", "none", "(11)", "(11) + PID", "paper measured")
@@ -121,34 +127,34 @@ def _paper(cases: Sequence[Case]) -> str:
     return f"{title}\n\n{table}\n\n{_wrapped(paper.WHY)}"
 
 
-def _measured(story: Story) -> str:
+def _measurement_text(story: Story) -> str:
     from tsmblocks.demo.mechanism import DEG
     from tsmblocks.demo.story import FLOOR
 
     return _wrapped(
         f"2. A mechanism is measured: {', '.join(story.records)}, with an encoder at the motor and a "
-        f"sensor of {FLOOR / DEG:.3f} deg rms at the tip. There may be something in it that its model has not."
+        f"sensor of {FLOOR / DEG:.3f} deg rms at the tip. It may have an effect that its model lacks."
     )
 
 
-def _identified(story: Story) -> str:
+def _fit_text(story: Story) -> str:
     from tsmblocks.demo.mechanism import DEG
     from tsmblocks.demo.story import FLOOR
     from tsmblocks.fitting.text import numbers
 
-    left = story.fit.differences.rms
-    end = _wrapped(f"What is left is {left / DEG:.3f} deg rms, {left / FLOOR:.1f} times the sensor's noise.")
+    residual = story.fit.differences.rms
+    end = _wrapped(f"The residual is {residual / DEG:.3f} deg rms, {residual / FLOOR:.1f} times the sensor's noise.")
     return f"3. The paper's model is identified from all experiments at once\n\n{numbers(story.fit)}\n\n{end}"
 
 
-def _diagnosed(story: Story) -> str:
-    from tsmblocks.diagnosis.text import verdict_sentence
+def _diagnosis_text(story: Story) -> str:
+    from tsmblocks.diagnosis.text import verdict
 
     segment = story.diagnosis.worst
-    return f"4. What is missing is found\n\n{_wrapped(f'{segment.verdict.upper()}. {verdict_sentence(segment)}')}"
+    return f"4. The unmodelled effect is diagnosed\n\n{_wrapped(f'{segment.verdict.upper()}. {verdict(segment)}')}"
 
 
-def _rebuilt(story: Story) -> str:
+def _tracking_text(story: Story) -> str:
     from tsmblocks.demo.story import IDENTIFIED
 
     names, first = story.models, story.tracked[0]
@@ -166,10 +172,10 @@ def _error(one: Tracked | None) -> str:
     return "-" if one is None else f"{one.error.peak_to_peak:.2f} ({one.error.rms:.3f})"
 
 
-def _revealed(story: Story) -> str:
+def _hidden_text(story: Story) -> str:
     rows: list[tuple[str, ...]] = [("", "in truth", *story.models)]
     rows += [(name, *(f"{v:.3g}" for v in values)) for name, *values in story.revealed]
-    return f"{_wrapped(f'6. What had been hidden: {story.hidden.words}')}\n\n{columns(rows)}"
+    return f"{_wrapped(f'6. The hidden effect: {story.hidden.words}')}\n\n{columns(rows)}"
 
 
 def _wrapped(text: str) -> str:
@@ -200,11 +206,11 @@ def _facts(cases: Sequence[Case], story: Story, folder: Path) -> dict:
     }
 
 
-# ---- what is written ----------------------------------------------------------------------------
+# ---- files --------------------------------------------------------------------------------------
 
 
 def _write_paper(cases: list[Case], folder: Path) -> None:
-    """Write the table, drawings of each diagram, and, where matplotlib is there, plots of each signal."""
+    """Write the table, drawings of each diagram, and, where matplotlib is installed, plots of each signal."""
     from tsmblocks.cli import draw
     from tsmblocks.demo import paper
     from tsmblocks.files import load

@@ -1,11 +1,11 @@
-r"""Find what a model misses: name the effect, add it to the diagram, show how the gap to recordings shrinks.
+r"""Diagnose a model: name unmodelled effects, add them to the diagram, report how the residual shrinks.
 
 Each FILE is one experiment; its columns are matched by name to the diagram's
-inputs and outputs. Several with different amplitudes and frequencies tell more
-than one. With --out a folder gets the report (report.html, one page that needs
-no network), the numbers (diagnosis.json) and the diagram with what was found in
-place (augmented.toml); without it only the text is printed. Ctrl-C ends the
-search with what was found so far.
+inputs and outputs. Several with different amplitudes and frequencies are more
+informative than one. With --out the report (report.html, one page that needs no
+network), the numbers (diagnosis.json) and the diagram with the effects added
+(augmented.toml) are written into a folder; without it only the text is printed.
+Ctrl-C ends the search with the effects identified so far.
 
   tsmblocks diagnose tendon_sheath_symmetric --data bend*.csv --out found
   tsmblocks diagnose tendon_sheath_symmetric --data a.csv b.csv \
@@ -24,87 +24,50 @@ from tsmblocks.cli import common, console, recordings
 if TYPE_CHECKING:
     from tsmblocks.diagnosis.result import Diagnosis
 
-HELP = "find what a model misses, name it, add it, and show how the gap shrinks"
-TYPED = (
+HELP = "name unmodelled effects of a diagram, add them, and report how the residual shrinks"
+OPTION_NAMES = (
     (r"\bnoise_floor=", "--noise-floor "),
     (r"^noise_floor\b", "--noise-floor"),
     (r"start=\{'([^']+)': …\}", r"another number of \1 in the diagram"),
     (r"\bfree=\['([^']+)'\]", r"--free '\1'"),
     (r"^(free|effects)\b", r"--\1"),
 )
-"""Arguments as messages name them, and as they are typed."""
+"""Arguments of the function as messages name them, and the options of the command."""
 
 
-def floor(text: str) -> str:
-    """A noise floor: a number, perhaps with its unit, perhaps for one output."""
+def noise_floor(text: str) -> str:
+    """A noise floor: a number, optionally with its unit, optionally for one output."""
     from tsmblocks.common.errors import TsmError
     from tsmblocks.fitting.noise import parsed
 
     try:
         parsed(text)
     except TsmError as error:
-        raise common.as_typed(error, TYPED) from None
+        raise common.with_option_names(error, OPTION_NAMES) from None
     return text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
-    parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+    common.diagram_argument(parser)
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     search = parser.add_argument_group("search")
     add = search.add_argument
-    add(
-        "--noise-floor",
-        metavar="VALUE",
-        type=floor,
-        nargs="+",
-        action="extend",
-        default=[],
-        help="rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
-        "recordings and of the diagram, and refused where they differ; default: looked for in the data)",
+    noise = (
+        "rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
+        "recordings and of the diagram, and refused where they differ; default: estimated from the data)"
     )
-    add(
-        "--free",
-        metavar="PATTERN",
-        nargs="+",
-        action="extend",
-        help="parameters of the diagram that may change, such as 'tsm.*' (default: all)",
-    )
-    add(
-        "--effects",
-        metavar="PATTERN",
-        nargs="+",
-        action="extend",
-        help="effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)",
-    )
-    add(
-        "--outputs",
-        metavar="NAME",
-        nargs="+",
-        action="extend",
-        help="outputs that are compared (default: all that were measured)",
-    )
-    add("--window", metavar="START:STOP", type=common.times, default=None, help="times in s that count (default: all)")
-    add(
-        "--no-condition",
-        dest="condition",
-        action="store_false",
-        help="leave measured inputs as they are (default: their noise is filtered out, with zero phase)",
-    )
-    add("--seed", metavar="N", type=common.count, default=0, help="of the random parts (default 0)")
-    add(
-        "--step",
-        metavar="H",
-        type=common.finite_float,
-        help="step of the simulation in s (default: found from the data)",
-    )
-    common.hold_argument(search, default="cubic")
-    group = parser.add_argument_group("results")
-    results = group.add_argument
-    results("--out", metavar="DIR", help="write report.html, diagnosis.json and augmented.toml into a folder")
-    results("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
-    common.json_argument(group)
+    add("--noise-floor", metavar="VALUE", type=noise_floor, default=[], help=noise, **common.SEVERAL)
+    common.free_argument(search)
+    effects = "effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)"
+    add("--effects", metavar="PATTERN", help=effects, **common.SEVERAL)
+    common.compared_arguments(search)
+    unfiltered = "leave measured inputs as they are (default: their noise is filtered out, with zero phase)"
+    add("--no-condition", dest="condition", action="store_false", help=unfiltered)
+    common.search_arguments(search, hold="cubic")
+    written = "write report.html, diagnosis.json and augmented.toml into a folder"
+    common.result_arguments(parser.add_argument_group("results"), written, "DIR")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -115,10 +78,10 @@ def execute(args: argparse.Namespace) -> int:
 
     folder, plot = _folder(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram)
-    records = recordings.read_experiments(args, diagram, tell=False)  # the notes of the diagnosis say it
+    records = recordings.read_experiments(args, diagram, report=False)  # they are among the notes of the diagnosis
     try:
-        with console.progress(_far, quiet=args.json) as tell:
-            found = diagnose(
+        with console.progress_line(_progress_text, quiet=args.json) as progress:
+            result = diagnose(
                 diagram,
                 records,
                 free=args.free,
@@ -130,20 +93,20 @@ def execute(args: argparse.Namespace) -> int:
                 seed=args.seed,
                 step=args.step,
                 hold=args.hold,
-                progress=tell,
+                progress=progress,
             )
     except TsmError as error:
         for record in () if args.json else records.values():
-            recordings.repairs(record)
-        raise common.as_typed(error, TYPED) from None
+            recordings.print_repairs(record)
+        raise common.with_option_names(error, OPTION_NAMES) from None
     if not args.json:
-        print(found)
-    written = _saved(found, folder)
-    return common.finished(found, {"data": recordings.as_json(records)}, written, plot, args)
+        print(result)
+    written = _save(result, folder)
+    return common.finish(result, {"data": recordings.recordings_json(records)}, written, plot, args)
 
 
 def _folder(text: str | None) -> Path | None:
-    """The folder to write into, made before the long work and not after it."""
+    """The folder to write into, made before the search and not after it."""
     if text is None:
         return None
     from tsmblocks.common.errors import TsmError
@@ -157,16 +120,16 @@ def _folder(text: str | None) -> Path | None:
     return folder
 
 
-def _saved(found: Diagnosis, folder: Path | None) -> list[str]:
+def _save(result: Diagnosis, folder: Path | None) -> list[str]:
     """Write the three files; their paths."""
     from tsmblocks.html.report_files import NAMES
 
     if folder is None:
         return []
-    found.save(folder)
+    result.save(folder)
     return [str(folder / name) for name in NAMES]
 
 
-def _far(stage: str, done: int, of: int) -> str:
-    """How far the search has come."""
+def _progress_text(stage: str, done: int, of: int) -> str:
+    """The text of progress of the search."""
     return f"diagnosing: {stage}" + (f", {done} of {of}" if of > 1 else "")

@@ -1,4 +1,4 @@
-"""What ready-made diagrams there are, by the names that every command takes in place of a file."""
+"""List the ready-made diagrams, by the names that every command takes in place of a file."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files import load
     from tsmblocks.files.shipped import shipped_names
 
-    listed = {name: load(name).title for name in shipped_names()}
-    console.give(listed) if args.json else print(listing(listed))
+    listed = {name: load(name).title for name in names()}
+    console.print_json(listed) if args.json else print(list_text(listed))
     return 0
 
 
-def listing(listed: dict[str, str]) -> str:
-    """Return the list as the terminal shows it."""
+def list_text(listed: dict[str, str]) -> str:
+    """The list as text."""
     table = columns([*listed.items()], "", frozenset({0, 1}), console.width())
-    more = "'tsmblocks check NAME' says what goes in and out, 'tsmblocks draw NAME' draws it."
-    return f"{table}\n\n{console.wrapped(more, console.width())}"
+    more = "'tsmblocks check NAME' lists inputs and outputs, 'tsmblocks draw NAME' draws it."
+    return f"{table}\n\n{console.wrap(more, console.width())}"

@@ -15,7 +15,7 @@ ENDINGS = (".svg", ".png", ".pdf", ".mmd")
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+    common.diagram_argument(parser)
     parser.add_argument("--out", metavar="FILE", help=".svg, .png, .pdf or .mmd (default: NAME.svg in this folder)")
     common.settings_argument(parser)
     parser.add_argument("--highlight", metavar="BLOCK", nargs="+", default=[], help="blocks drawn in another colour")
@@ -31,14 +31,14 @@ def execute(args: argparse.Namespace) -> int:
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     write(diagram, path, args.highlight)
     if args.json:
-        console.give({"diagram": args.diagram, "title": diagram.title, "written": [path]})
+        console.print_json({"diagram": args.diagram, "title": diagram.title, "written": [path]})
     else:
         print(f"wrote {path}")
     return 0
 
 
 def write(diagram: Any, path: Path, highlight: Sequence[str] = ()) -> None:
-    """Draw a diagram into a file of the kind its name asks for, some of its blocks in another colour."""
+    """Draw a diagram into a file; its ending says the format. Blocks in ``highlight`` have another colour."""
     from tsmblocks import draw
 
     kind = path.suffix.lower()

@@ -23,14 +23,14 @@ from tsmblocks.cli import (
     diagrams,
     draw,
     export,
+    extensions,
     fit,
     reference,
     run,
     study,
 )
-from tsmblocks.cli import extensions as own
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
-from tsmblocks.cli.console import complain, legible
+from tsmblocks.cli.console import print_error, readable_streams
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.version import __version__
 
@@ -50,45 +50,45 @@ COMMANDS = {
     "completion": completion,
 }
 CLOSED = {"diagrams", "reference", "demo", "completion"}
-"""Commands that deal with the package's own blocks alone; all others take --with."""
+"""Commands that use only the blocks of the package; all others take --with."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; the exit status. Nothing is raised, and messages go to standard error."""
-    with legible():
+    """Run one command; the exit status. Nothing is raised; messages are printed on standard error."""
+    with readable_streams():
         return _guarded(list(sys.argv[1:] if argv is None else argv))
 
 
 def _guarded(argv: list[str]) -> int:
-    """One command, whatever becomes of it; the exit status."""
+    """Run one command and turn every exception into a message; the exit status."""
     try:
         with warnings.catch_warnings():
-            _quiet_warnings()
+            _simplify_warnings()
             status = _dispatch(argv)
             sys.stdout.flush()
             return status
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
     except KeyboardInterrupt:
-        complain("stopped before everything was done.")
+        print_error("stopped before everything was done.")
         return INTERRUPTED
     except TsmError as error:
-        complain(str(error))
+        print_error(str(error))
         return 2
     except OSError as error:
-        if _left(error):  # what the reader wanted it has
+        if _is_closed_pipe(error):  # the reader has what it wanted
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
-        complain(f"{error.filename}: {error.strerror}." if error.filename and error.strerror else str(error))
+        print_error(f"{error.filename}: {error.strerror}." if error.filename and error.strerror else str(error))
         return 2
     except Exception:
         traceback.print_exc()
-        complain("this is a fault of the program, not of your input; please report it with the lines above.")
+        print_error("this is a fault of the program, not of your input; please report it with the lines above.")
         return 1
 
 
-def _left(error: OSError) -> bool:
-    """Whether it says that the reader of a pipe went away, in the words of this system."""
+def _is_closed_pipe(error: OSError) -> bool:
+    """Whether the reader of a pipe is gone; the error differs between systems."""
     windows = sys.platform == "win32" and error.errno == errno.EINVAL and error.filename is None
     return isinstance(error, BrokenPipeError) or windows
 
@@ -105,21 +105,21 @@ def _dispatch(argv: list[str]) -> int:
         known = known_to[args.command].options()
         word = extra[0].partition("=")[0]
         kind = "option" if word.startswith("-") else "argument"
-        hint = near(word, known, most=20) if kind == "option" else _of_recordings(extra[0], known)
+        hint = near(word, known, most=20) if kind == "option" else _recording_hint(extra[0], known)
         raise UsageError(f"{args.command} takes no {kind} '{word}'.{hint}")
-    own.bring(getattr(args, "own", ()))
+    extensions.import_files(getattr(args, "extensions", ()))
     args.parsers, args.helps = parsers, {name: module.HELP for name, module in COMMANDS.items()}
     return int(COMMANDS[args.command].execute(args))
 
 
-def _of_recordings(word: str, options: Sequence[str]) -> str:
-    """A hint where a recording stands among the diagrams."""
+def _recording_hint(word: str, options: Sequence[str]) -> str:
+    """A hint where a recording is given among the diagrams."""
     there = os.path.isfile(word)  # noqa: PTH113 - a name too long to be one raises nothing here
     return " Recordings follow --data." if there and "--data" in options and not word.endswith(".toml") else ""
 
 
 def parsers() -> tuple[Parser, dict[str, Parser]]:
-    """The parser of the whole, and that of each command."""
+    """The parser of the program, and that of each command."""
     about = "Block diagrams for mechanisms with friction, backlash and hysteresis."
     parser = Parser(prog="tsmblocks", description=about, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"tsmblocks {__version__}")
@@ -131,15 +131,15 @@ def parsers() -> tuple[Parser, dict[str, Parser]]:
         )
         module.arguments(made[name])
         if name not in CLOSED:
-            own.own_argument(made[name])
+            extensions.with_argument(made[name])
     return parser, made
 
 
-def _quiet_warnings() -> None:
-    """Warnings meant for the user as one line each; those of libraries for their authors not at all."""
+def _simplify_warnings() -> None:
+    """Print warnings for the user as one line each, and suppress those of libraries for developers."""
 
     def show(message: Any, *_: Any, **__: Any) -> None:
-        complain(f"warning: {message}")
+        print_error(f"warning: {message}")
 
     if not sys.warnoptions:
         warnings.simplefilter("ignore")

@@ -1,7 +1,7 @@
 r"""Write a diagram as C99 (one fixed step per call), or as a MAT file.
 
-The C code allocates nothing and needs nothing but math.h; NAME.h says how it
-is called. The MAT file has numbers, wiring and, where there is one, the linear
+The C code allocates nothing and needs nothing but math.h; NAME.h declares its
+functions. The MAT file has parameters, wiring and, where it exists, the linear
 model.
 
   tsmblocks export eq11_compensator --out compensator.c --step 0.001
@@ -20,11 +20,10 @@ HELP = "write a diagram as C source, or as a MAT file"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
-    add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+    common.diagram_argument(parser)
     add("--out", metavar="FILE", required=True, help="a .c file (its header is written beside it) or a .mat file")
-    add("--step", type=common.finite_float, metavar="H", default=None, help="step of the C code in s (default 0.001)")
-    method = add("--method", metavar="M", default=None, help="of the C code: euler, heun or rk4 (default)")
-    common.suggest(method, common.METHODS)
+    add("--step", type=common.finite_number, metavar="H", default=None, help="step of the C code in s (default 0.001)")
+    common.method_argument(parser, default=None, what="method of the C code: ")
     common.settings_argument(parser)
     common.json_argument(parser)
 
@@ -45,7 +44,7 @@ def execute(args: argparse.Namespace) -> int:
         step, method = args.step if args.step is not None else 1e-3, args.method or "rk4"
         written = [str(path) for path in to_c(diagram, step=step, method=method, name=out.stem).save(out.parent)]
     if args.json:
-        console.give({"diagram": args.diagram, "title": diagram.title, "written": written})
+        console.print_json({"diagram": args.diagram, "title": diagram.title, "written": written})
     else:
         print("\n".join(f"wrote {path}" for path in written))
     return 0

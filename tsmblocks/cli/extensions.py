@@ -1,4 +1,4 @@
-"""Blocks and effects of one's own: Python files that are run before anything else a command does."""
+"""User-defined blocks and effects: Python files that are imported before a command runs."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from tsmblocks.cli.common import UsageError
-from tsmblocks.cli.console import note
+from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import TsmError
 
 
-def own_argument(parser: argparse.ArgumentParser) -> None:
+def with_argument(parser: argparse.ArgumentParser) -> None:
     """Declare --with."""
     parser.add_argument(
         "--with",
-        dest="own",
+        dest="extensions",
         metavar="FILE",
         action="append",
         default=[],
-        help="a Python file to run first: blocks and effects that it defines are known; may be given again",
+        help="a Python file to import first, for blocks and effects that it defines; may be repeated",
     )
 
 
-def bring(paths: Iterable[str]) -> None:
+def import_files(paths: Iterable[str]) -> None:
     """Import each file under its name, as ``import`` would, so that worker processes find it too.
 
-    What they print goes beside the answers of the command, which another program may read.
-    Raises UsageError for what is no Python file, has a name that is taken, or ends with an error.
+    What they print goes to standard error, since another program may read the results of the command.
+    Raises UsageError for a file that is no Python file, has the name of another module, or raises an error.
     """
     for path in map(Path, paths):
-        _look_at(path)
+        _check_path(path)
         known = getattr(sys.modules.get(path.stem), "__file__", None)
         if known is None or Path(known).resolve() != path.resolve():
-            _bring(path.resolve(), str(path))
+            _import_file(path.resolve(), str(path))
 
 
-def _look_at(path: Path) -> None:
-    """Refuse what cannot be imported under its name."""
+def _check_path(path: Path) -> None:
+    """Raise UsageError for a file that cannot be imported under its name."""
     if path.suffix != ".py":
         raise UsageError(f"--with takes Python files, and '{path}' does not end in .py.")
     if not path.is_file():
         raise UsageError(f"--with {path}: there is no such file.")
     if not path.stem.isidentifier():
-        raise UsageError(f"--with {path}: '{path.stem}' is no name that Python could import. Rename the file.")
+        raise UsageError(f"--with {path}: '{path.stem}' is not a name that Python can import. Rename the file.")
     try:
         other = importlib.util.find_spec(path.stem)
-    except ValueError:  # what is run itself, __main__, has none
+    except ValueError:  # __main__ has none
         other = None
     place = other and other.origin
     folder = other and not place and other.submodule_search_locations is not None and path.stem not in sys.modules
@@ -59,7 +59,7 @@ def _look_at(path: Path) -> None:
         raise UsageError(f"--with {path}: there is a module named '{path.stem}' already. Rename the file.")
 
 
-def _bring(path: Path, shown: str) -> None:
+def _import_file(path: Path, shown: str) -> None:
     import tsmblocks.blocks  # noqa: F401 - the package's own come first, so that what is new is the file's
     from tsmblocks.effects import catalogue
     from tsmblocks.model.block import REGISTRY
@@ -70,22 +70,23 @@ def _bring(path: Path, shown: str) -> None:
         with contextlib.redirect_stdout(sys.stderr):
             importlib.import_module(path.stem)
     except (Exception, SystemExit) as error:
-        raise UsageError(f"{_place(error, path, shown)}: {_said(error, path)}") from None
+        raise UsageError(f"{_location(error, path, shown)}: {_sentence(error, path)}") from None
     if before == (len(REGISTRY), len(catalogue())):
-        note(f"{shown} defines no block that files may name, and registers no effect.")
+        print_note(f"{shown} defines no block that files may name, and registers no effect.")
 
 
-def _place(error: BaseException, path: Path, shown: str) -> str:
-    """The last line of the file that was being run, or read."""
+def _location(error: BaseException, path: Path, shown: str) -> str:
+    """The file, with the last of its lines that was running or being parsed."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     if isinstance(error, SyntaxError) and error.filename == str(path):
         lines.append(error.lineno)
     return f"{shown}:{lines[-1]}" if lines else shown
 
 
-def _said(error: BaseException, path: Path) -> str:
-    """An error of such a file as one sentence; those of the package need no name."""
-    own = isinstance(error, SyntaxError) and error.filename == str(path)  # else its text has the file and the line
-    text = error.msg if isinstance(error, SyntaxError) and own else str(error)
-    said = text if isinstance(error, TsmError) else f"{type(error).__name__}: {text}".rstrip(": ")
-    return said if said.endswith((".", "?", "!")) else f"{said}."
+def _sentence(error: BaseException, path: Path) -> str:
+    """An error of such a file as one sentence; the class is named unless the package raised it."""
+    text = str(error)
+    if isinstance(error, SyntaxError) and error.filename == str(path):
+        text = error.msg  # without file and line, which the message has already
+    sentence = text if isinstance(error, TsmError) else f"{type(error).__name__}: {text}".rstrip(": ")
+    return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."

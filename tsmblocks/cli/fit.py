@@ -1,9 +1,9 @@
-r"""Fit a diagram's parameters to recordings and say how sure they are.
+r"""Fit a diagram's parameters to recordings, with their confidence intervals.
 
 Each FILE is one experiment; its columns are matched by name to the diagram's
 inputs and outputs. By default every parameter may change, within what its
-block declares, while start values of states stay. Ctrl-C ends the search with
-the best numbers so far. Without --out and --plot nothing is written.
+block declares, while initial states are fixed. Ctrl-C ends the search with
+the best parameters so far. Without --out and --plot nothing is written.
 
   tsmblocks fit tendon_sheath_play --data sheath.csv --out fitted.toml
   tsmblocks fit tendon_sheath_play --data a.txt b.txt \
@@ -27,92 +27,54 @@ from tsmblocks.common.errors import TsmError
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
 
-HELP = "fit parameters to recordings, print them with their intervals"
-TYPED = (
+HELP = "fit parameters to recordings, print them with their confidence intervals"
+OPTION_NAMES = (
     (r"start=\{'([^']+)': …\}", r"--set \1=…"),
     (r"free=\['([^']+)'\]", r"--free '\1'"),
     (r"\b(segments)=(\d+)", r"--\1 \2"),
     (r"method='(\w+)'", r"--method \1"),
 )
-"""Arguments as messages name them, and as they are typed."""
+"""Arguments of the function as messages name them, and the options of the command."""
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
-    parser.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
+    common.diagram_argument(parser)
     measured = parser.add_argument_group("measured data")
     recordings.data_arguments(measured, several=True)
     recordings.condition_argument(measured)
-    _unknowns(parser.add_argument_group("what may change"))
+    _unknowns(parser.add_argument_group("parameters"))
     _search(parser.add_argument_group("search"))
-    common.result_arguments(
-        parser.add_argument_group("results"), "the fitted diagram (with --local one per experiment)"
-    )
+    written = "write the fitted diagram (with --local one per experiment) to a .toml file"
+    common.result_arguments(parser.add_argument_group("results"), written)
 
 
 def _unknowns(options: argparse._ActionsContainer) -> None:
-    add, several = options.add_argument, partial(options.add_argument, nargs="+", action="extend", default=[])
-    add(
-        "--free",
-        metavar="PATTERN",
-        nargs="+",
-        action="extend",
-        help="parameters that may change, such as 'tsm.*' (default: all)",
-    )
+    several = partial(options.add_argument, default=[], **common.SEVERAL)
+    common.free_argument(options)
     several("--local", metavar="PATTERN", help="parameters with a value of their own in each experiment")
-    add("--start-states", action="store_true", help="find the start value of every state too, in each experiment")
-    several(
-        "--set",
-        dest="settings",
-        metavar="NAME=VALUE",
-        type=common.setting,
-        help="the number a parameter starts from, or keeps",
+    options.add_argument(
+        "--start-states", action="store_true", help="estimate the initial state too, in each experiment"
     )
-    several(
-        "--bounds",
-        metavar="NAME=LOW:HIGH",
-        type=common.bounds,
-        help="bounds of a parameter; either side may be left out",
-    )
+    common.settings_argument(options, "the value from which a parameter starts, or which it keeps")
+    bounds = "bounds of a parameter; either side may be left out"
+    several("--bounds", metavar="NAME=LOW:HIGH", type=common.bounds, help=bounds)
     several("--constraint", metavar="TEXT", help="a condition, such as 'alpha2 + A - abs(delta) > 0'")
-    several(
-        "--tie",
-        metavar="NAME=EXPRESSION",
-        type=common.tie,
-        help="a parameter that follows others, such as 'alpha2=alpha1'",
-    )
-    several("--prior", metavar="NAME=MEAN:DEVIATION", type=common.belief, help="what is known of a parameter already")
+    tie = "a parameter that is a function of others, such as 'alpha2=alpha1'"
+    several("--tie", metavar="NAME=EXPRESSION", type=common.tie, help=tie)
+    prior = "a parameter's prior, of a normal distribution"
+    several("--prior", metavar="NAME=MEAN:DEVIATION", type=common.prior, help=prior)
 
 
 def _search(options: argparse._ActionsContainer) -> None:
     add = options.add_argument
-    add(
-        "--outputs",
-        metavar="NAME",
-        nargs="+",
-        action="extend",
-        help="outputs that are compared (default: all that were measured)",
-    )
-    add("--window", metavar="START:STOP", type=common.times, default=None, help="times in s that count (default: all)")
+    common.compared_arguments(options)
     method = add("--method", metavar="M", default="gauss-newton", help="gauss-newton (default), ipopt or ga")
-    common.suggest(method, common.FITS)
-    add(
-        "--segments",
-        metavar="N",
-        type=common.whole,
-        default=1,
-        help="pieces of multiple shooting, with --method ipopt (default 1)",
-    )
-    add("--starts", metavar="N", type=common.whole, default=4, help="starts, random ones after the first (default 4)")
-    add("--seed", metavar="N", type=common.count, default=0, help="of the random starts (default 0)")
-    add(
-        "--step",
-        metavar="H",
-        type=common.finite_float,
-        help="step of the simulation in s (default: found from the data)",
-    )
-    common.hold_argument(options)
+    common.suggest_values(method, common.FITS)
+    segments = "pieces of multiple shooting, with --method ipopt (default 1)"
+    add("--segments", metavar="N", type=common.positive_integer, default=1, help=segments)
+    common.search_arguments(options, starts=4)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -124,8 +86,8 @@ def execute(args: argparse.Namespace) -> int:
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     records = recordings.read_experiments(args, diagram)
     try:
-        with console.progress(console.searched("fitting"), quiet=args.json) as tell:
-            found = fit(
+        with console.progress_line(console.search_progress("fitting"), quiet=args.json) as progress:
+            result = fit(
                 diagram,
                 records,
                 free=args.free,
@@ -143,26 +105,26 @@ def execute(args: argparse.Namespace) -> int:
                 seed=args.seed,
                 step=args.step,
                 hold=args.hold,
-                progress=tell,
+                progress=progress,
             )
     except TsmError as error:
-        raise common.as_typed(error, TYPED) from None
-    found = attrs.evolve(found, notes=tuple(recordings.in_options(text, args) for text in found.notes))
+        raise common.with_option_names(error, OPTION_NAMES) from None
+    result = attrs.evolve(result, notes=tuple(recordings.with_condition_option(text, args) for text in result.notes))
     if not args.json:
-        print(found)
-    written = _saved(found, out, each=bool(args.local))
-    return common.finished(found, {"data": recordings.as_json(records)}, written, plot, args)
+        print(result)
+    written = _save(result, out, each=bool(args.local))
+    return common.finish(result, {"data": recordings.recordings_json(records)}, written, plot, args)
 
 
-def _saved(found: Fit, out: Path | None, *, each: bool) -> list[str]:
-    """Write the fitted diagram, or one for each experiment where numbers differ between them; the paths."""
+def _save(result: Fit, out: Path | None, *, each: bool) -> list[str]:
+    """Write the fitted diagram, or one for each experiment where parameters are local; the paths."""
     from tsmblocks.files import save
 
     if out is None:
         return []
-    if not each or len(found.diagrams) == 1:
-        return [str(found.save(out))]
-    paths = common.marked(out, found.diagrams)
+    if not each or len(result.diagrams) == 1:
+        return [str(result.save(out))]
+    paths = common.paths_by_name(out, result.diagrams)
     for name, path in paths.items():
-        save(found.diagrams[name], path)
+        save(result.diagrams[name], path)
     return [str(path) for path in paths.values()]

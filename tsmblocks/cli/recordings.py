@@ -1,4 +1,4 @@
-"""What commands share that read measurements: their options, and recordings out of the files they name."""
+"""Options of commands that read recordings, and the recordings that they name."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.cli.common import UsageError, finite_float, pair, span
-from tsmblocks.cli.console import note
+from tsmblocks.cli.common import UsageError, finite_number, name_and_value, row_range
+from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
 
@@ -28,25 +28,32 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
         add("--data", metavar="FILE", nargs="+", action="extend", help=f"{what}; each file is one experiment")
     else:
         add("--data", metavar="FILE", help=what)
-    add("--map", metavar="NAME=COLUMN", type=pair, nargs="+", action="extend", default=[], help=named)
+    add("--map", metavar="NAME=COLUMN", type=name_and_value, nargs="+", action="extend", default=[], help=named)
     add(
         "--columns",
         metavar="A,B,C",
-        help="names of the columns, in order, where the file has no header, or another one: 't, x_in [deg], , x_out' "
-        "(empty for those to be left out)",
+        help="names of the columns, in order, where the file has no header, or in its place: 't, x_in [deg], , x_out' "
+        "(empty for a column that is not read)",
     )
     add(
-        "--rows", metavar="FIRST:LAST", type=span, default=(None, None), help="rows of the file to read, counted from 1"
+        "--rows",
+        metavar="FIRST:LAST",
+        type=row_range,
+        default=(None, None),
+        help="rows of the file to read, counted from 1",
     )
     add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
     add(
-        "--sampling", metavar="S", type=finite_float, help="time in s from row to row, for a file without a time column"
+        "--sampling",
+        metavar="S",
+        type=finite_number,
+        help="time in s from row to row, for a file without a time column",
     )
     add(
         "--tail",
         choices=("refuse", "drop"),
         default="refuse",
-        help="what comes after the time jumps back: refuse the file (default), or drop it",
+        help="rows after a jump back in time: refuse the file (default), or drop them",
     )
     add(
         "--gaps",
@@ -57,20 +64,20 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
 
 
 def condition_argument(options: argparse._ActionsContainer) -> None:
-    """Declare --condition, for commands whose measured inputs drive a model as they are."""
+    """Declare --condition, for commands that use measured inputs unfiltered by default."""
     options.add_argument(
         "--condition",
         dest="conditioned",
         action="store_true",
-        help="take the noise out of measured inputs first, as diagnose does",
+        help="filter the noise of measured inputs out first, as diagnose does",
     )
 
 
-def in_options(text: str, args: argparse.Namespace) -> str:
-    """A caution that the input is noisy, with the option in place of a call where it was not given yet."""
+def with_condition_option(text: str, args: argparse.Namespace) -> str:
+    """A note that the input is noisy, with the option of the command in place of the call of Python."""
     if args.conditioned:
         return text
-    return re.sub(r"Filter it first: filtered\('[^']*'\)\.", "Take the noise out first: --condition.", text)
+    return re.sub(r"Filter it first: filtered\('[^']*'\)\.", "Filter it first: --condition.", text)
 
 
 def read_record(
@@ -78,13 +85,13 @@ def read_record(
     only: Iterable[str],
     path: str | None = None,
     also: Iterable[str] = (),
-    tell: bool = True,
+    report: bool = True,
     drives: Iterable[str] = (),
 ) -> Any:
-    """Return the record that the data options describe, its repairs told on standard error where ``tell`` says so.
+    """Read the record that the data options describe; with ``report`` its repairs are printed on standard error.
 
-    ``path`` is the file to read where the options name several; ``also`` are signals kept where they are there, and
-    ``drives`` those that --condition takes the noise out of.
+    ``path`` is the file to read where the options name several; ``also`` are optional signals, and ``drives`` those
+    that --condition filters.
     """
     from tsmblocks.data import read
 
@@ -102,21 +109,21 @@ def read_record(
     )
     if getattr(args, "conditioned", False):
         record = record.conditioned(drives)
-    if tell and not getattr(args, "json", False):
-        repairs(record)
+    if report and not getattr(args, "json", False):
+        print_repairs(record)
     return record
 
 
-def repairs(record: Any) -> None:
-    """Tell on standard error what was repaired in a record."""
+def print_repairs(record: Any) -> None:
+    """Print on standard error what was repaired in a record."""
     for text in record.notes:
-        note(f"{record.origin}: {text}")
+        print_note(f"{record.origin}: {text}")
 
 
 def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any, dict[str, Any]]:
-    """Return the measured record, if any, and the inputs out of it of a diagram that messages call ``shown``.
+    """Read the record, if any, and the inputs of a diagram from it; messages call the diagram ``shown``.
 
-    Outputs that were measured are kept in the record where they are there.
+    Measured outputs are kept in the record.
     """
     wanted = diagram.inports
     if not args.data:
@@ -133,41 +140,41 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     measured = [name for name in diagram.outputs if name not in wanted]
     mapped = _mapped(args, [*wanted, *measured], lambda name: f"'{shown}' has no input or output '{name}'")
     only = [*wanted, *(k for k in measured if k in mapped)]
-    record = read_record(args, only, also=measured, tell=False, drives=wanted)
+    record = read_record(args, only, also=measured, report=False, drives=wanted)
     _refuse_doubtful(args, record, [diagram])
-    record = attrs.evolve(record, notes=(*record.notes, *_noisy(args, record, diagram)))
+    record = attrs.evolve(record, notes=(*record.notes, *_noisy_input_notes(args, record, diagram)))
     if not getattr(args, "json", False):
-        repairs(record)
-    _tell_units(args, [record], [diagram])
+        print_repairs(record)
+    _note_assumed_units(args, [record], [diagram])
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
 
-def read_experiments(args: argparse.Namespace, *diagrams: Any, tell: bool = True) -> dict[str, Any]:
-    """Return the records that the data options name, by experiment, with the signals the diagrams know.
+def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = True) -> dict[str, Any]:
+    """Read the records that the data options name, by experiment, with the signals of the diagrams.
 
-    What was repaired is told on standard error, unless ``tell`` is False: what is printed later says it.
-    Signals that every diagram needs must be there. Raises UsageError without files, or for one given twice.
+    Repairs are printed on standard error, unless ``report`` is False. Signals that every diagram needs are required.
+    Raises UsageError without files, or for one given twice.
     """
     wanted = list(dict.fromkeys(name for d in diagrams for name in d.inputs))
     compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))
     if not args.data:
         raise UsageError(f"give --data FILE with the signals {', '.join([*wanted, *compared])}.")
     mapped = _mapped(args, [*wanted, *compared], lambda name: f"there is no signal '{name}' to compare")
-    _look_at(args.data)
+    _check_paths(args.data)
     needed = [name for name in wanted if all(name in d.inputs for d in diagrams) or name in mapped]
     only = list(dict.fromkeys([*needed, *(name for name in compared if name in mapped)]))
     also = [name for name in dict.fromkeys([*wanted, *compared]) if name not in only]
     records: dict[str, Any] = {}
     for path in args.data:
-        record = read_record(args, only, path, also, tell, wanted)
+        record = read_record(args, only, path, also, report, wanted)
         _refuse_doubtful(args, record, diagrams)
         records[record.name if record.name not in records else str(path)] = record
-    _tell_units(args, [*records.values()], diagrams)
+    _note_assumed_units(args, [*records.values()], diagrams)
     return records
 
 
 def _map(args: argparse.Namespace) -> dict[str, str]:
-    """What --map says: columns by name. Raises UsageError for a name that is given two."""
+    """Columns of --map by name. Raises UsageError for a name with two columns."""
     seen: dict[str, str] = {}
     for written, column in args.map:
         name = split_heading(written)[0]
@@ -178,10 +185,7 @@ def _map(args: argparse.Namespace) -> dict[str, str]:
 
 
 def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[str], str]) -> list[str]:
-    """The names that --map gives to columns. Raises UsageError for one that is neither known nor the time's.
-
-    ``missing`` says that there is none of a name.
-    """
+    """The names in --map. Raises UsageError for one that is unknown and not the time; ``missing`` forms its message."""
     names = []
     for written, column in _map(args).items():
         name = split_heading(written)[0]
@@ -194,28 +198,28 @@ def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[s
     return names
 
 
-def _noisy(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:
-    """Inputs whose noise would drive a model with memory, a sentence for each."""
+def _noisy_input_notes(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:
+    """One sentence for each input whose noise a model with memory would respond to."""
     from tsmblocks.fitting.summary import rough_inputs
     from tsmblocks.simulation.compiled import equations
 
-    return [in_options(text, args) for text in rough_inputs(record, equations(diagram))]
+    return [with_condition_option(text, args) for text in rough_inputs(record, equations(diagram))]
 
 
-def _tell_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:
-    """Say once what signals without a unit are taken to be in, and how to say another, before any work is done."""
+def _note_assumed_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:
+    """Print the units assumed for signals without one, and how to give others, before any work is done."""
     from tsmblocks.data.missing_units import assumed_units
 
     wanted = _units(diagrams)
-    said: dict[str, list[Any]] = {}
+    groups: dict[str, list[Any]] = {}
     for record in records if not getattr(args, "json", False) else ():
         texts = assumed_units(record, wanted)
         if texts:
-            said.setdefault(" ".join(texts), []).append(record)
-    for text, those in said.items():
+            groups.setdefault(" ".join(texts), []).append(record)
+    for text, those in groups.items():
         name = next(k for k in wanted if k in those[0] and wanted[k] and not those[0].unit(k))
-        note(
-            f"{', '.join(record.origin for record in those)}: {text} Where that is wrong, say the unit: "
+        print_note(
+            f"{', '.join(record.origin for record in those)}: {text} Where that is wrong, give the unit: "
             f"--map {_in_degrees(args, name)}."
         )
 
@@ -231,23 +235,23 @@ def _refuse_doubtful(args: argparse.Namespace, record: Any, diagrams: Sequence[A
 
 
 def _units(diagrams: Sequence[Any]) -> dict[str, str]:
-    """The units that signals are wanted in; of several diagrams that of the first."""
+    """Units of the signals of the diagrams; of several diagrams that of the first."""
     return {name: d.unit(name) for d in reversed(diagrams) for name in (*d.inputs, *d.outputs)}
 
 
 def _in_degrees(args: argparse.Namespace, name: str) -> str:
-    """How --map says that a signal is in degrees."""
+    """The value of --map that gives a signal the unit deg."""
     return f"'{name} [deg]={_column(args, name)}'"
 
 
 def _column(args: argparse.Namespace, name: str) -> str:
-    """What the file calls a signal."""
-    return next((own for written, own in args.map if written.strip() == name), name)
+    """The column of a signal."""
+    return next((column for written, column in args.map if written.strip() == name), name)
 
 
-def _look_at(paths: Sequence[str]) -> None:
-    """Refuse files given twice, and diagrams that stand where recordings should."""
-    from tsmblocks.files.shipped import shipped_names
+def _check_paths(paths: Sequence[str]) -> None:
+    """Raise UsageError for a file given twice, and for a diagram in place of a recording."""
+    from tsmblocks.files.shipped import names
 
     seen = set()
     for path in paths:
@@ -255,12 +259,12 @@ def _look_at(paths: Sequence[str]) -> None:
             raise UsageError(f"--data takes recordings, and '{path}' is a diagram. Name diagrams before the options.")
         place = os.path.realpath(path)
         if place in seen:
-            raise UsageError(f"--data names {path} twice; it would count for two experiments.")
+            raise UsageError(f"--data names {path} twice; it would count as two experiments.")
         seen.add(place)
 
 
-def as_json(records: dict[str, Any]) -> list[dict[str, Any]]:
-    """What is said of recordings in JSON: where they come from and what was repaired."""
+def recordings_json(records: dict[str, Any]) -> list[dict[str, Any]]:
+    """Recordings in JSON: origin, number of samples and repairs."""
     return [
         {"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}
         for name, r in records.items()

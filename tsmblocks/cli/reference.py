@@ -1,6 +1,6 @@
 """Build the reference as a folder of HTML that needs no network: blocks, diagrams, effects, concepts, Python, commands.
 
-Every page of a block is written from the block itself. Needs Sphinx and its
+The page of a block is derived from its code. Needs Sphinx and its
 theme: pip install "tsmblocks[reference]".
 
   tsmblocks reference --out reference
@@ -18,7 +18,7 @@ from tsmblocks.cli import common, console
 
 HELP = "build the reference pages: blocks, diagrams, effects, concepts, Python, commands"
 WIDTH = 80
-"""Columns of what a command's help prints in its page."""
+"""Columns of the help of a command in its page."""
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,17 +36,17 @@ def execute(args: argparse.Namespace) -> int:
     need_sphinx()
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
-    with console.progress(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=args.json) as tell:
-        count = build(folder, _helps(args), tell)
+    with console.progress_line(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=args.json) as progress:
+        count = build(folder, _helps(args), progress)
     if args.json:
-        console.give({"pages": count, "index": folder / "index.html"})
+        console.print_json({"pages": count, "index": folder / "index.html"})
     else:
         print(f"{count} pages; begin at {folder / 'index.html'}")
     return 0
 
 
 def _helps(args: argparse.Namespace) -> Mapping[str, tuple[str, str]]:
-    """What each command does, and what its help prints."""
+    """By command: one line on it, and its help."""
     with _wide(WIDTH):
         _, made = args.parsers()
         return {name: (args.helps[name], parser.format_help()) for name, parser in made.items()}
@@ -54,7 +54,7 @@ def _helps(args: argparse.Namespace) -> Mapping[str, tuple[str, str]]:
 
 @contextmanager
 def _wide(columns: int) -> Iterator[None]:
-    """A terminal of so many columns, so that the pages are the same everywhere."""
+    """Set COLUMNS, so that the pages are the same everywhere."""
     before = os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = str(columns)
     try:

@@ -1,9 +1,9 @@
-"""Run a diagram and say what came out of it.
+"""Run a diagram and print its results.
 
 With outputs x_ref and x_out, the peak-to-peak and rms tracking error are printed, over the second
-half of the run (the transient of the start is over) and over all of it. Otherwise a table of outputs.
-Outputs that were measured too are compared: what is left between measurement and run is printed, and
-the measurement is drawn beside the run.
+half of the run (after the initial transient) and over all of it. Otherwise a table of outputs.
+Outputs that were measured too are compared: the residual, measurement less run, is printed, and the
+measurement is plotted with the run.
 """
 
 from __future__ import annotations
@@ -22,21 +22,20 @@ HELP = "run a diagram, print its tracking error or a table of outputs"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
-    add("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-    add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
-    add("--step", type=common.finite_float, metavar="H", default=1e-3, help="step in s (default 0.001)")
-    method = add("--method", metavar="M", default="rk4", help="euler, heun or rk4 (default)")
-    common.suggest(method, common.METHODS)
+    common.diagram_argument(parser)
+    add(
+        "--stop", type=common.finite_number, metavar="S", help="end of the run in s (default: end of the data, else 20)"
+    )
+    add("--step", type=common.finite_number, metavar="H", default=1e-3, help="step in s (default 0.001)")
+    common.method_argument(parser)
     common.settings_argument(parser)
     recordings.data_arguments(parser)
     recordings.condition_argument(parser)
     common.hold_argument(parser)
-    add("--out", metavar="FILE", help="write the outputs to a .csv, .npz or .mat file")
-    add("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
-    add("--every", type=common.whole, metavar="N", default=1, help="keep every N-th instant (default 1)")
+    common.result_arguments(parser, "write the outputs to a .csv, .npz or .mat file")
+    add("--every", type=common.positive_integer, metavar="N", default=1, help="keep every N-th time step (default 1)")
     backend = add("--backend", metavar="B", default="", help="llvm or casadi (default: llvm where it is installed)")
-    common.suggest(backend, common.BACKENDS)
-    common.json_argument(parser)
+    common.suggest_values(backend, common.BACKENDS)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -48,18 +47,18 @@ def execute(args: argparse.Namespace) -> int:
     record, inputs = recordings.read_inputs(args, diagram, args.diagram)
     run = _simulate(args, diagram, record, inputs, out)
     written = [str(run.save(out))] if out else []
-    beside = _beside(diagram, run, record)
+    residuals = _residuals(diagram, run, record)
     if plot:
-        written.append(str(_plot(run, plot, beside)))
-    summary = {**summarise(run, args.diagram, record, beside), "every": args.every}
+        written.append(str(_plot(run, plot, residuals)))
+    summary = {**summarise(run, args.diagram, record, residuals), "every": args.every}
     if args.json:
-        console.give({**summary, "written": written})
+        console.print_json({**summary, "written": written})
     else:
         print(summary_text(summary))
         for path in written:
             print(f"wrote {path}")
     if not run.complete:
-        console.complain(
+        console.print_error(
             f"stopped at t = {run.t[-1]:g} s; the result up to there is what you see"
             f"{' and what was written' if written else ''}."
         )
@@ -68,12 +67,12 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[str, Any], out: Path | None) -> Any:
-    """Run the diagram; a run that breaks off leaves what there was of it in the file asked for."""
+    """Run the diagram; a run that fails is written up to that time."""
     from tsmblocks.simulation.simulate import simulate
 
     start = float(record.t[0]) if record is not None else 0.0
     try:
-        with console.progress(console.percent("running"), quiet=args.json) as tell:
+        with console.progress_line(console.percent_progress("running"), quiet=args.json) as progress:
             return simulate(
                 diagram,
                 start=start,
@@ -83,17 +82,17 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
                 inputs=inputs,
                 log="outputs" if diagram.outputs else "all",
                 every=args.every,
-                progress=tell,
+                progress=progress,
                 backend=args.backend,
             )
     except RunError as error:
         if out and error.run is not None and len(error.run.t):
-            console.note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
+            console.print_note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
         raise
 
 
-def _beside(diagram: Any, run: Any, record: Any) -> Any:
-    """What is left between the measured outputs and the run; None where none was measured."""
+def _residuals(diagram: Any, run: Any, record: Any) -> Any:
+    """Residuals of the measured outputs; None where none was measured."""
     names = [name for name in run.aliases if record is not None and name in record]
     if not names:
         return None
@@ -102,11 +101,11 @@ def _beside(diagram: Any, run: Any, record: Any) -> Any:
     return of_run(diagram, run, record, names)
 
 
-def _plot(run: Any, path: Path, beside: Any) -> Path:
+def _plot(run: Any, path: Path, residuals: Any) -> Path:
     from tsmblocks.plots import plot_run, plot_tracking
 
-    if beside is not None:
-        figure = beside.plot()
+    if residuals is not None:
+        figure = residuals.plot()
     else:
         figure = plot_tracking({"x_out": run}, title=run.title) if _tracks(run) else plot_run(run)
     figure.savefig(path, dpi=150)
@@ -117,11 +116,11 @@ def _tracks(run: Any) -> bool:
     return "x_ref" in run.aliases and "x_out" in run.aliases
 
 
-# ---- what is said -------------------------------------------------------------------------------
+# ---- text ---------------------------------------------------------------------------------------
 
 
-def summarise(run: Any, diagram: str, record: Any = None, beside: Any = None) -> dict[str, Any]:
-    """All that the command says about a run, as plain values."""
+def summarise(run: Any, diagram: str, record: Any = None, residuals: Any = None) -> dict[str, Any]:
+    """All that the command reports of a run, as plain values."""
     made: dict[str, Any] = {
         "diagram": diagram,
         "title": run.title,
@@ -142,8 +141,8 @@ def summarise(run: Any, diagram: str, record: Any = None, beside: Any = None) ->
             "max": float(y.max()),
             "last": float(y[-1]),
         }
-    if beside is not None:
-        made["measured"] = [{**d.to_dict(), "peak_to_peak": d.peak_to_peak} for d in beside]
+    if residuals is not None:
+        made["measured"] = [{**d.to_dict(), "peak_to_peak": d.peak_to_peak} for d in residuals]
     if _tracks(run):
         from tsmblocks.metrics.tracking import tracking_error
 
@@ -166,7 +165,7 @@ def _error(error: Any) -> dict[str, Any]:
 
 
 def summary_text(summary: dict[str, Any]) -> str:
-    """Return the summary as the terminal shows it."""
+    """The summary as text."""
     title = summary["title"] or summary["diagram"]
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
     kept = f", every {summary['every']}th kept" if summary["every"] > 1 else ""
@@ -176,14 +175,14 @@ def summary_text(summary: dict[str, Any]) -> str:
         return f"{first}\n\n{_tracking_table(summary)}{last}"
     rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]
     rows += [
-        (name, y["unit"], *(common.show(y[k]) for k in ("min", "max", "last")))
+        (name, y["unit"], *(common.format_number(y[k]) for k in ("min", "max", "last")))
         for name, y in summary["outputs"].items()
     ]
     return f"{first}\n\n{columns(rows, left=frozenset({0, 1}))}{last}"
 
 
 def _measured_table(summary: dict[str, Any]) -> str:
-    """How far measured outputs are from the run, angles in degrees too."""
+    """Table of the residuals, angles in degrees too."""
     rows: list[tuple[str, ...]] = [("measured less run", "peak to peak", "rms", "largest", "samples")]
     for d in summary["measured"]:
         words = (d["output"], str(d["samples"]))
@@ -209,7 +208,7 @@ def _tracking_table(summary: dict[str, Any]) -> str:
 
 
 def _units(unit: str) -> list[tuple[str, float]]:
-    """Return the units an error is shown in: its own, and degrees for an angle."""
+    """Units in which an error is printed, with their factors: its own, or for an angle radians and degrees."""
     from tsmblocks.common import units
 
     angle = units.parse(unit).dimension == units.parse("rad").dimension

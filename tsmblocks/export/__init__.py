@@ -1,4 +1,4 @@
-"""What leaves the toolbox: C source of a diagram, MAT files for MATLAB and Simulink."""
+"""Export of a diagram: C source, MAT files for MATLAB and Simulink."""
 
 from tsmblocks.export.c import Code as Code
 from tsmblocks.export.c import to_c as to_c

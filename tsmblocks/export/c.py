@@ -1,6 +1,6 @@
 """A diagram as C99: ``init`` and ``step``, no allocation, nothing but math.h.
 
-What is written are the instructions that the engine compiles, so a block needs nothing of its own for this.
+The source has the instructions that the engine compiles, so blocks declare nothing for it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, time_jumps
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
-from tsmblocks.export.operations import GREATEST, LEAST, c_double, statements
+from tsmblocks.export.operations import GREATEST, LEAST, literal, statements
 from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -33,14 +33,47 @@ from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
 
 @attrs.frozen
 class Code:
-    """A diagram in C: texts of the header and of the source, for files ``name``.h and ``name``.c."""
+    """A diagram in C: the texts of a header and of a source file.
+
+    Parameters
+    ----------
+    name : str
+        Name of the files without ending, and prefix of the functions.
+    header : str
+        Text of ``NAME.h``.
+    source : str
+        Text of ``NAME.c``.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> code = tsm.export.to_c(tsm.load("eq11_compensator"), step=1e-3, name="compensator")
+    >>> code.header.splitlines()[2]
+    '#ifndef COMPENSATOR_H'
+    """
 
     name: str
     header: str = attrs.field(repr=False)
     source: str = attrs.field(repr=False)
 
     def save(self, folder: str | Path = ".") -> tuple[Path, Path]:
-        """Write both files into a folder; their paths. Raises OSError where that cannot be."""
+        """Write both files into a folder.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path, default "."
+            An existing folder.
+
+        Returns
+        -------
+        tuple of pathlib.Path
+            Paths of header and source.
+
+        Raises
+        ------
+        OSError
+            The files cannot be written.
+        """
         paths = tuple(Path(folder) / f"{self.name}.{ending}" for ending in ("h", "c"))
         for path, text in zip(paths, (self.header, self.source), strict=True):
             replace_file(path, text)
@@ -48,14 +81,41 @@ class Code:
 
 
 def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "controller") -> Code:
-    """A diagram as C99 that takes one fixed step at each call.
+    """Write a diagram as C99 that takes one fixed step at each call.
 
-    ``NAME_init(&c)`` sets start values and the diagram's numbers, which then stand in ``c.p`` and may be changed.
-    ``NAME_step(&c, &u, &y)`` gives the outputs ``y`` for the inputs ``u`` of this instant, and takes the step of
-    ``step`` [s] to the next one with the inputs held: the same as ``simulate`` with inputs of ``hold="zero"``. Where an
-    input's slope enters (an exact Derivative), the slope is an input of its own, ``NAME_dot``. Nothing is allocated;
-    math.h is all that is needed. Raises RunError for signals that are made for a whole run (noise, recordings), and
-    ParameterError for a name that C does not take.
+    ``NAME_init(&c)`` sets the initial state and the parameters, which are then in ``c.p`` and may be changed.
+    ``NAME_step(&c, &u, &y)`` computes the outputs ``y`` for the inputs ``u`` of this instant, and takes one step with
+    the inputs held: the same as ``simulate`` with ``hold="zero"``. Where the derivative of an input enters (an exact
+    Derivative), it is another input, ``NAME_dot``. Nothing is allocated; only math.h is needed.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram, with inputs and outputs.
+    step : float
+        Time step in s, positive.
+    method : str, default "rk4"
+        Integration method: "euler", "heun" or "rk4".
+    name : str, default "controller"
+        Prefix of the functions and name of the files: letters, digits and underscores.
+
+    Returns
+    -------
+    Code
+        Texts of header and source.
+
+    Raises
+    ------
+    RunError
+        The diagram has signals that are computed for a whole run (noise, recordings).
+    ParameterError
+        ``step`` or ``method`` is invalid, or ``name`` is no identifier of C.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> tsm.export.to_c(tsm.load("eq11_compensator"), step=1e-3, name="compensator")
+    Code(name='compensator')
     """
     diagram, h = as_diagram(diagram), as_positive("step", step)
     if not isinstance(name, str) or not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or name in WORDS:
@@ -76,7 +136,7 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
 
 
 class _Text:
-    """The text for one diagram."""
+    """Header and source of one diagram."""
 
     def __init__(self, eq: Equations, p: np.ndarray, h: float, method: Method, name: str) -> None:
         self.eq, self.values, self.h, self.method, self.name = eq, p, h, method, name
@@ -123,7 +183,7 @@ class _Text:
         yield f"    double x[{max(len(eq.x), 1)}];  /* states: {comment(', '.join(eq.x)) or 'none'} */"
         yield f"    double d[{max(len(eq.d), 1)}];  /* memory: {comment(', '.join(eq.d)) or 'none'} */"
         if eq.q:
-            yield f"    double past[{len(eq.q)}][{self.room}];  /* of what is delayed */"
+            yield f"    double past[{len(eq.q)}][{self.room}];  /* of delayed signals */"
         yield "    long long k;  /* steps taken */"
         yield f"}} {n};"
         yield ""
@@ -160,12 +220,12 @@ class _Text:
         text = "\n".join(body)
         limits = [LEAST] * ("least(" in text) + [GREATEST] * ("greatest(" in text)
         if limits:
-            yield "/* Limits that do not hide a value that is no number. */"
+            yield "/* Limits that keep NaN. */"
             yield "\n".join(limits)
         yield from body
 
     def _place(self, program: Program) -> Any:
-        """Where inputs of a program stand."""
+        """The expression in C of each input of a program."""
         plain = {"t": "t", "x": "x[{}]", "d": "d[{}]", "q": "q[{}]", "hit": "hit[{}]"}
 
         def place(slot: int, index: int) -> str:
@@ -181,7 +241,7 @@ class _Text:
     def _function(
         self, head: str, program: Program, stored: Mapping[str, tuple[int, int]], unused: list[str]
     ) -> Iterator[str]:
-        """A function that stores outputs of a program: what is assigned -> (slot, index)."""
+        """A function that stores outputs of a program: target of the assignment -> (slot, index)."""
         goals = {target: program.outputs[place] for target, place in stored.items() if place in program.outputs}
         zero = [f"    {target} = 0.0;" for target in stored if target not in goals]
         lines = statements(program, goals, self._place(program))
@@ -208,7 +268,7 @@ class _Text:
             yield "    int i;"
             yield "    int j;"
         for name, value in zip(self.p, self.values, strict=True):
-            yield f"    c->p.{name} = {c_double(float(value))};"
+            yield f"    c->p.{name} = {literal(float(value))};"
         if not self.p:
             yield "    c->p.none = 0;"
         for k in range(not eq.x):
@@ -239,7 +299,7 @@ class _Text:
         n, eq = self.name, self.eq
         stored = {**_array("dn", 0, eq.d), **_array("xn", 1, eq.x)}
         head = f"{n}_update({self._given}, const double *hit, double *dn, double *xn)"
-        yield "/* What samples and memory become at an instant. */"
+        yield "/* Samples and memory after an instant. */"
         yield from self._function(head, self.update, stored, ["p", "t", "x", "d", "u", "q", "hit", "dn", "xn"])
         yield ""
 
@@ -248,14 +308,14 @@ class _Text:
         shown = zip(self.y, eq.aliases.values(), strict=True)
         stored = {f"y->{name}": (1, eq.y.index(signal)) for name, signal in shown} | _array("s", 2, eq.q)
         head = f"{n}_signals({self._given}, {n}_outputs *y, double *s)"
-        yield "/* Outputs, and what is to be delayed, at an instant. */"
+        yield "/* Outputs and signals to be delayed at an instant. */"
         yield from self._function(head, self.rhs, stored, ["p", "t", "x", "d", "u", "q", "y", "s"])
 
     def _rates(self) -> Iterator[str]:
         if not self.eq.x:
             return
         head = f"{self.name}_rates({self._given}, double *dx)"
-        yield "/* Rates of the states. */"
+        yield "/* Derivatives of the states. */"
         yield from self._function(head, self.rhs, _array("dx", 0, self.eq.x), ["p", "t", "x", "d", "u", "q", "dx"])
 
     def _past(self) -> Iterator[str]:
@@ -273,7 +333,7 @@ class _Text:
             count=len(self.eq.q),
             mask=self.room - 1,
             room=self.room,
-            h=c_double(self.h),
+            h=literal(self.h),
             spare=SPARE,
         ).split("\n")
 
@@ -283,7 +343,7 @@ class _Text:
         yield f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y)"
         yield "{"
         yield f"    const {n}_parameters *p = &c->p;"
-        yield f"    const double t = (double)c->k * {c_double(self.h)};"
+        yield f"    const double t = (double)c->k * {literal(self.h)};"
         if eq.x:
             yield f"    double slope[{stages}][{len(eq.x)}];"
             yield f"    double ahead[{len(eq.x)}];"
@@ -303,7 +363,7 @@ class _Text:
         yield "}"
 
     def _act(self, past: str) -> Iterator[str]:
-        """Samples and memory act before anything is read at an instant."""
+        """Samples and memory are updated before any signal of an instant."""
         n, eq = self.name, self.eq
         if self.update is None:
             return
@@ -328,19 +388,19 @@ class _Text:
         yield "    }"
 
     def _stages(self, past: str) -> Iterator[str]:
-        """The step of the method, the inputs held."""
+        """The step of the method, with the inputs held."""
         n, eq, method = self.name, self.eq, self.method
         if not eq.x:
             return
         for k, (row, offset) in enumerate(zip(method.rows, method.offsets, strict=True)):
-            terms = [f"{c_double(self.h)} * {c_double(a)} * slope[{j}][i]" for j, a in enumerate(row) if a]
+            terms = [f"{literal(self.h)} * {literal(a)} * slope[{j}][i]" for j, a in enumerate(row) if a]
             yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
             yield f"        ahead[i] = {' + '.join(['c->x[i]', *terms])};"
             yield "    }"
             if eq.q and k:
-                yield f"    {n}_recall(c, {c_double(offset)}, q);"
+                yield f"    {n}_recall(c, {literal(offset)}, q);"
             yield f"    {n}_rates(p, {self._time(offset)}, ahead, c->d, u, {past}, slope[{k}]);"
-        terms = [f"{c_double(self.h)} * {c_double(b)} * slope[{j}][i]" for j, b in enumerate(method.weights)]
+        terms = [f"{literal(self.h)} * {literal(b)} * slope[{j}][i]" for j, b in enumerate(method.weights)]
         yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
         yield f"        c->x[i] += {' + '.join(terms)};"
         yield "    }"
@@ -349,10 +409,10 @@ class _Text:
         if offset == 0:
             return "t"
         if offset == 1:
-            end = f"(double)(c->k + 1) * {c_double(self.h)}"
-            hair = f"{c_double(JUMP_OFFSETS[0] * self.h)} + {c_double(JUMP_OFFSETS[1])} * fabs({end})"
-            return f"{end} - fmin({hair}, {c_double(JUMP_OFFSETS[2] * self.h)})" if self.jumps else end
-        return f"t + {c_double(offset)} * {c_double(self.h)}"
+            end = f"(double)(c->k + 1) * {literal(self.h)}"
+            hair = f"{literal(JUMP_OFFSETS[0] * self.h)} + {literal(JUMP_OFFSETS[1])} * fabs({end})"
+            return f"{end} - fmin({hair}, {literal(JUMP_OFFSETS[2] * self.h)})" if self.jumps else end
+        return f"t + {literal(offset)} * {literal(self.h)}"
 
 
 def _array(name: str, slot: int, elements: Sized) -> dict[str, tuple[int, int]]:

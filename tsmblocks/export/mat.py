@@ -1,4 +1,4 @@
-"""A diagram as a MAT file, for those who go on in MATLAB or Simulink."""
+"""A diagram as a MAT file for MATLAB or Simulink."""
 
 from __future__ import annotations
 
@@ -14,17 +14,41 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
-LONGEST = 63
-"""Characters of a name in MATLAB."""
+MAX_NAME_LENGTH = 63
+"""Characters of a name in MATLAB, at most (``namelengthmax``)."""
 
 
 def to_mat(diagram: Diagram, path: str | Path) -> Path:
-    """Write a diagram's numbers, wiring and linear model to a .mat file; the path.
+    """Write the parameters, wiring and linear model of a diagram to a .mat file.
 
-    ``parameters`` is a structure of structures (``parameters.pid.kp``), ``states`` has start values, ``blocks`` and
-    ``wires`` are lists of texts, ``inputs`` and ``outputs`` names. Where the diagram stands still with its inputs at
-    zero and has a linear model there, ``A``, ``B``, ``C`` and ``D`` are that of ``linearize``. Raises DataError for
-    another ending, and where two names would be one in MATLAB.
+    ``parameters`` is a structure of structures (``parameters.pid.kp``), ``states`` has the initial states, ``blocks``
+    and ``wires`` are lists of texts, ``inputs`` and ``outputs`` names. Where the diagram has an equilibrium with its
+    inputs at zero and a linear model there, ``A``, ``B``, ``C`` and ``D`` are those of ``linearize``.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    path : str or pathlib.Path
+        The file, with the ending ``.mat``.
+
+    Returns
+    -------
+    pathlib.Path
+        The path of the file.
+
+    Raises
+    ------
+    DataError
+        The path has another ending or no folder, or two names would be one in MATLAB.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import tsmblocks as tsm
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     tsm.export.to_mat(tsm.load("motor_linear"), f"{folder}/motor.mat").name
+    'motor.mat'
     """
     from scipy.io import savemat
 
@@ -60,14 +84,14 @@ def _linear(diagram: Diagram) -> dict[str, Any]:
 
 
 def _texts(values: Any) -> np.ndarray:
-    listed = ["".join(v) for v in values]  # plain texts: names from a file know their place
+    listed = ["".join(v) for v in values]  # plain str: names from a file have a position
     made = np.empty(len(listed), dtype=object)
     made[:] = listed
     return made
 
 
 def _nested(numbers: dict[str, float]) -> dict[str, Any]:
-    """Numbers by dotted names as structures inside structures; ``den[0]``, ``den[1]`` as ``den_0``, ``den_1``."""
+    """Values by dotted names as structures inside structures; ``den[0]``, ``den[1]`` as ``den_0``, ``den_1``."""
     made: dict[str, Any] = {}
     for name, value in numbers.items():
         *path, last = [re.sub(r"[^a-zA-Z0-9_]+", "_", part).strip("_") for part in name.split(".")]
@@ -75,10 +99,10 @@ def _nested(numbers: dict[str, float]) -> dict[str, Any]:
         for part in path:
             place = place.setdefault(_short(part), {})
         if not isinstance(place, dict) or _short(last) in place:
-            raise DataError(f"'{name}' would have the name of another number in MATLAB.")
+            raise DataError(f"'{name}' would have the name of another parameter in MATLAB.")
         place[_short(last)] = value
     return made
 
 
 def _short(name: str) -> str:
-    return (name if name[:1].isalpha() else f"v_{name}")[:LONGEST]
+    return (name if name[:1].isalpha() else f"v_{name}")[:MAX_NAME_LENGTH]

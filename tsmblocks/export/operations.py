@@ -1,4 +1,4 @@
-"""CasADi's scalar operations as C99: the same list of instructions that the engine compiles."""
+"""CasADi's scalar operations as C99: the list of instructions that the engine compiles."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ static double greatest(double a, double b)
 """
 
 
-def c_double(value: float) -> str:
-    """A double as C writes it, read back as the same number."""
+def literal(value: float) -> str:
+    """A double as a literal of C that is read back as the same value."""
     if math.isnan(value):
         return "(0.0 / 0.0)"
     if value in (float("inf"), float("-inf")):
@@ -66,9 +66,9 @@ def c_double(value: float) -> str:
 def statements(
     program: Program, goals: Mapping[str, int], place: Callable[[int, int], str], indent: str = "    "
 ) -> list[str]:
-    """C that forms nodes and stores them: ``goals`` maps what is assigned to nodes.
+    """C statements that compute nodes and store them: ``goals`` maps targets of assignments to nodes.
 
-    ``place(slot, index)`` is where an input of the function stands.
+    ``place(slot, index)`` is the expression of an input of the function.
     """
     wanted = program.needed(goals.values())
     texts: dict[int, str] = {}
@@ -76,17 +76,17 @@ def statements(
     for node in sorted(wanted):
         name, args = program.nodes[node]
         if name == "CONST":
-            texts[node] = c_double(args[0])
+            texts[node] = literal(args[0])
         elif name == "INPUT":
             texts[node] = place(*args)
         else:
-            lines.append(f"{indent}const double a{node} = {formed(name, [texts[j] for j in args])};")
+            lines.append(f"{indent}const double a{node} = {expression(name, [texts[j] for j in args])};")
             texts[node] = f"a{node}"
     return [*lines, *(f"{indent}{target} = {texts[node]};" for target, node in goals.items())]
 
 
-def formed(name: str, args: Iterable[str]) -> str:
-    """One operation on texts. Raises TsmError for one that C does not have."""
+def expression(name: str, args: Iterable[str]) -> str:
+    """One operation on operands in C. Raises TsmError for one that C lacks."""
     if name not in _FORMS:
         raise TsmError(f"the operation {name} cannot be written in C.")
     return _FORMS[name].format(*args)

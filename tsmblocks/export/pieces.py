@@ -1,4 +1,4 @@
-"""Pieces of C text: names and comments as C takes them, and how the past of delayed signals is kept."""
+"""Parts of C text: valid names and comments, and the buffers of delayed signals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from tsmblocks.common.tables import unlike
 
 SPARE = 8
-"""Instants kept of a delayed signal beyond its delay."""
+"""Samples of a delayed signal in its buffer beyond its delay. Chosen: more than the interpolation needs (4)."""
 WORDS = frozenset(
     re.findall(
         r"\w+",
@@ -22,10 +22,10 @@ WORDS = frozenset(
 """,
     )
 )
-"""Words that C, or its mathematics, keeps for itself."""
+"""Keywords of C99, and names of <math.h> and <stdio.h> (ISO/IEC 9899:1999)."""
 
 PAST = """\
-/* Keeps what is to be delayed. */
+/* Stores the signals to be delayed. */
 static void {n}_keep({n} *c, const double *s)
 {{
     int i;
@@ -34,8 +34,8 @@ static void {n}_keep({n} *c, const double *s)
     }}
 }}
 
-/* What is kept around an instant so many steps ahead: values oldest first, the newest one's time, steps per second and
-   how many there have been up to it. A delay made longer than there is room for counts as the longest there is. */
+/* The stored values around an instant so many steps ahead: oldest first, then the time of the newest, steps per second
+   and the number of steps up to it. A delay longer than the buffer is taken as the longest that it can hold. */
 static void {n}_recall(const {n} *c, double offset, double *q)
 {{
     double tau[{count}];
@@ -69,12 +69,12 @@ static void {n}_recall(const {n} *c, double offset, double *q)
 
 
 def used(name: str, text: str) -> bool:
-    """Whether an argument stands in a text: an array, a pointer, or the time."""
+    """Whether an argument (an array, a pointer, or the time) occurs in a text."""
     return re.search(rf"(?<![\w.>]){name}(?:\[|->)" if name != "t" else r"(?<![\w.>])t(?![\w(])", text) is not None
 
 
 def identifiers(names: Iterable[str]) -> list[str]:
-    """Names as C takes them, no two alike."""
+    """Names as distinct identifiers of C."""
     return unlike(map(_identifier, names))
 
 
@@ -84,5 +84,5 @@ def _identifier(name: str) -> str:
 
 
 def comment(text: str) -> str:
-    """A text that may stand in a comment."""
+    """A text that can be part of a comment."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())
