@@ -67,7 +67,7 @@ class Parser(argparse.ArgumentParser):
 # ---- arguments ----------------------------------------------------------------------------------
 
 
-def finite_number(text: str) -> float:
+def finite_float(text: str) -> float:
     """Return a finite number."""
     try:
         value = float(text)
@@ -113,12 +113,12 @@ def time_range(text: str) -> tuple[float | None, float | None]:
     first, colon, last = text.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not START:STOP in s, such as 2.5:10 or 5:")
-    return (finite_number(first) if first else None), (finite_number(last) if last else None)
+    return (finite_float(first) if first else None), (finite_float(last) if last else None)
 
 
 def share_or_time_range(text: str) -> float | tuple[float | None, float | None]:
     """A share such as ``0.5``, or ``START:STOP`` in s."""
-    return time_range(text) if ":" in text else finite_number(text)
+    return time_range(text) if ":" in text else finite_float(text)
 
 
 def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
@@ -128,7 +128,7 @@ def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
     low, colon, high = value.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (finite_number(low) if low else None, finite_number(high) if high else None)
+    return name, (finite_float(low) if low else None, finite_float(high) if high else None)
 
 
 def prior(text: str) -> tuple[str, tuple[float, float]]:
@@ -138,7 +138,7 @@ def prior(text: str) -> tuple[str, tuple[float, float]]:
     mean, colon, deviation = value.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (finite_number(mean), finite_number(deviation))
+    return name, (finite_float(mean), finite_float(deviation))
 
 
 def tie(text: str) -> tuple[str, str]:
@@ -239,7 +239,7 @@ def search_arguments(options: argparse._ActionsContainer, *, starts: int | None 
         add("--starts", metavar="N", type=positive_integer, default=starts, help=about)
     seed_argument(options)
     about = "step of the simulation in s (default: chosen from the data)"
-    add("--step", metavar="H", type=finite_number, help=about)
+    add("--step", metavar="H", type=finite_float, help=about)
     hold_argument(options, hold)
 
 

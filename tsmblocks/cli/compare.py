@@ -77,9 +77,7 @@ def execute(args: argparse.Namespace) -> int:
         _figure(results, args.each).savefig(plot, dpi=150)
         written.append(str(plot))
     facts = {"format": 1, "each": {name: one.to_dict() for name, one in results.items()}} if args.each else None
-    common.report_results(
-        {**(facts or results[""].to_dict()), "data": recordings.recordings_json(records)}, written, args
-    )
+    common.report_results({**(facts or results[""].to_dict()), "data": recordings.as_json(records)}, written, args)
     missing = [name for name in models if any(name not in [row.name for row in one] for one in results.values())]
     missing += [name for name in groups if name not in results]
     return common.exit_status(any(one.interrupted for one in results.values()), written, missing)

@@ -109,7 +109,7 @@ def _tell_story(hidden: str, seed: int, quiet: bool) -> Story:
     from tsmblocks.demo.story import build_story
 
     with console.progress_line(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=quiet) as progress:
-        return told(hidden, seed, progress)
+        return build_story(hidden, seed, progress)
 
 
 # ---- text ---------------------------------------------------------------------------------------
@@ -148,10 +148,11 @@ def _fit_text(story: Story) -> str:
 
 
 def _diagnosis_text(story: Story) -> str:
-    from tsmblocks.diagnosis.text import verdict
+    from tsmblocks.diagnosis.text import verdict_sentence
 
     segment = story.diagnosis.worst
-    return f"4. The unmodelled effect is diagnosed\n\n{_wrapped(f'{segment.verdict.upper()}. {verdict(segment)}')}"
+    text = _wrapped(f"{segment.verdict.upper()}. {verdict_sentence(segment)}")
+    return f"4. The unmodelled effect is diagnosed\n\n{text}"
 
 
 def _tracking_text(story: Story) -> str:

@@ -102,7 +102,7 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         print(result)
     written = _save(result, folder)
-    return common.finish(result, {"data": recordings.recordings_json(records)}, written, plot, args)
+    return common.finish(result, {"data": recordings.as_json(records)}, written, plot, args)
 
 
 def _folder(text: str | None) -> Path | None:

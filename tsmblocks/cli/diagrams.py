@@ -20,7 +20,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files import load
     from tsmblocks.files.shipped import shipped_names
 
-    listed = {name: load(name).title for name in names()}
+    listed = {name: load(name).title for name in shipped_names()}
     console.print_json(listed) if args.json else print(list_text(listed))
     return 0
 

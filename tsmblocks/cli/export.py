@@ -22,7 +22,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     common.diagram_argument(parser)
     add("--out", metavar="FILE", required=True, help="a .c file (its header is written beside it) or a .mat file")
-    add("--step", type=common.finite_number, metavar="H", default=None, help="step of the C code in s (default 0.001)")
+    add("--step", type=common.finite_float, metavar="H", default=None, help="step of the C code in s (default 0.001)")
     common.method_argument(parser, default=None, what="method of the C code: ")
     common.settings_argument(parser)
     common.json_argument(parser)

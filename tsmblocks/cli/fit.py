@@ -113,7 +113,7 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         print(result)
     written = _save(result, out, each=bool(args.local))
-    return common.finish(result, {"data": recordings.recordings_json(records)}, written, plot, args)
+    return common.finish(result, {"data": recordings.as_json(records)}, written, plot, args)
 
 
 def _save(result: Fit, out: Path | None, *, each: bool) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.cli.common import UsageError, finite_number, name_and_value, row_range
+from tsmblocks.cli.common import UsageError, finite_float, name_and_value, row_range
 from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
@@ -44,10 +44,7 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     )
     add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
     add(
-        "--sampling",
-        metavar="S",
-        type=finite_number,
-        help="time in s from row to row, for a file without a time column",
+        "--sampling", metavar="S", type=finite_float, help="time in s from row to row, for a file without a time column"
     )
     add(
         "--tail",
@@ -251,7 +248,7 @@ def _column(args: argparse.Namespace, name: str) -> str:
 
 def _check_paths(paths: Sequence[str]) -> None:
     """Raise UsageError for a file given twice, and for a diagram in place of a recording."""
-    from tsmblocks.files.shipped import names
+    from tsmblocks.files.shipped import shipped_names
 
     seen = set()
     for path in paths:
@@ -263,7 +260,7 @@ def _check_paths(paths: Sequence[str]) -> None:
         seen.add(place)
 
 
-def recordings_json(records: dict[str, Any]) -> list[dict[str, Any]]:
+def as_json(records: dict[str, Any]) -> list[dict[str, Any]]:
     """Recordings in JSON: origin, number of samples and repairs."""
     return [
         {"experiment": name, "origin": r.origin, "samples": len(r), "notes": list(r.notes)}

@@ -23,10 +23,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = parser.add_argument
     common.diagram_argument(parser)
-    add(
-        "--stop", type=common.finite_number, metavar="S", help="end of the run in s (default: end of the data, else 20)"
-    )
-    add("--step", type=common.finite_number, metavar="H", default=1e-3, help="step in s (default 0.001)")
+    add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
+    add("--step", type=common.finite_float, metavar="H", default=1e-3, help="step in s (default 0.001)")
     common.method_argument(parser)
     common.settings_argument(parser)
     recordings.data_arguments(parser)

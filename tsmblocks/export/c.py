@@ -23,7 +23,7 @@ from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, time_jumps
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
-from tsmblocks.export.operations import GREATEST, LEAST, literal, statements
+from tsmblocks.export.operations import GREATEST, LEAST, c_double, statements
 from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -268,7 +268,7 @@ class _Text:
             yield "    int i;"
             yield "    int j;"
         for name, value in zip(self.p, self.values, strict=True):
-            yield f"    c->p.{name} = {literal(float(value))};"
+            yield f"    c->p.{name} = {c_double(float(value))};"
         if not self.p:
             yield "    c->p.none = 0;"
         for k in range(not eq.x):
@@ -333,7 +333,7 @@ class _Text:
             count=len(self.eq.q),
             mask=self.room - 1,
             room=self.room,
-            h=literal(self.h),
+            h=c_double(self.h),
             spare=SPARE,
         ).split("\n")
 
@@ -343,7 +343,7 @@ class _Text:
         yield f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y)"
         yield "{"
         yield f"    const {n}_parameters *p = &c->p;"
-        yield f"    const double t = (double)c->k * {literal(self.h)};"
+        yield f"    const double t = (double)c->k * {c_double(self.h)};"
         if eq.x:
             yield f"    double slope[{stages}][{len(eq.x)}];"
             yield f"    double ahead[{len(eq.x)}];"
@@ -393,14 +393,14 @@ class _Text:
         if not eq.x:
             return
         for k, (row, offset) in enumerate(zip(method.rows, method.offsets, strict=True)):
-            terms = [f"{literal(self.h)} * {literal(a)} * slope[{j}][i]" for j, a in enumerate(row) if a]
+            terms = [f"{c_double(self.h)} * {c_double(a)} * slope[{j}][i]" for j, a in enumerate(row) if a]
             yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
             yield f"        ahead[i] = {' + '.join(['c->x[i]', *terms])};"
             yield "    }"
             if eq.q and k:
-                yield f"    {n}_recall(c, {literal(offset)}, q);"
+                yield f"    {n}_recall(c, {c_double(offset)}, q);"
             yield f"    {n}_rates(p, {self._time(offset)}, ahead, c->d, u, {past}, slope[{k}]);"
-        terms = [f"{literal(self.h)} * {literal(b)} * slope[{j}][i]" for j, b in enumerate(method.weights)]
+        terms = [f"{c_double(self.h)} * {c_double(b)} * slope[{j}][i]" for j, b in enumerate(method.weights)]
         yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
         yield f"        c->x[i] += {' + '.join(terms)};"
         yield "    }"
@@ -409,10 +409,10 @@ class _Text:
         if offset == 0:
             return "t"
         if offset == 1:
-            end = f"(double)(c->k + 1) * {literal(self.h)}"
-            hair = f"{literal(JUMP_OFFSETS[0] * self.h)} + {literal(JUMP_OFFSETS[1])} * fabs({end})"
-            return f"{end} - fmin({hair}, {literal(JUMP_OFFSETS[2] * self.h)})" if self.jumps else end
-        return f"t + {literal(offset)} * {literal(self.h)}"
+            end = f"(double)(c->k + 1) * {c_double(self.h)}"
+            hair = f"{c_double(JUMP_OFFSETS[0] * self.h)} + {c_double(JUMP_OFFSETS[1])} * fabs({end})"
+            return f"{end} - fmin({hair}, {c_double(JUMP_OFFSETS[2] * self.h)})" if self.jumps else end
+        return f"t + {c_double(offset)} * {c_double(self.h)}"
 
 
 def _array(name: str, slot: int, elements: Sized) -> dict[str, tuple[int, int]]:

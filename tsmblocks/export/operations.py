@@ -52,7 +52,7 @@ static double greatest(double a, double b)
 """
 
 
-def literal(value: float) -> str:
+def c_double(value: float) -> str:
     """A double as a literal of C that is read back as the same value."""
     if math.isnan(value):
         return "(0.0 / 0.0)"
@@ -76,7 +76,7 @@ def statements(
     for node in sorted(wanted):
         name, args = program.nodes[node]
         if name == "CONST":
-            texts[node] = literal(args[0])
+            texts[node] = c_double(args[0])
         elif name == "INPUT":
             texts[node] = place(*args)
         else:
