@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
+from tests.hidden.kinds import FAMILIES
 from tests.mistakes import diagnosing
 from tests.mistakes.table import TABLE, said
 from tsmblocks.blocks import AsymmetricBoucWen, Bias, Gain
@@ -20,35 +21,13 @@ from tsmblocks.common.errors import ParameterError, TsmError
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, span_of
 from tsmblocks.effects.effect import PLACES
+from tsmblocks.files.shipped import shipped_names
 from tsmblocks.model.block import REGISTRY, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
-CONTRACT = {
-    "friction": {
-        "coulomb_friction",
-        "asymmetric_friction",
-        "stribeck_friction",
-        "presliding_friction",
-        "quadratic_drag",
-    },
-    "loop": {"backlash", "hysteresis", "asymmetric_hysteresis", "nonlocal_memory", "position_dependent_friction"},
-    "delay": {"dead_time", "first_order_lag", "resonance", "rate_dependence"},
-    "map": {"dead_zone", "saturation", "even_nonlinearity", "odd_nonlinearity", "position_ripple"},
-    "time": {"drift", "jump", "parameter_change", "creep", "periodic_disturbance"},
-    "limit": {"rate_limit"},
-    "load": {"load_offset"},
-}
-SHEATHS = (
-    "tendon_sheath_linear",
-    "tendon_sheath_symmetric",
-    "tendon_sheath_asymmetric",
-    "tendon_sheath_generalized",
-    "tendon_sheath_play",
-    "tendon_sheath_backlash",
-    "tendon_sheath_elastic_backlash",
-    "tendon_sheath_prandtl_ishlinskii",
-)
+CONTRACT = {family: set(names.split()) for family, names in FAMILIES.items() if family != "unknown"}
+SHEATHS = tuple(name for name in shipped_names() if name.startswith("tendon_sheath_"))
 LOOPS = ("fig09a_without_feedforward", "fig09b_elementary", "fig16_feedforward_feedback", "sampled_position_loop")
 BACKENDS = ("llvm", "casadi")
 STEP = 0.01

@@ -284,14 +284,8 @@ FIGURES = {
     "11_paper_feedback": ["fig_17.png"],
 }
 """What examples write into the folder they are given."""
-MEASURED = (
-    "19_measured_tendon_sheath",
-    "20_emps",
-    "22_tendon_sheath_diagnosed",
-    "23_emps_diagnosed",
-    "24_tanks",
-    "25_silverbox",
-)
+MEASURED = tuple(path.stem for path in EXAMPLES if "TSMBLOCKS_DATA" in path.read_text(encoding="utf-8"))
+"""Examples that need measured data."""
 ONE_SIGNAL = {
     "(1.5, 3.0, 6.0)": "(3.0,)",
     "step=STEP,\n        periodic": "step=0.01,\n        periodic",

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 import tsmblocks as tsm
+from tests.derivatives import DERIVATIVES, JUMPS, SMOOTH
 from tests.identification import (
     ENCODER,
     NOISE,
@@ -23,17 +24,11 @@ from tests.identification import (
     searches,
     white,
 )
-from tests.test_batch import JUMPS, SMOOTH
 from tests.tolerances import BACKENDS
 from tsmblocks.fitting import summary as summing_up
 from tsmblocks.fitting.setup import pose
 
 DRAWS = 200
-LEFT_OUT = {
-    "fig09b_elementary": "the same equations as fig09b_feedforward, proved equal in test_paper.py",
-    "sampled_position_loop": "its encoder rounds the angle, so its outputs jump with every parameter",
-}
-"""Diagrams without derivatives to check, and why."""
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +101,7 @@ def test_that_check_notices_intervals_made_for_white_noise(bench, monkeypatch):
 
 def test_no_shipped_diagram_is_left_out_silently():
     shipped = {path.stem for path in (Path(__file__).parents[1] / "diagrams").glob("*.toml")}
-    assert set(SMOOTH) | set(LEFT_OUT) == shipped
-    assert not set(SMOOTH) & set(LEFT_OUT)
+    assert set(DERIVATIVES) == shipped
 
 
 @pytest.mark.parametrize("name", sorted(SMOOTH))
