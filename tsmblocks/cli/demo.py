@@ -8,7 +8,7 @@ of the mechanism is reported before and after. The folder has all of it; begin
 with index.html.
 
   tsmblocks demo --out story
-  tsmblocks demo --hide none      (is anything reported where nothing is hidden?)
+  tsmblocks demo --hide none      (nothing is hidden: is anything reported?)
 """
 
 from __future__ import annotations
