@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+import zipfile
 from importlib import import_module
 from pathlib import Path
 
@@ -66,16 +67,28 @@ def test_public_names_are_sorted_and_can_be_had():
     assert set(tsmblocks.__all__) <= set(dir(tsmblocks))
 
 
-def test_editors_are_told_the_same_names():
-    known = next(n for n in tree_of(SOURCE / "__init__.py").body if isinstance(n, ast.If))
-    told = {alias.asname: node.module for node in known.body for alias in node.names}
-    early = {"block": "tsmblocks.block", "errors": "tsmblocks.common"}
-    assert set(told) | set(early) == set(tsmblocks.__all__)
-    for name, module in {**told, **early}.items():
-        if name == "blocks":
+def test_editors_and_type_checkers_read_the_same_names():
+    stub = ast.parse((SOURCE / "__init__.pyi").read_text(encoding="utf-8")).body
+    read = {alias.asname: node.module for node in stub for alias in node.names}
+    assert all(alias.name == alias.asname for node in stub for alias in node.names), "a stub exports x as x alone"
+    assert set(read) == {*tsmblocks.__all__, "__version__"}
+    for name, module in read.items():
+        if module == "tsmblocks":
             assert getattr(tsmblocks, name) is import_module(f"tsmblocks.{name}")
         else:
             assert getattr(tsmblocks, name) is getattr(import_module(module), name)
+
+
+def test_the_package_is_imported_from_an_archive(tmp_path):
+    archive = tmp_path / "tsmblocks.zip"
+    with zipfile.ZipFile(archive, "w") as made:
+        for path in [*FILES, SOURCE / "__init__.pyi"]:
+            made.write(path, path.relative_to(ROOT).as_posix())
+    code = (
+        f"import sys; sys.path.insert(0, {str(archive)!r}); import tsmblocks; print(tsmblocks.__file__); tsmblocks.Run"
+    )
+    said = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert said.stdout.startswith(str(archive))
 
 
 def has_list(path):
