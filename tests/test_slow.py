@@ -1,6 +1,6 @@
 """Slow tests are due where something that they depend on has changed, and nowhere else."""
 
-import re
+from pathlib import Path
 
 import pytest
 
@@ -83,7 +83,7 @@ def test_every_file_with_slow_tests_says_what_they_need():
     marked = [
         path.relative_to(slow.ROOT).as_posix()
         for path in (slow.ROOT / "tests").rglob("test_*.py")
-        if re.search(r"^[^'\"#]*pytest\.mark\.slow\b", path.read_text("utf-8"), re.M)
+        if "pytest.mark.slow" in path.read_text("utf-8") and path != Path(__file__)
     ]
     assert sorted(marked) == slow.with_slow_tests()
     named = {need for path in marked for need in slow.needs(slow.ROOT / path)}
