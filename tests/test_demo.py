@@ -20,18 +20,20 @@ from tsmblocks.demo.page import page
 from tsmblocks.demo.story import AUGMENTED, FLOOR, IDENTIFIED, build_story
 from tsmblocks.html.pages import style
 
-
 SLOW_NEEDS = ["demo", "diagrams/*"]
 SHOWN = ("position_ripple", "none")
 """What the README shows, and what is not there: told with the whole catalogue."""
 
 
-@cache
 def story(name, whole=None):
     """The story of what is hidden, with the ``whole`` catalogue, or with few effects of it for candidates."""
-    few = None if name in SHOWN or whole else tuple(HIDDEN.keys() - {"none"})
+    return told_with(name, None if name in SHOWN or whole else tuple(sorted(HIDDEN.keys() - {"none"})))
+
+
+@cache
+def told_with(name, effects):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(module, "diagnose", partial(module.diagnose, effects=few))
+        patched.setattr(module, "diagnose", partial(module.diagnose, effects=effects))
         return build_story(name, seed=0)
 
 
