@@ -34,21 +34,9 @@ from tsmblocks.cli.console import print_error, readable_streams
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.version import __version__
 
-COMMANDS = {
-    "run": run,
-    "fit": fit,
-    "compare": compare,
-    "diagnose": diagnose,
-    "study": study,
-    "draw": draw,
-    "check": check,
-    "export": export,
-    "diagrams": diagrams,
-    "blocks": blocks,
-    "reference": reference,
-    "demo": demo,
-    "completion": completion,
-}
+MODULES = (run, fit, compare, diagnose, study, draw, check, export, diagrams, blocks, reference, demo, completion)
+COMMANDS = {module.__name__.rpartition(".")[2]: module for module in MODULES}
+"""Modules of the commands by name, in the order of the help."""
 CLOSED = {"diagrams", "reference", "demo", "completion"}
 """Commands that use only the blocks of the package; all others take --with."""
 

@@ -22,13 +22,14 @@ from tsmblocks.data.record import Record
 from tsmblocks.data.repair import repaired
 from tsmblocks.data.table import Rows, Source, Table
 
-_READERS = {
+READERS = {
     ".npy": containers.open_npy,
     ".npz": containers.open_npz,
     ".mat": containers.open_mat,
     ".h5": containers.open_hdf5,
     ".hdf5": containers.open_hdf5,
 }
+"""Functions that open files of arrays, by ending; a file with another ending is read as text."""
 TIME_NAMES = ("t", "time", "timestamp", "seconds", "tout")
 """Names of a time column, whatever their case, best first."""
 MAX_PLAUSIBLE_STEP = 0.5
@@ -139,7 +140,7 @@ def read(
         raise DataError(f"there is no file {path}.{near(path.name, [p.name for p in path.parent.iterdir()])}")
     renamed, labels = _names_and_units(str(path), map or {}, units or {})
     options = ReadOptions(renamed, labels, only, also, rows, step, tail, gaps)
-    reader = _READERS.get(path.suffix.lower())
+    reader = READERS.get(path.suffix.lower())
     if reader is None and group:
         raise DataError(f"{path}: a group was given, but text files have none.")
     source = reader(path, columns, group) if reader else text.open_text(path, columns)
