@@ -11,10 +11,9 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common import units as unit_labels
 from tsmblocks.common.errors import DataError, clip, in_words, near
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import heading, split_heading
+from tsmblocks.common.units import UnitError, factor, heading, same, split_heading
 from tsmblocks.data import containers, text
 from tsmblocks.data.grid import usual_step
 from tsmblocks.data.missing_units import how_to_map
@@ -257,8 +256,8 @@ def _overruled_units(
     """Columns read in another unit than the file gives, a sentence for each."""
     for name, place in found.items():
         own, unit = split[place][1], labels[name]
-        with suppress(unit_labels.UnitError):  # an unknown unit is refused where it is used
-            if own and unit and not unit_labels.same(own, unit):
+        with suppress(UnitError):  # an unknown unit is refused where it is used
+            if own and unit and not same(own, unit):
                 yield f"{name} was read in {unit}, as requested; the file gives {own}."
 
 
@@ -398,8 +397,8 @@ def _selected(
 
 def _time_factor(origin: str, label: str) -> float:
     try:
-        return unit_labels.factor(label or "s", "s")
-    except unit_labels.UnitError as error:
+        return factor(label or "s", "s")
+    except UnitError as error:
         raise DataError(f"{origin}: the time is in '{label}'. {error}") from None
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tsmblocks.draw import placement as place
-from tsmblocks.draw import routing as route
+from tsmblocks.draw import placement, routing
 from tsmblocks.draw.graph import End, Net, graph
 from tsmblocks.draw.ordering import rows
 from tsmblocks.draw.picture import SMALL, TITLE, Label, Picture, Point, Wire, fitted, text_width
@@ -29,8 +28,8 @@ def layout(diagram: Diagram, *, values: Mapping[str, Any] | None = None) -> Pict
     """
     drawn = graph(diagram, notes(diagram, values))
     found = rows(drawn)
-    sides, heights = place.placed(drawn, found)
-    plan = route.routed(Plan(drawn, found, sides, dict(heights)))
+    sides, heights = placement.placed(drawn, found)
+    plan = routing.routed(Plan(drawn, found, sides, dict(heights)))
     for channel in plan.channels:
         plan.y |= dict.fromkeys(channel.loop.blocks, channel.y)
     turned = {key for loop in drawn.loops for key in loop.blocks}
@@ -44,9 +43,9 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     way = -1 if turned else 1
     x = plan.x[node.key] + way * size(node, plan.sides).width / 2
     y = plan.y[node.key] + port_offset(node, net.source[1], "out", plan.sides)
-    pieces, text = plan.pieces[net], route.note(net)
+    pieces, text = plan.pieces[net], routing.note(net)
     if text and not pieces:
-        pieces.append((x, y, x + way * route.stub(net), y))
+        pieces.append((x, y, x + way * routing.stub(net), y))
     lines, dots = traced(pieces)
     start = x + way * (14 if net.tapped else 6)
     label = Label(text, start, y - 5, SMALL, "signal", "end" if turned else "start")

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.effects import delay, friction, loop, maps
-from tsmblocks.effects import time_varying as timely
+from tsmblocks.effects import delay, friction, loop, maps, time_varying
 from tsmblocks.effects.effect import Effect
 from tsmblocks.model.block import REGISTRY
 
@@ -16,7 +15,7 @@ _OWN: list[Effect] = []
 
 def catalogue() -> tuple[Effect, ...]:
     """Every effect, the toolbox's own first, in a fixed order; variants of one name follow each other."""
-    shipped = (friction, loop, delay, maps, timely)
+    shipped = (friction, loop, delay, maps, time_varying)
     return (*(effect for module in shipped for effect in module.EFFECTS), *_OWN)
 
 

@@ -18,9 +18,7 @@ from tsmblocks.common import units
 from tsmblocks.common.errors import DiagramError, ParameterError, TsmError, in_words, near
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
-from tsmblocks.model import edits
-from tsmblocks.model import unit_inference as unit_checks
-from tsmblocks.model import validation as checks
+from tsmblocks.model import edits, unit_inference, validation
 from tsmblocks.model.block import Block, Input, Output, is_reference, leaves, plain
 from tsmblocks.model.wires import Link, chains, kind, not_a_block, short
 
@@ -114,17 +112,17 @@ class Diagram:
         object.__setattr__(self, "inputs", _frozen(full))
         object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()}))
 
-    def _checked(self) -> checks.Checked:
+    def _checked(self) -> validation.Checked:
         """What the wires, inputs and outputs mean; raises DiagramError with every fault found."""
         blocks = self.blocks
-        wrong = [*checks.kind_faults({a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init})]
+        wrong = [*validation.kind_faults({a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init})]
         if not wrong:
             wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
         if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
             wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
             raise DiagramError(self.title, wrong, self.where)
-        found = checks.examine(blocks, self.wires, self.inputs, self.outputs, self.values)
+        found = validation.examine(blocks, self.wires, self.inputs, self.outputs, self.values)
         if found.faults:
             raise DiagramError(self.title, found.faults, self.where)
         return found
@@ -147,7 +145,7 @@ class Diagram:
         return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
 
     def _unit_of(self, *ends: tuple[str, str]) -> str:
-        return next((unit_checks.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
+        return next((unit_inference.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
 
     def unit(self, signal: str) -> str:
         """The unit of an output, or of a signal ``"block.port"``; ``""`` where none is known."""
