@@ -158,7 +158,7 @@ FAULTS = {
     "upside down": (STUDY.replace("[0.5, 3.0]", "[3.0, 0.5]"), "20: low must be below high, got low=3, high=0.5."),
     "share of nothing": (
         STUDY.replace("theta", '"pid.kd"').replace("0.001", "0.0"),
-        "22: the diagram's own number is 0, so a share of it is nothing; say mean and deviation.",
+        "22: the diagram's own value is 0, so a share of it is 0; give mean and deviation.",
     ),
     "count": (
         GRID.replace("KIND", "grid").replace("count = 3", "count = 1"),

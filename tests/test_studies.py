@@ -232,7 +232,7 @@ def test_only_what_is_missing_is_run(whole, facts, tmp_path):
 
 
 def test_ctrl_c_keeps_what_is_done(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("tsmblocks.studies.runner.TURNS", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.BATCHES_PER_THREAD", 1)
 
     def stop(done, _):
         if done >= 32:
@@ -260,8 +260,8 @@ def test_threads_and_executors_change_nothing(whole, tmp_path):
 
 def test_a_worker_that_dies_loses_nothing(whole, tmp_path, monkeypatch):
     path = tmp_path / "s.csv"
-    monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
-    monkeypatch.setattr("tsmblocks.studies.runner.WAITING", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.LANE_GROUPS_PER_PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.MAX_SUBMITTED", 1)
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
 
         def kill(done, _):
@@ -272,8 +272,8 @@ def test_a_worker_that_dies_loses_nothing(whole, tmp_path, monkeypatch):
 
         with pytest.raises(
             RunError,
-            match=r"a worker process came to its end before its runs did \(.*\)\. \d+ of 96 "
-            r"runs are in .*s\.csv; the same call goes on from there\.",
+            match=r"a worker process ended before its runs did \(.*\)\. \d+ of 96 "
+            r"runs are in .*s\.csv; the same call continues from there\.",
         ):
             small(path, executor=pool, progress=kill)
     assert 32 <= len(tsm.read_study(path)) < 96
@@ -285,7 +285,7 @@ def test_a_process_killed_half_way_is_gone_on_with(whole, tmp_path):
     """Killed without warning while it writes; what it wrote counts."""
     path = tmp_path / "s.csv"
     code = (
-        "import time, tests.test_studies as t, tsmblocks.studies.runner as r; r.TURNS = 1; "
+        "import time, tests.test_studies as t, tsmblocks.studies.runner as r; r.BATCHES_PER_THREAD = 1; "
         f"t.small({str(path)!r}, threads=1, progress=lambda *_: time.sleep(0.3))"
     )
     child = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[1])
@@ -322,7 +322,7 @@ class Losing(ThreadPoolExecutor):
 
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_piece_that_was_lost_on_the_way_is_run_again(times, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.LANE_GROUPS_PER_PIECE", 1)
     with Losing(times) as pool:
         small(tmp_path / "s.csv", executor=pool)
     assert set(pool.seen.values()) == {times + 1}
@@ -339,7 +339,7 @@ class Silent(Executor):
 
     def __init__(self, monkeypatch, lost):
         self.now, self.lost, self.given = 0.0, lost, []
-        monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
+        monkeypatch.setattr("tsmblocks.studies.runner.LANE_GROUPS_PER_PIECE", 1)
         monkeypatch.setattr("tsmblocks.studies.runner.monotonic", lambda: self.now)
         monkeypatch.setattr("tsmblocks.studies.runner.wait", self.wait)
 
@@ -375,8 +375,8 @@ def test_many_machines_by_dask(whole, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="needs Dask: pip install 'tsmblocks[dask]'")
     import dask
 
-    monkeypatch.setattr("tsmblocks.studies.runner.PIECE", 1)
-    monkeypatch.setattr("tsmblocks.studies.runner.PATIENCE", 1.0)
+    monkeypatch.setattr("tsmblocks.studies.runner.LANE_GROUPS_PER_PIECE", 1)
+    monkeypatch.setattr("tsmblocks.studies.runner.MIN_OVERDUE_TIME", 1.0)
     calm = {"distributed.scheduler.allowed-failures": 10, "distributed.comm.retry.count": 2}
     with (
         dask.config.set(calm),
@@ -410,7 +410,7 @@ def test_another_study_is_not_gone_on_with(whole, facts, tmp_path):
         with pytest.raises(DataError) as found:
             study(lagged(), plan, {"last": "final(y)", "most": "highest(y)"}, out=path, **more)
         assert str(found.value) == (
-            f"{path} holds another study: {said}. Name another file, or remove that one to begin anew."
+            f"{path} holds another study: {said}. Name another file, or remove that one to start again."
         )
     assert path.read_bytes() == whole
 
@@ -626,7 +626,7 @@ REFUSED = {
             diagram=tsm.Diagram(title="o", blocks={"r": RateLimit()}, inputs={"u": "r"}, outputs={"y": "r"}),
             plan=sweep({"r.start": [1.0]}),
         ),
-        "'r.start' is an option, and a sweep goes around numbers. Use grid for it.",
+        "'r.start' is an option, and a sweep changes numbers. Use grid for it.",
     ),
     "input": (dict(inputs={"x": 1.0}), "diagram 'lag' has no input 'x'."),
     "diagram": (dict(diagram="lag"), "only a diagram can be run, got 'lag'. Load it first: tsmblocks.load('lag')."),
@@ -690,7 +690,7 @@ def test_results_of_nothing_finite():
     )
     for call, said in (
         (lambda: found.best("m"), "no run of the study has a finite 'm'."),
-        (lambda: found.influence("m"), "'m' is finite in 0 runs; to tell the influence of 1 numbers takes 3 at least."),
+        (lambda: found.influence("m"), "'m' is finite in 0 runs; the influences of its parameters take 3 at least."),
         (lambda: found.pareto("m"), "a Pareto front takes two metrics at least."),
         (lambda: found["n"], "the study has no 'n'. Known here: a, m."),
     ):

@@ -62,9 +62,9 @@ def _run(args: argparse.Namespace, out: Path | None) -> Any:
     from tsmblocks.studies.files import load_study
 
     plan = load_study(args.study)
-    args.hold = plan.how.get("hold", "linear")
+    args.hold = plan.run_arguments.get("hold", "linear")
     record, inputs = recordings.read_inputs(args, plan.diagram, plan.diagram.title)
-    how = {**plan.how, **({"start": float(record.t[0])} if record is not None else {})}
+    how = {**plan.run_arguments, **({"start": float(record.t[0])} if record is not None else {})}
     with console.progress_line(study_progress(), quiet=args.json) as progress, _executor(args) as executor:
         return study(
             plan.diagram,

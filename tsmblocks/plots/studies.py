@@ -15,7 +15,7 @@ from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, RunError
 from tsmblocks.data import heading
 from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet, shown, timed
-from tsmblocks.studies.influence import unchanged
+from tsmblocks.studies.influence import base_value
 from tsmblocks.studies.results import Results
 
 MOST = 12
@@ -81,7 +81,7 @@ def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
     found = list(results.influence(metric).items())[:MOST]
     (panel,) = axes(ax, 1, height=0.8 + 0.35 * len(found))
     factor, unit = _people(results, metric)
-    middle = factor * unchanged(results, metric)
+    middle = factor * base_value(results, metric)
     for k, (name, ends) in enumerate(reversed(found)):
         for end, colour, up in zip(ends, (COLOURS[5], COLOURS[0]), (0.18, -0.18), strict=True):
             panel.barh(k + up, factor * end - middle, left=middle, height=0.36, color=colour)

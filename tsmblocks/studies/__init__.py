@@ -1,4 +1,9 @@
-"""Studies: many runs of one diagram, each reduced to a few numbers. Plans, running, what is kept, what comes out."""
+"""Studies: many runs of one diagram, each reduced to a few numbers.
+
+Reading order: ``plans`` (which sets of parameters), ``study`` (the one call), ``runner`` (lanes, threads, executors),
+``store`` (results on disk), ``results`` and ``influence`` (what is computed from them). ``responses`` keeps signals,
+``files`` reads a study from TOML with ``page``.
+"""
 
 from tsmblocks.studies.plans import Normal as Normal
 from tsmblocks.studies.plans import Plan as Plan

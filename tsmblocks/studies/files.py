@@ -17,25 +17,38 @@ from tsmblocks.common.errors import ParameterError, TsmError, in_words, near
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
 from tsmblocks.studies.page import RunPage
-from tsmblocks.studies.plans import MOST, Belief, Normal, Plan, Uniform, grid, latin_hypercube, monte_carlo, sweep
-from tsmblocks.studies.study import own_numbers
+from tsmblocks.studies.plans import (
+    MAX_RUNS,
+    Distribution,
+    Normal,
+    Plan,
+    Uniform,
+    grid,
+    latin_hypercube,
+    monte_carlo,
+    sweep,
+)
+from tsmblocks.studies.study import with_own_values
 
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "hold", "set", "metrics", "plan", "vary")
+"""Keys of a study file."""
 PLANS = ("grid", "sweep", "latin_hypercube", "monte_carlo")
-RANDOM = PLANS[2:]
-VARIES = ('low and high (and scale = "log")', "mean and deviation", "relative, a share")
-"""Ways in which a number of a random plan varies."""
+"""Kinds of plans."""
+RANDOM_PLANS = PLANS[2:]
+"""Those whose parameters have distributions."""
+DISTRIBUTION_FORMS = ('low and high (and scale = "log")', "mean and deviation", "relative, a share")
+"""How the distribution of a parameter is written, as messages show it."""
 
 
 @attrs.frozen(eq=False)
 class StudyFile:
-    """What a file asks for: arguments of ``study``, by name in ``how``."""
+    """Contents of a study file; ``run_arguments`` are arguments of ``study`` by name."""
 
     title: str
     diagram: Diagram
     plan: Plan
     metrics: Mapping[str, str] | None
-    how: Mapping[str, Any]
+    run_arguments: Mapping[str, Any]
 
 
 def load_study(path: str | Path) -> StudyFile:
@@ -54,7 +67,7 @@ def load_study(path: str | Path) -> StudyFile:
 
 
 class _StudyPage(RunPage):
-    """The page of a study: what varies, by which plan."""
+    """A study file that is being read: what varies, by which plan."""
 
     def plan(self, diagram: Diagram) -> Plan | None:
         plan, vary = self.section("plan"), self.section("vary")
@@ -62,15 +75,15 @@ class _StudyPage(RunPage):
         if kind not in PLANS:
             self.fault(("plan", "kind"), f"there is no plan {in_words(kind)}.{near(kind, PLANS)}")
             return None
-        allowed = ("kind", "runs", "seed") if kind in RANDOM else ("kind",)
+        allowed = ("kind", "runs", "seed") if kind in RANDOM_PLANS else ("kind",)
         self.known_keys(plan, allowed, ("plan",), f"a {kind}")
         if not vary:
             self.fault(("vary",), 'say what varies: [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].')
             return None
-        if kind in RANDOM and "runs" not in plan:
+        if kind in RANDOM_PLANS and "runs" not in plan:
             self.fault(("plan",), f"a {kind} needs runs = …, how many.")
             return None
-        made = {k: (self.belief if kind in RANDOM else self.values)(k, v, diagram) for k, v in vary.items()}
+        made = {k: (self.distribution if kind in RANDOM_PLANS else self.values)(k, v, diagram) for k, v in vary.items()}
         if any(v is None for v in made.values()):
             return None
         build: Callable[[], Plan] = {
@@ -79,10 +92,10 @@ class _StudyPage(RunPage):
             "latin_hypercube": lambda: latin_hypercube(made, plan["runs"], seed=plan.get("seed", 0)),
             "monte_carlo": lambda: monte_carlo(made, plan["runs"], seed=plan.get("seed", 0)),
         }[kind]
-        found = self.attempt(build, "plan")
-        if found is not None:
-            self.attempt(lambda: own_numbers(diagram, found), "vary")
-        return found
+        made_plan = self.attempt(build, "plan")
+        if made_plan is not None:
+            self.attempt(lambda: with_own_values(diagram, made_plan), "vary")
+        return made_plan
 
     def values(self, name: str, given: Any, diagram: Diagram) -> list[Any] | None:
         """Values of a grid or sweep: a list, or low, high and count."""
@@ -93,8 +106,8 @@ class _StudyPage(RunPage):
         if isinstance(given, dict) and {"low", "high", "count"} <= given.keys() <= {"low", "high", "count", "scale"}:
             between = self.attempt(lambda: _uniform(given), "vary", name)
             count = given["count"]
-            if not isinstance(count, int) or isinstance(count, bool) or not 2 <= count <= MOST:
-                self.wrong(("vary", name), f"count must be a whole number from 2 to {MOST:,}", count)
+            if not isinstance(count, int) or isinstance(count, bool) or not 2 <= count <= MAX_RUNS:
+                self.wrong(("vary", name), f"count must be a whole number from 2 to {MAX_RUNS:,}", count)
                 return None
             import numpy as np
 
@@ -102,8 +115,8 @@ class _StudyPage(RunPage):
         self.wrong(("vary", name), f"'{name}' needs a list of values, or {{ low = …, high = …, count = … }}", given)
         return None
 
-    def belief(self, name: str, given: Any, diagram: Diagram) -> Belief | None:
-        """How a number of a random plan varies."""
+    def distribution(self, name: str, given: Any, diagram: Diagram) -> Distribution | None:
+        """The distribution of a parameter of a random plan."""
         if not self.varies(name, diagram):
             return None
         if name not in diagram.parameters:
@@ -111,7 +124,7 @@ class _StudyPage(RunPage):
             return None
         if isinstance(given, list) and len(given) == 2:
             given = {"low": given[0], "high": given[1]}
-        shapes: tuple[tuple[set[str], set[str], Callable[[], Belief]], ...] = (
+        shapes: tuple[tuple[set[str], set[str], Callable[[], Distribution]], ...] = (
             ({"low", "high"}, {"scale"}, lambda: _uniform(given)),
             ({"mean", "deviation"}, {"low", "high"}, lambda: Normal(**given)),
             ({"relative"}, set(), lambda: _relative(diagram.parameters[name], given["relative"])),
@@ -119,7 +132,7 @@ class _StudyPage(RunPage):
         for needed, more, make in shapes:
             if isinstance(given, dict) and needed <= given.keys() <= needed | more:
                 return self.attempt(make, "vary", name)
-        self.fault(("vary", name), f"'{name}' varies by {', by '.join(VARIES)}; got {in_words(given)}.")
+        self.fault(("vary", name), f"'{name}' varies by {', by '.join(DISTRIBUTION_FORMS)}; got {in_words(given)}.")
         return None
 
     def varies(self, name: str, diagram: Diagram) -> bool:
@@ -137,9 +150,9 @@ def _uniform(given: Mapping[str, Any]) -> Uniform:
 
 
 def _relative(value: float, share: Any) -> Normal:
-    """A normal belief around a diagram's own number, its deviation a share of it; the sign stays."""
+    """A normal distribution around a diagram's own number, its deviation a share of it; the sign stays."""
     if value == 0:
-        raise TsmError("the diagram's own number is 0, so a share of it is nothing; say mean and deviation.")
+        raise TsmError("the diagram's own value is 0, so a share of it is 0; give mean and deviation.")
     return Normal(
         value,
         abs(value) * as_number("relative", share, ParameterError),

@@ -1,4 +1,4 @@
-"""Which parameter a metric depends on, and how much: what a tornado shows."""
+"""How much a metric depends on each parameter: the bars of a tornado plot."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from tsmblocks.common.errors import RunError
 if TYPE_CHECKING:
     from tsmblocks.studies.results import Results
 
-ENDS = (0.05, 0.95)
-"""Quantiles of a parameter at which a regression is read off."""
+END_QUANTILES = (0.05, 0.95)
+"""Quantiles of a parameter between which a regression is evaluated. Chosen: the ends of a 90 % interval."""
 
 
 def influence(results: Results, metric: str) -> dict[str, tuple[float, float]]:
@@ -22,24 +22,24 @@ def influence(results: Results, metric: str) -> dict[str, tuple[float, float]]:
     X = np.column_stack([numbers[k] for k in numbers]) if numbers else np.empty((len(y), 0))
     if not finite.sum() > X.shape[1] + 1 or not X.shape[1]:
         raise RunError(
-            f"'{metric}' is finite in {int(finite.sum())} runs; to tell the influence of {X.shape[1]} "
-            f"numbers takes {X.shape[1] + 2} at least."
+            f"'{metric}' is finite in {int(finite.sum())} runs; the influences of its parameters take {X.shape[1] + 2} "
+            "at least."
         )
-    read = _swept if results.kind == "sweep" else _regressed
-    made = read(results, X, y, finite, list(numbers))
-    middle = unchanged(results, metric)
+    evaluate = _of_sweep if results.kind == "sweep" else _of_regression
+    made = evaluate(results, X, y, finite, list(numbers))
+    middle = base_value(results, metric)
     return dict(sorted(made.items(), key=lambda one: -np.ptp([*one[1], middle])))
 
 
-def unchanged(results: Results, metric: str) -> float:
-    """A metric where nothing is changed: of a sweep its first run, of other plans the mean."""
+def base_value(results: Results, metric: str) -> float:
+    """A metric without changes: of a sweep that of its first run, of other plans the mean."""
     finite = np.isfinite(results[metric])
     if results.kind == "sweep" and len(results) and results.runs[0] == 0 and finite[0]:
         return float(results[metric][0])
     return float(results[metric][finite].mean())
 
 
-def _swept(
+def _of_sweep(
     results: Results, X: np.ndarray, y: np.ndarray, finite: np.ndarray, names: list[str]
 ) -> dict[str, tuple[float, float]]:
     own = np.array([results.own[name] for name in names])
@@ -47,18 +47,18 @@ def _swept(
     for k, name in enumerate(names):
         alone = finite & (np.delete(X, k, axis=1) == np.delete(own, k)).all(axis=1)
         if alone.any():
-            x, found = X[alone, k], y[alone]
-            made[name] = float(found[np.argmin(x)]), float(found[np.argmax(x)])
+            x, values = X[alone, k], y[alone]
+            made[name] = float(values[np.argmin(x)]), float(values[np.argmax(x)])
     return made
 
 
-def _regressed(
+def _of_regression(
     _: Results, X: np.ndarray, y: np.ndarray, finite: np.ndarray, names: list[str]
 ) -> dict[str, tuple[float, float]]:
     X, y = X[finite], y[finite]
     size = np.where(np.ptp(X, axis=0) > 0, X.std(axis=0), 1.0)
     slope = np.linalg.lstsq((X - X.mean(axis=0)) / size, y - y.mean(), rcond=None)[0] / size
-    ends = np.quantile(X, ENDS, axis=0) - X.mean(axis=0)
+    ends = np.quantile(X, END_QUANTILES, axis=0) - X.mean(axis=0)
     return {
         name: (float(y.mean() + slope[k] * ends[0, k]), float(y.mean() + slope[k] * ends[1, k]))
         for k, name in enumerate(names)

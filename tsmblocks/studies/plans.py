@@ -1,4 +1,4 @@
-"""Which sets of parameters a study runs: grids, sweeps, Latin hypercubes, Monte Carlo. Values; nothing runs here."""
+"""Sets of parameters that a study runs: grids, sweeps, Latin hypercubes, Monte Carlo. Nothing runs here."""
 
 from __future__ import annotations
 
@@ -16,18 +16,22 @@ from tsmblocks.common.errors import ParameterError, in_words, near
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
 
-MOST = 10_000_000
-"""Runs of one plan; more would not be kept in memory."""
-TRIES = 1000
-"""Times as many draws as are wanted, after which those within the bounds are held to be too rare."""
+MAX_RUNS = 10_000_000
+"""Runs of one plan at most. Chosen: a gigabyte of parameters and metrics."""
+MAX_DRAWS_PER_RUN = 1000
+"""Draws for each run, after which draws within the bounds count as too rare. Chosen: a second of work."""
 
 
 @attrs.frozen(eq=False)
 class Plan:
-    """Sets of parameters, one per run: ``columns`` maps names to as many values each, shape (runs,).
+    """Sets of parameters, one per run.
 
-    NaN stands for the diagram's own number. ``kind`` says how the plan was made (grid, sweep, latin hypercube,
-    monte carlo, table).
+    Parameters
+    ----------
+    columns : mapping of str to ndarray, each of shape (runs,)
+        Values of each parameter; NaN is the diagram's own value.
+    kind : str, default "table"
+        How the plan was made: grid, sweep, latin hypercube, monte carlo or table.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -48,7 +52,18 @@ class Plan:
         return self.columns[name]
 
     def row(self, run: int) -> dict[str, Any]:
-        """The parameters of one run, those left at the diagram's own numbers excepted."""
+        """Return the parameters of one run, without those that keep the diagram's own values.
+
+        Parameters
+        ----------
+        run : int
+            Number of the run, from 0.
+
+        Returns
+        -------
+        dict of str to value
+            Values by parameter.
+        """
         made = {name: plain(values[run]) for name, values in self.columns.items()}
         return {name: v for name, v in made.items() if not (isinstance(v, float) and math.isnan(v))}
 
@@ -58,7 +73,7 @@ def plain(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else value
 
 
-# ---- how sure one is of a number --------------------------------------------------------------------
+# ---- distributions of a parameter -------------------------------------------------------------------
 
 
 def _finite(value: Any) -> float:
@@ -71,7 +86,20 @@ def _bound(value: Any) -> float:
 
 @attrs.frozen
 class Uniform:
-    """Anywhere between ``low`` and ``high``, equally likely; by ratios where ``log`` is set."""
+    """A uniform distribution of a parameter.
+
+    Parameters
+    ----------
+    low, high : float
+        Its bounds, in the unit of the parameter.
+    log : bool, default False
+        Whether the logarithm is uniform; then ``low`` is above 0.
+
+    Raises
+    ------
+    ParameterError
+        When the bounds are not in order, or not finite.
+    """
 
     low: float = attrs.field(converter=_finite)
     high: float = attrs.field(converter=_finite)
@@ -84,7 +112,18 @@ class Uniform:
             raise ParameterError(f"Uniform with log=True needs low > 0, got low={self.low:g}.")
 
     def quantile(self, q: np.ndarray) -> np.ndarray:
-        """The value below which a share ``q`` lies."""
+        """Return quantiles of the distribution.
+
+        Parameters
+        ----------
+        q : ndarray
+            Probabilities, from 0 to 1.
+
+        Returns
+        -------
+        ndarray
+            The values, of the shape of ``q``.
+        """
         if self.log:
             return self.low * (self.high / self.low) ** q
         return self.low + (self.high - self.low) * q
@@ -92,7 +131,22 @@ class Uniform:
 
 @attrs.frozen
 class Normal:
-    """Around ``mean`` with a standard ``deviation``, cut off below ``low`` and above ``high``."""
+    """A normal distribution of a parameter, truncated at bounds.
+
+    Parameters
+    ----------
+    mean : float
+        Mean of the distribution before it is truncated.
+    deviation : float
+        Standard deviation before it is truncated, above 0.
+    low, high : float, default -inf and inf
+        Bounds.
+
+    Raises
+    ------
+    ParameterError
+        When a number is not finite, or the bounds are not in order.
+    """
 
     mean: float = attrs.field(converter=_finite)
     deviation: float = attrs.field(converter=_finite)
@@ -106,7 +160,23 @@ class Normal:
             raise ParameterError(f"Normal needs low < high, got low={self.low:g}, high={self.high:g}.")
 
     def quantile(self, q: np.ndarray) -> np.ndarray:
-        """The value below which a share ``q`` lies."""
+        """Return quantiles of the distribution.
+
+        Parameters
+        ----------
+        q : ndarray
+            Probabilities, from 0 to 1.
+
+        Returns
+        -------
+        ndarray
+            The values, of the shape of ``q``.
+
+        Raises
+        ------
+        ParameterError
+            When no probability lies between the bounds.
+        """
         from scipy.special import ndtr, ndtri
 
         below, above = (float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))
@@ -119,29 +189,64 @@ class Normal:
         return np.clip(values, self.low, self.high)
 
 
-Belief = Uniform | Normal
+Distribution = Uniform | Normal
 
 
 # ---- plans ------------------------------------------------------------------------------------------
 
 
 def table(columns: Any) -> Plan:
-    """Sets as they are given: a mapping from names to values, one per run, or a pandas frame.
+    """Return a plan of given sets.
 
-    Raises ParameterError where the columns differ in length.
+    Parameters
+    ----------
+    columns : mapping of str to sequence, or pandas.DataFrame
+        Values of each parameter, one per run.
+
+    Returns
+    -------
+    Plan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        When the columns differ in length, are empty, or hold numbers that are not finite.
     """
     if not isinstance(columns, Mapping) and not hasattr(columns, "columns"):
         raise ParameterError(f"a table maps parameters to values, one per run, got {in_words(columns)}.")
     made = {str(name): _listed(str(name), columns[name]) for name in columns}
     lengths = {name: len(v) for name, v in made.items()}
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{k} has {n}" for k, n in lengths.items())
-        raise ParameterError(f"a plan needs as many values of each parameter; {said}.")
+        counts = ", ".join(f"{k} has {n}" for k, n in lengths.items())
+        raise ParameterError(f"a plan needs as many values of each parameter; {counts}.")
     return _plan(made, "table")
 
 
 def grid(values: Mapping[str, Any]) -> Plan:
-    """Every combination of the values given for each parameter; the last one varies fastest."""
+    """Return a plan of every combination of values.
+
+    Parameters
+    ----------
+    values : mapping of str to sequence
+        Values of each parameter or option; the last one varies fastest.
+
+    Returns
+    -------
+    Plan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        For an empty list, for numbers that are not finite, and for more than ten million runs.
+
+    Examples
+    --------
+    >>> plan = grid({"pid.kp": [1.0, 2.0], "pid.ki": [0.0, 5.0, 10.0]})
+    >>> len(plan), plan.row(4)
+    (6, {'pid.kp': 2.0, 'pid.ki': 5.0})
+    """
     listed = _lists(values)
     _count(max(math.prod(map(len, listed.values())), 1))
     rows = list(itertools.product(*listed.values()))
@@ -149,9 +254,24 @@ def grid(values: Mapping[str, Any]) -> Plan:
 
 
 def sweep(values: Mapping[str, Any]) -> Plan:
-    """One parameter at a time, the others being the diagram's own; the first run changes nothing.
+    """Return a plan that changes one parameter at a time, the others keeping the diagram's own values.
 
-    For a tornado give the two ends of each range.
+    The first run changes nothing. For a tornado plot give the two ends of each range.
+
+    Parameters
+    ----------
+    values : mapping of str to sequence of float
+        Values of each parameter.
+
+    Returns
+    -------
+    Plan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        As ``grid`` does, and for options.
     """
     listed = _lists(values)
     columns = {}
@@ -166,28 +286,75 @@ def sweep(values: Mapping[str, Any]) -> Plan:
 
 
 def latin_hypercube(beliefs: Mapping[str, Any], runs: int, *, seed: int = 0) -> Plan:
-    """Random sets spread evenly: each parameter has one value in each of ``runs`` equally likely intervals.
+    """Return a plan of random sets spread evenly: in each of ``runs`` equally likely intervals one value per parameter.
 
-    ``beliefs`` maps names to ``Uniform``, ``Normal`` or ``(low, high)``. Source: McKay, Beckman and Conover,
-    Technometrics 21 (1979), doi 10.1080/00401706.1979.10489755. Raises ParameterError.
+    Parameters
+    ----------
+    beliefs : mapping of str to Uniform, Normal or tuple
+        Distribution of each parameter; ``(low, high)`` is uniform.
+    runs : int
+        Number of runs.
+    seed : int, default 0
+        Seed of the random numbers.
+
+    Returns
+    -------
+    Plan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        For anything that is no distribution.
+    RunError
+        For a number of runs or a seed that is none.
+
+    References
+    ----------
+    McKay, Beckman and Conover, Technometrics 21 (1979), doi 10.1080/00401706.1979.10489755.
+
+    Examples
+    --------
+    >>> plan = latin_hypercube({"pid.kp": (1.0, 3.0), "theta": Normal(5.0, 0.5)}, runs=50, seed=1)
+    >>> bool(((plan["pid.kp"] > 1.0) & (plan["pid.kp"] < 3.0)).all())
+    True
     """
     from scipy.stats import qmc
 
-    known, count = _beliefs(beliefs), _count(runs)
+    known, count = _distributions(beliefs), _count(runs)
     q = qmc.LatinHypercube(d=len(known), seed=np.random.default_rng(as_integer("seed", seed, 0))).random(count)
     return _plan({name: one.quantile(q[:, k]) for k, (name, one) in enumerate(known.items())}, "latin hypercube")
 
 
 def monte_carlo(beliefs: Any, runs: int, *, seed: int = 0) -> Plan:
-    """Independent random sets. ``beliefs`` as for ``latin_hypercube``, or a fit.
+    """Return a plan of independent random sets.
 
-    Of a fit, the estimates vary together as their covariance says, within the bounds of their blocks; start values
-    of states stay. Raises ParameterError where the fit leaves a number open.
+    Parameters
+    ----------
+    beliefs : mapping of str to Uniform, Normal or tuple, or Fit
+        Distribution of each parameter, as for ``latin_hypercube``. Of a fit, the estimates are drawn from a normal
+        distribution with their covariance, within the bounds of their blocks; initial states are not varied.
+    runs : int
+        Number of runs.
+    seed : int, default 0
+        Seed of the random numbers.
+
+    Returns
+    -------
+    Plan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        For anything that is no distribution, and where a parameter of the fit is not identifiable.
+    RunError
+        For a number of runs or a seed that is none.
     """
     count, rng = _count(runs), np.random.default_rng(as_integer("seed", seed, 0))
     if hasattr(beliefs, "covariance"):
         return _plan(_of_fit(beliefs, count, rng), "monte carlo")
-    known = _beliefs(beliefs)
+    known = _distributions(beliefs)
     return _plan({name: one.quantile(rng.random(count)) for name, one in known.items()}, "monte carlo")
 
 
@@ -203,14 +370,16 @@ def _of_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, np.ndarr
     held = [fit.estimates[k] for k, f in zip(kept, free, strict=True) if not f]
     open_ = [one.name for one in held if "bound" not in one.verdict]
     if open_:
-        raise ParameterError(f"the data of the fit do not determine {', '.join(open_)}, so nothing can be drawn.")
+        raise ParameterError(
+            f"{', '.join(open_)} of the fit is not identifiable with its data, so nothing can be drawn."
+        )
     root = np.linalg.cholesky(covariance[np.ix_(free, free)] + 1e-300 * np.eye(int(free.sum())))
     mean = np.array([fit.estimates[k].value for k in kept])
     declared = numbers(fit.diagram)
     low, high = np.array([bounds_of(declared[name], value) for name, value in zip(names, mean, strict=True)]).T
     made, tried = np.empty((0, len(names))), 0
     while len(made) < runs:
-        if tried > TRIES * runs:
+        if tried > MAX_DRAWS_PER_RUN * runs:
             raise ParameterError("hardly any draw of the fit's covariance lies within the bounds of its parameters.")
         drawn = np.tile(mean, (runs, 1))
         drawn[:, free] += rng.standard_normal((runs, int(free.sum()))) @ root.T
@@ -220,10 +389,10 @@ def _of_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, np.ndarr
 
 
 def _count(runs: Any) -> int:
-    """How many runs, if so many can be."""
+    """The number of runs. Raises for one that is none, or too large."""
     count = as_integer("runs", runs, 1)
-    if count > MOST:
-        raise ParameterError(f"a plan of {count:,} runs is too large; {MOST:,} are the most.")
+    if count > MAX_RUNS:
+        raise ParameterError(f"a plan of {count:,} runs is too large; {MAX_RUNS:,} are the most.")
     return count
 
 
@@ -258,7 +427,7 @@ def _listed(name: str, given: Any) -> np.ndarray:
 
 
 def _array(values: Sequence[Any]) -> np.ndarray:
-    """Numbers as such; anything else (an option's words, a switch) as it is."""
+    """Numbers as floats; anything else (texts and switches of options) as objects."""
     if all(isinstance(v, (int, float, np.number)) and not isinstance(v, bool) for v in values):
         return np.array(values, dtype=float)
     made = np.empty(len(values), dtype=object)
@@ -267,19 +436,19 @@ def _array(values: Sequence[Any]) -> np.ndarray:
 
 
 def between(name: str, low: Any, high: Any, log: bool = False) -> Uniform:
-    """Anywhere between two numbers. Raises ParameterError that names whose bounds they are."""
+    """A uniform distribution between two bounds. Raises ParameterError that names the parameter."""
     try:
         return Uniform(low, high, log=log)
     except ParameterError as error:
         raise ParameterError(f"bounds of '{name}': {error}") from None
 
 
-def _beliefs(given: Any) -> dict[str, Belief]:
+def _distributions(given: Any) -> dict[str, Distribution]:
     if not isinstance(given, Mapping) or not given:
         raise ParameterError(
             f"say what to vary: {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, got {in_words(given)}."
         )
-    made: dict[str, Belief] = {}
+    made: dict[str, Distribution] = {}
     for name, one in given.items():
         if isinstance(one, (tuple, list)) and len(one) == 2:
             one = between(str(name), *one)

@@ -1,4 +1,4 @@
-"""Signals of many runs at once: where a response lies when its parameters are not known for sure."""
+"""Signals of many runs: the range of a response when its parameters are uncertain."""
 
 from __future__ import annotations
 
@@ -18,12 +18,24 @@ from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
 from tsmblocks.studies.runner import grouped, run_starts
-from tsmblocks.studies.study import own_numbers, planned, signal_units
+from tsmblocks.studies.study import as_plan, signal_units, with_own_values
 
 
 @attrs.frozen(eq=False)
 class Responses:
-    """Signals of the runs of a plan: ``signals[name]`` has shape (runs, N), ``t`` (N,) [s], ``units`` the labels."""
+    """Signals of the runs of a plan.
+
+    Parameters
+    ----------
+    title : str
+        Title of the diagram.
+    t : ndarray, shape (N,)
+        Instants [s].
+    signals : mapping of str to ndarray, each of shape (runs, N)
+        Signals by name.
+    units : mapping of str to str
+        Unit labels by signal.
+    """
 
     title: str
     t: np.ndarray = attrs.field(repr=False)
@@ -37,11 +49,28 @@ class Responses:
         return self.signals[name]
 
     def unit(self, name: str) -> str:
-        """Unit label of a signal, ``""`` when none is known."""
+        """Return the unit label of a signal.
+
+        Parameters
+        ----------
+        name : str
+            The signal.
+
+        Returns
+        -------
+        str
+            Its unit, ``""`` where it is not known.
+        """
         return self.units.get(name, "")
 
     def to_xarray(self) -> Any:
-        """A data set over ``run`` and ``t`` [s], one variable per signal, with ``attrs["units"]``. Needs xarray."""
+        """Return the signals as an xarray data set. Needs xarray.
+
+        Returns
+        -------
+        xarray.Dataset
+            One variable per signal over ``run`` and ``t`` [s]; ``attrs["units"]`` of each is its unit.
+        """
         count = len(next(iter(self.signals.values()), ()))
         coords = {"run": (("run",), np.arange(count), ""), "t": (("t",), self.t, "s")}
         return dataset(
@@ -56,7 +85,27 @@ class Responses:
         return view("html", self)
 
     def plot(self, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
-        """Where a signal lies in these runs, its median and bands; see ``plots.plot_envelope``. Needs matplotlib."""
+        """Plot the median and bands of a signal over the runs. Needs matplotlib.
+
+        Parameters
+        ----------
+        signal : str
+            The signal.
+        ax : matplotlib.axes.Axes or None, default None
+            Axes to draw into, by default those of a new figure.
+        reference : str or None, default None
+            Signal drawn beside it.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+
+        Raises
+        ------
+        RunError
+            For an unknown signal.
+        """
         return view("plot", self, signal=signal, ax=ax, reference=reference)
 
 
@@ -75,16 +124,38 @@ def responses(
     threads: int | None = None,
     backend: str = "",
 ) -> Responses:
-    """Signals of every run of a plan, all in memory: for an envelope some hundred runs tell enough.
+    """Return signals of every run of a plan, all in memory; some hundred runs are enough for an envelope.
 
-    ``signals`` are the diagram's outputs unless named; every ``every``-th instant is kept. Other arguments as for
-    ``study``. Raises as ``simulate_batch`` does.
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    plan : Plan or mapping of str to sequence
+        As for ``study``.
+    signals : sequence of str or None, default None
+        Signals to keep, by default the diagram's outputs.
+    stop, step, start, method, inputs, hold : optional
+        As for ``study``.
+    every : int, default 10
+        Number of steps between instants that are kept.
+    threads, backend : optional
+        As for ``study``.
+
+    Returns
+    -------
+    Responses
+        The signals.
+
+    Raises
+    ------
+    ParameterError, DataError, RunError
+        As ``simulate_batch`` does.
     """
-    diagram, plan = as_diagram(diagram), planned(plan)
+    diagram, plan = as_diagram(diagram), as_plan(plan)
     units, names = signal_units(diagram), list(signals) if signals is not None else list(diagram.outputs)
     options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
     made: dict[str, Any] = {}
-    t, columns = np.empty(0), own_numbers(diagram, plan)
+    t, columns = np.empty(0), with_own_values(diagram, plan)
     groups = grouped(diagram, columns, options)
     batches = [group.batch(names) for group in groups]
     warn_of_fast_poles(run_starts(groups, batches, columns), options.rule, step)

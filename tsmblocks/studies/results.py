@@ -1,4 +1,4 @@
-"""What a study returns: a number per run and metric, and what can be read off them."""
+"""Results of a study: a number per run and metric, with quantiles, optima and influences."""
 
 from __future__ import annotations
 
@@ -20,20 +20,46 @@ from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.studies.plans import plain
-from tsmblocks.studies.store import Table, facts_of, read_table, value_of
+from tsmblocks.studies.store import Table, facts_path, parsed_cell, read_table
 
 QUANTILES = {"lowest": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "highest": 1.0}
+"""Quantiles of a metric that a summary has."""
 
 
 @attrs.frozen(eq=False)
 class Results:
     """Metrics of the runs of a study.
 
-    ``runs`` (n,) are the numbers of the runs that are there, out of ``count``; ``parameters`` and ``metrics`` map
-    names to arrays of that shape, ``units`` and ``texts`` metrics to their unit and how they were written. A metric
-    that was asked for as ``"error [deg]"`` is found by that and by ``"error"``; ``asked`` has the former. ``own``
-    are the diagram's own numbers, ``status`` is ``"complete"`` or ``"interrupted"``. A run whose signals are not
-    finite has NaN for its metrics.
+    ``results[name]`` is a parameter or a metric, shape (n,). Metrics of a run that is not finite are NaN.
+
+    Parameters
+    ----------
+    title : str
+        Title of the study.
+    kind : str
+        How the plan was made.
+    count : int
+        Number of runs of the plan.
+    runs : ndarray of int, shape (n,)
+        Numbers of the runs that are done.
+    parameters : mapping of str to ndarray, each of shape (n,)
+        Values by parameter.
+    metrics : mapping of str to ndarray, each of shape (n,)
+        Values by metric.
+    units : mapping of str to str
+        Units by metric, ``""`` where it is not known.
+    texts : mapping of str to str
+        Expressions by metric.
+    own : mapping of str to value
+        The diagram's own values of the parameters; None for an option.
+    status : {"complete", "interrupted"}, default "complete"
+        How the study ended.
+    path : Path or None, default None
+        The .csv file with the results.
+    diagram : Diagram or None, default None
+        The diagram; None where results were read from a file.
+    asked : mapping of str to str, default {}
+        Names by metric as they were given, such as ``"error [deg]"`` of ``"error"``; results are found by both.
     """
 
     title: str
@@ -66,7 +92,7 @@ class Results:
 
     def _numbers(self, name: str) -> np.ndarray:
         if self[name].dtype.kind != "f":
-            raise RunError(f"'{name}' is no number but an option.")
+            raise RunError(f"'{name}' is an option and has no numbers.")
         return self[name]
 
     @property
@@ -75,13 +101,39 @@ class Results:
         return np.any([np.isnan(v) for v in self.metrics.values()], axis=0)
 
     def row(self, at: int) -> dict[str, Any]:
-        """Parameters and metrics of the run at a position, by name."""
+        """Return parameters and metrics of the run at a position.
+
+        Parameters
+        ----------
+        at : int
+            Position in ``runs``.
+
+        Returns
+        -------
+        dict of str to value
+            Values by name.
+        """
         return {name: plain(self[name][at]) for name in self}
 
     def best(self, metric: str, *, largest: bool = False) -> dict[str, Any]:
-        """Parameters and metrics of the run where a metric is smallest, with its ``run`` number.
+        """Return parameters and metrics of the run where a metric is smallest.
 
-        Raises RunError where no run has a finite one.
+        Parameters
+        ----------
+        metric : str
+            The metric.
+        largest : bool, default False
+            Whether the largest value is the best.
+
+        Returns
+        -------
+        dict of str to value
+            Values by name, with the number of the ``run``.
+
+        Raises
+        ------
+        RunError
+            For an unknown metric, and where no run has a finite one.
         """
         found = self._numbers(metric)
         values = np.where(np.isfinite(found), found, np.nan)
@@ -91,7 +143,23 @@ class Results:
         return {"run": int(self.runs[at]), **self.row(at)}
 
     def at(self, run: int) -> Diagram:
-        """The diagram with the parameters of a run, by its number. Raises RunError where there is none."""
+        """Return the diagram with the parameters of a run.
+
+        Parameters
+        ----------
+        run : int
+            Number of the run.
+
+        Returns
+        -------
+        Diagram
+            The diagram.
+
+        Raises
+        ------
+        RunError
+            Where there is no such run, or the results are from a file, which has no diagram.
+        """
         where = np.flatnonzero(self.runs == run)
         if self.diagram is None or not len(where):
             why = "the diagram is not in the file" if self.diagram is None else f"there are {self.count} runs"
@@ -99,7 +167,23 @@ class Results:
         return self.diagram.with_parameters({k: plain(v[where[0]]) for k, v in self.parameters.items()})
 
     def pareto(self, *metrics: str) -> np.ndarray:
-        """Positions of the runs that no other one beats in all of these metrics (smaller is better), by the first."""
+        """Return the Pareto front: the runs that no other one beats in all of these metrics.
+
+        Parameters
+        ----------
+        *metrics : str
+            Two metrics or more; smaller is better.
+
+        Returns
+        -------
+        ndarray of int
+            Positions in ``runs``, ordered by the first metric.
+
+        Raises
+        ------
+        RunError
+            For fewer than two metrics, and for an unknown one.
+        """
         if len(metrics) < 2:
             raise RunError("a Pareto front takes two metrics at least.")
         values = np.column_stack([self._numbers(name) for name in metrics])
@@ -111,20 +195,49 @@ class Results:
         return np.array(kept, dtype=int)
 
     def influence(self, metric: str) -> dict[str, tuple[float, float]]:
-        """How a metric moves with each parameter, the most influential first: at its low and at its high end.
+        """Return how a metric changes with each parameter, the most influential first.
 
-        Of a sweep, the metric itself with a parameter at its smallest and largest value. Of other plans, what a
-        linear regression foretells with a parameter at its 5 % and 95 % quantiles and the others at their means: how
-        much is due to each, as far as that is linear. Raises RunError where fewer runs are finite than that takes.
+        Of a sweep it is the metric at the smallest and the largest value of a parameter. Of other plans it is what a
+        linear regression predicts at the 5 % and 95 % quantiles of a parameter, the others being at their means.
+
+        Parameters
+        ----------
+        metric : str
+            The metric.
+
+        Returns
+        -------
+        dict of str to tuple of float
+            The metric at the low and at the high end, by parameter, in its unit.
+
+        Raises
+        ------
+        RunError
+            Where fewer runs are finite than the regression needs.
         """
         from tsmblocks.studies.influence import influence
 
         return influence(self, metric)
 
     def quantiles(self, metric: str) -> dict[str, float]:
-        """Lowest, 5 %, median, 95 % and highest of a metric, over the runs that have one.
+        """Return lowest value, 5 %, median, 95 % and highest value of a metric, over the runs that have one.
 
         Between two runs a quantile is interpolated linearly; next to an infinite one it is infinite.
+
+        Parameters
+        ----------
+        metric : str
+            The metric.
+
+        Returns
+        -------
+        dict of str to float
+            Quantiles by name, in the unit of the metric; NaN where no run has one.
+
+        Raises
+        ------
+        RunError
+            For an unknown metric.
         """
         found = self._numbers(metric)
         values = np.sort(found[~np.isnan(found)])
@@ -133,9 +246,13 @@ class Results:
         return {name: _quantile(values, q) for name, q in QUANTILES.items()}
 
     def to_pandas(self) -> Any:
-        """A frame with a row per run, by its number: parameters, then metrics as they were asked for. Needs pandas.
+        """Return the results as a pandas frame. Needs pandas.
 
-        ``attrs["units"]`` has the units of the metrics by column.
+        Returns
+        -------
+        pandas.DataFrame
+            A row per run, by its number: parameters, then metrics by the names given. ``attrs["units"]`` has the units
+            of the metrics by column.
         """
         names = {name: self.asked.get(name, name) for name in self}
         return frame(
@@ -146,9 +263,13 @@ class Results:
         )
 
     def to_xarray(self) -> Any:
-        """A data set of the metrics, with ``attrs["units"]``. Needs xarray.
+        """Return the metrics as an xarray data set. Needs xarray.
 
-        Of a whole grid the parameters are its dimensions; else there is one, ``run``, with the parameters over it.
+        Returns
+        -------
+        xarray.Dataset
+            Of a complete grid the parameters are its dimensions; else ``run`` is, with the parameters over it.
+            ``attrs["units"]`` of each variable is its unit.
         """
         facts = {"title": self.title, "kind": self.kind, "status": self.status}
         axes = {k: list(dict.fromkeys(v.tolist())) for k, v in self.parameters.items()}
@@ -164,7 +285,13 @@ class Results:
         return dataset({k: (("run",), v, self.units[k]) for k, v in self.metrics.items()}, coords, facts)
 
     def to_dict(self) -> dict[str, Any]:
-        """The summary as plain values."""
+        """Return the summary as plain values.
+
+        Returns
+        -------
+        dict
+            Title, kind, numbers of runs, and quantiles and best run of each metric.
+        """
         return {
             "title": self.title,
             "kind": self.kind,
@@ -185,7 +312,20 @@ class Results:
         }
 
     def plot(self, *metrics: str, ax: Any = None) -> Any:
-        """What suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs."""
+        """Plot what suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs.
+
+        Parameters
+        ----------
+        *metrics : str
+            The metrics, by default all.
+        ax : matplotlib.axes.Axes or None, default None
+            Axes to draw into, by default those of a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure. Needs matplotlib.
+        """
         return view("plot", self, metrics=metrics, ax=ax)
 
     def _repr_html_(self) -> str:
@@ -201,7 +341,7 @@ class Results:
         if self.failed.any():
             count = int(self.failed.sum())
             have = "runs have" if count > 1 else "run has"
-            lines.append(f"{count} {have} a metric that is no number (an unstable loop, say)")
+            lines.append(f"{count} {have} a metric that is no number (an unstable loop, for example)")
         table = [("", *QUANTILES, "lowest at")]
         for name in self.metrics:
             numbers = self.quantiles(name)
@@ -215,9 +355,32 @@ class Results:
 
 
 def read_study(path: str | Path) -> Results:
-    """Results that ``study`` has written to a .csv file, complete or not; it needs the ``.study.json`` beside it.
+    """Return results that ``study`` has written, complete or not.
 
-    Raises DataError where it holds none.
+    Parameters
+    ----------
+    path : str or Path
+        The .csv file, beside its ``.study.json``.
+
+    Returns
+    -------
+    Results
+        The results, without diagram.
+
+    Raises
+    ------
+    DataError
+        For files that are not those of a study, with the line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import mkdtemp
+    >>> import tsmblocks as tsm
+    >>> path = Path(mkdtemp()) / "gains.csv"
+    >>> _ = tsm.study(tsm.load("fig16_feedforward_feedback"), {"pid.kp": [1.0, 1.5]}, "rms(u)", stop=1.0, out=path)
+    >>> tsm.read_study(path)
+    Results('Feedforward plus PID feedback of the tip', 2 of 2 runs, metrics rms(u))
     """
     path = Path(path)
     table = read_table(path)
@@ -229,9 +392,9 @@ def read_study(path: str | Path) -> Results:
         asked = {named(name)[0]: name for name in texts}
         texts = {name: texts[full] for name, full in asked.items()}
     except (KeyError, TypeError, ValueError):
-        raise DataError(f"{facts_of(path)}: the facts of the study are not all there.") from None
+        raise DataError(f"{facts_path(path)}: the facts of the study are not all there.") from None
     if [named(one) for one in table.heading[1:]] != list(wanted.items()):
-        raise DataError(f"{path}:1: the heading does not have the parameters and metrics of {facts_of(path).name}.")
+        raise DataError(f"{path}:1: the heading does not have the parameters and metrics of {facts_path(path).name}.")
     runs = np.array(sorted(table.rows), dtype=int)
     if len(runs) and runs[-1] >= count:
         raise DataError(f"{path}: there are {count} runs, and a row of run {runs[-1]}.")
@@ -257,7 +420,7 @@ def read_study(path: str | Path) -> Results:
 
 
 def _column(table: Table, runs: np.ndarray, k: int) -> np.ndarray:
-    values = [value_of(table.rows[run][k]) for run in runs]
+    values = [parsed_cell(table.rows[run][k]) for run in runs]
     if all(isinstance(v, float) for v in values):
         return np.array(values, dtype=float)
     made = np.empty(len(values), dtype=object)

@@ -1,4 +1,4 @@
-"""Runs of a study: in lanes and threads of this process, or in pieces on any executor. Results come as they end."""
+"""Runs of a study: in lanes and threads of this process, or in pieces on any executor. Results come as runs end."""
 
 from __future__ import annotations
 
@@ -23,27 +23,29 @@ from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import MOST_CHECKED, RunStart, extreme_sets, set_text
 from tsmblocks.studies.plans import plain
 
-TURNS = 4
-"""Times that every thread is busy, in one piece of work of this process."""
-PIECE = 8
-"""Groups of lanes in one piece of work of an executor."""
-WAITING = 256
-"""Pieces that an executor is given ahead."""
+BATCHES_PER_THREAD = 4
+"""Groups of lanes that every thread runs in one piece of work of this process. Chosen: threads end nearly together, and
+results are written often enough."""
+LANE_GROUPS_PER_PIECE = 8
+"""Groups of lanes in one piece of work of an executor. Chosen: a piece takes far longer than its way to a worker."""
+MAX_SUBMITTED = 256
+"""Pieces that an executor is given ahead. Chosen: workers never wait, and memory stays bounded."""
+MAX_ATTEMPTS = 3
+"""Times that a piece is run before its error counts. Chosen: a cluster may lose one with the machine that had it."""
+OVERDUE_RATIO = 4.0
+"""Time after which a piece is submitted again, as a multiple of that of the slowest piece so far. Chosen."""
+MIN_OVERDUE_TIME = 10.0
+"""The same, at least [s]. Chosen: short pieces may wait longer than they run."""
 
-TRIES = 3
-"""Times that a piece is run before its error counts: a cluster may lose one with the machine that had it."""
-OVERDUE, PATIENCE = 4.0, 10.0
-"""A piece waited for this many times as long as the slowest yet, and at least so many seconds, is given again."""
-
-Found = tuple[np.ndarray, dict[str, np.ndarray]]
+PieceResult = tuple[np.ndarray, dict[str, np.ndarray]]
 """Numbers of runs, and their metrics, each of that shape."""
 
 
 @attrs.frozen(eq=False)
 class Runs:
-    """Runs that differ in numbers alone: a diagram, which ``runs`` they are, and their ``sets`` of parameters.
+    """Runs that differ in parameters alone: a diagram, the numbers of the ``runs``, and their ``sets`` of parameters.
 
-    ``lanes`` of them go side by side, however the work is cut: so their results agree to the last digit.
+    ``lanes`` of them go side by side, however the work is divided: so their results agree to the last digit.
     """
 
     diagram: Diagram
@@ -66,15 +68,15 @@ class Runs:
 
 
 Piece = tuple[Runs, tuple[Metric, ...]]
-"""What an executor is given at a time: runs, and what is measured."""
+"""Work of an executor at a time: runs, and the metrics of them."""
 
 
 def grouped(diagram: Diagram, columns: Mapping[str, np.ndarray], options: RunOptions) -> list[Runs]:
-    """Runs whose equations are the same, together. What shapes the equations (an option) tells groups apart.
+    """Groups of runs whose equations are the same; they differ in options, which shape the equations.
 
     Raises ParameterError for an unknown name or a value that its block refuses.
     """
-    side_by_side = _in_lanes(diagram, columns)
+    side_by_side = _lane_parameters(diagram, columns)
     shaping = [name for name in columns if name not in side_by_side]
     members: dict[tuple[Any, ...], list[int]] = {}
     for run in range(len(next(iter(columns.values())))):
@@ -83,15 +85,15 @@ def grouped(diagram: Diagram, columns: Mapping[str, np.ndarray], options: RunOpt
     for values, runs in members.items():
         own = diagram.with_parameters(dict(zip(shaping, values, strict=True))) if shaping else diagram
         at = np.array(runs)
-        sets = {k: columns[k][at] for k in side_by_side} or _something(own, len(at))
+        sets = {k: columns[k][at] for k in side_by_side} or _unchanged_parameter(own, len(at))
         lanes = lanes_for(len(at), len(equations(own.untied(sets)).x))
         made.append(Runs(own, at, sets, options, lanes))
     return made
 
 
-def _in_lanes(diagram: Diagram, columns: Mapping[str, np.ndarray]) -> list[str]:
-    """Names of numbers that stand in the equations as such."""
-    loose = diagram.untied(columns)  # a number that follows a shared one may go its own way
+def _lane_parameters(diagram: Diagram, columns: Mapping[str, np.ndarray]) -> list[str]:
+    """Names of parameters that are symbols of the equations."""
+    loose = diagram.untied(columns)  # a parameter that follows a shared value may be varied alone
     known = [name for name in columns if name in loose.parameters]
     for name in known:
         if columns[name].dtype.kind != "f":
@@ -101,43 +103,43 @@ def _in_lanes(diagram: Diagram, columns: Mapping[str, np.ndarray]) -> list[str]:
     return [name for name in known if name in free]
 
 
-def _something(diagram: Diagram, count: int) -> dict[str, np.ndarray]:
-    """A number at its own value, for runs that differ in options alone: a batch varies something."""
+def _unchanged_parameter(diagram: Diagram, count: int) -> dict[str, np.ndarray]:
+    """A parameter at its own value, for runs that differ in options alone: a batch needs one that varies."""
     free = [name for name in diagram.parameters if name in equations(diagram).p]
     if not free:
-        raise ParameterError(f"'{diagram.title}' has no number at all, so its runs cannot be studied side by side.")
+        raise ParameterError(f"'{diagram.title}' has no parameter, so its runs cannot be studied side by side.")
     return {free[0]: np.full(count, diagram.parameters[free[0]])}
 
 
-def here(
+def run_in_process(
     groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, threads: int | None
-) -> Generator[Found, None, None]:
-    """Run what is missing in this process, in as many threads as there are processors unless told."""
+) -> Generator[PieceResult, None, None]:
+    """Run what is missing in this process, in as many threads as there are processors unless given."""
     busy = threads or os.cpu_count() or 1
     for group in groups:
         wanted = np.flatnonzero(missing[group.runs])
         if not len(wanted):
             continue
         batch = group.part(wanted).prepared(metrics)
-        size = group.lanes * busy * TURNS
+        size = group.lanes * busy * BATCHES_PER_THREAD
         for first in range(0, len(wanted), size):
             last = min(first + size, len(wanted))
             found = batch.results(first, last, _Reduce(tuple(metrics)), busy)
             yield group.runs[wanted[first:last]], found
 
 
-def elsewhere(
+def run_on_executor(
     groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, executor: Executor
-) -> Generator[Found, None, None]:
-    """Run what is missing on an executor, piece by piece, in whatever order they end."""
-    out = _Given(executor)
+) -> Generator[PieceResult, None, None]:
+    """Run what is missing on an executor, piece by piece, in the order in which they end."""
+    out = _Submitted(executor)
     try:
         for number, piece in enumerate(_pieces(groups, metrics, missing)):
-            out.give(number, piece, 1)
-            while len(out.waiting) >= WAITING:
-                yield from out.ended()
+            out.submit(number, piece, 1)
+            while len(out.waiting) >= MAX_SUBMITTED:
+                yield from out.finished()
         while out.waiting:
-            yield from out.ended()
+            yield from out.finished()
     finally:
         for one in out.waiting:
             one.cancel()
@@ -145,86 +147,87 @@ def elsewhere(
 
 def _pieces(groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray) -> Iterator[Piece]:
     for group in groups:
-        wanted, size = np.flatnonzero(missing[group.runs]), PIECE * group.lanes
+        wanted, size = np.flatnonzero(missing[group.runs]), LANE_GROUPS_PER_PIECE * group.lanes
         for first in range(0, len(wanted), size):
             yield group.part(wanted[first : first + size]), tuple(metrics)
 
 
 @attrs.frozen
-class _Copy:
-    """A piece in the hands of an executor: which one, how often it was given by now, and when."""
+class _Attempt:
+    """A piece that an executor has: its number, how often it was submitted so far, and when [s]."""
 
     number: int
     piece: Piece
-    tries: int
+    attempt: int
     since: float
 
 
 @attrs.define
-class _Given:
-    """Pieces that an executor has been given and has not answered yet.
+class _Submitted:
+    """Pieces that were submitted to an executor and have not ended yet.
 
-    An executor may lose a piece without a word: Dask's does when a machine dies with a result that nobody has fetched.
-    So a piece that takes far longer than any other has is given once more; whichever copy ends first counts.
+    An executor may lose a piece without an error: Dask's does when a machine dies with a result that was not fetched.
+    So a piece that takes far longer than any other has is submitted again; whichever copy ends first counts.
     """
 
     executor: Executor
-    waiting: dict[Future[Found], _Copy] = attrs.field(factory=dict)
+    waiting: dict[Future[PieceResult], _Attempt] = attrs.field(factory=dict)
     longest: float = 0.0
 
-    def give(self, number: int, piece: Piece, tries: int) -> None:
-        """Hand a piece over, for the first time or again."""
-        self.waiting[self.executor.submit(worked, *piece, tries)] = _Copy(number, piece, tries, monotonic())
+    def submit(self, number: int, piece: Piece, attempt: int) -> None:
+        """Submit a piece, for the first time or again."""
+        self.waiting[self.executor.submit(run_piece, *piece, attempt)] = _Attempt(number, piece, attempt, monotonic())
 
-    def ended(self) -> Iterator[Found]:
-        """Results of those that have ended, which wait no longer; what was lost on the way is run again."""
-        patience = max(PATIENCE, OVERDUE * self.longest)
+    def finished(self) -> Iterator[PieceResult]:
+        """Results of the pieces that have ended; those that were lost are submitted again."""
+        patience = max(MIN_OVERDUE_TIME, OVERDUE_RATIO * self.longest)
         done, _ = wait(self.waiting, timeout=patience if self.longest else None, return_when=FIRST_COMPLETED)
         for one in done:
             if one not in self.waiting:
-                continue  # another copy has ended in this very round
+                continue  # another copy has ended since
             copy = self.waiting.pop(one)
             try:
                 found = one.result()
             except (TsmError, BrokenExecutor):
                 raise
             except Exception as error:
-                self._failed(copy, error)
+                self._retry(copy, error)
             else:
                 self.longest = max(self.longest, monotonic() - copy.since)
-                self._forget(copy.number)
+                self._cancel_copies(copy.number)
                 yield found
-        self._remind(patience)
+        self._resubmit_overdue(patience)
 
-    def _failed(self, copy: _Copy, error: Exception) -> None:
+    def _retry(self, copy: _Attempt, error: Exception) -> None:
         if isinstance(error, (PicklingError, AttributeError, TypeError)) and "pickle" in str(error):
             raise RunError(
                 f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
                 "samples, and define blocks of your own in a module."
             ) from None
         if copy.number in {other.number for other in self.waiting.values()}:
-            return  # a copy of it is under way
-        if copy.tries >= TRIES:
+            return  # another copy of it is running
+        if copy.attempt >= MAX_ATTEMPTS:
             raise error
-        self.give(copy.number, copy.piece, copy.tries + 1)
+        self.submit(copy.number, copy.piece, copy.attempt + 1)
 
-    def _forget(self, number: int) -> None:
+    def _cancel_copies(self, number: int) -> None:
         for other in [f for f, copy in self.waiting.items() if copy.number == number]:
             other.cancel()
             del self.waiting[other]
 
-    def _remind(self, patience: float) -> None:
-        """Give again what is overdue, as long as its tries last; then it is waited for, however long that takes."""
+    def _resubmit_overdue(self, patience: float) -> None:
+        """Submit again what is overdue, up to the largest number of attempts; then it is waited for without limit."""
         latest = {copy.number: copy for copy in self.waiting.values()}  # the last copy of each, in the order given
         for copy in latest.values():
-            if self.longest and copy.tries < TRIES and monotonic() - copy.since > patience:
-                self.give(copy.number, copy.piece, copy.tries + 1)
+            if self.longest and copy.attempt < MAX_ATTEMPTS and monotonic() - copy.since > patience:
+                self.submit(copy.number, copy.piece, copy.attempt + 1)
 
 
-def worked(runs: Runs, metrics: tuple[Metric, ...], _tries: int) -> Found:
+def run_piece(runs: Runs, metrics: tuple[Metric, ...], _attempt: int) -> PieceResult:
     """One piece of work, in whichever process: run, and reduce to metrics.
 
-    Which try it is makes copies differ: an executor that knows work by its arguments would give the one that it lost.
+    The number of the attempt makes copies differ: an executor that identifies work by its arguments would return the
+    one that it lost.
     """
     batch = runs.prepared(metrics)
     return runs.runs, batch.results(0, batch.count, _Reduce(metrics), 1)
@@ -240,8 +243,8 @@ class _Reduce:
         return {one.name: one(t, signals) for one in self.metrics}
 
 
-def checked(groups: Sequence[Runs], metrics: Sequence[Metric]) -> list[PreparedBatch]:
-    """The groups' batches. Raises what running would raise: sets that a block refuses, metrics of no instant."""
+def checked_batches(groups: Sequence[Runs], metrics: Sequence[Metric]) -> list[PreparedBatch]:
+    """The groups' batches. Raises what running would raise: sets that a block refuses, metrics without an instant."""
     batches = [group.prepared(metrics) for group in groups]
     for batch in batches:
         for one in metrics:
@@ -252,7 +255,7 @@ def checked(groups: Sequence[Runs], metrics: Sequence[Metric]) -> list[PreparedB
 def run_starts(
     groups: Sequence[Runs], batches: Sequence[PreparedBatch], columns: Mapping[str, np.ndarray]
 ) -> list[RunStart]:
-    """Where a few of the runs begin: those at the ends of what varies, and the first of each group."""
+    """Initial points of a few runs: those at the ends of what varies, and the first of each group."""
     chosen = dict.fromkeys([*extreme_sets(columns), *(int(group.runs[0]) for group in groups)])
     made = []
     for run in list(chosen)[:MOST_CHECKED]:

@@ -1,4 +1,4 @@
-"""Results of a study in a CSV file: kept as they come, read back after a kill, the same bytes however it was run.
+"""Results of a study in a CSV file: written as runs end, continued after a kill, the same bytes however it was run.
 
 It is a plain table: a heading and a row per run, as any program reads it. Rows are added in the order in which runs
 end, and put in order once all are there. The facts of the study, by which a later call knows whether it is the same
@@ -21,18 +21,19 @@ import numpy as np
 from tsmblocks.common.errors import DataError, clip
 
 FORMAT = 1
+"""Version of the format of the facts."""
 DIGESTS = {"diagram": "other blocks, wires or numbers", "plan": "other parameters or values", "inputs": "other samples"}
-"""Facts that are kept as digests only, and in what way they may differ."""
+"""Facts of which only a digest is kept, with the reason that a message gives where they differ."""
 
 
-def facts_of(path: Path) -> Path:
+def facts_path(path: Path) -> Path:
     """The file with the facts of the study whose results stand in a file."""
     return path.with_suffix(".study.json")
 
 
 @attrs.frozen
 class Table:
-    """What the files hold: the ``facts`` of the study, its ``heading``, and the rows by run, texts as they stand."""
+    """Contents of the files: ``facts`` of the study, its ``heading``, and the cells of each row by run."""
 
     facts: Mapping[str, Any]
     heading: tuple[str, ...]
@@ -40,8 +41,8 @@ class Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read results and facts. A last line that was cut off counts as not there. Raises DataError with the line."""
-    text, beside = _text_of(path), facts_of(path)
+    """Read results and facts; a last line that was cut off is ignored. Raises DataError with the line."""
+    text, beside = _text_of(path), facts_path(path)
     if not beside.exists():
         raise DataError(f"{path}: this is no file of a study's results: there is no {beside.name} beside it.")
     try:
@@ -72,7 +73,7 @@ def _text_of(path: Path) -> str:
 
 @attrs.define
 class Store:
-    """Files that are being written; ``done`` has the runs that are in them. ``path`` None keeps nothing.
+    """Files that are being written; ``done`` has the rows of the runs in them. Without ``path`` nothing is written.
 
     ``parameters`` are the columns of the plan, of ``runs`` values each.
     """
@@ -85,7 +86,7 @@ class Store:
     done: dict[int, tuple[str, ...]] = attrs.field(factory=dict)
 
     def begin(self) -> None:
-        """Take up what an earlier run of the same study has left, or begin anew. Raises DataError for another study."""
+        """Continue an earlier run of the same study, or start a new one. Raises DataError for another study."""
         if self.path is None:
             return
         if self.path.exists() and self.path.stat().st_size:
@@ -94,8 +95,8 @@ class Store:
             other = [k for k in known if json.dumps(self.facts.get(k)) != json.dumps(before.facts.get(k))]
             if other:
                 raise DataError(
-                    f"{self.path} holds another study: {_differs(other[0], before.facts, self.facts)}. "
-                    "Name another file, or remove that one to begin anew."
+                    f"{self.path} holds another study: {_difference(other[0], before.facts, self.facts)}. "
+                    "Name another file, or remove that one to start again."
                 )
             if before.heading != self.heading:
                 raise DataError(f"{self.path}:1: the heading has been changed; it was {','.join(self.heading)}.")
@@ -104,13 +105,13 @@ class Store:
             self.done.update(before.rows)
         from tsmblocks.common.atomic_write import replace_file
 
-        replace_file(facts_of(self.path), json.dumps(self.facts, ensure_ascii=False, indent=1) + "\n")
+        replace_file(facts_path(self.path), json.dumps(self.facts, ensure_ascii=False, indent=1) + "\n")
         self.finish()
 
     def _check(self, run: int, row: Sequence[str]) -> None:
         """Raise DataError for a row that no run of this study can have."""
         count = len(self.parameters)
-        wanted = tuple(written(plain[run]) for plain in self.parameters) if run < self.runs else ()
+        wanted = tuple(cell_text(plain[run]) for plain in self.parameters) if run < self.runs else ()
         if run >= self.runs or tuple(row[:count]) != wanted or not all(_is_number(v) for v in row[count:]):
             raise DataError(
                 f"{self.path}: the row of run {run} has been changed: {clip(','.join(row), 80)!r}. Take it "
@@ -121,11 +122,11 @@ class Store:
         """Add the rows of some runs, columns side by side; they are on the disk when this returns."""
         made = {}
         for run, *values in zip(runs, *columns, strict=True):
-            made[int(run)] = tuple(map(written, values))
+            made[int(run)] = tuple(map(cell_text, values))
         self.done.update(made)
         if self.path is not None:
             with self.path.open("ab") as file:
-                file.write(_text((k, *v) for k, v in made.items()).encode())
+                file.write(_csv_text((k, *v) for k, v in made.items()).encode())
                 file.flush()
                 os.fsync(file.fileno())
 
@@ -135,33 +136,33 @@ class Store:
             return
         from tsmblocks.common.atomic_write import replace_file
 
-        replace_file(self.path, _text([self.heading]) + _text((k, *self.done[k]) for k in sorted(self.done)))
+        replace_file(self.path, _csv_text([self.heading]) + _csv_text((k, *self.done[k]) for k in sorted(self.done)))
 
 
-def written(value: Any) -> str:
-    """A value as it stands in the file: a number reads back as the same number."""
+def cell_text(value: Any) -> str:
+    """A value as text of the file; a number reads back as the same number."""
     return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)
 
 
 def _is_number(text: str) -> bool:
-    return isinstance(value_of(text), float)
+    return isinstance(parsed_cell(text), float)
 
 
-def value_of(text: str) -> Any:
-    """What a text in the file means: a number where it is one."""
+def parsed_cell(text: str) -> Any:
+    """The value of a cell: a number where it is one, else the text."""
     try:
         return float(text)
     except ValueError:
         return text
 
 
-def _text(rows: Iterable[Sequence[Any]]) -> str:
+def _csv_text(rows: Iterable[Sequence[Any]]) -> str:
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
 
 
-def _differs(name: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+def _difference(name: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     if name in DIGESTS:
         return f"its {name} has {DIGESTS[name]}"
     there, here = (str(side.get(name, "missing")) for side in (before, now))

@@ -27,11 +27,11 @@ from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results
-from tsmblocks.studies.runner import Found, checked, elsewhere, grouped, here, run_starts
+from tsmblocks.studies.runner import PieceResult, checked_batches, grouped, run_in_process, run_on_executor, run_starts
 from tsmblocks.studies.store import FORMAT, Store
 
 Progress = Callable[[int, int], Any]
-"""Called with how many runs are done, and how many there are."""
+"""Callback with the number of runs done and the number of runs."""
 
 
 def study(
@@ -54,65 +54,107 @@ def study(
 ) -> Results:
     """Run a diagram once for each set of a plan, and reduce each run to numbers.
 
-    ``plan`` is a ``Plan``, or a mapping from parameters (options too) to values, of which every combination is run.
-    ``metrics`` are texts such as ``"rms(x_ref - x_out, after=10)"``, one, a list, or a mapping from names to texts
-    (``{"error [deg]": "…"}`` says the unit); by default the tracking errors. Runs go side by side in SIMD lanes and
-    threads of this process, or on any ``concurrent.futures.Executor``, Dask's ``Client.get_executor()`` included.
+    Runs go side by side in SIMD lanes and threads of this process, or on an executor. A run that is not finite has NaN
+    for its metrics. Ctrl-C ends the study with the results so far.
 
-    With ``out`` (a .csv file) results are written as they come; what the study is stands in a ``.study.json`` beside
-    it. The same call goes on where an earlier one was stopped, and ends with the same bytes. Ctrl-C ends the study
-    with what there is. ``progress(done, all)`` is called as runs end. ``title`` is the diagram's unless given. Other
-    arguments as for ``simulate``. A run that is not finite has NaN for its metrics. Raises ParameterError, DataError or
-    RunError as ``simulate_batch`` and ``metric`` do, before anything is run.
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    plan : Plan or mapping of str to sequence
+        The sets; a mapping from parameters (options too) to values is a grid of all combinations.
+    metrics : str, sequence of str, mapping of str to str or None, default None
+        Texts such as ``"rms(x_ref - x_out, after=10)"``; the name in a mapping may state the unit
+        (``{"error [deg]": "…"}``). By default the tracking errors.
+    stop, step, start, method, inputs, hold : optional
+        As for ``simulate``.
+    out : str, Path or None, default None
+        A .csv file to which results are written as they are computed; a ``.study.json`` beside it describes the study.
+        The same call continues where an earlier one was stopped, and ends with the same bytes.
+    executor : concurrent.futures.Executor or None, default None
+        Where to run; Dask's ``Client.get_executor()`` is one. By default threads of this process.
+    threads : int or None, default None
+        Threads of this process, by default as many as there are processors.
+    progress : callable or None, default None
+        Called as ``progress(done, count)`` when runs end.
+    backend : {"", "llvm", "casadi"}, default ""
+        As for ``simulate``.
+    title : str, default ""
+        Title of the results, by default that of the diagram.
+
+    Returns
+    -------
+    Results
+        Parameters and metrics of each run.
+
+    Raises
+    ------
+    ParameterError, DataError, RunError
+        As ``simulate_batch`` and ``metric`` do, before anything is run; RunError where a worker process ends early.
+
+    Examples
+    --------
+    >>> loop = tsm.load("fig16_feedforward_feedback")
+    >>> found = tsm.study(loop, {"pid.kp": [0.5, 1.0, 2.0]}, {"error [deg]": "rms(x_ref - x_out)"}, stop=10.0)
+    >>> found.best("error")["pid.kp"]
+    2.0
     """
     if isinstance(diagram, Mapping):
         raise ParameterError(
             "study runs one diagram; of several, make a study each: "
             "{name: study(one, plan, metrics) for name, one in diagrams.items()}."
         )
-    diagram, plan = as_diagram(diagram), planned(plan)
+    diagram, plan = as_diagram(diagram), as_plan(plan)
     options = RunOptions(stop, step, start, method, inputs, hold, backend=backend)
     wanted = read_metrics(metrics, signal_units(diagram))
-    asked = _Asked(title or diagram.title, diagram, plan.kind, own_numbers(diagram, plan), wanted, options)
-    tell = as_callback(progress, "done and of")
+    settings = _StudySettings(
+        title or diagram.title, diagram, plan.kind, with_own_values(diagram, plan), wanted, options
+    )
+    progress = as_callback(progress, "done and of")
     if executor is not None and not hasattr(executor, "submit"):
         raise RunError(f"executor is one of concurrent.futures, or Dask's get_executor(), got {in_words(executor)}.")
     if threads is not None:
         as_integer("threads", threads, 1)
-    groups = grouped(diagram, asked.columns, options)
-    looked_at = run_starts(groups, checked(groups, wanted), asked.columns)
-    warn_of_fast_poles(looked_at, options.rule, step)
-    store = Store(_path(out), asked.facts, asked.heading, tuple(asked.columns.values()), asked.count)
+    groups = grouped(diagram, settings.columns, options)
+    representative = run_starts(groups, checked_batches(groups, wanted), settings.columns)
+    warn_of_fast_poles(representative, options.rule, step)
+    store = Store(_path(out), settings.facts, settings.heading, tuple(settings.columns.values()), settings.count)
     store.begin()
-    missing = np.array([k not in store.done for k in range(asked.count)])
-    parts = here(groups, wanted, missing, threads) if executor is None else elsewhere(groups, wanted, missing, executor)
-    return asked.results(store, _run(parts, asked, store, tell))
+    missing = np.array([k not in store.done for k in range(settings.count)])
+    parts = (
+        run_in_process(groups, wanted, missing, threads)
+        if executor is None
+        else run_on_executor(groups, wanted, missing, executor)
+    )
+    return settings.results(store, _run(parts, settings, store, progress))
 
 
-def _run(parts: Generator[Found, None, None], asked: _Asked, store: Store, tell: Progress) -> str:
-    """Keep results as they come; how it ended."""
+def _run(parts: Generator[PieceResult, None, None], settings: _StudySettings, store: Store, progress: Progress) -> str:
+    """Store results as runs end; returns the status."""
     try:
-        tell(len(store.done), asked.count)
-        for runs, found in parts:
-            store.add(runs, [*(v[runs] for v in asked.columns.values()), *(found[one.name] for one in asked.metrics)])
-            tell(len(store.done), asked.count)
+        progress(len(store.done), settings.count)
+        for runs, values in parts:
+            store.add(
+                runs, [*(v[runs] for v in settings.columns.values()), *(values[one.name] for one in settings.metrics)]
+            )
+            progress(len(store.done), settings.count)
     except KeyboardInterrupt:
         parts.close()
         return "interrupted"
     except BrokenExecutor as error:
         kept = (
-            f" {len(store.done)} of {asked.count} runs are in {store.path}; the same call goes on from there."
+            f" {len(store.done)} of {settings.count} runs are in {store.path}; the same call continues from there."
             if store.path
             else ""
         )
         guard = "" if store.done else ' A script that starts processes works under if __name__ == "__main__": alone.'
-        raise RunError(f"a worker process came to its end before its runs did ({error}).{kept}{guard}") from None
+        raise RunError(f"a worker process ended before its runs did ({error}).{kept}{guard}") from None
     store.finish()
     return "complete"
 
 
 @attrs.frozen(eq=False)
-class _Asked:
+class _StudySettings:
     """A study, all of it settled: ``columns`` have a value for every run, ``options`` are those of the runs."""
 
     title: str
@@ -134,7 +176,7 @@ class _Asked:
 
     @property
     def own(self) -> dict[str, Any]:
-        """The diagram's own numbers; None for an option."""
+        """The diagram's own values; None for an option."""
         numbers = self.diagram.untied(self.columns).parameters
         return {name: numbers.get(name) for name in self.columns}
 
@@ -148,14 +190,14 @@ class _Asked:
         """All that the results depend on, so that those of another study are not gone on with."""
         options, times = self.options, self.options.times
         values = (f"{k}={v.tolist()!r}" for k, v in self.columns.items())
-        driven = (f"{k}={_shown(k, v, times.grid, options.hold)}" for k, v in options.inputs.items())
+        driven = (f"{k}={_input_text(k, v, times.grid, options.hold)}" for k, v in options.inputs.items())
         return {
             "format": FORMAT,
             "title": self.title,
             "runs": self.count,
             "kind": self.kind,
             "version": __version__,
-            "diagram": _digest(_described(self.diagram)),
+            "diagram": _digest(_diagram_text(self.diagram)),
             "plan": _digest(*values),
             "inputs": _digest(*driven),
             "metrics": {one.asked: one.text for one in self.metrics},
@@ -168,7 +210,7 @@ class _Asked:
         }
 
     def results(self, store: Store, status: str) -> Results:
-        """The results that a store holds; runs that are missing are left out."""
+        """The results in a store; runs that are missing are left out."""
         runs = np.array(sorted(store.done), dtype=int)
         first = len(self.columns)
         values = {
@@ -191,10 +233,10 @@ class _Asked:
         )
 
 
-# ---- what is asked for ------------------------------------------------------------------------------
+# ---- arguments -----------------------------------------------------------------------------------------
 
 
-def planned(plan: Any) -> Plan:
+def as_plan(plan: Any) -> Plan:
     """A plan, or the grid that a mapping describes. Raises ParameterError for anything else."""
     if isinstance(plan, Plan):
         return plan
@@ -206,18 +248,18 @@ def planned(plan: Any) -> Plan:
     )
 
 
-def own_numbers(diagram: Diagram, plan: Plan) -> dict[str, np.ndarray]:
-    """The columns of a plan, what it leaves open being the diagram's own. Raises ParameterError for an unknown name."""
-    return {name: _own(diagram, name, values) for name, values in plan.columns.items()}
+def with_own_values(diagram: Diagram, plan: Plan) -> dict[str, np.ndarray]:
+    """The columns of a plan, NaN replaced by the diagram's own values. Raises ParameterError for an unknown name."""
+    return {name: _filled_with_own(diagram, name, values) for name, values in plan.columns.items()}
 
 
-def _own(diagram: Diagram, name: str, values: np.ndarray) -> np.ndarray:
-    """The values of a parameter, those left open being the diagram's own."""
+def _filled_with_own(diagram: Diagram, name: str, values: np.ndarray) -> np.ndarray:
+    """The values of a parameter, NaN replaced by the diagram's own."""
     if values.dtype.kind != "f" or not np.isnan(values).any():
         return values
     own = diagram.untied([name]).parameters
     if name not in own and name in diagram.parameter_names():
-        raise ParameterError(f"'{name}' is an option, and a sweep goes around numbers. Use grid for it.")
+        raise ParameterError(f"'{name}' is an option, and a sweep changes numbers. Use grid for it.")
     if name not in own:
         raise ParameterError(f"diagram '{diagram.title}' has no parameter '{name}'.{near_path(name, own)}")
     return np.where(np.isnan(values), own[name], values)
@@ -247,16 +289,16 @@ def _path(out: str | Path | None) -> Path | None:
     return path
 
 
-def _described(diagram: Diagram) -> str:
-    """A text that tells diagrams apart, by numbers and by equations: those of one's own blocks too."""
+def _diagram_text(diagram: Diagram) -> str:
+    """A text by which diagrams differ, in parameters and in equations: those of user-defined blocks too."""
     eq = equations(diagram)
     functions = [eq.rhs, eq.start, eq.lag, *([eq.update] if eq.update is not None else [])]
     numbers = sorted(diagram.parameters.items())
     return "\n".join([*(one.serialize() for one in functions), repr(numbers), repr(eq.periods), *eq.reads])
 
 
-def _shown(name: str, given: Any, grid: np.ndarray, hold: str) -> str:
-    """A text that tells inputs apart: how they are between samples, and what they are at the steps."""
+def _input_text(name: str, given: Any, grid: np.ndarray, hold: str) -> str:
+    """A text by which inputs differ: their hold, and their values at the steps."""
     signal = Signal(name, given, grid, hold)
     values = np.asarray(signal.at(grid, 0, "right", 0.0), dtype=float)
     return f"{signal.hold} {hashlib.sha256(values.tobytes()).hexdigest()}"

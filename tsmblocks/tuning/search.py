@@ -17,7 +17,7 @@ from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.sensitivities import sensitivities_of
 from tsmblocks.simulation.stability import MOST_CHECKED, RunStart, no_step_warnings
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
-from tsmblocks.studies.runner import checked, grouped, run_starts
+from tsmblocks.studies.runner import checked_batches, grouped, run_starts
 from tsmblocks.tuning.constraints import INSIDE, MET, Limit
 from tsmblocks.tuning.smooth_metrics import Sloped, sloped
 
@@ -88,7 +88,7 @@ class Search:
         made: list[RunStart] = []
         for case, diagram in list(self.cases.items())[:MOST_CHECKED]:
             groups = grouped(diagram, columns, self.options)
-            found = run_starts(groups, checked(groups, self.metrics), columns)[: 1 if made else None]
+            found = run_starts(groups, checked_batches(groups, self.metrics), columns)[: 1 if made else None]
             named = f"case '{case}', " if len(self.cases) > 1 else ""
             made += [attrs.evolve(one, words=named + one.words) for one in found]
         return made[:MOST_CHECKED]
