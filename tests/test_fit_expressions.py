@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.fitting.constraints import Ties, constraint, constraints, ties
-from tsmblocks.metrics.expressions import LONGEST, expression
+from tsmblocks.metrics.expressions import MAX_LENGTH, expression
 
 KNOWN = (
     "tsm.alpha1",
@@ -146,7 +146,7 @@ def test_expressions_mean_what_python_means(text):
         wanted = in_python(text)
     except (ZeroDivisionError, OverflowError):
         wanted = None
-    if len(text) > LONGEST:
+    if len(text) > MAX_LENGTH:
         return
     if wanted is not None:
         assert value(expression(text, KNOWN)) == pytest.approx(wanted, rel=1e-6, abs=1e-6)
@@ -188,7 +188,7 @@ def test_expressions_mean_what_python_means(text):
         ("A, B", marked("these are several. Give each as a text of its own.", "A, B", "^^^^")),
         ("max(*A)", marked("max takes plain arguments.", "max(*A)", "^^^^^^^")),
         ("exp(x=A)", marked("exp takes plain arguments.", "exp(x=A)", "^^^^^^^^")),
-        ("x" * 100_000, f"'{'x' * 28}… has 100000 characters; {LONGEST} are the most."),
+        ("x" * 100_000, f"'{'x' * 28}… has 100000 characters; {MAX_LENGTH} are the most."),
         ("", "a text such as '2 * theta' is wanted, got ''."),
         ("A\x00", "a text such as '2 * theta' is wanted, got 'A\\x00'."),
         (3, "a text such as '2 * theta' is wanted, got 3."),

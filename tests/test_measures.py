@@ -59,7 +59,7 @@ def test_an_error_in_rad_does_not_become_volts():
         (lambda: rms([[1.0, 2.0]]), "x must be a list of at least one number, got shape (1, 2)"),
         (lambda: loop_area([1.0, 2.0], [1.0]), "x and y must be of one length, got 2 and 1 samples"),
         (lambda: tracking_error([1.0], [1.0], after=1.0), "tracking_error needs t"),
-        (lambda: tracking_error([1.0], [1.0], t=[0.0], after=1.0), "no instant is left after 1 s"),
+        (lambda: tracking_error([1.0], [1.0], t=[0.0], after=1.0), "no instant remains after 1 s"),
     ],
 )
 def test_what_cannot_be_measured_is_refused(call, words):

@@ -8,11 +8,11 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks import plots
 from tsmblocks.analysis import frequency_response
-from tsmblocks.plots.tracking import plot_moved
+from tsmblocks.plots.tracking import plot_tracking_changes
 from tsmblocks.studies import latin_hypercube, responses, sweep
 
 pyplot = pytest.importorskip("matplotlib.pyplot", reason="the extra [plots] brings it")
-DRAWN = {name: getattr(plots, name) for name in plots.__all__} | {"plot_moved": plot_moved}
+DRAWN = {name: getattr(plots, name) for name in plots.__all__} | {"plot_tracking_changes": plot_tracking_changes}
 LOOP = tsm.load("fig09b_feedforward")
 
 
@@ -59,7 +59,7 @@ def calls():
         "plot_scatter": ((grid, "error"), 2),
         "plot_tuned": ((tuned,), 2),
         "plot_envelope": ((many, "x_out"), 1),
-        "plot_moved": ((baseline, baseline, "t"), 2),
+        "plot_tracking_changes": ((baseline, baseline, "t"), 2),
         "plot_frequency_response": ((frequency_response(tsm.load("motor_linear"), [1.0, 2.0], [0.1]),), 3),
     }
 

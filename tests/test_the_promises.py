@@ -563,7 +563,7 @@ def test_a_broken_promise_is_said_in_words():
     check = next(c for c in checks_for(RootAtRest()) if c.name == "slopes_are_finite")
     with pytest.raises(BrokenPromise) as caught:
         check()
-    assert str(caught.value) == "a slope of RootAtRest y.y is not finite at x=[], u=[0.]."
+    assert str(caught.value) == "a derivative of RootAtRest y.y is not finite at x=[], u=[0.]."
 
 
 # ---- what cannot even be declared

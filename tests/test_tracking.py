@@ -11,7 +11,16 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.common.errors import FileError, ParameterError
 from tsmblocks.testing.guards import read_guards
-from tsmblocks.testing.tracking import COURSE, Baseline, Moved, guard, in_sentences, moved, read_baseline, since
+from tsmblocks.testing.tracking import (
+    MAX_INSTANTS,
+    Baseline,
+    Change,
+    change_report,
+    changes,
+    first_deviation,
+    guard,
+    read_baseline,
+)
 
 ROOT = Path(__file__).parents[1]
 GUARD = """format = 1
@@ -69,13 +78,13 @@ def test_a_planted_change_of_two_per_cent_is_caught_and_described(guarded):
     with_changed(guarded, **{"pid.kp": 1.02 * kp})
     status, said = pytest_in(guarded)
     assert status == 1
-    assert "tracking has moved from loop.baseline.toml:" in said
+    assert "tracking has changed from loop.baseline.toml:" in said
     (row,) = [line.split() for line in said.splitlines() if line.startswith("error [deg]")]
     assert row[-2:] == ["0.1", "%"]
     assert 0.1 < abs(float(row[-4])) < 5
     assert "effort" not in said.partition("metric")[2].partition("Drawn")[0]
-    assert "The signals part at t = " in said
-    assert "If this is as it should be: pytest --tracking-accept" in said
+    assert "The signals deviate from t = " in said
+    assert "If this is intended: pytest --tracking-accept" in said
     assert "Traceback" not in said
     picture = guarded / "tracking-failures" / "loop.tracking.toml.loop.png"
     assert picture.stat().st_size > 10_000
@@ -100,7 +109,7 @@ def test_a_change_from_some_time_on_is_told_with_the_time(tmp_path):
     tsm.save(diagram.with_parameters({"s.after": 1.5}), tmp_path / "late.toml")
     status, said = pytest_in(tmp_path)
     assert status == 1
-    assert "The signals part at t = 2.5 s, y first." in said
+    assert "The signals deviate from t = 2.5 s on, y first." in said
 
 
 def test_without_a_baseline_the_way_to_one_is_told(tmp_path):
@@ -193,7 +202,7 @@ def test_a_signal_may_be_called_t():
 
 
 def test_what_is_no_number_guards_nothing():
-    with pytest.raises(tsm.errors.RunError, match=r"metric 'overshoot\(x_out, 0\)' is no number here"):
+    with pytest.raises(tsm.errors.RunError, match=r"metric 'overshoot\(x_out, 0\)' is not a number here"):
         guard(tsm.load("fig09b_feedforward"), "overshoot(x_out, 0)", stop=1.0, step=2e-3).run()
 
 
@@ -213,7 +222,7 @@ def test_a_baseline_is_read_back_as_it_was(tmp_path):
     assert again.metrics == made.metrics
     assert again.metrics["never"] == np.inf
     assert again.units == made.units == {"e": "deg", "never": "s"}
-    assert len(again.t) <= COURSE + 1
+    assert len(again.t) <= MAX_INSTANTS + 1
     for name, values in made.signals.items():
         assert again.signals[name] == pytest.approx(values, rel=1e-6, abs=1e-12)
     assert again.signal_units == made.signal_units
@@ -228,7 +237,7 @@ def test_each_class_allows_what_it_says(kind, allowed):
     for factor, count in ((0.9, 0), (1.1, 1)):
         size = before.metrics[name] * (1 + factor * allowed)
         now = Baseline({name: size}, before.units, before.t, before.signals, before.signal_units)
-        assert len(moved(watched, before, now)) == count
+        assert len(changes(watched, before, now)) == count
 
 
 def test_what_came_went_or_is_no_number():
@@ -239,12 +248,12 @@ def test_what_came_went_or_is_no_number():
     def changed(metrics):
         return Baseline(metrics, dict.fromkeys(metrics, "rad"), before.t, before.signals, before.signal_units)
 
-    assert [m.now for m in moved(watched, changed({name: 1.0, "old": 2.0}), changed({name: 1.0}))] == [None]
-    assert [m.before for m in moved(watched, changed({}), changed({name: 1.0}))] == [None]
-    assert len(moved(watched, changed({name: np.nan}), changed({name: np.nan}))) == 1
-    assert len(moved(watched, changed({name: np.inf}), changed({name: 1.0}))) == 1
-    assert moved(watched, changed({name: 0.0}), changed({name: 1e-16})) == []
-    said = in_sentences([Moved("a", "", None, 1.0, 1e-3), Moved("b", "V", 2.0, None, 0.0)], before, before)
+    assert [m.now for m in changes(watched, changed({name: 1.0, "old": 2.0}), changed({name: 1.0}))] == [None]
+    assert [m.before for m in changes(watched, changed({}), changed({name: 1.0}))] == [None]
+    assert len(changes(watched, changed({name: np.nan}), changed({name: np.nan}))) == 1
+    assert len(changes(watched, changed({name: np.inf}), changed({name: 1.0}))) == 1
+    assert changes(watched, changed({name: 0.0}), changed({name: 1e-16})) == []
+    said = change_report([Change("a", "", None, 1.0, 1e-3), Change("b", "V", 2.0, None, 0.0)], before, before)
     assert [line.split()[0] for line in said.splitlines()] == ["metric", "a", "b"]
     assert "new" in said
     assert "gone" in said
@@ -254,8 +263,8 @@ def test_signals_that_part():
     before = small().run()
     signals = {k: np.where(before.t >= 0.5, v + 0.1, v) for k, v in before.signals.items()}
     now = Baseline(before.metrics, before.units, before.t, signals, before.signal_units)
-    assert since(before, before, 1e-6) is None
-    assert since(before, now, 1e-3)[1] == before.t[before.t >= 0.5][0]
+    assert first_deviation(before, before, 1e-6) is None
+    assert first_deviation(before, now, 1e-3)[1] == before.t[before.t >= 0.5][0]
 
 
 REFUSED = {

@@ -1,4 +1,4 @@
-"""Expressions of names as people write them: of parameters in a fit, of signals in a metric; no text is ever run.
+"""Expressions of names as people write them: of parameters in a fit, of signals in a metric. No text is ever run.
 
 A text is parsed into Python's syntax tree, and only arithmetic, a few functions and the names that are known are
 taken out of it. Messages show the text and point at the place.
@@ -18,27 +18,27 @@ import numpy as np
 
 from tsmblocks.common.errors import ParameterError, clip, in_words, near
 
-LONGEST = 1000
-"""Characters of one text; a longer one is a mistake."""
-DEEPEST = 100
-"""Levels of brackets and operations in one text."""
-SHOWN = 80
-"""Characters of a text shown around the place of a fault."""
+MAX_LENGTH = 1000
+"""Characters of one text at most. Chosen: a longer one is a mistake."""
+MAX_DEPTH = 100
+"""Levels of brackets and operations in one text at most. Chosen: far below Python's limit of recursion, 1000."""
+EXCERPT_LENGTH = 80
+"""Characters of a text that a message has around a fault. Chosen: a line of a terminal."""
 
 
 @attrs.frozen
 class _Function:
-    """A function that may be used: the fewest arguments it takes, and what it is of symbols and of arrays."""
+    """A function that may be used: its smallest number of arguments, and its forms for symbols and for arrays."""
 
     least: int
     of_symbols: Callable[..., Any]
     of_arrays: Callable[..., Any]
 
 
-_SAME = ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh")
+_SAME_NAMES = ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh")
 FUNCTIONS = {
     "abs": _Function(1, ca.fabs, np.abs),
-    **{name: _Function(1, getattr(ca, name), getattr(np, name)) for name in _SAME},
+    **{name: _Function(1, getattr(ca, name), getattr(np, name)) for name in _SAME_NAMES},
     "min": _Function(2, ca.fmin, np.minimum),
     "max": _Function(2, ca.fmax, np.maximum),
 }
@@ -68,12 +68,12 @@ class Expression:
         for name in self.names:
             if name not in symbols:
                 raise ParameterError(f"'{clip(self.text)}' needs '{name}', which is not given.{near(name, symbols)}")
-        return _formed(self.tree, self._by_written(symbols), _SYMBOLIC)
+        return _evaluated(self.tree, self._by_written(symbols), _SYMBOLIC)
 
     def of_arrays(self, values: Mapping[str, Any]) -> Any:
         """The same of NumPy arrays by full name, element by element; where it has no value, NaN or infinity."""
         with np.errstate(all="ignore"):
-            return _formed(self.tree, self._by_written(values), _ARRAYS)
+            return _evaluated(self.tree, self._by_written(values), _ARRAYS)
 
     def _by_written(self, values: Mapping[str, Any]) -> dict[str, Any]:
         return {written: values[full] for written, full in self.meaning.items()}
@@ -131,9 +131,9 @@ def name_in(node: ast.AST) -> str | None:
 
 @attrs.frozen(eq=False)
 class Reader:
-    """One text being read: its tree, and how to complain about places in it.
+    """One text being read: its tree, and messages about places in it.
 
-    ``what`` it is begins every complaint; ``known`` are the names that may stand in it, and ``kind`` says of what.
+    ``what`` begins every message; ``known`` are the names that it may have, and ``kind`` says of what.
     """
 
     what: str
@@ -180,7 +180,7 @@ class Reader:
             self._check(part, inside)
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div) and _is_zero(node.right):
             self.refuse("this divides by zero.", node)
-        if not inside and hasattr(node, "lineno") and not math.isfinite(float(_formed(node, {}, _SYMBOLIC))):
+        if not inside and hasattr(node, "lineno") and not math.isfinite(float(_evaluated(node, {}, _SYMBOLIC))):
             self.refuse("this is no finite number.", node)
         meaning.update(inside)
 
@@ -219,8 +219,10 @@ def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") 
     """Parse a text. Raises ParameterError for what is none, is too long, or has no tree."""
     if not isinstance(text, str):
         raise ParameterError(f"{what}: a text such as '2 * theta' is wanted, got {in_words(text)}.")
-    if len(text) > LONGEST:
-        raise ParameterError(f"{what}: {in_words(text[:50], 30)} has {len(text)} characters; {LONGEST} are the most.")
+    if len(text) > MAX_LENGTH:
+        raise ParameterError(
+            f"{what}: {in_words(text[:50], 30)} has {len(text)} characters; {MAX_LENGTH} are the most."
+        )
     text = " ".join(text.split())
     if not text or not text.isprintable():
         raise ParameterError(f"{what}: a text such as '2 * theta' is wanted, got {in_words(text)}.")
@@ -234,23 +236,27 @@ def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") 
         _refuse(what, text, f"this cannot be read from here on.{hint}", place, place + 1)
     except (ValueError, RecursionError, MemoryError):
         _refuse(what, text, "this cannot be read.", 0, len(text))
-    if _depth(tree) > DEEPEST:
-        _refuse(what, text, f"this is nested more than {DEEPEST} deep.", 0, len(text))
+    if _depth(tree) > MAX_DEPTH:
+        _refuse(what, text, f"this is nested more than {MAX_DEPTH} deep.", 0, len(text))
     return Reader(what, text, tree, known, kind)
 
 
 def _refuse(what: str, text: str, why: str, first: int, last: int) -> NoReturn:
-    start = 0 if len(text) <= SHOWN or first < SHOWN // 2 else min(first - SHOWN // 2, len(text) - SHOWN)
-    shown, before = text[start : start + SHOWN], "…" if start else ""
-    after = "…" if start + SHOWN < len(text) else ""
-    mark = " " * (len(before) + first - start) + "^" * max(min(last, start + SHOWN) - first, 1)
+    start = (
+        0
+        if len(text) <= EXCERPT_LENGTH or first < EXCERPT_LENGTH // 2
+        else min(first - EXCERPT_LENGTH // 2, len(text) - EXCERPT_LENGTH)
+    )
+    shown, before = text[start : start + EXCERPT_LENGTH], "…" if start else ""
+    after = "…" if start + EXCERPT_LENGTH < len(text) else ""
+    mark = " " * (len(before) + first - start) + "^" * max(min(last, start + EXCERPT_LENGTH) - first, 1)
     raise ParameterError(f"{what}: {why}\n    {before}{shown}{after}\n    {mark}")
 
 
 def _depth(node: ast.AST) -> int:
     """Levels of a tree, counted without recursion, up to one more than may be."""
     level, deepest = [node], 0
-    while level and deepest <= DEEPEST:
+    while level and deepest <= MAX_DEPTH:
         level, deepest = [child for n in level for child in ast.iter_child_nodes(n)], deepest + 1
     return deepest
 
@@ -258,7 +264,7 @@ def _depth(node: ast.AST) -> int:
 def _is_zero(node: ast.expr) -> bool:
     """Whether a part is zero without any parameter in it."""
     named = any(name_in(n) not in (None, "pi", *FUNCTIONS) for n in ast.walk(node))
-    return not named and float(_formed(node, {}, _SYMBOLIC)) == 0
+    return not named and float(_evaluated(node, {}, _SYMBOLIC)) == 0
 
 
 def finite_or_none(value: Any) -> float | None:
@@ -274,7 +280,7 @@ def finite_or_none(value: Any) -> float | None:
 
 @attrs.frozen
 class _Kind:
-    """What expressions are formed of: how a plain number is written, and which side of a function is meant."""
+    """How expressions are evaluated: the type of a plain number, and the form of a function."""
 
     number: Callable[[float], Any]
     function: Callable[[_Function], Callable[..., Any]]
@@ -285,21 +291,21 @@ _SYMBOLIC = _Kind(ca.SX, lambda function: function.of_symbols)
 _ARRAYS = _Kind(np.float64, lambda function: function.of_arrays)
 
 
-def _formed(node: ast.AST, values: Mapping[str, Any], kind: _Kind) -> Any:
+def _evaluated(node: ast.AST, values: Mapping[str, Any], kind: _Kind) -> Any:
     name = name_in(node)
     if name is not None:
         return kind.number(math.pi) if name == "pi" else values[name]
     if isinstance(node, ast.Constant):
         return kind.number(finite_or_none(node.value) or 0.0)
     if isinstance(node, ast.UnaryOp):
-        inner = _formed(node.operand, values, kind)
+        inner = _evaluated(node.operand, values, kind)
         return -inner if isinstance(node.op, ast.USub) else inner
     if isinstance(node, ast.BinOp):
-        return _OPERATIONS[type(node.op)](_formed(node.left, values, kind), _formed(node.right, values, kind))
+        return _OPERATIONS[type(node.op)](_evaluated(node.left, values, kind), _evaluated(node.right, values, kind))
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
     function = kind.function(FUNCTIONS[node.func.id])
-    made, *others = (_formed(a, values, kind) for a in node.args)
+    made, *others = (_evaluated(a, values, kind) for a in node.args)
     if not others:
         return function(made)
     for more in others:

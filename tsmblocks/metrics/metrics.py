@@ -1,4 +1,4 @@
-"""Numbers that say how good a run is, written as people write them: ``"peak_to_peak(x_ref - x_out, after=10)"``.
+"""Metrics: numbers of a run, written as people write them: ``"peak_to_peak(x_ref - x_out, after=10)"``.
 
 A metric is arithmetic of reductions, and each reduction makes one number of an expression of signals. Nothing in a
 text is ever run.
@@ -18,16 +18,16 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, ParameterError, RunError, clip, in_words, near
 from tsmblocks.metrics.expressions import FUNCTIONS, Expression, Reader, finite_or_none, name_in, reader
-from tsmblocks.metrics.reductions import NONE, OTHER_NAMES, REDUCTIONS
+from tsmblocks.metrics.reductions import DIMENSIONLESS, OTHER_NAMES, REDUCTIONS
 
 EXAMPLE = "Write for example 'rms(x_ref - x_out)'."
-USUAL = {
+DEFAULT_METRICS = {
     "peak-to-peak error": "peak_to_peak(x_ref - x_out)",
     "rms error": "rms(x_ref - x_out)",
     "largest error": "largest(x_ref - x_out)",
     "effort": "rms(u)",
 }
-"""Metrics of tracking where none are named, those whose signals are there."""
+"""Metrics of tracking where none are named; those are taken whose signals are there."""
 
 
 @attrs.frozen
@@ -135,7 +135,7 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
     Raises as ``metric`` does, and ParameterError for none at all.
     """
     if given is None:
-        given = {name: text for name, text in USUAL.items() if _reads(text, signals)}
+        given = {name: text for name, text in DEFAULT_METRICS.items() if _reads(text, signals)}
         if not given:
             raise ParameterError(
                 "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
@@ -158,10 +158,35 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
 
 
 def measure(run: Any, wanted: Any = None) -> dict[str, float]:
-    """Metrics of a run, by the names they were asked by: ``measure(run, {"error [deg]": "rms(x_ref - x_out)"})``.
+    """Return metrics of a run.
 
-    ``wanted`` is one text, a list, or a mapping from names to texts, as for ``metric``; by default the tracking
-    errors. A name may say the unit. Raises as ``metric`` does, and RunError for what is no run.
+    Parameters
+    ----------
+    run : Run
+        The run.
+    wanted : str, sequence of str, mapping of str to str or None, default None
+        One text, a list, or a mapping from names to texts, as for ``study``; a name may state the unit
+        (``"error [deg]"``). By default the tracking errors.
+
+    Returns
+    -------
+    dict of str to float
+        Values by the names given; NaN where a signal is not finite.
+
+    Raises
+    ------
+    ParameterError
+        For texts that are no metrics, unknown signals and sums of different units.
+    UnitError
+        For a unit that does not fit.
+    RunError
+        For anything that is no run.
+
+    Examples
+    --------
+    >>> run = tsm.simulate(tsm.load("fig16_feedforward_feedback"), stop=20.0)
+    >>> {name: round(value, 2) for name, value in tsm.measure(run, {"error [deg]": "rms(x_ref - x_out)"}).items()}
+    {'error [deg]': 1.55}
     """
     if not all(hasattr(run, part) for part in ("t", "unit", "keys")):
         raise RunError(f"only a run can be measured, got {in_words(run)}.")
@@ -169,7 +194,7 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     return {one.asked: one(run.t, {k: run[k] for k in one.signals}) for one in found}
 
 
-def formed(run: Any, text: str) -> tuple[np.ndarray, str]:
+def expression_samples(run: Any, text: str) -> tuple[np.ndarray, str]:
     """Samples and unit of a signal of a run, or of an expression of signals such as ``"x_ref - x_out"``.
 
     The unit is ``""`` where it is not known. Raises RunError for an unknown signal; ParameterError for what is no
@@ -236,7 +261,7 @@ class _Lift:
         return ast.copy_location(ast.Call(node.func, [self.lifted(a) for a in node.args], node.keywords), node)
 
 
-_OWN_UNIT = {name for name, one in REDUCTIONS.items() if one.unit("m") in (NONE, "s")}
+_OWN_UNIT = {name for name, one in REDUCTIONS.items() if one.unit("m") in (DIMENSIONLESS, "s")}
 """Reductions whose unit does not depend on that of the signal."""
 
 
@@ -252,22 +277,22 @@ def _part(read: Reader, node: ast.Call, name: str) -> Part:
     compares = isinstance(signal, ast.Compare)
     if compares != (name == "share"):
         read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
-    of = read.read(_held(read, signal) if isinstance(signal, ast.Compare) else signal)
+    of = read.read(_margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
     if not of.names:
         read.refuse(f"there is no signal in this. {EXAMPLE}", signal)
     window = {k: _constant(read, value) for k, value in given.items() if k}
     return Part(name, of, tuple(_constant(read, one) for one in others), **window)
 
 
-def _held(read: Reader, node: ast.Compare) -> ast.expr:
-    """What is above zero where a comparison holds."""
+def _margin_of_comparison(read: Reader, node: ast.Compare) -> ast.expr:
+    """An expression above zero where a comparison holds."""
     sides, made = [node.left, *node.comparators], list[ast.expr]()
     for left, sign, right in zip(sides, node.ops, sides[1:], strict=False):
         if not isinstance(sign, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)):
             read.refuse("signals are compared by <, <=, > or >=.", node)
         low, high = (left, right) if isinstance(sign, (ast.Lt, ast.LtE)) else (right, left)
         above = ast.copy_location(ast.BinOp(high, ast.Sub(), low), node)
-        if isinstance(sign, (ast.LtE, ast.GtE)):  # equal counts too: nothing but zero is lifted by so little
+        if isinstance(sign, (ast.LtE, ast.GtE)):  # equality holds too: so small a number changes nothing but zero
             least = ast.copy_location(ast.Constant(sys.float_info.min), node)
             above = ast.copy_location(ast.BinOp(above, ast.Add(), least), node)
         made.append(above)
@@ -311,7 +336,7 @@ class _Units:
             found = [self.of(a) for a in node.args]
             if name_in(node.func) in ("abs", "min", "max"):
                 return self._common(node, found)
-            return None if all(one is None for one in found) else NONE if NONE in found else ""
+            return None if all(one is None for one in found) else DIMENSIONLESS if DIMENSIONLESS in found else ""
         return None
 
     def _operation(self, node: ast.BinOp, left: str | None, right: str | None) -> str | None:
@@ -320,10 +345,10 @@ class _Units:
         if left is None and right is None:
             return None
         if isinstance(node.op, ast.Div) and left and right and units.same(left, right):
-            return NONE
-        if isinstance(node.op, (ast.Mult, ast.Div)) and right == NONE:
+            return DIMENSIONLESS
+        if isinstance(node.op, (ast.Mult, ast.Div)) and right == DIMENSIONLESS:
             return left
-        return right if isinstance(node.op, ast.Mult) and left == NONE else ""
+        return right if isinstance(node.op, ast.Mult) and left == DIMENSIONLESS else ""
 
     def _common(self, node: ast.expr, found: Sequence[str | None]) -> str | None:
         known = [one for one in found if one]

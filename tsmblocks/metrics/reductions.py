@@ -1,4 +1,4 @@
-"""What turns a signal over time into one number: the vocabulary of metrics. Pure functions of arrays."""
+"""Reductions of a signal over time to one number, of which metrics are made. Pure functions of arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from tsmblocks.common import units
 
 Array = np.ndarray
-NONE = "1"
+DIMENSIONLESS = "1"
 """The unit of a share or a count."""
 
 
@@ -62,19 +62,19 @@ def _settling_time(e: Array, t: Array, band: float) -> Array:
 
 
 def _rise_time(e: Array, t: Array, target: float) -> Array:
-    """The way from 10 % to 90 % of a step, each the first time it is passed; infinite where it never is."""
-    done = _way(e, target)
+    """Time from 10 % to 90 % of a step, each when it is first passed; infinite where it never is."""
+    done = _step_share(e, target)
     passed = [done >= share for share in (0.1, 0.9)]
     first, last = (np.where(p.any(axis=0), t[np.argmax(p, axis=0)], np.inf) for p in passed)
     return np.where(np.isfinite(last), last - np.where(np.isfinite(first), first, 0.0), np.inf)
 
 
 def _overshoot(e: Array, _: Array, target: float) -> Array:
-    return np.maximum(_way(e, target).max(axis=0) - 1.0, 0.0)
+    return np.maximum(_step_share(e, target).max(axis=0) - 1.0, 0.0)
 
 
-def _way(e: Array, target: float) -> Array:
-    """How much of the way from the first value to the target is done."""
+def _step_share(e: Array, target: float) -> Array:
+    """Share of the step from the first value to the target that is done."""
     return (e - e[0]) / (target - e[0])
 
 
@@ -101,8 +101,8 @@ REDUCTIONS = {
     "mean": Reduction("mean", _mean),
     "final": Reduction("last value", _final),
     "integral": Reduction("integral over time, by trapezoids", _integral, unit=lambda label: units.times(label, "s")),
-    "variation": Reduction("total variation: how far it goes, all changes added up whatever their sign", _variation),
-    "share": Reduction("share of the instants at which a comparison holds", _share, unit=lambda _: NONE),
+    "variation": Reduction("total variation: the sum of the magnitudes of all changes", _variation),
+    "share": Reduction("share of the instants at which a comparison holds", _share, unit=lambda _: DIMENSIONLESS),
     "settling_time": Reduction(
         "time until the magnitude stays within a band; infinite where it never does",
         _settling_time,
@@ -110,13 +110,13 @@ REDUCTIONS = {
         lambda _: "s",
     ),
     "rise_time": Reduction(
-        "time from 10 % to 90 % of the way to a target; infinite where it is never reached",
+        "time from 10 % to 90 % of the step to a target; infinite where it is never reached",
         _rise_time,
         ("target",),
         lambda _: "s",
     ),
     "overshoot": Reduction(
-        "how far beyond a target, as a share of the way there", _overshoot, ("target",), lambda _: NONE
+        "largest excess over a target, as a share of the step to it", _overshoot, ("target",), lambda _: DIMENSIONLESS
     ),
 }
 """Reductions by name. ``share`` is given a comparison; all others a signal."""
@@ -131,4 +131,4 @@ OTHER_NAMES = {
     "minimum": "lowest",
     "average": "mean",
 }
-"""What people call some of them elsewhere, for a message to say what they are called here."""
+"""Names of reductions in other programs, for messages."""

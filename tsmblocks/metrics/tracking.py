@@ -1,4 +1,4 @@
-"""Numbers that say how well one signal follows another. Pure functions of arrays; no data files, no plots."""
+"""Tracking errors: how well one signal follows another. Pure functions of arrays."""
 
 from __future__ import annotations
 
@@ -32,15 +32,56 @@ class TrackingError:
 
 
 def peak_to_peak(x: Any) -> float:
-    """Largest minus smallest value, in the unit of ``x``, shape (N,). Raises DataError for what is no such list."""
+    """Return the largest minus the smallest value.
+
+    Parameters
+    ----------
+    x : array_like, shape (N,)
+        The signal.
+
+    Returns
+    -------
+    float
+        The range, in the unit of the signal.
+
+    Raises
+    ------
+    DataError
+        For anything that is no list of numbers.
+
+    Examples
+    --------
+    >>> peak_to_peak([0.0, 2.0, -1.0])
+    3.0
+    """
     values = _signal("x", x)
     return float(values.max() - values.min())
 
 
 def rms(x: Any) -> float:
-    r"""Root mean square, in the unit of ``x``, shape (N,). Raises DataError for what is no such list.
+    r"""Return the root mean square of a signal.
 
     .. math:: \sqrt{\tfrac1N \sum_k x_k^2}
+
+    Parameters
+    ----------
+    x : array_like, shape (N,)
+        The signal.
+
+    Returns
+    -------
+    float
+        The root mean square, in the unit of the signal.
+
+    Raises
+    ------
+    DataError
+        For anything that is no list of numbers.
+
+    Examples
+    --------
+    >>> rms([3.0, -3.0])
+    3.0
     """
     return float(np.sqrt(np.mean(_signal("x", x) ** 2)))
 
@@ -57,7 +98,7 @@ def mean_square_error(x_out: Any, model: Any) -> float:
 
 
 def loop_area(x: Any, y: Any) -> float:
-    r"""Area that the curve ``(x, y)`` goes round, in the product of their units.
+    r"""Area enclosed by the curve ``(x, y)``, in the product of their units.
 
     .. math:: \tfrac12 \oint (x\,dy - y\,dx)
 
@@ -79,13 +120,40 @@ def tracking_error(
     output: str = "x_out",
     unit: str = "rad",
 ) -> TrackingError:
-    r"""How far the output of a run stays from its reference.
+    """Return how far the output of a run is from its reference.
 
     .. math:: e = x_{ref} - x_{out}
 
-    ``run`` is a Run with the signals ``reference`` and ``output``, or the reference itself as an array;
-    ``x_out`` is then the output in the same ``unit``, and ``t`` the time [s] when ``after`` is used.
-    Only instants from ``after`` [s] on count (all of them by default). Raises DataError when nothing is left.
+    Parameters
+    ----------
+    run : Run, Record or array_like of shape (N,)
+        The run, or the reference itself.
+    x_out : array_like of shape (N,) or None, default None
+        The output, where ``run`` is the reference.
+    t : array_like of shape (N,) or None, default None
+        Time [s], needed for ``after`` with arrays.
+    after : float or None, default None
+        Time [s] from which on instants count, by default all.
+    reference, output : str, default "x_ref" and "x_out"
+        Names of the signals in the run.
+    unit : str, default "rad"
+        Unit of the signals where the run has none.
+
+    Returns
+    -------
+    TrackingError
+        Peak-to-peak, rms and largest error, in the unit of the signals.
+
+    Raises
+    ------
+    DataError
+        When no instant remains, and for arrays of different length.
+
+    Examples
+    --------
+    >>> error = tracking_error([0.0, 1.0, 2.0], [0.0, 0.5, 2.5])
+    >>> error.peak_to_peak, error.largest
+    (1.0, 0.5)
     """
     if x_out is None:
         t, unit = run.t, run.unit(reference) or unit
@@ -101,7 +169,7 @@ def tracking_error(
             raise DataError("tracking_error needs t (time in s) to leave out what comes before 'after'.")
         kept = np.asarray(t, dtype=float) >= after
         if not kept.any():
-            raise DataError(f"no instant is left after {after:g} s; the run ends at {np.asarray(t)[-1]:g} s.")
+            raise DataError(f"no instant remains after {after:g} s; the run ends at {np.asarray(t)[-1]:g} s.")
         first, error = float(after), error[kept]
     return TrackingError(peak_to_peak(error), rms(error), float(np.abs(error).max()), unit, first)
 

@@ -14,7 +14,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import TsmError
 from tsmblocks.data import Record, heading
-from tsmblocks.metrics.metrics import formed
+from tsmblocks.metrics.metrics import expression_samples
 from tsmblocks.metrics.tracking import tracking_error
 from tsmblocks.plots.panels import COLOURS, INK, LEGEND, QUANTITY, axes, dress, shown, timed
 from tsmblocks.simulation.run import Run
@@ -41,7 +41,7 @@ def _over_time(run: Run | Record, title: str, what: str, chosen: list[str], ax: 
         raise TsmError(f"after={after:g} s leaves nothing of the {what}, which ends at {run.t[-1]:g} s.")
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name in chosen:
-        values, unit = shown(*formed(run, name))
+        values, unit = shown(*expression_samples(run, name))
         groups.setdefault(unit, []).append((name, values))
     one = hasattr(ax, "plot")
     panels = [ax] * len(groups) if one else axes(ax, len(groups), height=2.4)

@@ -13,7 +13,7 @@ ROUNDED = 1e-5
 """Difference, as a share of a signal's size, below which it is that of the digits that a baseline keeps."""
 
 
-def plot_moved(before: Any, now: Any, title: str, ax: Any = None) -> Any:
+def plot_tracking_changes(before: Any, now: Any, title: str, ax: Any = None) -> Any:
     """Signals of a baseline and of now that part, over time, each with its difference below.
 
     ``before`` and ``now`` have ``t`` [s], ``signals`` and ``signal_units``. Returns the figure.

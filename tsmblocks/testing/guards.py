@@ -12,6 +12,7 @@ from tsmblocks.studies.page import RunPage
 from tsmblocks.testing.tracking import Guard, guard
 
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "tolerance", "metrics", "set", "cases")
+"""Keys of a guard file."""
 
 
 def read_guards(path: Path) -> dict[str, Guard]:
@@ -23,9 +24,9 @@ def read_guards(path: Path) -> dict[str, Guard]:
     page = RunPage(path, "guard", KEYS)
     diagram, how = page.named_diagram(), page.run_arguments(("stop", "step"), ("method",))
     usual = page.value("a class of tolerance", str, page.content.get("tolerance", "normal"), "tolerance")
-    asked = page.section("metrics") if "metrics" in page.content else None
-    texts = None if asked is None else {k: _text(page, k, one) for k, one in asked.items()}
-    classes = usual if asked is None else {named(k)[0]: _class(one, usual) for k, one in asked.items()}
+    given = page.section("metrics") if "metrics" in page.content else None
+    texts = None if given is None else {k: _text(page, k, one) for k, one in given.items()}
+    classes = usual if given is None else {named(k)[0]: _class(one, usual) for k, one in given.items()}
     cases = {k: page.value("a table of parameters", dict, v, "cases", k) for k, v in page.section("cases").items()}
     if diagram is None:
         page.raise_faults()
@@ -37,14 +38,14 @@ def read_guards(path: Path) -> dict[str, Guard]:
     page.raise_faults()
     made = {}
     for case, changes in (cases or {"": {}}).items():
-        place = ("cases", case) if case else ("metrics" if asked is not None else "diagram",)
+        place = ("cases", case) if case else ("metrics" if given is not None else "diagram",)
         made[case] = page.attempt(partial(guard, diagram, texts, tolerance=classes, parameters=changes, **how), *place)
     page.raise_faults()
     return made
 
 
 def _text(page: RunPage, name: str, given: Any) -> Any:
-    """What a metric measures: a text, or that of a table; None where it says nothing."""
+    """The text of a metric, alone or in a table; None where there is none."""
     if not isinstance(given, Mapping):
         return given
     page.known_keys(given, ("of", "tolerance"), ("metrics", name), "a metric")

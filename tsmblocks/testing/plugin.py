@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 
 ENDING = ".tracking.toml"
+"""Ending of a guard file."""
 
 
 class TrackingMoved(AssertionError):
-    """A metric is not what it was; the message says which, by how much and from when on."""
+    """A metric has changed by more than it may; the message names it, its change and the time from which on."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -28,7 +29,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--tracking-pictures",
         metavar="DIR",
         default="tracking-failures",
-        help="where pictures of what moved are drawn (default: tracking-failures)",
+        help="where pictures of changed signals are drawn (default: tracking-failures)",
     )
 
 
@@ -69,7 +70,7 @@ class GuardItem(pytest.Item):
         checked(self.watched, self.baseline, self.config, self.nodeid)
 
     def repr_failure(self, excinfo: Any, style: Any = None) -> Any:
-        """What moved, without a traceback; anything else with one."""
+        """The changes without a traceback; any other error with one."""
         from tsmblocks.common.errors import TsmError
 
         if isinstance(excinfo.value, (TrackingMoved, TsmError)):
@@ -82,7 +83,7 @@ class GuardItem(pytest.Item):
 
 
 class Tracking:
-    """What the fixture ``tracking`` gives: ``tracking(diagram, metrics, …)``."""
+    """The fixture ``tracking``, called as ``tracking(diagram, metrics, …)``."""
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         self._request = request
@@ -104,8 +105,8 @@ class Tracking:
     ) -> None:
         """Run a diagram and compare its metrics with their baseline, ``baselines/TEST_NAME.toml`` beside the test.
 
-        ``name`` tells several checks of one test apart. Other arguments as for ``testing.tracking.guard``. Raises
-        TrackingMoved where a metric has moved by more than its tolerance class allows, or there is no baseline.
+        ``name`` distinguishes several checks of one test. Other arguments as for ``testing.tracking.guard``. Raises
+        TrackingMoved where a metric has changed by more than its tolerance class allows, or there is no baseline.
         """
         from tsmblocks.testing.tracking import guard
 
@@ -137,9 +138,9 @@ def tracking(request: pytest.FixtureRequest) -> Tracking:
 
 
 def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> None:
-    """Compare with a baseline, or write it where that was asked for. Raises TrackingMoved."""
+    """Compare with a baseline, or write it with --tracking-accept. Raises TrackingMoved."""
     from tsmblocks.common.errors import TsmError
-    from tsmblocks.testing.tracking import draw, in_sentences, moved, read_baseline
+    from tsmblocks.testing.tracking import change_report, changes, draw, read_baseline
 
     now = watched.run()
     if config.getoption("--tracking-accept"):
@@ -148,10 +149,10 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
     if not baseline.exists():
         raise TrackingMoved(f"there is no baseline {_near(baseline)} yet: pytest --tracking-accept writes it.")
     before = read_baseline(baseline)
-    found = moved(watched, before, now)
+    found = changes(watched, before, now)
     if not found:
         return
-    text = f"tracking has moved from {_near(baseline)}:\n\n{in_sentences(found, before, now)}\n"
+    text = f"tracking has changed from {_near(baseline)}:\n\n{change_report(found, before, now)}\n"
     picture = (
         Path(config.getoption("--tracking-pictures")) / f"{_file_name(title.replace('/', '.').replace('::', '.'))}.png"
     )
@@ -159,7 +160,7 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
         text += f"\nDrawn in {draw(found, before, now, picture, title.rpartition('::')[2])}."
     except TsmError as error:
         text += f"\nNot drawn: {error}"
-    raise TrackingMoved(f"{text}\nIf this is as it should be: pytest --tracking-accept")
+    raise TrackingMoved(f"{text}\nIf this is intended: pytest --tracking-accept")
 
 
 def _file_name(text: str) -> str:
@@ -171,7 +172,7 @@ def _file_name(text: str) -> str:
 
 
 def _near(path: Path) -> str:
-    """A path as short as it can be said from here."""
+    """A path relative to the working folder where it lies in it."""
     try:
         return str(path.relative_to(Path.cwd()))
     except ValueError:

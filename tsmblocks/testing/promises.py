@@ -26,10 +26,9 @@ from tsmblocks.model.block import Block, is_reference, leaves, map_leaves, signa
 from tsmblocks.model.unit_inference import SHARED
 
 SCALES = (0.0, 1.0, 1e3, 1e6)
-"""How large states and inputs are made: at rest, ordinary, and far outside normal use."""
-
-WIDEST = 12
-"""Characters that fit the box in a drawing."""
+"""Magnitudes of states and inputs, in their units. Chosen: at rest, ordinary, and far outside normal use."""
+MAX_SYMBOL_LENGTH = 12
+"""Characters of a symbol at most. Chosen: they fit the box in a drawing."""
 
 Promise = Callable[[Block], None]
 PROMISES: dict[str, Promise] = {}
@@ -40,13 +39,24 @@ class BrokenPromise(TsmError):
 
 
 def promise(check: Promise) -> Promise:
-    """Add a check to the suite, under its own name."""
+    """Add a check to the suite, under the name of its function; a decorator.
+
+    Parameters
+    ----------
+    check : callable
+        Function of a block that raises ``BrokenPromise``; its docstring states the promise.
+
+    Returns
+    -------
+    callable
+        The function itself.
+    """
     PROMISES[check.__name__] = check
     return check
 
 
 class Check:
-    """One promise for one block; call it. Its text is ``Block-promise``."""
+    """One promise for one block. Call it to check; its text is ``Block-promise``."""
 
     def __init__(self, block: Block, name: str) -> None:
         self.block, self.name = block, name
@@ -64,25 +74,61 @@ class Check:
 
 
 def checks_for(block: Block) -> list[Check]:
-    """Every promise, for one block."""
+    """Return a check of every promise for one block.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+
+    Returns
+    -------
+    list of Check
+        Functions without arguments that raise ``BrokenPromise``.
+
+    Examples
+    --------
+    >>> from tsmblocks.blocks import Gain
+    >>> for check in checks_for(Gain()):
+    ...     check()
+    """
     return [Check(block, name) for name in PROMISES]
 
 
 def broken_promises(block: Block) -> dict[str, str]:
-    """The promises a block breaks, by name, with what was found; empty for a good block.
+    """Return the promises that a block breaks.
 
-    Raises BlockError for what is no block.
+    Parameters
+    ----------
+    block : Block
+        The block.
+
+    Returns
+    -------
+    dict of str to str
+        What was wrong, by promise; empty for a good block.
+
+    Raises
+    ------
+    BlockError
+        For anything that is no block.
+
+    Examples
+    --------
+    >>> from tsmblocks.blocks import Gain
+    >>> broken_promises(Gain())
+    {}
     """
     if not isinstance(block, Block):
         wanted = f"the class {block.__name__}: write {block.__name__}()" if isinstance(block, type) else in_words(block)
         raise BlockError(f"broken_promises takes a block, got {wanted}.")
-    found = {}
+    broken = {}
     for check in checks_for(block):
         try:
             check()
-        except Exception as error:  # whatever a faulty block raises is a broken promise
-            found[check.name] = f"{type(error).__name__}: {error}"
-    return found
+        except Exception as error:  # any error of a faulty block is a broken promise
+            broken[check.name] = f"{type(error).__name__}: {error}"
+    return broken
 
 
 def need(condition: Any, text: str) -> None:
@@ -132,7 +178,10 @@ def documented(block: Block) -> None:
     need(text.partition("\n\n")[0].endswith("."), f"{owner} has no opening sentence.")
     need(".. math::" in text or hasattr(block, "function"), f"{owner} shows no equation (.. math::).")
     need(block.source, f"{owner} names no source.")
-    need(0 < len(block.symbol) <= WIDEST, f"{owner} needs a symbol of at most {WIDEST} characters for its box.")
+    need(
+        0 < len(block.symbol) <= MAX_SYMBOL_LENGTH,
+        f"{owner} needs a symbol of at most {MAX_SYMBOL_LENGTH} characters for its box.",
+    )
     parts: list[tuple[str, Any]] = [
         *block.inports.items(),
         *block.outports.items(),
@@ -146,13 +195,13 @@ def documented(block: Block) -> None:
 
 @promise
 def works_as_it_comes(block: Block) -> None:
-    """Without arguments it can be made, and means something."""
+    """It can be made without arguments."""
     need(type(block)() == type(block)(), f"{type(block).__name__} made twice differs.")
 
 
 @promise
 def equations_cover_what_is_declared(block: Block) -> None:
-    """Every output, every state and nothing else comes out of the equations."""
+    """The equations return every output, every state and nothing else."""
     structure_of(block)
 
 
@@ -182,7 +231,7 @@ def _letters(parts: Iterable[Any]) -> set[str]:
 
 @promise
 def every_parameter_matters(block: Block) -> None:
-    """Each parameter changes something; none was frozen into a number."""
+    """Each parameter changes an equation; none was frozen into a number."""
     f, results, names = _functions(block)
     t, x, u, p = f.sx_in()
     used = ca.which_depends(f(t, x, u, p), p, 1, False) if results and names else []
@@ -223,13 +272,13 @@ def every_state_matters(block: Block) -> None:
 
 @promise
 def tapes_are_supplied(block: Block) -> None:
-    """Each tape comes as samples that cover the run, and comes again the same."""
+    """Each tape is samples that cover the run, and the same at every call."""
     owner, wanted = type(block).__name__, list(block.tape_ports)
     given, again = block.tapes(-0.5, 2.0), block.tapes(-0.5, 2.0)
     need(sorted(given) == sorted(wanted), f"{owner}.tapes gives {sorted(given)}, and its tapes are {sorted(wanted)}.")
     for name, tape in given.items():
         same = np.array_equal(tape.t, again[name].t) and np.array_equal(tape.y, again[name].y)
-        need(same, f"{owner}.{name} is another one each time.")
+        need(same, f"{owner}.{name} differs from call to call.")
         need(
             len(tape.t) == len(tape.y) and np.isfinite(tape.y).all(), f"{owner}.{name} is not a list of finite numbers."
         )
@@ -276,12 +325,12 @@ def slopes_are_finite(block: Block) -> None:
     t, x, u, p = f.sx_in()
     if not results:
         return
-    jacobian = ca.Function("slopes", [t, x, u, p], [ca.jacobian(f(t, x, u, p), ca.vertcat(x, u, p))])
+    jacobian = ca.Function("derivatives", [t, x, u, p], [ca.jacobian(f(t, x, u, p), ca.vertcat(x, u, p))])
     finite = [0.0 if not math.isfinite(v) else v for v in _numbers(block)]
     for time, xs, us in _points(block):
         values = np.asarray(jacobian(time, xs, us, finite))
         rows = [n for n, row in zip(results, values, strict=True) if not np.isfinite(row).all()]
-        need(not rows, f"a slope of {type(block).__name__} {', '.join(rows)} is not finite at x={xs}, u={us}.")
+        need(not rows, f"a derivative of {type(block).__name__} {', '.join(rows)} is not finite at x={xs}, u={us}.")
 
 
 @promise
@@ -289,10 +338,10 @@ def is_a_value(block: Block) -> None:
     """Frozen, equal to its copy, hashable, and it pickles."""
     owner, copy = type(block).__name__, block.replace()
     try:
-        need(copy == block and hash(copy) == hash(block), f"{owner} differs from its copy.")
+        need(copy == block and hash(copy) == hash(block), f"{owner} is not equal to its copy.")
         need(pickle.loads(pickle.dumps(block)) == block, f"{owner} changes when pickled.")
     except (TypeError, pickle.PicklingError, AttributeError) as error:
-        raise BrokenPromise(f"{owner} holds something that is no value: {error}") from error
+        raise BrokenPromise(f"{owner} holds something that is not a value: {error}") from error
     name = next(iter(block.fields()), None)
     if name is not None:
         try:
@@ -313,7 +362,7 @@ def survives_a_file(block: Block) -> None:
     need(REGISTRY.get(owner) is type(block), f"{owner} is not known to files by its name.")
     for name in block.fields():
         kinds = {type(v) for _, v in leaves(getattr(block, name))}
-        need(kinds <= {float, int, str, bool}, f"{owner}.{name} is nothing that a file could hold.")
+        need(kinds <= {float, int, str, bool}, f"{owner}.{name} cannot be written to a file.")
     inputs = {f"in_{k}": f"block.{k}" for k in block.inports}
     alone = Diagram(title="alone", blocks={"block": block}, inputs=inputs)
     need(loads(dumps(alone)) == alone, f"{owner} changes when written to a file.")
@@ -335,7 +384,7 @@ def refuses_bad_numbers(block: Block) -> None:
         if isinstance(value, tuple) and not any(True for _ in leaves(value)):
             continue
         if isinstance(value, tuple) and field.kind == "option":
-            continue  # a list of anything: the block's own check speaks
+            continue  # a list of anything, which the block itself checks
         for bad in wrong:
             given = map_leaves(functools.partial(_always, bad), value) if isinstance(value, tuple) else bad
             try:
@@ -352,7 +401,7 @@ def _always(value: Any, _name: str, _leaf: Any) -> Any:
 
 @promise
 def fits_a_page(block: Block) -> None:
-    """No equation is longer than 40 lines: a long one wants to be a diagram."""
+    """No equation is longer than 40 lines: a longer one is better a diagram."""
     for equation in ("outputs", "derivatives", "updates"):
         method = getattr(type(block), equation)
         lines = len(inspect.getsource(method).splitlines())

@@ -1,7 +1,7 @@
-"""Regression tests on tracking error: what a diagram's metrics were, what they are, and from when on they differ.
+"""Regression tests on tracking error: a diagram's metrics compared with a baseline, and when its signals deviate.
 
 A guard says which diagram is run and what is measured; a baseline, kept in a file that people can read, holds its
-metrics and a thinned-out course of its signals.
+metrics and its signals at some instants.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from tsmblocks.simulation.simulate import simulate
 from tsmblocks.studies.study import signal_units
 
 FORMAT = 1
+"""Version of the format of a baseline."""
 TOLERANCES = {"exact": 1e-12, "tight": 1e-6, "normal": 1e-3, "loose": 1e-2, "coarse": 5e-2}
-"""How far a metric may move, as a share of its baseline. Rounding moves it by less than ``tight``."""
-NOTHING = 1e-15
-"""A metric below this (in its own unit) is zero, and may be any other number below it."""
-COURSE = 200
-"""Instants of the signals that a baseline keeps, at most."""
+"""Largest change of a metric, as a share of its baseline, by class. Chosen: rounding makes less than ``tight``."""
+ZERO_TOLERANCE = 1e-15
+"""Magnitude of a metric, in its own unit, below which it counts as zero. Chosen: some units of rounding near 1."""
+MAX_INSTANTS = 200
+"""Instants of the signals that a baseline keeps at most. Chosen: a file that people can read."""
 DIGITS = 7
-"""Digits of a signal in a baseline."""
+"""Digits of a signal in a baseline. Chosen: below what a plot resolves."""
 
 
 @attrs.frozen(eq=False)
 class Guard:
-    """What is watched: a diagram, how it is run, metrics with the tolerance class of each.
+    """A diagram, how it is run, and metrics with the tolerance class of each.
 
     ``how`` are arguments of ``simulate``.
     """
@@ -50,11 +51,11 @@ class Guard:
         """Run the diagram and measure."""
         wanted = list(dict.fromkeys(name for one in self.metrics for name in one.signals))
         run = simulate(self.diagram, **self.how)
-        step = max(1, math.ceil((len(run.t) - 1) / COURSE))
+        step = max(1, math.ceil((len(run.t) - 1) / MAX_INSTANTS))
         found = {one.name: one(run.t, {k: run[k] for k in one.signals}) for one in self.metrics}
         for name, value in found.items():
             if math.isnan(value):
-                raise RunError(f"metric '{name}' is no number here, so there is nothing to guard by it.")
+                raise RunError(f"metric '{name}' is not a number here, so it cannot be guarded.")
         return Baseline(
             found,
             {one.name: one.unit for one in self.metrics},
@@ -77,7 +78,7 @@ class Baseline:
     def text(self) -> str:
         """The baseline as TOML."""
         lines = [
-            "# What the metrics were when this was accepted; pytest --tracking-accept writes it anew.",
+            "# Metrics as accepted; pytest --tracking-accept writes them again.",
             f"format = {FORMAT}",
             "",
             "[metrics]",
@@ -97,8 +98,8 @@ class Baseline:
 
 
 @attrs.frozen
-class Moved:
-    """A metric that is not what it was; ``before`` is None for a new one, ``now`` for one that is gone."""
+class Change:
+    """A metric that has changed; ``before`` is None for a new one, ``now`` for one that was removed."""
 
     name: str
     unit: str
@@ -108,8 +109,8 @@ class Moved:
 
     @property
     def share(self) -> float:
-        """By how much, as a share of what it was; infinite where that was nothing."""
-        if self.before is None or self.now is None or not abs(self.before) > NOTHING:
+        """The change as a share of the baseline; infinite where that is zero."""
+        if self.before is None or self.now is None or not abs(self.before) > ZERO_TOLERANCE:
             return math.inf
         return (self.now - self.before) / abs(self.before)
 
@@ -148,26 +149,26 @@ def guard(
     return Guard(diagram, found, {name: TOLERANCES[str(classes.get(name, "normal"))] for name in names}, how)
 
 
-def moved(watched: Guard, before: Baseline, now: Baseline) -> list[Moved]:
-    """Metrics that are further from their baseline than their class allows, and those that came or went."""
+def changes(watched: Guard, before: Baseline, now: Baseline) -> list[Change]:
+    """Metrics that differ from their baseline by more than their class allows, and those that were added or removed."""
     found = []
     for name, value in now.metrics.items():
         old, allowed = before.metrics.get(name), watched.tolerances[name]
         other = old is not None and before.units[name] != now.units[name]
-        if old is None or other or not _same(old, value, allowed):
-            found.append(Moved(name, now.units[name], old, value, allowed))
+        if old is None or other or not _within_tolerance(old, value, allowed):
+            found.append(Change(name, now.units[name], old, value, allowed))
     gone = [name for name in before.metrics if name not in now.metrics]
-    return [*found, *(Moved(name, before.units[name], before.metrics[name], None, 0.0) for name in gone)]
+    return [*found, *(Change(name, before.units[name], before.metrics[name], None, 0.0) for name in gone)]
 
 
-def _same(before: float, now: float, allowed: float) -> bool:
+def _within_tolerance(before: float, now: float, allowed: float) -> bool:
     if math.isfinite(before) and math.isfinite(now):
-        return abs(now - before) <= max(allowed * abs(before), NOTHING)
+        return abs(now - before) <= max(allowed * abs(before), ZERO_TOLERANCE)
     return before == now
 
 
-def since(before: Baseline, now: Baseline, share: float) -> tuple[str, float] | None:
-    """The signal that first leaves its course by more than a share of its range, and when [s]; None if none does."""
+def first_deviation(before: Baseline, now: Baseline, share: float) -> tuple[str, float] | None:
+    """The signal that first deviates by more than a share of its range, and when [s]; None if none does."""
     first: tuple[str, float] | None = None
     for name in now.signals:
         if name not in before.signals:
@@ -180,11 +181,11 @@ def since(before: Baseline, now: Baseline, share: float) -> tuple[str, float] | 
     return first
 
 
-def in_sentences(found: Sequence[Moved], before: Baseline, now: Baseline) -> str:
-    """What moved, by how much, and from when in the run on."""
+def change_report(found: Sequence[Change], before: Baseline, now: Baseline) -> str:
+    """A table of the changes, and the time from which on the signals deviate."""
     from tsmblocks.common.tables import columns
 
-    rows = [("metric", "baseline", "now", "moved", "allowed")]
+    rows = [("metric", "baseline", "now", "change", "allowed")]
     for one in found:
         share = (
             f"{100 * one.share:+.3g} %"
@@ -193,14 +194,14 @@ def in_sentences(found: Sequence[Moved], before: Baseline, now: Baseline) -> str
             if one.before is None
             else "gone"
             if one.now is None
-            else "from nothing"
+            else "from zero"
         )
         rows.append(
             (heading(one.name, one.unit), _shown(one.before), _shown(one.now), share, f"{100 * one.allowed:g} %")
         )
     allowed = min((one.allowed for one in found if one.now is not None), default=1e-3)
-    start = since(before, now, max(0.1 * allowed, 1e-7))
-    when = f"\nThe signals part at t = {start[1]:.4g} s, {start[0]} first." if start else ""
+    start = first_deviation(before, now, max(0.1 * allowed, 1e-7))
+    when = f"\nThe signals deviate from t = {start[1]:.4g} s on, {start[0]} first." if start else ""
     return f"{columns(rows)}{when}"
 
 
@@ -218,7 +219,7 @@ def read_baseline(path: Path) -> Baseline:
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         why = f"'{error.args[0]}' is missing" if isinstance(error, KeyError) else str(error)
         raise FileError(
-            str(path), [f"{path}: this is no baseline: {why}. pytest --tracking-accept writes it anew."]
+            str(path), [f"{path}: this is no baseline: {why}. pytest --tracking-accept writes it again."]
         ) from None
     return Baseline(
         {k: v for (k, _), v in measured.items()},
@@ -229,13 +230,13 @@ def read_baseline(path: Path) -> Baseline:
     )
 
 
-def draw(found: Sequence[Moved], before: Baseline, now: Baseline, path: Path, title: str) -> Path:
-    """A picture of the signals then and now, and of their difference; its path. Needs matplotlib."""
-    from tsmblocks.plots.tracking import plot_moved
+def draw(found: Sequence[Change], before: Baseline, now: Baseline, path: Path, title: str) -> Path:
+    """Plot the signals before and now, and their difference; returns the path. Needs matplotlib."""
+    from tsmblocks.plots.tracking import plot_tracking_changes
 
     path.parent.mkdir(parents=True, exist_ok=True)
     names = [one.name for one in found]
-    plot_moved(before, now, f"{title}: {', '.join(names)}").savefig(path, dpi=120)
+    plot_tracking_changes(before, now, f"{title}: {', '.join(names)}").savefig(path, dpi=120)
     return path
 
 
