@@ -1094,7 +1094,7 @@ def test_no_run_goes_on_from_one_that_stopped_being_finite(at_fault):
         lambda: tsm.Stepper(d, initial=state),
         lambda: tsm.Stepper(d).restore(state),
     ):
-        with pytest.raises(RunError, match=r"stopped being finite at t = .* s, so there is no state to go on from"):
+        with pytest.raises(RunError, match=r"diverged at t = .* s, so there is no state to continue from"):
             going_on()
 
 

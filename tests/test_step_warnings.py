@@ -21,7 +21,7 @@ from tsmblocks.studies import latin_hypercube, responses
 TOO_LONG = "the step of 0.1 s is too long for the fastest pole (100 rad/s, at lag.value); rk4 needs a step below about 0.028 s there."
 LAG = f"diagram 'lag': {TOO_LONG}"
 SETS = {"gain.gain": [1.0, 2.0, 0.5], "lag.time_constant": [1.0, 0.01, 0.02]}
-WORST = f"{LAG} Of 3 sets of parameters looked at this concerns 2, most of all gain.gain = 2, lag.time_constant = 0.01."
+WORST = f"{LAG} Of 3 sets of parameters that were checked this concerns 2, most of all gain.gain = 2, lag.time_constant = 0.01."
 HOW = dict(stop=1.0, step=0.1)
 
 
@@ -45,11 +45,11 @@ CALLS = {
     "a study": (WORST, lambda: tsm.study(lagged(), plan(), "rms(y)", **HOW)),
     "responses": (WORST, lambda: responses(lagged(), plan(), **HOW)),
     "tuning": (
-        f"{LAG} Of 3 sets of parameters looked at this concerns 1, most of all lag.time_constant = 0.01.",
+        f"{LAG} Of 3 sets of parameters that were checked this concerns 1, most of all lag.time_constant = 0.01.",
         lambda: tsm.tune(lagged(), {"lag.time_constant": (0.01, 2.0)}, "rms(y)", starts=1, **HOW),
     ),
     "tuning of cases": (
-        f"{LAG} Of 4 sets of parameters looked at this concerns 1, most of all case 'a', lag.time_constant = 0.01.",
+        f"{LAG} Of 4 sets of parameters that were checked this concerns 1, most of all case 'a', lag.time_constant = 0.01.",
         lambda: tsm.tune({"a": lagged(), "b": lagged()}, {"lag.time_constant": (0.01, 2.0)}, "rms(y)", starts=1, **HOW),
     ),
 }

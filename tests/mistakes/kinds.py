@@ -208,7 +208,7 @@ def the_beginning_of_a_name():
 
 @mistake(
     DataError,
-    "inputs must map names to signals, such as {'u': 1.0}, got Record('lag', 0 to 0.1 s, 11 samples, u). Of a recording say {'u': recording}.",
+    "inputs must map names to signals, such as {'u': 1.0}, got Record('lag', 0 to 0.1 s, 11 samples, u). For a recording write {'u': recording}.",
 )
 def a_recording_as_all_inputs():
     driven(inputs=driven().record("u"))
@@ -279,12 +279,12 @@ def an_integral_that_starts_outside_its_limits():
     Integrator(low=-1.0, high=1.0, integral=5.0)
 
 
-@mistake(RunError, "signals of a run go by name, one at a time, got ['y', 'u'].")
+@mistake(RunError, "signals of a run are chosen by name, one at a time, got ['y', 'u'].")
 def several_signals_at_once():
     _ = driven()[["y", "u"]]
 
 
-@mistake(RunError, "restore takes what save gave, or the state of a run, got None.")
+@mistake(RunError, "restore takes what save returned, or the state of a run, got None.")
 def nothing_to_restore():
     Stepper(lag()).restore(None)
 

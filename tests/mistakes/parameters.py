@@ -120,7 +120,7 @@ def the_end_of_a_name_in_a_batch():
 
 @mistake(
     ParameterError,
-    "'hold.period' shapes the equations of 'held' (it is an option, or a whole list), so it cannot vary between runs side by side. Simulate once for each value.",
+    "'hold.period' changes the equations of 'held' (it is an option, or a whole list), so it cannot vary between runs side by side. Simulate once for each value.",
 )
 def an_option_in_a_batch():
     d = Diagram(

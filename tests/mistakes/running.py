@@ -111,7 +111,7 @@ def the_logarithm_in_the_middle_of_a_loop():
 
 @mistake(
     NotFinite,
-    "grow.value = nan at t = 2.08 s: a state of grow (FirstOrderLag) left the finite numbers. One step before: grow.value = 2.21816e+305. The loop may be unstable, or the step too long for it; try a smaller step.",
+    "grow.value = nan at t = 2.08 s: a state of grow (FirstOrderLag) diverges. One step before: grow.value = 2.21816e+305. The loop may be unstable, or the step too long for it; try a smaller step.",
 )
 def an_unstable_loop():
     d = Diagram(
@@ -124,7 +124,7 @@ def an_unstable_loop():
 
 @mistake(
     NotFinite,
-    "grow.value = nan at t = 2.08 s: a state of grow (FirstOrderLag) left the finite numbers. One step before: grow.value = 2.21816e+305. The loop may be unstable, or the step too long for it; try a smaller step.",
+    "grow.value = nan at t = 2.08 s: a state of grow (FirstOrderLag) diverges. One step before: grow.value = 2.21816e+305. The loop may be unstable, or the step too long for it; try a smaller step.",
 )
 def an_unstable_loop_logged_by_its_outputs_only():
     d = Diagram(
@@ -148,7 +148,7 @@ def an_unstable_loop_of_samples():
 
 @mistake(
     NotFinite,
-    "tank.z = nan at t = 0.07 s: a state of tank (Root) left the finite numbers. One step before: tank.z = 0.00014971. Within the step its equations left what they are defined for (a root, a logarithm, a division).",
+    "tank.z = nan at t = 0.07 s: a state of tank (Root) diverges. One step before: tank.z = 0.00014971. Within the step its equations are undefined (a root, a logarithm, a division).",
 )
 def a_state_that_is_born_not_finite():
     @block(register=False)
@@ -308,7 +308,7 @@ def a_batch_of_an_unknown_signal():
     simulate_batch(position_loop(), {"pid.kp": [1.0, 2.0]}, outputs=["motr"], stop=0.1)
 
 
-@mistake(RunError, "diagram 'position loop' has no outputs, so say which signals to keep: outputs=['block.port'].")
+@mistake(RunError, "diagram 'position loop' has no outputs, so name the signals to keep: outputs=['block.port'].")
 def a_batch_without_outputs():
     simulate_batch(position_loop(outputs={}), {"pid.kp": [1.0, 2.0]}, stop=0.1)
 
@@ -517,7 +517,7 @@ def a_step_with_text():
 
 @mistake(
     RunError,
-    "diagram 'recorded' cannot be stepped one by one: data is made for a whole run at once. Give its signal as an input instead.",
+    "diagram 'recorded' cannot be run sample by sample: data is made for a whole run at once. Give its signal as an input instead.",
 )
 def a_stepper_of_a_recording():
     d = Diagram(title="recorded", blocks=dict(data=Recorded()), outputs={"y": "data"})
@@ -526,7 +526,7 @@ def a_stepper_of_a_recording():
 
 @mistake(
     RunError,
-    "diagram 'rates' cannot be stepped one by one: it needs the derivative of its input 'x', which single values do not give. Use a FilteredDerivative, or an input for the rate.",
+    "diagram 'rates' cannot be run sample by sample: it needs the derivative of its input 'x', which single values do not have. Use a FilteredDerivative, or an input for the rate.",
 )
 def a_stepper_that_needs_a_derivative():
     d = Diagram(title="rates", blocks=dict(d=Derivative()), inputs={"x": "d.u"}, outputs={"v": "d"})
@@ -539,7 +539,7 @@ def a_state_of_another_diagram():
     Stepper(position_loop()).restore(saved)
 
 
-@mistake(RunError, "a run that goes on from a saved state starts when that ended, at 0.5 s. Leave out start.")
+@mistake(RunError, "a run that continues from a saved state starts at its time, 0.5 s. Leave out start.")
 def a_start_beside_a_state_to_go_on_from():
     saved = simulate(plant(), inputs={"u": 1.0}, stop=0.5).state
     simulate(plant(), inputs={"u": 1.0}, start=1.0, stop=2.0, initial=saved)
@@ -557,7 +557,7 @@ def a_state_with_too_short_a_past():
 
 @mistake(
     RunError,
-    "the run of 'quotient' stopped being finite at t = 0.5 s, so there is no state to go on from. Take one from a run that ended before.",
+    "the run of 'quotient' diverged at t = 0.5 s, so there is no state to continue from. Take one from a run that ended before.",
 )
 def a_state_of_a_run_that_stopped_being_finite():
     """The states are finite here: it is an output that was not, for an instant."""

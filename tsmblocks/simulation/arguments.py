@@ -1,4 +1,4 @@
-"""What a run is asked for: a diagram, times, inputs. Each is checked here, once, for every way to run."""
+"""Arguments of a run: the diagram, its inputs and times, checked once for every way to run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tsmblocks.common.errors import DataError, RunError, in_words
 from tsmblocks.model.diagram import Diagram, needed
 
 MOST_STEPS = 1e15
-"""Steps of a run that can be told apart in time; such a run would take years."""
+"""Steps of a run, at most. Derived: times of a double then still differ from step to step."""
 
 
 def as_diagram(diagram: Diagram, parameters: Mapping[str, Any] | None = None) -> Diagram:
@@ -28,7 +28,7 @@ def as_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
     if inputs is None:
         return {}
     if not isinstance(inputs, Mapping):
-        hint = " Of a recording say {'u': recording}." if hasattr(inputs, "t") else ""
+        hint = " For a recording write {'u': recording}." if hasattr(inputs, "t") else ""
         raise DataError(f"inputs must map names to signals, such as {{'u': 1.0}}, got {in_words(inputs)}.{hint}")
     return {name: _timed(name, v) if hasattr(v, "to_numpy") else v for name, v in inputs.items()}
 
@@ -58,7 +58,7 @@ def step_count(start: float, stop: float, h: float) -> int:
 
 
 def input_ends(inputs: Mapping[str, Any], start: float, h: float) -> list[float]:
-    """Where recorded inputs end [s]; those that go on for ever have no end."""
+    """Ends of recorded inputs [s]; constants and functions have none."""
     ends = []
     for value in inputs.values():
         times = getattr(value, "t", value[0] if isinstance(value, tuple) and len(value) == 2 else None)
@@ -91,12 +91,12 @@ class TimeGrid:
 
     @property
     def kept(self) -> int:
-        """How many instants are kept."""
+        """Number of instants that are kept."""
         return self.steps // self.every + 1
 
 
 def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every: Any) -> TimeGrid:
-    """The instants asked for; without ``stop``, to the end of the inputs. Raises RunError."""
+    """The instants of a run; without ``stop`` up to the end of the inputs. Raises RunError."""
     begin, h, spacing = as_number("start", start), as_positive("step", step), as_integer("every", every, 1)
     end = end_time(inputs, begin, h) if stop is None else as_number("stop", stop)
     steps = step_count(begin, end, h)

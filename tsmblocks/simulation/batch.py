@@ -1,4 +1,4 @@
-"""Many runs of one diagram at once, and exact derivatives of a run: the engine's lanes and threads."""
+"""Many runs of one diagram at once, in SIMD lanes and threads."""
 
 from __future__ import annotations
 
@@ -46,10 +46,59 @@ def simulate_batch(
 ) -> Batch:
     """Run a diagram once for each set of parameters, sets side by side in SIMD lanes and threads.
 
-    ``parameters`` maps names to arrays of one length (sets,); ``outputs`` names the signals kept
-    (by default the diagram's outputs). ``reduce(t, signals)`` receives arrays of shape (N, lanes) and
-    returns results of shape (lanes,), so that long batches need not be kept whole. Other arguments as
-    for ``simulate``. Raises ParameterError for an unknown name or arrays of different lengths.
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    parameters : dict of str to array
+        Values of each varied parameter, shape (sets,), all of one length.
+    stop : float, optional
+        End in s; the last instant is the last whole step up to it. By default the end of the shortest recorded input,
+        or 20 s without one.
+    step : float, default 1e-3
+        Step in s.
+    start : float, default 0.0
+        Time of the first instant in s.
+    method : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    inputs : dict of str to signal, optional
+        Inputs of the diagram by name, as for ``simulate``.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of the inputs.
+    outputs : list of str, optional
+        Signals to keep. By default the outputs of the diagram.
+    reduce : callable, optional
+        ``reduce(t, signals)`` gets arrays of shape (N, lanes) and returns results of shape (lanes,) by name; then only
+        these are kept.
+    every : int, default 1
+        Keep every ``every``-th instant.
+    threads : int, optional
+        Number of threads. By default one for each processor.
+    backend : {"", "llvm", "casadi"}
+        As for ``simulate``.
+
+    Returns
+    -------
+    Batch
+        ``batch[name]`` has shape (sets, N), or (sets,) after a reduction.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter, one that cannot vary between lanes, arrays of different lengths, and a set that
+        a block refuses.
+    RunError
+        As for ``simulate``.
+    DataError
+        As for ``simulate``.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> motor = tsm.load("motor_linear")
+    >>> batch = tsm.simulate_batch(motor, {"motor.K": [1.0, 2.0]}, stop=1.0, inputs={"u": 12.0})
+    >>> batch["x"][:, -1].round(3).tolist()
+    [11.76, 23.52]
     """
     options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
     made = batch_of(diagram, parameters, options, outputs)
@@ -59,9 +108,9 @@ def simulate_batch(
 
 @attrs.frozen(eq=False)
 class PreparedBatch:
-    """A batch that can be run part by part; a set's results do not depend on the part it is run in.
+    """A batch that can be run in parts; the results of a set do not depend on the part in which it is run.
 
-    ``sets`` maps names of parameters to one number per set, ``t`` (N,) [s] are the instants kept.
+    ``sets`` maps parameters to their values (sets,), ``t`` (N,) [s] are the instants that are kept.
     """
 
     sets: Mapping[str, np.ndarray]
@@ -77,29 +126,29 @@ class PreparedBatch:
 
     @property
     def count(self) -> int:
-        """How many sets there are."""
+        """Number of sets."""
         return len(next(iter(self.sets.values())))
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the signals that are kept, ``""`` where none is known."""
+        """Units of the kept signals, ``""`` where none is known."""
         return {name: self._eq.units.get(self._eq.aliases.get(name, name), "") for name in self._columns}
 
     @property
     def lanes(self) -> int:
-        """How many sets are run side by side."""
+        """Number of sets that are run side by side."""
         return self._kernel.plan.lanes
 
     def results(
         self, first: int, last: int, reduce: Reduce | None = None, threads: int | None = None
     ) -> dict[str, np.ndarray]:
-        """Results of the sets from ``first`` up to ``last``, not included; ``reduce`` as for ``simulate_batch``.
+        """Results of the sets from ``first`` up to, not including, ``last``; ``reduce`` as for ``simulate_batch``.
 
-        Not to be called from several threads at once: it has threads of its own.
+        Call it from one thread at a time: it uses threads itself.
         """
         lanes = self.lanes
         begins = range(first, last, lanes)
-        # Symbolic functions are not for several threads, so all memory is made before.
+        # CasADi functions are not thread-safe, so all memory is made before.
         memories = [lane_memory(self._eq, self._kernel, self._parameters(k), self._h) for k in begins]
 
         def group(begin: int, memory: Memory) -> dict[str, np.ndarray]:
@@ -114,14 +163,14 @@ class PreparedBatch:
         return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
 
     def run_start(self, k: int) -> RunStart:
-        """Where the run of a set begins, by its position."""
+        """The start of the run of set ``k``."""
         numbers = {name: float(values[k]) for name, values in self.sets.items()}
         p = self._base.copy()
         p[[self._eq.p.index(name) for name in numbers]] = list(numbers.values())
-        return RunStart(self._eq, p, self._start, self._signals, words=set_text(numbers))
+        return RunStart(self._eq, p, self._start, self._signals, label=set_text(numbers))
 
     def _parameters(self, first: int) -> np.ndarray:
-        """Parameters of the sets from ``first`` on, one set per lane; lanes left over repeat the last set."""
+        """Parameters of the sets from ``first`` on, one set per lane; unused lanes repeat the last set."""
         p = np.repeat(self._base[:, None], self.lanes, axis=1)
         for name, values in self.sets.items():
             p[self._eq.p.index(name)] = values[np.minimum(np.arange(first, first + self.lanes), len(values) - 1)]
@@ -137,8 +186,8 @@ def batch_of(
 ) -> PreparedBatch:
     """Check and compile a batch without running it; arguments and errors as for ``simulate_batch``.
 
-    ``lanes`` is how many sets are run side by side, a power of two (by default what suits the diagram): parts of one
-    study give it, so that their results agree to the last digit however the work is cut.
+    ``lanes`` is the number of sets side by side, a power of two (by default chosen for the diagram). The parts of
+    a study pass it on, so that results agree to the last digit however the work is divided.
     """
     if not isinstance(parameters, Mapping):
         raise ParameterError(f"parameters must map names to one number per set each, got {in_words(parameters)}.")

@@ -24,8 +24,8 @@ def parameter_sets(eq: Equations, diagram: Diagram, parameters: Mapping[str, Any
     if not sets or min(lengths.values()) == 0:
         raise ParameterError(f"a batch of '{diagram.title}' needs at least one parameter with at least one value.")
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{k} has {n}" for k, n in lengths.items())
-        raise ParameterError(f"the parameters of a batch need one value per set each; {said}.")
+        listed = ", ".join(f"{k} has {n}" for k, n in lengths.items())
+        raise ParameterError(f"the parameters of a batch need one value per set each; {listed}.")
     _check_sets(diagram, sets)
     return sets, next(iter(lengths.values()))
 
@@ -43,10 +43,10 @@ def _column(name: str, values: Any) -> np.ndarray:
 
 
 def _check_sets(diagram: Diagram, sets: Mapping[str, np.ndarray]) -> None:
-    """Raise ParameterError for a set that a block refuses, in the block's own words.
+    """Raise ParameterError for a set that a block refuses, with the block's message.
 
-    Bounds are intervals, so the sets with the extremes stand for all; where two numbers must go
-    together (a lower and an upper limit), every set is looked at.
+    Bounds are intervals, so the sets with the extreme values are checked; of blocks that check several varied
+    parameters together (a lower and an upper limit), every set.
     """
     extremes = sorted({int(f(v)) for v in sets.values() for f in (np.argmin, np.argmax)})
     for k in extremes:
@@ -54,7 +54,7 @@ def _check_sets(diagram: Diagram, sets: Mapping[str, np.ndarray]) -> None:
             diagram.with_parameters({name: float(v[k]) for name, v in sets.items()})
         except ParameterError as error:
             raise ParameterError(f"set {k} of the batch: {error}") from None
-    for path, block, varied in _go_together(diagram, sets):
+    for path, block, varied in _checked_together(diagram, sets):
         for k in range(len(next(iter(sets.values())))):
             try:
                 block.replace(**varied(k))
@@ -62,13 +62,13 @@ def _check_sets(diagram: Diagram, sets: Mapping[str, np.ndarray]) -> None:
                 raise ParameterError(f"set {k} of the batch: {path}: {error}") from None
 
 
-def _go_together(
+def _checked_together(
     diagram: Diagram, sets: Mapping[str, np.ndarray], prefix: str = ""
 ) -> Iterator[tuple[str, Block, Callable[[int], dict[str, Any]]]]:
-    """Blocks that check several of the varied numbers against each other, with their numbers in set k."""
+    """Blocks that check several varied parameters together, with their parameters in set k."""
     for name, block in diagram.blocks.items():
         if isinstance(block, Diagram):
-            yield from _go_together(block, sets, f"{prefix}{name}.")
+            yield from _checked_together(block, sets, f"{prefix}{name}.")
             continue
         full = {
             leaf: prefix + v[1:] if is_reference(v) else f"{prefix}{name}.{leaf}"
@@ -78,13 +78,13 @@ def _go_together(
         if type(block).check is Block.check or sum(v in sets for v in full.values()) < 2:
             continue
 
-        def number(k: int, leaf: str, value: Any, full: dict[str, str] = full) -> float:
+        def value_of(k: int, leaf: str, value: Any, full: dict[str, str] = full) -> float:
             if full[leaf] in sets:
                 return float(sets[full[leaf]][k])
             return diagram.values[value[1:]] if is_reference(value) else value
 
-        def varied(k: int, block: Block = block, number: Callable[..., float] = number) -> dict[str, Any]:
-            return {key: map_leaves(functools.partial(number, k), v, key) for key, v in block.parameters.items()}
+        def varied(k: int, block: Block = block, value_of: Callable[..., float] = value_of) -> dict[str, Any]:
+            return {key: map_leaves(functools.partial(value_of, k), v, key) for key, v in block.parameters.items()}
 
         yield prefix + name, block, varied
 
@@ -93,7 +93,7 @@ def parameter_index(eq: Equations, name: str, diagram: Diagram) -> int:
     """Position of a parameter that can vary between runs. Raises ParameterError for any other name."""
     if name not in eq.p and name in diagram.parameter_names():
         raise ParameterError(
-            f"'{name}' shapes the equations of '{eq.title}' (it is an option, or a whole list), so it "
+            f"'{name}' changes the equations of '{eq.title}' (it is an option, or a whole list), so it "
             "cannot vary between runs side by side. Simulate once for each value."
         )
     if name not in eq.p:

@@ -16,10 +16,23 @@ from tsmblocks.common.views import view
 
 @attrs.frozen(eq=False)
 class Batch:
-    """Results of many runs. ``results[name]`` has shape (sets,) after a reduction, else (sets, N).
+    """Results of many runs of one diagram.
 
-    ``t`` (N,) [s] are the instants, ``units`` the labels of signals that were not reduced.
-    ``failed`` marks the sets whose results are not finite (an unstable choice of gains, say).
+    Parameters
+    ----------
+    parameters : dict of str to ndarray
+        Values of the varied parameters, shape (sets,).
+    results : dict of str to ndarray
+        Signals of shape (sets, N), or reduced results of shape (sets,).
+    t : ndarray
+        Instants in s, shape (N,).
+    units : dict of str to str, optional
+        Units of signals that were not reduced.
+
+    Attributes
+    ----------
+    failed : ndarray of bool
+        Sets with a result that is not finite (an unstable choice of gains, for example), shape (sets,).
     """
 
     parameters: Mapping[str, np.ndarray]
@@ -35,7 +48,7 @@ class Batch:
 
     @property
     def failed(self) -> np.ndarray:
-        """Which sets have a result that is not finite, shape (sets,)."""
+        """Sets with a result that is not finite, shape (sets,)."""
         return np.any([~np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in self.results.values()], axis=0)
 
     def __repr__(self) -> str:
@@ -46,12 +59,24 @@ class Batch:
         return view("html", self)
 
     def to_pandas(self) -> Any:
-        """A frame with a row per set: parameters, then reduced results. Needs pandas."""
+        """A table with a row for each set: parameters, then reduced results.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The table; signals over time are left out. Needs pandas.
+        """
         single = {k: v for k, v in self.results.items() if v.ndim == 1}
         return frame({**self.parameters, **single}, np.arange(len(next(iter(self.parameters.values())))), "set")
 
     def to_xarray(self) -> Any:
-        """A data set over ``set`` (with the parameters as coordinates) and ``t`` [s]. Needs xarray."""
+        """All results over ``set`` and ``t`` [s], with the parameters as coordinates.
+
+        Returns
+        -------
+        xarray.Dataset
+            The results, with ``attrs["units"]``. Needs xarray.
+        """
         results = {k: (("set", "t")[: v.ndim], v, self.units.get(k, "")) for k, v in self.results.items()}
         sets = np.arange(len(next(iter(self.parameters.values()))))
         coords = {"set": (("set",), sets, ""), **{k: (("set",), v, "") for k, v in self.parameters.items()}}

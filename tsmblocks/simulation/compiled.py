@@ -17,7 +17,7 @@ _KEPT = 256
 
 
 def signature(diagram: Diagram) -> Any:
-    """Everything about a diagram except its numbers; equal signatures have the same equations."""
+    """Everything about a diagram except its parameter values; equal signatures have the same equations."""
     parts: list[Any] = []
     for name, block in diagram.blocks.items():
         if isinstance(block, Diagram):
@@ -36,9 +36,30 @@ def _shape(value: Any) -> Any:
 
 
 def equations(diagram: Diagram) -> Equations:
-    """The equations of a diagram, kept so that other numbers do not compile it again.
+    """The equations of a diagram, compiled once for each structure: other parameter values reuse them.
 
-    Raises RunError for what is no diagram, and what compile raises.
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+
+    Returns
+    -------
+    Equations
+        States, inputs, parameters and outputs by name, and the right-hand side as CasADi functions.
+
+    Raises
+    ------
+    RunError
+        For an argument that is no diagram.
+    DiagramError
+        For a diagram that cannot be compiled: open ports, units that do not match, or a refused algebraic loop.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> tsm.equations(tsm.load("motor_linear")).x
+    ('motor.angle', 'motor.speed')
     """
     diagram = as_diagram(diagram)
     key = (diagram.title, signature(diagram))
@@ -52,6 +73,6 @@ def equations(diagram: Diagram) -> Equations:
 
 
 def parameter_vector(eq: Equations, diagram: Diagram) -> np.ndarray:
-    """The diagram's numbers in the order of the equations."""
+    """The parameter values of the diagram in the order of the equations."""
     values = diagram.parameters
     return np.array([values[name] for name in eq.p], dtype=float)

@@ -1,4 +1,4 @@
-"""Finding where a run stopped being finite: the block, the time, and what it was given."""
+"""Where a run diverged: the block, the time and its inputs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.session import Session
 
 ORDINARY_STATE = 1e20
-"""States below this did not run away."""
+"""States below this size did not grow without bound before they became non-finite. Chosen."""
 
 
 def explain_divergence(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:
@@ -33,7 +33,7 @@ def explain_divergence(eq: Equations, session: Session, steps: int) -> tuple[str
 
 
 def _first_non_finite(eq: Equations, values: dict[str, float]) -> str:
-    """The first block whose output is not finite though its inputs and states are."""
+    """The first block with a non-finite output and finite inputs and states."""
     for name, value in values.items():
         block, _, _ = name.rpartition(".")
         if math.isfinite(value) or block not in eq.reads or name in eq.x:
@@ -44,7 +44,7 @@ def _first_non_finite(eq: Equations, values: dict[str, float]) -> str:
     return ""
 
 
-def _list(pairs: Iterable[tuple[str, float]]) -> str:
+def _pairs(pairs: Iterable[tuple[str, float]]) -> str:
     return ", ".join(f"{k} = {v:.6g}" for k, v in pairs)
 
 
@@ -55,9 +55,9 @@ def _output_message(eq: Equations, values: dict[str, float], block: str, time: f
     states = [
         (k.rpartition(".")[2], values[k]) for k in (*eq.x, *eq.d) if k.rpartition(".")[0] == block and k in values
     ]
-    text = f"{_list(outputs)} at t = {time:g} s, first in {block} ({kind})."
-    text += f" Its inputs: {_list(inputs)}." if inputs else ""
-    return text + (f" Its states: {_list(states)}." if states else "")
+    text = f"{_pairs(outputs)} at t = {time:g} s, first in {block} ({kind})."
+    text += f" Its inputs: {_pairs(inputs)}." if inputs else ""
+    return text + (f" Its states: {_pairs(states)}." if states else "")
 
 
 def _state_message(
@@ -65,9 +65,9 @@ def _state_message(
 ) -> str:
     kind = eq.reads[block][0] if block in eq.reads else "?"
     now = [(k, values[k]) for k in states[:4]]
-    text = f"{_list(now)} at t = {time:g} s: a state of {block} ({kind}) left the finite numbers."
+    text = f"{_pairs(now)} at t = {time:g} s: a state of {block} ({kind}) diverges."
     if before:
-        text += f" One step before: {_list((k, before[k]) for k in states[:4])}."
+        text += f" One step before: {_pairs((k, before[k]) for k in states[:4])}."
     if before and all(abs(before[k]) < ORDINARY_STATE for k in states):
-        return text + " Within the step its equations left what they are defined for (a root, a logarithm, a division)."
+        return text + " Within the step its equations are undefined (a root, a logarithm, a division)."
     return text + " The loop may be unstable, or the step too long for it; try a smaller step."

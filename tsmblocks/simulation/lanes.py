@@ -18,7 +18,7 @@ from tsmblocks.engine.session import check_delays, plan_for, spread, steps_per_p
 from tsmblocks.simulation.arguments import TimeGrid
 
 MOST_DIRECTIONS = 32
-"""Derivative directions side by side in one run."""
+"""Directions of derivatives side by side in one run. Chosen: registers hold the states of usual diagrams."""
 
 
 @functools.lru_cache(maxsize=256)
@@ -31,19 +31,19 @@ def batch_kernel(
     backend: str,
     quick: bool = False,
 ) -> Kernel:
-    """A kernel with one parameter set per lane (kept); ``quick`` as for ``kernel_for``."""
+    """A kernel with one parameter set per lane (cached); ``quick`` as for ``kernel_for``."""
     return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend, quick)
 
 
 @functools.lru_cache(maxsize=256)
 def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int, backend: str) -> Kernel:
-    """A kernel with one seed direction per lane (kept)."""
+    """A kernel with one seed direction per lane (cached)."""
     return kernel_for(tangent_plan(eq, method, y, lanes), backend)
 
 
 @functools.lru_cache(maxsize=64)
 def _start_function(eq: Equations, lanes: int) -> Any:
-    """Start values of many sets at once (kept, since making such a function takes longer than calling it)."""
+    """Initial states of many sets at once (cached: making the function takes longer than a call)."""
     return eq.start.map(lanes)
 
 
@@ -63,7 +63,7 @@ def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memor
 def whole_run(
     eq: Equations, kernel: Kernel, signals: list[tuple[Signal, int]], times: TimeGrid
 ) -> Callable[[Memory], np.ndarray]:
-    """A function that runs from the memory it is given to the end and returns the rows kept."""
+    """A function that runs from given memory to the end and returns the rows that are kept."""
     rows = input_rows(signals, times.start, times.h, 0, times.steps, kernel.plan.method.instants)
     hits = steps_per_period(eq, times.h)
     fixed: dict[str, Any] = dict(
@@ -85,7 +85,7 @@ def lane_columns(y: np.ndarray, kernel: Kernel, k: int, lanes: int) -> np.ndarra
 
 
 def directions(count: int) -> int:
-    """Lanes for so many derivative directions; beyond ``MOST_DIRECTIONS`` they take several runs."""
+    """Lanes for ``count`` directions of derivatives; above ``MOST_DIRECTIONS`` they take several runs."""
     return min(MOST_DIRECTIONS, _power_of_two(count))
 
 
@@ -95,5 +95,5 @@ def _power_of_two(n: int) -> int:
 
 
 def lanes_for(count: int, states: int) -> int:
-    """Sets run side by side: 32 lanes while the states fit the registers, 16 above; fewer for a small batch."""
+    """Sets side by side: 32 lanes while the states fit into the registers, 16 above; fewer for a small batch."""
     return min(_power_of_two(count), 32 if states <= 10 else 16)

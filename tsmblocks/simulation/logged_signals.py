@@ -11,11 +11,11 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.simulation.arguments import TimeGrid
 
 MOST_NUMBERS = 250_000_000
-"""Logged numbers (2 GB) above which a run asks to be told what to log."""
+"""Logged numbers (2 GB) above which a run is refused. Chosen."""
 
 
 def logged_signals(eq: Equations, log: str | Iterable[str], times: TimeGrid) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Which signals are kept: columns and names. Raises RunError when they would not fit."""
+    """Columns and names of the signals that are kept. Raises RunError for too many numbers."""
     chosen = _chosen(eq, log)
     if times.kept * len(chosen) > MOST_NUMBERS:
         fewer = times.every * 10 ** math.ceil(math.log10(times.kept * len(chosen) / MOST_NUMBERS))
@@ -61,5 +61,5 @@ def signal_positions(eq: Equations, names: Sequence[str]) -> list[int]:
 def kept_columns(eq: Equations, names: Sequence[str]) -> tuple[int, ...]:
     """The same positions, each once, as a kernel logs them. Raises RunError where no signal is named."""
     if not names:
-        raise RunError(f"diagram '{eq.title}' has no outputs, so say which signals to keep: outputs=['block.port'].")
+        raise RunError(f"diagram '{eq.title}' has no outputs, so name the signals to keep: outputs=['block.port'].")
     return tuple(dict.fromkeys(signal_positions(eq, names)))

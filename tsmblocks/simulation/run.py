@@ -22,12 +22,42 @@ from tsmblocks.data.writing import written
 class Run:
     """Signals of one simulation.
 
-    ``run.t`` is time in s, shape (N,); ``run["tsm.y"]`` a signal of the same shape, by the name of an
-    output of the diagram, of a block's port (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input.
-    ``aliases`` maps the diagram's outputs to the signals they show; ``units`` signals to labels.
-    ``state`` holds all that is needed to go on from the last instant. ``events`` are the switching
-    instants of a run with ``locate=True``, in order: each has ``t`` [s], ``block``, ``switch`` (abs, sign,
-    min, max, <, <=) and ``rising``.
+    ``run["tsm.y"]`` is a signal of shape (N,), by the name of an output of the diagram, of a block's port
+    (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input.
+
+    Parameters
+    ----------
+    title : str
+        Title of the diagram.
+    t : ndarray
+        Instants in s, shape (N,).
+    rows : ndarray
+        All signals, shape (N, signals).
+    names : tuple of str
+        Names of the columns of ``rows``.
+    aliases : dict of str to str
+        Outputs of the diagram, and the signals that they show.
+    units : dict of str to str
+        Unit labels of signals.
+    parameters : dict of str to float
+        Parameters of the run.
+    step : float
+        Step in s.
+    method : str
+        Integration method.
+    state : SavedState, optional
+        All that is needed to continue from the last instant: ``simulate(diagram, initial=run.state)``.
+    complete : bool, default True
+        Whether the run reached its end.
+    events : tuple of Event, optional
+        Switching instants of a run with ``locate=True``, in order: each has ``t`` [s], ``block``, ``switch`` (abs,
+        sign, min, max, <, <=) and ``rising``.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> tsm.simulate(tsm.load("motor_linear"), stop=1.0, inputs={"u": 12.0}, log="outputs")
+    Run('Motor as a linear transfer function', 0 to 1 s, 1001 instants, x, motor.y)
     """
 
     title: str
@@ -46,7 +76,7 @@ class Run:
     def __getitem__(self, name: str) -> np.ndarray:
         """A signal by name; raises RunError with the near miss."""
         if not isinstance(name, str):
-            raise RunError(f"signals of a run go by name, one at a time, got {in_words(name)}.")
+            raise RunError(f"signals of a run are chosen by name, one at a time, got {in_words(name)}.")
         target = self.aliases.get(name, name)
         try:
             column = self.names.index(target)
@@ -62,44 +92,133 @@ class Run:
         return iter(self.keys())
 
     def keys(self) -> list[str]:
-        """Names of all signals, outputs of the diagram first."""
+        """Names of all signals.
+
+        Returns
+        -------
+        list of str
+            The names, outputs of the diagram first.
+        """
         return [*self.aliases, *(n for n in self.names if n not in self.aliases)]
 
     def record(self, *names: str, name: str = "") -> Record:
-        """Signals of the run as a recording that fits and scores take; all outputs unless named.
+        """Signals as a recording, as fits and scores take it.
 
-        ``name`` is that of the experiment, the title of the run by default.
+        Parameters
+        ----------
+        *names : str
+            The signals; all outputs of the diagram unless given.
+        name : str, optional
+            Name of the experiment. By default the title of the run.
+
+        Returns
+        -------
+        Record
+            The recording.
+
+        Raises
+        ------
+        RunError
+            For an unknown signal.
         """
         chosen = names or tuple(self.aliases)
         signals, units = {k: self[k] for k in chosen}, {k: self.unit(k) for k in chosen}
         return Record(name or self.title, self.t, signals, units, "simulation")
 
     def unit(self, name: str) -> str:
-        """Unit label of a signal, ``""`` when none is known."""
+        """The unit label of a signal.
+
+        Parameters
+        ----------
+        name : str
+            The signal.
+
+        Returns
+        -------
+        str
+            Its unit, ``""`` where none is known.
+        """
         return self.units.get(self.aliases.get(name, name), self.units.get(name, ""))
 
     def heading(self, name: str) -> str:
-        """``name [unit]``, as tables and files show it."""
+        """A signal with its unit, as tables and files show it.
+
+        Parameters
+        ----------
+        name : str
+            The signal.
+
+        Returns
+        -------
+        str
+            ``name [unit]``.
+        """
         return heading(name, self.unit(name))
 
     def to_pandas(self, names: Sequence[str] | None = None) -> Any:
-        """A frame indexed by time [s], one column per signal (all unless named). Needs pandas.
+        """A table indexed by time [s], one column for each signal.
 
-        ``attrs["units"]`` has their units, which ``from_pandas`` reads.
+        Parameters
+        ----------
+        names : list of str, optional
+            The signals; all unless given.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The table; ``attrs["units"]`` has the units, which ``from_pandas`` reads. Needs pandas.
+
+        Raises
+        ------
+        RunError
+            For an unknown signal.
         """
         chosen = _listed(names) or self.keys()
         return frame({n: self[n] for n in chosen}, self.t, "t", {"t": "s", **{n: self.unit(n) for n in chosen}})
 
     def to_xarray(self, names: Sequence[str] | None = None) -> Any:
-        """A data set over ``t`` [s], one variable per signal, with ``attrs["units"]``. Needs xarray."""
+        """Signals over ``t`` [s].
+
+        Parameters
+        ----------
+        names : list of str, optional
+            The signals; all unless given.
+
+        Returns
+        -------
+        xarray.Dataset
+            One variable for each signal, with ``attrs["units"]``. Needs xarray.
+
+        Raises
+        ------
+        RunError
+            For an unknown signal.
+        """
         facts = {"title": self.title, "step": self.step, "method": self.method, "complete": self.complete}
         signals = {n: (("t",), self[n], self.unit(n)) for n in _listed(names) or self.keys()}
         return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
     def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
-        """Signals over time (the diagram's outputs unless named), angles in degrees. Needs matplotlib.
+        """Plot signals over time, angles in degrees.
 
-        ``run.plot("x_ref - x_out", after=5.0)`` shows the error from 5 s on.
+        Parameters
+        ----------
+        *names : str
+            Signals, or expressions such as ``"x_ref - x_out"``; the outputs of the diagram unless given.
+        ax : matplotlib.axes.Axes, optional
+            Where to draw. By default in a new figure.
+        after : float, optional
+            Time in s from which on to draw. By default the start.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes. Needs matplotlib.
+
+        Raises
+        ------
+        RunError
+            For an unknown signal.
         """
         return view("plot", self, names=names, ax=ax, after=after)
 
@@ -112,10 +231,26 @@ class Run:
         return view("html", self)
 
     def save(self, path: str | Path, names: Sequence[str] | None = None) -> Path:
-        """Write signals (the diagram's outputs unless named) to .csv, .npz or .mat; returns the path.
+        """Write signals to a file.
 
-        In .mat a dot becomes an underscore. Raises DataError for another ending, for two signals that would take one
-        name there, and for names that cannot be written.
+        In .mat a dot in a name becomes an underscore.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that ends in .csv, .npz or .mat.
+        names : list of str, optional
+            The signals; the outputs of the diagram unless given.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        DataError
+            For another ending, two signals with one name in .mat, and names that cannot be written.
         """
         chosen = _listed(names) or list(self.aliases) or self.keys()
         return written(

@@ -1,4 +1,4 @@
-"""A state to go on from, and whether it belongs to a run that is to do so."""
+"""Saved states, and whether a run can continue from one."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.kernel import Memory
 
 STEP_TOLERANCE = 1e-9
-"""Difference of two steps, as a share of them, that is rounding; of two times, as a share of a step."""
+"""Relative difference of two steps, and difference of two times in steps, that is rounding. Chosen."""
 
 
 @attrs.frozen(eq=False)
 class SavedState:
-    """A state to go on from: all memory, the step counter and the step. It pickles."""
+    """A state to continue from: all memory, the step counter and the step. It can be pickled."""
 
     memory: Memory = attrs.field(repr=False)
     k: int
     start: float
     step: float
     names: tuple[str, ...] = attrs.field(repr=False, default=())
-    """Of states, memory and delays: what tells one diagram's memory from another's."""
-    lost: float | None = None
-    """When the run stopped being finite, in s, if it did: no run goes on from such a state."""
+    """Names of states, memory and delays, by which the diagram is recognised."""
+    diverged_at: float | None = None
+    """Time [s] at which the run diverged, if it did: no run can continue from such a state."""
 
     @property
     def t(self) -> float:
@@ -36,16 +36,16 @@ class SavedState:
 
 
 def memory_names(eq: Equations) -> tuple[str, ...]:
-    """Names of all that a saved state holds."""
+    """Names of all states, memory and delays."""
     return (*eq.x, *eq.d, *eq.q)
 
 
 def restored_memory(saved: SavedState, eq: Equations, own: Memory, h: float) -> Memory:
-    """The memory of a saved state, with the numbers of ``own``. Raises RunError where it does not belong here."""
-    if saved.lost is not None:
+    """The memory of a saved state, with the parameters of ``own``. Raises RunError for another diagram or step."""
+    if saved.diverged_at is not None:
         raise RunError(
-            f"the run of '{eq.title}' stopped being finite at t = {saved.lost:g} s, so there is no state to "
-            "go on from. Take one from a run that ended before."
+            f"the run of '{eq.title}' diverged at t = {saved.diverged_at:g} s, so there is no state to "
+            "continue from. Take one from a run that ended before."
         )
     if not _same(saved.step, h):
         raise RunError(f"the saved state belongs to a step of {saved.step:g} s, and this one is {h:g} s.")
@@ -62,15 +62,13 @@ def restored_memory(saved: SavedState, eq: Equations, own: Memory, h: float) -> 
 
 
 def start_and_step(start: Any, step: Any, initial: Any) -> tuple[Any, Any]:
-    """When a run starts and its step: those of a saved state that it goes on from. Raises RunError for another time."""
+    """Start and step [s] of a run: those of the saved state, if any. Raises RunError for another start."""
     if not isinstance(initial, SavedState):
         return start, step
     if start != 0.0 and not math.isclose(
         as_number("start", start), initial.t, rel_tol=1e-12, abs_tol=STEP_TOLERANCE * initial.step
     ):
-        raise RunError(
-            f"a run that goes on from a saved state starts when that ended, at {initial.t:g} s. Leave out start."
-        )
+        raise RunError(f"a run that continues from a saved state starts at its time, {initial.t:g} s. Leave out start.")
     return initial.t, initial.step if _same(initial.step, as_positive("step", step)) else step
 
 

@@ -33,11 +33,58 @@ def sensitivities(
     every: int = 1,
     backend: str = "",
 ) -> Sensitivities:
-    """Signals of a run and their exact derivatives with respect to named parameters (start values too).
+    """Signals of a run and their exact derivatives with respect to parameters and initial states.
 
-    ``outputs`` names the signals (by default the diagram's outputs). Arguments as for ``simulate``.
-    At a kink (a sign, an absolute value, a limit) the derivative is one-sided. Raises ParameterError
-    for an unknown name.
+    At a kink (a sign, an absolute value, a limit) the derivative is one-sided.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    names : list of str
+        Parameters, initial states among them.
+    outputs : list of str, optional
+        Signals. By default the outputs of the diagram.
+    stop : float, optional
+        End in s; the last instant is the last whole step up to it. By default the end of the shortest recorded input,
+        or 20 s without one.
+    step : float, default 1e-3
+        Step in s.
+    start : float, default 0.0
+        Time of the first instant in s.
+    method : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    inputs : dict of str to signal, optional
+        Inputs of the diagram by name, as for ``simulate``.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of the inputs.
+    every : int, default 1
+        Keep every ``every``-th instant.
+    backend : {"", "llvm", "casadi"}
+        As for ``simulate``.
+
+    Returns
+    -------
+    Sensitivities
+        Instants ``t`` (N,), signals ``y`` (N, signals) and ``jacobian`` (N, signals, parameters), in the units of the
+        signals per unit of the parameters.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter, or none.
+    RunError
+        As for ``simulate``.
+    DataError
+        As for ``simulate``.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> motor = tsm.load("motor_linear")
+    >>> made = tsm.sensitivities(motor, ["motor.K", "motor.angle"], stop=1.0, inputs={"u": 12.0})
+    >>> made.jacobian[-1].round(3).tolist()
+    [[11.76, 1.0]]
     """
     options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
     return sensitivities_of(diagram, as_list(names), options, outputs)

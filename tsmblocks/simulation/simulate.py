@@ -1,4 +1,4 @@
-"""Running a diagram: the place where diagrams, compile and engine meet."""
+"""One run of a diagram: compile, run by the engine, and report where it diverges."""
 
 from __future__ import annotations
 
@@ -44,24 +44,73 @@ def simulate(
 ) -> Run:
     """Run a diagram at a fixed step and return its signals.
 
-    ``stop`` and ``start`` in s (by default to the end of the shortest recorded input, else 20 s); the last
-    instant is the last whole step up to ``stop``. ``step`` in s; ``method`` one of euler, heun, rk4.
-    ``inputs`` maps each input of the diagram to a number, values on the steps, a pair (times, values), Samples,
-    a Record (of which its signal of that name is taken, in the input's unit), a column of pandas (its index
-    being time in s), or a function of time that takes an array; ``hold`` says what values are between the
-    samples (zero, linear, cubic). ``parameters`` overrides numbers by name, ``initial`` start values of states;
-    ``initial=run.state`` goes on where a run ended.
-    ``log`` is ``"all"``, ``"outputs"`` or patterns such as ``"tsm.*"``; every ``every``-th instant is kept.
-    ``progress`` is called with the fraction done, on long runs. ``backend`` forces ``"llvm"`` or ``"casadi"``.
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    stop : float, optional
+        End in s; the last instant is the last whole step up to it. By default the end of the shortest recorded input,
+        or 20 s without one.
+    step : float, default 1e-3
+        Step in s.
+    start : float, default 0.0
+        Time of the first instant in s.
+    method : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    inputs : dict of str to signal, optional
+        For each input of the diagram a number, values on the steps, a pair (times in s, values), Samples, a Record or a
+        Run (of which the signal of that name is taken, in the unit of the input), a pandas column indexed by time in s,
+        or a function of an array of times. Values are in the unit of the input.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of the inputs.
+    parameters : dict of str to float, optional
+        Values by name that replace those of the diagram.
+    initial : dict of str to float or SavedState, optional
+        Initial states by name that replace those of the diagram, or ``run.state`` to continue where a run ended.
+    log : str or list of str, default "all"
+        Signals to keep besides the outputs of the diagram: ``"all"``, ``"outputs"`` (none), or patterns such as
+        ``"tsm.*"``.
+    every : int, default 1
+        Keep every ``every``-th instant.
+    progress : callable, optional
+        Called on long runs with the fraction that is done.
+    locate : bool, default False
+        Locate the instants at which limits, signs and comparisons switch, and end a part of a step at each, so that the
+        method keeps its order across kinks and jumps; ``run.events`` lists them. It is of use where errors below about
+        1e-5 matter. Rounding is not located. In a sliding mode steps are taken as without it, with a SlidingWarning.
+    backend : {"", "llvm", "casadi"}
+        Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
 
-    ``locate`` finds the instants at which limits, signs and comparisons switch and ends a part of a step
-    at each, so that the method keeps its order across kinks and jumps; ``run.events`` lists them. It
-    pays where errors below about 1e-5 matter. It does not go with transport delays; rounding is not
-    located; where a switch would turn over without end (a sliding mode), steps are taken as without
-    it, with a SlidingWarning.
+    Returns
+    -------
+    Run
+        Signals over time. After Ctrl-C the run up to there, with ``complete`` False.
 
-    Raises NotFinite when a signal becomes NaN or infinite, RunError, DataError, ParameterError and
-    what compile raises. After Ctrl-C the run so far is returned with ``complete`` False.
+    Raises
+    ------
+    NotFinite
+        For a signal that becomes NaN or infinite; ``error.run`` is the run up to there.
+    RunError
+        For times, a method, an initial state or a pattern that is not possible, and for ``locate`` with a
+        transport delay.
+    DataError
+        For missing, unknown or unsuitable inputs.
+    ParameterError
+        For an unknown parameter or a value out of its bounds.
+    DiagramError
+        For a diagram that cannot be compiled.
+
+    Warns
+    -----
+    StepWarning
+        Where the step is too long for the fastest pole of the diagram.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> run = tsm.simulate(tsm.load("motor_linear"), stop=1.0, inputs={"u": 12.0})
+    >>> print(f"{run['x'][-1]:.3f} {run.unit('x')}")
+    23.520 rad
     """
     diagram = as_diagram(diagram, parameters)
     begin, h = start_and_step(start, step, initial)
@@ -98,7 +147,7 @@ def _result(
     k: int,
     complete: bool,
 ) -> Run:
-    """What has been run so far, from step ``k`` on."""
+    """The run so far, from step ``k`` on."""
     eq, start, h = session.eq, session.start, session.h
     return Run(
         title,
@@ -117,12 +166,12 @@ def _result(
 
 
 def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, run: Run, backend: str) -> NotFinite:
-    """The error that says where a run stopped being finite, with the run up to there."""
+    """The error of a run that diverged, with the run up to there."""
     kernel = single_kernel(eq, rule, tuple(range(len(eq.y))), backend)
     again = Session(
         eq, kernel, stopped.memory.copy(), session.signals, session.start, session.h, 1, stopped.k, session.hits
     )
     text, block, time = explain_divergence(eq, again, stopped.steps)
     error = NotFinite(text)
-    error.run, error.block, error.time = attrs.evolve(run, state=attrs.evolve(run.state, lost=time)), block, time
+    error.run, error.block, error.time = attrs.evolve(run, state=attrs.evolve(run.state, diverged_at=time)), block, time
     return error

@@ -1,4 +1,4 @@
-"""Fastest poles of the equations at the start of a run, to judge the step by; and the warning of a step too long."""
+"""Fastest poles of the equations at the start of a run, and the warning of a step that is too long for them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import Method
 
 MOST_STATES = 120
-"""Up to so many states all eigenvalues are found; above, the diagonal of the Jacobian is looked at."""
+"""States up to which eigenvalues are computed; above, the diagonal of the Jacobian is used. Chosen: for speed."""
 MOST_CHECKED = 16
-"""Sets of parameters, of many that are run, whose poles are looked at."""
+"""Sets of parameters whose poles are computed, at most. Chosen: for speed."""
 
 _JACOBIANS: dict[int, tuple[Equations, Any]] = {}
 _SILENT: ContextVar[bool] = ContextVar("quiet", default=False)
@@ -33,10 +33,10 @@ class StepWarning(UserWarning):
 
 @attrs.frozen(eq=False)
 class RunStart:
-    """Where a run begins: ``start`` [s], and states and memory, those of the diagram unless given.
+    """The start of a run: time ``start`` [s], states and memory (those of the diagram unless given).
 
-    ``signals`` are the inputs with the order of their derivatives, all zero where there are none. ``words`` say which
-    set of parameters it is, where there are several.
+    ``signals`` are the inputs with the order of their derivatives; without them inputs are zero. ``label`` names the
+    set of parameters where there are several.
     """
 
     eq: Equations
@@ -44,23 +44,23 @@ class RunStart:
     start: float = 0.0
     signals: Sequence[tuple[Signal, int]] = ()
     memory: Memory | None = None
-    words: str = ""
+    label: str = ""
 
 
-def warn_of_fast_poles(beginnings: Sequence[RunStart], rule: Method, h: float) -> None:
+def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> None:
     """Warn when a mode that decays would grow under this method at this step of ``h`` [s].
 
-    The warning is of the worst of some beginnings, and stands where the caller of the caller is.
+    One warning reports the worst of several runs, at the line that called the caller.
     """
     if _SILENT.get():
         return
-    looked = [(fastest_unstable(one, rule, h), one) for one in beginnings]
+    looked = [(fastest_unstable(one, rule, h), one) for one in runs]
     grown = [(*found, one) for found, one in looked if found is not None]
     if not grown:
         return
     pole, state, worst = max(grown, key=lambda one: abs(one[0]))
-    concerned = f"Of {len(looked)} sets of parameters looked at this concerns {len(grown)}, most of all"
-    which = f" {concerned if len(looked) > 1 else 'This is with'} {worst.words}." if worst.words else ""
+    concerned = f"Of {len(looked)} sets of parameters that were checked this concerns {len(grown)}, most of all"
+    which = f" {concerned if len(looked) > 1 else 'This is with'} {worst.label}." if worst.label else ""
     warnings.warn(
         f"diagram '{worst.eq.title}': the step of {h:g} s is too long for the fastest pole "
         f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
@@ -72,7 +72,7 @@ def warn_of_fast_poles(beginnings: Sequence[RunStart], rule: Method, h: float) -
 
 @contextmanager
 def no_step_warnings() -> Iterator[None]:
-    """Within this nothing is said of steps: the call that does many runs has said it once for all."""
+    """No step warnings within this context: a call that does many runs has given one already."""
     before = _SILENT.set(True)
     try:
         yield
@@ -81,7 +81,7 @@ def no_step_warnings() -> Iterator[None]:
 
 
 def extreme_sets(columns: Mapping[str, np.ndarray]) -> list[int]:
-    """Positions of the first set, and of those with the smallest and largest value of each number; a few at most."""
+    """Positions of the first set and of the extremes of each parameter, ``MOST_CHECKED`` at most."""
     numbers = [values for values in columns.values() if values.dtype.kind == "f"]
     ends = (int(end(values)) for values in numbers for end in (np.argmin, np.argmax))
     return list(dict.fromkeys([0, *ends]))[:MOST_CHECKED]
@@ -95,19 +95,19 @@ def set_text(numbers: Mapping[str, Any]) -> str:
     )
 
 
-def fastest_unstable(begin: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
-    """The fastest decaying pole that grows under the method, with the state it belongs to; None if all is well."""
-    eq, p, start = begin.eq, begin.p, begin.start
+def fastest_unstable(run: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
+    """The fastest decaying pole that grows under the method, with the state it belongs to; None if there is none."""
+    eq, p, start = run.eq, run.p, run.start
     if not eq.x:
         return None
-    q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))  # nothing is kept yet
-    u = np.array([s.at(np.array([start]), order, "right", 1e-6 * h)[0] for s, order in begin.signals])
-    x, d = (begin.memory.x, begin.memory.d) if begin.memory else (np.asarray(v).ravel() for v in eq.start(p)[:2])
+    q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))  # delays have no past yet
+    u = np.array([s.at(np.array([start]), order, "right", 1e-6 * h)[0] for s, order in run.signals])
+    x, d = (run.memory.x, run.memory.d) if run.memory else (np.asarray(v).ravel() for v in eq.start(p)[:2])
     jacobian = _jacobian(eq)(start, x, d, u if len(u) else np.zeros(len(eq.u)), q, p)
     if len(eq.x) <= MOST_STATES:
         a = np.asarray(jacobian)
         if not np.isfinite(a).all():
-            return None  # the run itself will say what is not finite, and where
+            return None  # the run reports what is not finite, and where
         values, vectors = np.linalg.eig(a)
         owners = [int(np.argmax(np.abs(v))) for v in vectors.T]
     else:
@@ -121,7 +121,7 @@ def fastest_unstable(begin: RunStart, rule: Method, h: float) -> tuple[complex, 
 
 
 def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
-    """Poles of the equations around their start values, with inputs of zero; none where they are not finite."""
+    """Poles of the equations at the initial states, with inputs of zero; none where they are not finite."""
     x, d, _ = (np.asarray(v).ravel() for v in eq.start(p))
     a = np.asarray(_jacobian(eq)(0.0, x, d, np.zeros(len(eq.u)), np.zeros(DELAY_NUMBERS * len(eq.q)), p))
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
@@ -133,7 +133,7 @@ def _jacobian(eq: Equations) -> Any:
     if known is None or known[0] is not eq:
         symbols = eq.rhs.sx_in()
         dx = eq.rhs.call(symbols)[0]
-        known = (eq, ca.Function("slopes", symbols, [ca.jacobian(dx, symbols[1])]))
+        known = (eq, ca.Function("jacobian", symbols, [ca.jacobian(dx, symbols[1])]))
         if len(_JACOBIANS) > 64:
             _JACOBIANS.clear()
         _JACOBIANS[id(eq)] = known

@@ -23,11 +23,44 @@ from tsmblocks.simulation.stability import RunStart, no_step_warnings, warn_of_f
 
 
 class Stepper:
-    """A diagram run sample by sample, for loops that live outside: hardware, games, other simulators.
+    """A diagram run sample by sample, for loops outside of it: hardware, games, other simulators.
 
-    ``stepper.step({"u": 1.0})`` applies inputs for one step (held constant) and returns the outputs at
-    its end; ``save()`` and ``restore(saved)`` go back and forth in time, and ``initial=run.state`` begins where a run
-    ended. A copy goes on by itself.
+    A copy is independent of the original.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    step : float, default 1e-3
+        Step in s.
+    method : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    parameters : dict of str to float, optional
+        Values by name that replace those of the diagram.
+    initial : dict of str to float or SavedState, optional
+        Initial states by name that replace those of the diagram, or ``run.state`` to continue where a run ended.
+    backend : {"", "llvm", "casadi"}
+        As for ``simulate``.
+
+    Attributes
+    ----------
+    t : float
+        Present time in s.
+
+    Raises
+    ------
+    RunError
+        As for ``simulate``, and for a diagram whose inputs must be known for the whole run: a recorded signal of
+        a block, or the derivative of an input.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> stepper = tsm.Stepper(tsm.load("motor_linear"), step=0.01)
+    >>> for _ in range(100):
+    ...     outputs = stepper.step({"u": 12.0})
+    >>> print(f"{stepper.t:.2f} s, {outputs['x']:.3f} rad")
+    1.00 s, 23.520 rad
     """
 
     def __init__(
@@ -63,20 +96,35 @@ class Stepper:
 
     @property
     def t(self) -> float:
-        """Time now, in s."""
+        """Present time in s."""
         return self.start + self.k * self.h
 
     def step(self, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
-        """Take one step with inputs held constant; the outputs at its end, with those inputs.
+        """Take one step with the inputs held constant.
 
-        Raises DataError for unsuitable inputs, and NotFinite with the state as it was before the step.
+        Parameters
+        ----------
+        inputs : dict of str to float, optional
+            A value for each input of the diagram.
+
+        Returns
+        -------
+        dict of str to float
+            The outputs at the end of the step, with those inputs.
+
+        Raises
+        ------
+        DataError
+            For a missing, unknown or non-finite input.
+        NotFinite
+            For a signal that becomes NaN or infinite; the state is then that before the step.
         """
         values = self._values(as_inputs(inputs))
         u = np.tile(values, (2, len(self.kernel.plan.method.instants), 1)) if values else np.empty((2, 1, 0))
         y = np.empty((1, self.kernel.layout_y.size))
         before = self.memory.copy()
         self._go(self.memory, u, 1, False, 1, y)
-        work = self.memory.copy()  # the outputs at the end are read on a copy, so that samples act once
+        work = self.memory.copy()  # outputs at the end are read on a copy: sampled blocks act once
         self.k += 1
         self._go(work, u, 0, True, 0, y)
         if not (np.isfinite(y).all() and np.isfinite(self.memory.x).all()):
@@ -86,7 +134,7 @@ class Stepper:
         return {name: float(row[signal]) for name, signal in self.eq.aliases.items()}
 
     def _not_finite(self, before: Memory, values: list[float]) -> NotFinite:
-        """The error that says where a step stopped being finite."""
+        """The error of a step that diverged."""
         kernel = single_kernel(self.eq, self.kernel.plan.method, tuple(range(len(self.eq.y))), self.backend)
         ends = np.array([0.0, self.h])  # held before and after
         held = [(Signal(f.name, v, ends, "zero"), 0) for f, v in zip(self.eq.u, values, strict=True)]
@@ -125,23 +173,44 @@ class Stepper:
             raise DataError(f"diagram '{self.eq.title}' needs a value of its input '{name}' at each step.")
         return as_number(f"input '{name}'", inputs[name], DataError)
 
-    def __reduce__(self) -> Any:  # machine code neither copies nor pickles; it is made, or found, again
+    def __reduce__(self) -> Any:  # machine code cannot be pickled; it is compiled again, or loaded
         return _revived, (self.diagram, self.h, self.kernel.plan.method.name, self.backend, self.save())
 
     def save(self) -> SavedState:
-        """The state now, to come back to."""
+        """The present state, to return to it with ``restore``.
+
+        Returns
+        -------
+        SavedState
+            All memory and the step counter; it can be pickled.
+        """
         return SavedState(self.memory.copy(), self.k, self.start, self.h, memory_names(self.eq))
 
     def restore(self, saved: SavedState) -> None:
-        """Go on from a saved state of the same diagram and step, or from ``run.state``. Raises RunError otherwise."""
+        """Continue from a saved state.
+
+        Parameters
+        ----------
+        saved : SavedState
+            What ``save`` returned, or the ``state`` of a run of the same diagram and step.
+
+        Raises
+        ------
+        RunError
+            For a state of another diagram or step, and for one of a run that diverged.
+        """
         if not isinstance(saved, SavedState):
-            raise RunError(f"restore takes what save gave, or the state of a run, got {in_words(saved)}.")
+            raise RunError(f"restore takes what save returned, or the state of a run, got {in_words(saved)}.")
         self.memory = restored_memory(saved, self.eq, self.memory, self.h)
-        self.k, self.start, self.h = saved.k, saved.start, saved.step  # the step to the last digit, as time is counted
+        self.k, self.start, self.h = (
+            saved.k,
+            saved.start,
+            saved.step,
+        )  # the step to the last digit, as times are multiples of it
 
 
 def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: SavedState) -> Stepper:
-    """A stepper that goes on where another stood."""
+    """A stepper in the state of another."""
     with no_step_warnings():
         stepper = Stepper(diagram, step=step, method=method, backend=backend)
     stepper.restore(saved)
@@ -149,15 +218,15 @@ def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: Sa
 
 
 def _need_single(title: str, feed: SampledInput) -> None:
-    """Raise RunError for an input that is known only where the whole run is."""
+    """Raise RunError for an input that must be known for the whole run."""
     if feed.block:
         raise RunError(
-            f"diagram '{title}' cannot be stepped one by one: {feed.block} is made for a whole run at once. "
+            f"diagram '{title}' cannot be run sample by sample: {feed.block} is made for a whole run at once. "
             "Give its signal as an input instead."
         )
     if feed.order:
         name = feed.name.removeprefix("d/dt " * feed.order)
         raise RunError(
-            f"diagram '{title}' cannot be stepped one by one: it needs the derivative of its input '{name}', "
-            "which single values do not give. Use a FilteredDerivative, or an input for the rate."
+            f"diagram '{title}' cannot be run sample by sample: it needs the derivative of its input '{name}', "
+            "which single values do not have. Use a FilteredDerivative, or an input for the rate."
         )

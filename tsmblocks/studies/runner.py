@@ -260,6 +260,6 @@ def run_starts(
     made = []
     for run in list(chosen)[:MOST_CHECKED]:
         k, at = next((k, at[0]) for k, one in enumerate(groups) if len(at := np.flatnonzero(one.runs == run)))
-        words = set_text({name: plain(values[run]) for name, values in columns.items()})
-        made.append(attrs.evolve(batches[k].run_start(int(at)), words=words))
+        label = set_text({name: plain(values[run]) for name, values in columns.items()})
+        made.append(attrs.evolve(batches[k].run_start(int(at)), label=label))
     return made

@@ -90,7 +90,7 @@ class Search:
             groups = grouped(diagram, columns, self.options)
             found = run_starts(groups, checked_batches(groups, self.metrics), columns)[: 1 if made else None]
             named = f"case '{case}', " if len(self.cases) > 1 else ""
-            made += [attrs.evolve(one, words=named + one.words) for one in found]
+            made += [attrs.evolve(one, label=named + one.label) for one in found]
         return made[:MOST_CHECKED]
 
     @property
