@@ -488,7 +488,7 @@ MISTAKES = {
     "no end": (
         lambda: asked(references={"r": 1.0}),
         RunError,
-        "say when it ends: stop=… [s], or references as (times, values).",
+        "the end is not known: give stop=… [s], or references as (times, values).",
     ),
     "stop between samples": (
         lambda: asked(stop=0.95),
@@ -536,7 +536,7 @@ MISTAKES = {
     "rounds": (
         lambda: asked(line(Quantiser(interval=0.1))),
         RunError,
-        "'line' rounds a signal to steps, and a search by slopes cannot see from one step to the next. Leave the block that rounds out of the model.",
+        "'line' rounds a signal to steps, and a gradient is zero between them. Leave the block that rounds out of the model.",
     ),
     "two derivatives": (
         lambda: asked(line(Derivative(), Derivative())),
@@ -573,7 +573,7 @@ MISTAKES = {
     "equality": (
         lambda: asked(limits="y == 0.5"),
         ParameterError,
-        "limit 'y == 0.5': an equality at every instant leaves nothing to choose. Make it the error, or write two limits.",
+        "limit 'y == 0.5': an equality at every instant determines the commands. Make it the error, or write two limits.",
     ),
     "limit that is met": (
         lambda: asked(limits="1 <= 2"),
@@ -583,7 +583,7 @@ MISTAKES = {
     "limits that cannot be kept": (
         lambda: asked(line(FirstOrderLag()), limits="y >= 2"),
         RunError,
-        "no commands were found that keep all limits (Infeasible_Problem_Detected). Loosen limits, ranges or rates, allow more iterations, or begin at a guess that keeps them.",
+        "no commands were found that keep all limits (Infeasible_Problem_Detected). Loosen limits, ranges or rates, allow more iterations, or give a guess that keeps them.",
     ),
     "references of a controller": (
         lambda: tsm.RecedingHorizon(line(Gain()), {"u": (-1, 1)}, "r - y", references=5),
@@ -595,7 +595,7 @@ MISTAKES = {
             line(Gain()), {"u": (-1, 1)}, "r - y", references={"r": (np.arange(3.0), np.zeros(3))}, step=0.2, preview=20
         ),
         RunError,
-        "what is given ends at 2 s, before one preview of 20 samples of 0.2 s and one sample are over. Give more, or a shorter preview.",
+        "the known signals end at 2 s, which is less than one sample and a preview of 20 samples of 0.2 s. Give longer signals, or a shorter preview.",
     ),
     "state as a list": (
         lambda: tsm.RecedingHorizon(line(Integrator()), {"u": (-1, 1)}, "r - y", references="r", preview=3).next(

@@ -134,7 +134,7 @@ class Signal:
         if order:
             raise DataError(
                 f"input '{self.name}' is a Python function, but its derivative is needed. "
-                "Give samples with hold='cubic', or write it as a source block."
+                "Give samples with hold='cubic', or make it a source block."
             )
         try:
             values = np.asarray(self.call(t), dtype=float)

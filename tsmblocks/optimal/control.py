@@ -1,4 +1,4 @@
-"""Optimal control of any diagram: the commands that keep an error smallest, within limits."""
+"""Optimal control of any diagram: the commands with the smallest error within limits."""
 
 from __future__ import annotations
 
@@ -12,16 +12,33 @@ from tsmblocks.common.arguments import as_bool, as_callback, as_integer, as_numb
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interrupt import Asked, kept
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.optimal.result import OptimalControl, outcome
-from tsmblocks.optimal.setup import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of
-from tsmblocks.optimal.transcription import NOTHING, Interval, Known, Programme, Solution, given_rows, units_of
+from tsmblocks.optimal.result import OptimalControl, simulated_result
+from tsmblocks.optimal.setup import (
+    ProgressCallback,
+    end_of_signals,
+    goal_named,
+    initial_commands,
+    interval_count,
+    known_signals,
+    pieces_per_interval,
+    task_of,
+)
+from tsmblocks.optimal.transcription import (
+    NEGLIGIBLE_ERROR,
+    Interval,
+    Programme,
+    Solution,
+    StartData,
+    known_rows,
+    scales_of,
+)
 from tsmblocks.simulation.arguments import as_diagram
 
-ROUNDED = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
-"""Sizes over which kinks are rounded off in one search after another, as shares of what lies in them."""
-ROOM = 1.01
-"""How far, over the smallest peak, errors may be where of all such commands those of least mean square are taken."""
-OPTIONS = {
+SMOOTHING_SIZES = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
+"""Widths over which kinks are smoothed in successive searches, as shares of the size of their arguments. Chosen."""
+PEAK_ALLOWANCE = 1.01
+"""Factor over the smallest peak within which the mean square is then made smallest. Chosen."""
+SOLVER_OPTIONS = {
     "print_time": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -31,7 +48,7 @@ OPTIONS = {
     "ipopt.mu_strategy": "adaptive",
     "error_on_fail": False,
 }
-"""For the solver."""
+"""Options of IPOPT. Its tolerance is chosen well below what matters for commands."""
 
 
 def optimal_control(
@@ -53,59 +70,116 @@ def optimal_control(
     parameters: Mapping[str, Any] | None = None,
     guess: Mapping[str, Any] | None = None,
     iterations: int = 1000,
-    progress: Tell | None = None,
+    progress: ProgressCallback | None = None,
 ) -> OptimalControl:
-    """The commands that keep an error smallest: what a controller with full foresight could do.
+    """The commands with the smallest error within limits: what a controller with full foresight can reach.
 
-    ``commands`` maps inputs of the diagram to their limits ``(low, high)``, None for no limit; ``rates`` does so for
-    how fast they may change, per s. ``error`` is an expression of signals, such as ``"x_ref - x_out"``, and
-    ``references`` gives those of them that are no signals of the diagram, as ``inputs`` gives its other inputs (both as
-    for ``simulate``; plain values are those at the samples). Of the error the ``smallest`` "peak" or "rms" is looked
-    for; of all commands with (nearly) the smallest peak those of smallest rms are taken. ``limits`` are comparisons
-    such as ``"abs(motor.i) <= 1.5"`` that are to hold on the way.
+    Commands are linear between samples. The problem is solved by direct transcription (multiple shooting) and IPOPT,
+    with the kinks of the equations smoothed less and less; signals and sources that jump should do so at samples. A
+    result is a local optimum: another ``guess`` may lead to a better one.
 
-    Commands are linear between samples ``step`` s apart, from ``start`` to ``stop``; each interval is integrated in
-    ``pieces`` Runge-Kutta steps (as many as the fastest pole at the start asks for). The run begins at the diagram's
-    start values and the guess's first commands, or, where it is ``periodic``, ends as it begins.
+    Parameters
+    ----------
+    diagram : Diagram
+        The plant, without sampled blocks, memory and transport delays.
+    commands : dict of str to (float, float)
+        Inputs of the diagram that are commands, and their limits (low, high) in the unit of the input; None for no
+        limit.
+    error : str
+        An expression of signals, such as ``"x_ref - x_out"``.
+    smallest : {"peak", "rms"}
+        What of the error is to be smallest. For "peak" the rms error is then made smallest within (nearly) that peak.
+    rates : dict of str to (float, float), optional
+        Limits of the rates of commands, in their unit per s.
+    limits : list of str, optional
+        Comparisons of signals that hold at every instant, such as ``"abs(motor.i) <= 1.5"``.
+    references : dict of str to signal, optional
+        Names in ``error`` and ``limits`` that are not signals of the diagram, as for ``inputs`` of ``simulate``; plain
+        values are those at the samples.
+    stop : float, optional
+        End in s. By default the end of the shortest known signal.
+    start : float, default 0.0
+        Time of the first sample in s.
+    step : float, default 0.01
+        Interval between samples of the commands in s.
+    pieces : int, optional
+        Runge-Kutta steps of each interval. By default as many as the fastest initial pole needs, at least 2.
+    periodic : bool, default False
+        Whether the run ends at its initial state. Otherwise it starts at the initial state of the diagram.
+    inputs : dict of str to signal, optional
+        The other inputs of the diagram, as for ``simulate``.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of inputs and references.
+    parameters : dict of str to float, optional
+        Values by name that replace those of the diagram.
+    guess : dict of str to array, optional
+        Initial commands, samples or pairs (times, values). By default zero and, for a single command, a copy of the
+        first reference; the better result counts.
+    iterations : int, default 1000
+        Iterations of the solver, at most.
+    progress : callable, optional
+        Called with a stage, how much of it is done, and of how much.
 
-    A search ends where nothing nearby is better; another ``guess`` (commands mapped to samples to begin from) may lead
-    to a better place. Without one, searches begin at commands of zero and, where there is one command, at a copy of the
-    first reference; the better end counts. Kinks of the equations are rounded off, less and less; signals and sources
-    that jump should do so at samples. The result is run without any rounding, and in finer steps. After Ctrl-C the best
-    so far is returned. ``progress(stage, done, all)`` is told how far it is.
+    Returns
+    -------
+    OptimalControl
+        The commands, simulated with the exact equations in finer steps. After Ctrl-C the best so far.
 
-    Raises ParameterError, RunError, DataError. Source: Betts, Practical Methods for Optimal Control (2010), 4.
+    Raises
+    ------
+    ParameterError
+        For an unknown name, and for limits that are not possible.
+    RunError
+        For a diagram that is not suitable, and where no commands keep all limits.
+    DataError
+        For missing or unsuitable signals.
+
+    References
+    ----------
+    J. T. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2010, chapter 4.
+    H. G. Bock and K. J. Plitt, A multiple shooting algorithm for direct solution of optimal control problems, 1984.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> t = np.linspace(0.0, 1.0, 51)
+    >>> made = tsm.optimal_control(
+    ...     tsm.load("motor_linear"), {"u": (-24, 24)}, "x_ref - x", references={"x_ref": (t, np.sin(t))}, step=0.02
+    ... )
+    >>> bool(made.peak < 0.01)
+    True
     """
     diagram, goal, tell = (
         as_diagram(diagram, parameters),
-        goal_of(smallest),
+        goal_named(smallest),
         as_callback(progress, "stage, done and of"),
     )
-    given = given_of(diagram.title, commands, inputs, references, hold)
-    task = asked(diagram, commands, error, limits, rates, tuple(given.references))
+    given = known_signals(diagram.title, commands, inputs, references, hold)
+    task = task_of(diagram, commands, error, limits, rates, tuple(given.references))
     periodic = as_bool("periodic", periodic)
     h, begin = as_positive("step", step), as_number("start", start)
-    end = as_number("stop", stop) if stop is not None else ending(given, begin, h)
-    count = count_of(begin, end, h)
-    interval, t = Interval(task, h, pieces_of(task, pieces, h)), begin + h * np.arange(count + 1)
+    end = as_number("stop", stop) if stop is not None else end_of_signals(given, begin, h)
+    count = interval_count(begin, end, h)
+    interval, t = Interval(task, h, pieces_per_interval(task, pieces, h)), begin + h * np.arange(count + 1)
     given = given.on(t)
-    table = given_rows(task, given, interval.grid(begin, count))
-    options = {**OPTIONS, "ipopt.max_iter": as_integer("iterations", iterations, 1)}
+    table = known_rows(task, given, interval.grid(begin, count))
+    options = {**SOLVER_OPTIONS, "ipopt.max_iter": as_integer("iterations", iterations, 1)}
     x = np.asarray(task.eq.start(task.p)[0]).ravel()
     with kept() as stopped:
         search = _Search(interval, count, goal, periodic, options, table, tell, stopped)
-        ended = search.best(begins(task, guess, t, interval, table), x, begin)
+        ended = search.best(initial_commands(task, guess, t, interval, table), x, begin)
     if not ended.feasible:
         raise RunError(
             f"no commands were found that keep all limits ({ended.word}). Loosen limits, ranges or rates, "
-            "allow more iterations, or begin at a guess that keeps them."
+            "allow more iterations, or give a guess that keeps them."
         )
-    return outcome(diagram, interval, goal, periodic, ended, x, begin, given)
+    return simulated_result(diagram, interval, goal, periodic, ended, x, begin, given)
 
 
 @attrs.frozen(eq=False)
 class _Search:
-    """The searches for one control."""
+    """The searches for one optimal control problem."""
 
     interval: Interval
     count: int
@@ -113,11 +187,11 @@ class _Search:
     periodic: bool
     options: Mapping[str, Any]
     table: np.ndarray
-    tell: Tell
+    tell: ProgressCallback
     stopped: Asked
 
     def best(self, begins: Sequence[np.ndarray], x: np.ndarray, start: float) -> Solution:
-        """The best end of searches from several commands."""
+        """The best result of searches from several initial commands."""
         square, peak, within = (
             Programme(self.interval, self.count, goal, self.periodic, self.options)
             for goal in ("rms", "peak", "within")
@@ -125,9 +199,11 @@ class _Search:
         ends = []
         for k, commands in enumerate(begins):
             self.tell("searched", k, len(begins))
-            path, _, _ = self.interval.followed(commands, x, start, self.table)
+            path, _, _ = self.interval.simulated(commands, x, start, self.table)
             path = path if np.isfinite(path).all() else np.tile(x[:, None], self.count + 1)
-            known = Known(x, commands[:, 0], start, self.table, units_of(self.interval, commands, x, start, self.table))
+            known = StartData(
+                x, commands[:, 0], start, self.table, scales_of(self.interval, commands, x, start, self.table)
+            )
             end = self._sharpened(square, Solution(commands, path, 1.0, feasible=False), known)
             if self.goal == "peak" and end.feasible and not self.stopped.stop:
                 end = self._peaked(peak, within, end, known)
@@ -140,9 +216,9 @@ class _Search:
             raise KeyboardInterrupt
         return attrs.evolve(end, word="interrupted") if self.stopped.stop else end
 
-    def _sharpened(self, square: Programme, end: Solution, known: Known) -> Solution:
-        """The least mean square, while kinks are sharpened."""
-        for share in ROUNDED:
+    def _sharpened(self, square: Programme, end: Solution, known: StartData) -> Solution:
+        """The least mean square, with less and less smoothing."""
+        for share in SMOOTHING_SIZES:
             size = self.interval.sizes(end.states, end.commands, known.start, known.table)
             made = square.solve(end, known, share * size)
             end = made if made.feasible else attrs.evolve(end, word=made.word)
@@ -150,21 +226,21 @@ class _Search:
                 break
         return end
 
-    def _peaked(self, peak: Programme, within: Programme, end: Solution, known: Known) -> Solution:
-        """The least peak, then the least mean square of those that have about that."""
-        rounded = ROUNDED[-1] * self.interval.sizes(end.states, end.commands, known.start, known.table)
-        _, error, _ = self.interval.followed(end.commands, end.states[:, 0], known.start, known.table)
+    def _peaked(self, peak: Programme, within: Programme, end: Solution, known: StartData) -> Solution:
+        """The least peak, then the least mean square within about that peak."""
+        rounded = SMOOTHING_SIZES[-1] * self.interval.sizes(end.states, end.commands, known.start, known.table)
+        _, error, _ = self.interval.simulated(end.commands, end.states[:, 0], known.start, known.table)
         highest = float(np.abs(error).max())
-        if highest <= NOTHING * known.units.error:
+        if highest <= NEGLIGIBLE_ERROR * known.scales.error:
             return end
         made = peak.solve(attrs.evolve(end, peak=highest), known, rounded)
         if not made.feasible:
             return attrs.evolve(end, word=made.word)
-        calm = within.solve(made, known, rounded, ROOM * made.peak)
+        calm = within.solve(made, known, rounded, PEAK_ALLOWANCE * made.peak)
         return attrs.evolve(calm, word=made.word) if calm.feasible else made
 
-    def _cost(self, end: Solution, known: Known) -> float:
-        """What is to be small, in the equations as they are."""
-        _, error, _ = self.interval.followed(end.commands, end.states[:, 0], known.start, known.table)
+    def _cost(self, end: Solution, known: StartData) -> float:
+        """The objective with the exact equations."""
+        _, error, _ = self.interval.simulated(end.commands, end.states[:, 0], known.start, known.table)
         cost = float(np.abs(error).max() if self.goal == "peak" else np.sqrt(np.mean(error**2)))
         return cost if np.isfinite(cost) else np.inf

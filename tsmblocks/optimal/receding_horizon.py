@@ -1,4 +1,4 @@
-"""Optimal control sample by sample, with a short look ahead: what a controller can do that runs beside the plant."""
+"""Model predictive control: optimal control over a receding horizon, sample by sample."""
 
 from __future__ import annotations
 
@@ -13,43 +13,108 @@ from tsmblocks.common.arguments import as_callback, as_integer, as_names, as_num
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.interrupt import kept
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.optimal.control import OPTIONS, ROUNDED
-from tsmblocks.optimal.result import OptimalControl, outcome
-from tsmblocks.optimal.setup import Tell, asked, begins, count_of, ending, given_of, goal_of, pieces_of
+from tsmblocks.optimal.control import SMOOTHING_SIZES, SOLVER_OPTIONS
+from tsmblocks.optimal.result import OptimalControl, simulated_result
+from tsmblocks.optimal.setup import (
+    ProgressCallback,
+    end_of_signals,
+    goal_named,
+    initial_commands,
+    interval_count,
+    known_signals,
+    pieces_per_interval,
+    task_of,
+)
 from tsmblocks.optimal.transcription import (
-    PRICE,
-    Given,
+    PEAK_WEIGHT,
     Interval,
-    Known,
+    KnownSignals,
     Programme,
+    Scales,
     Solution,
+    StartData,
     Task,
-    Units,
-    given_rows,
-    units_of,
+    known_rows,
+    scales_of,
 )
 from tsmblocks.simulation.arguments import as_diagram, step_count
 
-FEW = 60
-"""Iterations of the solver for one sample at most: the last plan is near, and the next sample comes soon."""
-SHARP = 0.003
-"""Size over which kinks are rounded off, as a share of what lies in them."""
-STUCK = 10.0
-"""Times the usual error of a plan from which another begin is tried: searches can end at standing still."""
-LITTLE = 1e-3
-"""Share of the references' size below which an error is never much."""
-USUAL = 0.25
-"""Share of all plans before that leave no more than the usual error."""
+ITERATIONS = 60
+"""Iterations of the solver for one sample, at most. Chosen: the plan before is near, and time is short."""
+SMOOTHING_SIZE = 0.003
+"""Width over which kinks are smoothed, as a share of the size of their arguments. Chosen."""
+RESTART_RATIO = 10.0
+"""Ratio to the usual error of plans above which the search is restarted from other commands. Chosen."""
+NEGLIGIBLE_SHARE = 1e-3
+"""Share of the size of the references below which an error does not cause a restart. Chosen."""
+USUAL_QUANTILE = 0.25
+"""Quantile of the errors of earlier plans that is their usual error. Chosen."""
 
 
 class RecedingHorizon:
-    """A controller that plans ``preview`` samples ahead, gives the first command of the plan, and plans anew.
+    """A model predictive controller: it plans ``preview`` samples ahead, applies the first command, and plans again.
 
-    It runs on a model of the plant, whose state it carries along; give it the state where one is measured. Arguments
-    as for ``optimal_control``; the first plan may take ten times as many ``iterations``. ``smallest="peak"`` makes the
-    peak over the preview small together with the mean square: with the peak alone most of a plan would be arbitrary.
-    ``seconds`` lists how long each plan took. ``missed`` counts plans in which no way was found to keep all limits (the
-    command then stays), ``short`` those that were not searched to their end.
+    It uses a model of the plant and carries the state of the model along; give it the state where one is measured.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The model, as for ``optimal_control``.
+    commands : dict of str to (float, float)
+        Inputs of the diagram that are commands, and their limits (low, high) in the unit of the input; None for no
+        limit.
+    error : str
+        An expression of signals, such as ``"x_ref - x_out"``.
+    references : list of str
+        Names in ``error`` and ``limits`` that are given at each sample.
+    preview : int, default 25
+        Samples of the horizon.
+    smallest : {"rms", "peak"}
+        What of the error is to be smallest. "peak" adds the mean square with a small weight: the peak alone would leave
+        most of a plan undetermined.
+    rates : dict of str to (float, float), optional
+        Limits of the rates of commands, in their unit per s.
+    limits : list of str, optional
+        Comparisons of signals that hold at every instant, such as ``"abs(motor.i) <= 1.5"``.
+    start : float, default 0.0
+        Time of the first sample in s.
+    step : float, default 0.02
+        Interval between samples in s.
+    pieces : int, optional
+        Runge-Kutta steps of each interval. By default as many as the fastest initial pole needs, at least 2.
+    parameters : dict of str to float, optional
+        Values by name that replace those of the diagram.
+    iterations : int, default 60
+        Iterations of the solver for each plan, at most; the first plan may take ten times as many.
+
+    Attributes
+    ----------
+    t : float
+        Present time in s.
+    seconds : list of float
+        Computing time of each plan in s.
+    missed : int
+        Number of plans that keep not all limits; the command is then unchanged.
+    short : int
+        Number of plans whose search was cut short.
+
+    Raises
+    ------
+    ParameterError
+        As for ``optimal_control``.
+    RunError
+        As for ``optimal_control``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> controller = tsm.RecedingHorizon(
+    ...     tsm.load("motor_linear"), {"u": (-24, 24)}, "x_ref - x", references="x_ref", preview=10
+    ... )
+    >>> ahead = np.sin(controller.t + 0.02 * np.arange(11))
+    >>> sorted(controller.next({"x_ref": ahead}))
+    ['u']
     """
 
     def __init__(
@@ -67,16 +132,20 @@ class RecedingHorizon:
         step: float = 0.02,
         pieces: int | None = None,
         parameters: Mapping[str, Any] | None = None,
-        iterations: int = FEW,
+        iterations: int = ITERATIONS,
     ) -> None:
-        self.diagram, goal = as_diagram(diagram, parameters), goal_of(smallest)
-        task = asked(self.diagram, commands, error, limits, rates, tuple(as_names("references", references, "x_ref")))
+        self.diagram, goal = as_diagram(diagram, parameters), goal_named(smallest)
+        task = task_of(self.diagram, commands, error, limits, rates, tuple(as_names("references", references, "x_ref")))
         h, ahead = as_positive("step", step), as_integer("preview", preview, 2)
         few = as_integer("iterations", iterations, 1)
-        self.interval = Interval(task, h, pieces_of(task, pieces, h))
+        self.interval = Interval(task, h, pieces_per_interval(task, pieces, h))
         self._first, self._later = (
             Programme(
-                self.interval, ahead, "both" if goal == "peak" else goal, False, {**OPTIONS, "ipopt.max_iter": most}
+                self.interval,
+                ahead,
+                "both" if goal == "peak" else goal,
+                False,
+                {**SOLVER_OPTIONS, "ipopt.max_iter": most},
             )
             for most in (10 * few, few)
         )
@@ -86,19 +155,19 @@ class RecedingHorizon:
         self.seconds: list[float] = []
         self.missed = self.short = 0
         self._plan: Solution | None = None
-        self._units: Units | None = None
+        self._scales: Scales | None = None
         self._largest = 0.0
         self._size = np.zeros(task.rounded.count)
-        self._left: list[float] = []
+        self._errors: list[float] = []
 
     @property
     def task(self) -> Task:
-        """What is asked of it."""
+        """The problem."""
         return self.interval.task
 
     @property
     def preview(self) -> int:
-        """Samples that it looks ahead."""
+        """Samples of the horizon."""
         return self._first.count
 
     def next(
@@ -107,13 +176,29 @@ class RecedingHorizon:
         inputs: Mapping[str, Any] | None = None,
         state: Mapping[str, float] | None = None,
     ) -> dict[str, float]:
-        """The commands at the next sample, towards which to go in a straight line from those of now.
+        """Commands at the next sample; they change linearly from those of the present sample.
 
-        ``references`` and other ``inputs`` of the diagram are numbers, or ``preview`` + 1 samples from now on;
-        ``state`` gives states by name that are known better than by the model. Raises DataError.
+        Parameters
+        ----------
+        references : dict of str to float or array
+            For each reference a number, or ``preview`` + 1 samples from the present one on.
+        inputs : dict of str to float or array, optional
+            The other inputs of the diagram, likewise.
+        state : dict of str to float, optional
+            Measured states by name; the others are those of the model.
+
+        Returns
+        -------
+        dict of str to float
+            The commands.
+
+        Raises
+        ------
+        DataError
+            For unknown names and for samples of another number.
         """
         task, grid = self.task, self.interval.grid(self.t, self.preview)
-        given = given_of(task.eq.title, task.commands, inputs, references, "linear")
+        given = known_signals(task.eq.title, task.commands, inputs, references, "linear")
         ahead = grid[:: self.interval.pieces]
         for name, value in {**given.references, **given.inputs}.items():
             if np.ndim(value) and np.shape(value) != (self.preview + 1,):
@@ -121,7 +206,7 @@ class RecedingHorizon:
                     f"'{name}' must be a number or {self.preview + 1} samples, one for now and one for "
                     f"each sample of the preview; got shape {np.shape(value)}."
                 )
-        table = given_rows(task, given.on(ahead), grid)
+        table = known_rows(task, given.on(ahead), grid)
         self._known_better(state)
         return self.planned(table)
 
@@ -136,77 +221,92 @@ class RecedingHorizon:
         self.state = better
 
     def planned(self, table: np.ndarray) -> dict[str, float]:
-        """The same, where everything given is laid out as ``given_rows`` does."""
+        """Commands at the next sample, from known signals in the layout of the solver.
+
+        Parameters
+        ----------
+        table : ndarray
+            References and inputs as ``known_rows`` lays them out, shape (steps, 3, inputs + references).
+
+        Returns
+        -------
+        dict of str to float
+            The commands.
+        """
         began = time.perf_counter()
         plan = self._planned(self._known(table))
         self.missed += not plan.feasible
         self.short += plan.feasible and not plan.found
         self.seconds.append(time.perf_counter() - began)
-        path, _, _ = self.interval.followed(plan.commands[:, :2], self.state, self.t, table[: self.interval.pieces])
+        path, _, _ = self.interval.simulated(plan.commands[:, :2], self.state, self.t, table[: self.interval.pieces])
         self.state, self.command, self._plan = path[:, 1], plan.commands[:, 1], plan
         self.t += self.interval.step
         return dict(zip(self.task.commands, self.command.tolist(), strict=True))
 
-    def _known(self, table: np.ndarray) -> Known:
-        """What a plan starts from; errors are counted in the size of the references, the largest seen so far."""
-        if self._units is None:
+    def _known(self, table: np.ndarray) -> StartData:
+        """What a plan starts from; the error is scaled by the largest reference so far."""
+        if self._scales is None:
             still = np.tile(self.command[:, None], self.preview + 1)
-            self._units = units_of(self.interval, still, self.state, self.t, table)
+            self._scales = scales_of(self.interval, still, self.state, self.t, table)
         self._largest = max(self._largest, float(np.abs(table[:, :, len(self.task.eq.u) :]).max(initial=0.0)))
-        self._units = attrs.evolve(self._units, error=self._largest or self._units.error)
-        return Known(self.state, self.command, self.t, table, self._units)
+        self._scales = attrs.evolve(self._scales, error=self._largest or self._scales.error)
+        return StartData(self.state, self.command, self.t, table, self._scales)
 
-    def _planned(self, known: Known) -> Solution:
-        """A plan that goes on from the last one, or a better one from another begin where that leaves much."""
+    def _planned(self, known: StartData) -> Solution:
+        """A plan that continues the last one, or a better one from other initial commands where its error is large."""
         plan = self._begun(known) if self._plan is None else self._from(_shifted(self._plan.commands), known)
-        usual = max(float(np.quantile(self._left, USUAL)), LITTLE * known.units.error) if self._left else np.inf
+        usual = (
+            max(float(np.quantile(self._errors, USUAL_QUANTILE)), NEGLIGIBLE_SHARE * known.scales.error)
+            if self._errors
+            else np.inf
+        )
         left = self._cost(plan, known)
-        if left > STUCK * usual or not plan.feasible:
+        if left > RESTART_RATIO * usual or not plan.feasible:
             t = known.start + self.interval.step * np.arange(self.preview + 1)
-            for commands in begins(self.task, None, t, self.interval, known.table)[1:]:
+            for commands in initial_commands(self.task, None, t, self.interval, known.table)[1:]:
                 moved = known.before[:, None] + commands - commands[:, :1]
                 other = self._from(self.task.within(moved), known)
                 plan = min(plan, other, key=lambda one: (not one.feasible, self._cost(one, known)))
             left = self._cost(plan, known)
-        self._left.append(left)
+        self._errors.append(left)
         return plan
 
-    def _from(self, commands: np.ndarray, known: Known) -> Solution:
-        """The plan that a search from commands (c, N + 1) ends at."""
+    def _from(self, commands: np.ndarray, known: StartData) -> Solution:
+        """The plan of a search from commands (c, N + 1)."""
         guess = self._followed(commands, known)
         size = self.interval.sizes(guess.states, guess.commands, known.start, known.table)
         self._size = np.maximum(self._size, size)
-        plan = self._later.solve(guess, known, SHARP * self._size)
+        plan = self._later.solve(guess, known, SMOOTHING_SIZE * self._size)
         return plan if plan.feasible else self._begun(known)
 
-    def _followed(self, commands: np.ndarray, known: Known) -> Solution:
+    def _followed(self, commands: np.ndarray, known: StartData) -> Solution:
         commands = np.column_stack([known.before, commands[:, 1:]])
-        path, error, _ = self.interval.followed(commands, known.begin, known.start, known.table)
+        path, error, _ = self.interval.simulated(commands, known.begin, known.start, known.table)
         if not (np.isfinite(path).all() and np.isfinite(error).all()):
-            path, error = np.tile(known.begin[:, None], commands.shape[1]), np.full(1, known.units.error)
+            path, error = np.tile(known.begin[:, None], commands.shape[1]), np.full(1, known.scales.error)
         return Solution(commands, path, float(np.abs(error).max()), feasible=False)
 
-    def _begun(self, known: Known) -> Solution:
-        """A plan from standing still, while kinks are sharpened."""
+    def _begun(self, known: StartData) -> Solution:
+        """A plan from constant commands, with less and less smoothing."""
         programme = self._first if self._plan is None else self._later
         plan = self._followed(np.tile(known.before[:, None], self.preview + 1), known)
-        for share in ROUNDED:
+        for share in SMOOTHING_SIZES:
             size = self.interval.sizes(plan.states, plan.commands, known.start, known.table)
             self._size = np.maximum(self._size, size) if plan.feasible else size
-            made = programme.solve(plan, known, max(share, SHARP) * size)
+            made = programme.solve(plan, known, max(share, SMOOTHING_SIZE) * size)
             plan = made if made.feasible else plan
         return plan
 
-    def _cost(self, plan: Solution, known: Known) -> float:
-        """What a plan leaves of what is to be small, in the equations as they are and in the unit of the error."""
-        _, error, _ = self.interval.followed(plan.commands, known.begin, known.start, known.table)
-        peak = PRICE * np.max(error**2) if self._later.goal == "both" else 0.0
+    def _cost(self, plan: Solution, known: StartData) -> float:
+        """The objective of a plan with the exact equations, in the unit of the error."""
+        _, error, _ = self.interval.simulated(plan.commands, known.begin, known.start, known.table)
+        peak = PEAK_WEIGHT * np.max(error**2) if self._later.goal == "both" else 0.0
         left = float(np.sqrt(np.mean(error**2) + peak))
         return left if np.isfinite(left) else np.inf
 
 
 def _shifted(rows: np.ndarray) -> np.ndarray:
-    """Samples one later; the last stays."""
+    """Samples shifted by one; the last is repeated."""
     return np.column_stack([rows[:, 1:], rows[:, -1]])
 
 
@@ -227,17 +327,76 @@ def receding_horizon(
     inputs: Mapping[str, Any] | None = None,
     hold: str = "linear",
     parameters: Mapping[str, Any] | None = None,
-    iterations: int = FEW,
-    progress: Tell | None = None,
+    iterations: int = ITERATIONS,
+    progress: ProgressCallback | None = None,
 ) -> OptimalControl:
-    """The commands of a ``RecedingHorizon`` along references that are known ``preview`` samples ahead.
+    """The commands of a ``RecedingHorizon`` along references of which ``preview`` samples are known ahead.
 
-    Arguments as for ``optimal_control``; references and inputs must reach ``preview`` samples beyond ``stop``, and
-    without it the run ends so long before them. ``seconds`` of the result tells how long each sample's plan took. After
-    Ctrl-C the run ends where it is.
+    Parameters
+    ----------
+    diagram : Diagram
+        The plant, as for ``optimal_control``.
+    commands : dict of str to (float, float)
+        Inputs of the diagram that are commands, and their limits (low, high) in the unit of the input; None for no
+        limit.
+    error : str
+        An expression of signals, such as ``"x_ref - x_out"``.
+    references : dict of str to signal
+        As for ``optimal_control``; they reach ``preview`` samples beyond ``stop``.
+    preview : int, default 25
+        Samples of the horizon.
+    smallest : {"rms", "peak"}
+        As for ``RecedingHorizon``.
+    rates : dict of str to (float, float), optional
+        Limits of the rates of commands, in their unit per s.
+    limits : list of str, optional
+        Comparisons of signals that hold at every instant, such as ``"abs(motor.i) <= 1.5"``.
+    stop : float, optional
+        End in s. By default ``preview`` samples before the end of the shortest known signal.
+    start : float, default 0.0
+        Time of the first sample in s.
+    step : float, default 0.02
+        Interval between samples in s.
+    pieces : int, optional
+        Runge-Kutta steps of each interval. By default as many as the fastest initial pole needs, at least 2.
+    inputs : dict of str to signal, optional
+        The other inputs of the diagram, as for ``simulate``.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of inputs and references.
+    parameters : dict of str to float, optional
+        Values by name that replace those of the diagram.
+    iterations : int, default 60
+        Iterations of the solver for each plan, at most.
+    progress : callable, optional
+        Called with a stage, how much of it is done, and of how much.
+
+    Returns
+    -------
+    OptimalControl
+        The commands, simulated; ``seconds`` has the computing time of each plan. After Ctrl-C the samples so far.
+
+    Raises
+    ------
+    ParameterError
+        As for ``optimal_control``.
+    RunError
+        As for ``optimal_control``, and where signals are too short for one sample and the preview.
+    DataError
+        For missing or unsuitable signals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> t = np.linspace(0.0, 1.0, 51)
+    >>> made = tsm.receding_horizon(
+    ...     tsm.load("motor_linear"), {"u": (-24, 24)}, "x_ref - x", references={"x_ref": (t, np.sin(t))}, preview=10
+    ... )
+    >>> len(made.t)
+    41
     """
     title, tell = as_diagram(diagram).title, as_callback(progress, "stage, done and of")
-    given = given_of(title, commands, inputs, references, hold)
+    given = known_signals(title, commands, inputs, references, hold)
     control = RecedingHorizon(
         diagram,
         commands,
@@ -256,7 +415,7 @@ def receding_horizon(
     interval, h, begin = control.interval, control.interval.step, control.t
     count = _count(given, begin, stop, h, preview)
     given = given.on(begin + h * np.arange(count + preview + 1))
-    table, x = given_rows(control.task, given, interval.grid(begin, count + preview)), control.state
+    table, x = known_rows(control.task, given, interval.grid(begin, count + preview)), control.state
     made, states = [control.command], [control.state]
     with kept() as stopped:
         for k in range(count):
@@ -269,25 +428,25 @@ def receding_horizon(
     tell("planned", len(made) - 1, count)
     word = _word(control, len(made) - 1, stopped.stop)
     ended = Solution(np.column_stack(made), np.column_stack(states), 0.0, word or "Solve_Succeeded")
-    found = outcome(control.diagram, interval, smallest, False, ended, x, begin, given)
+    found = simulated_result(control.diagram, interval, smallest, False, ended, x, begin, given)
     return attrs.evolve(found, seconds=np.array(control.seconds))
 
 
-def _count(given: Given, begin: float, stop: float | None, h: float, preview: int) -> int:
-    """Samples to plan. Raises RunError."""
+def _count(given: KnownSignals, begin: float, stop: float | None, h: float, preview: int) -> int:
+    """Number of samples to plan. Raises RunError."""
     if stop is not None:
-        return count_of(begin, as_number("stop", stop), h)
-    last = ending(given, begin, h)
+        return interval_count(begin, as_number("stop", stop), h)
+    last = end_of_signals(given, begin, h)
     if last - preview * h < begin + h * (1 - 1e-6):
         raise RunError(
-            f"what is given ends at {last:g} s, before one preview of {preview} samples of {h:g} s and one "
-            "sample are over. Give more, or a shorter preview."
+            f"the known signals end at {last:g} s, which is less than one sample and a preview of {preview} samples "
+            f"of {h:g} s. Give longer signals, or a shorter preview."
         )
     return step_count(begin, last - preview * h, h)
 
 
 def _word(control: RecedingHorizon, count: int, stopped: bool) -> str:
-    """What went wrong with plans, if anything did."""
+    """A text on plans that failed, ``""`` where none did."""
     if stopped:
         return f"interrupted after {count} samples"
     if control.missed:

@@ -1,4 +1,4 @@
-"""What an optimal control is worth: its commands run through the equations as they are, and looked at closely."""
+"""The result of optimal control: its commands simulated with the exact equations in finer steps."""
 
 from __future__ import annotations
 
@@ -19,28 +19,58 @@ from tsmblocks.metrics.expressions import Expression
 from tsmblocks.metrics.tracking import peak_to_peak, rms
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.fields import Samples
-from tsmblocks.optimal.transcription import Given, Interval, Solution, Task, given_rows, straight
+from tsmblocks.optimal.transcription import Interval, KnownSignals, Solution, Task, known_rows, linear_samples
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.simulate import simulate
 
-FINER = 4
-"""How much finer than the search the result is run."""
-OVER = 0.01
-"""Share of what a limit compares by which it may be missed between the instants that the search looks at."""
-APART = 0.01
-"""Share of a state's size by which a periodic run may end apart from where it began."""
+REFINEMENT = 4
+"""Factor by which the steps of the simulation are finer than those of the search. Chosen."""
+LIMIT_TOLERANCE = 0.01
+"""Violation of a limit between the instants of the search that is accepted, as a share of its range. Chosen."""
+PERIODICITY_TOLERANCE = 0.01
+"""Difference of the last and the first state of a periodic run, as a share of its range, accepted. Chosen."""
 
 
 @attrs.frozen(eq=False)
 class OptimalControl:
-    """Commands found, and the run with them.
+    """The commands that were found, and the run with them.
 
-    ``t`` (N,) [s] are the samples and ``commands`` maps inputs to their values there, linear in between. ``states`` are
-    those at the start. ``run`` is the simulation of the diagram as it is with them; ``error`` (M,) is the error on the
-    way, at samples from either side: where a command's rate jumps, so may an output. ``missed`` is by how much a limit
-    was missed at most, between samples too. ``found`` says whether the search ended where nothing nearby is better and
-    the run keeps the limits (and closes, where it is periodic); ``word`` says why not, or is the solver's own.
-    ``seconds`` tells how long each sample took, where it was planned sample by sample.
+    Parameters
+    ----------
+    goal : str
+        What of the error was made smallest, "peak" or "rms".
+    t : ndarray
+        Samples of the commands in s, shape (N,).
+    commands : dict of str to ndarray
+        Commands at the samples, shape (N,), linear in between, in the unit of the input.
+    states : dict of str to float
+        Initial states.
+    periodic : bool
+        Whether the run is periodic.
+    run : Run
+        The simulation of the diagram with the commands.
+    error : ndarray
+        The error, shape (M,), at samples from either side: where the rate of a command jumps, an output may jump.
+    unit : str
+        Unit of the error.
+    missed : float
+        The largest violation of a limit, between samples too.
+    found : bool
+        Whether the search ended at a local optimum and the run keeps the limits (and ends where it started, if
+        periodic).
+    word : str
+        The reason where ``found`` is False, else the status of the solver.
+    seconds : ndarray, optional
+        Computing time of each sample in s, where it was planned sample by sample.
+
+    Attributes
+    ----------
+    peak : float
+        The largest absolute error.
+    peak_to_peak : float
+        Highest minus lowest error.
+    rms : float
+        Root mean square of the error.
     """
 
     goal: str
@@ -58,37 +88,51 @@ class OptimalControl:
 
     @property
     def peak(self) -> float:
-        """The largest error."""
+        """The largest absolute error."""
         return float(np.abs(self.error).max())
 
     @property
     def peak_to_peak(self) -> float:
-        """Highest less lowest error."""
+        """Highest minus lowest error."""
         return float(peak_to_peak(self.error))
 
     @property
     def rms(self) -> float:
-        """Root of the mean square of the error."""
+        """Root mean square of the error."""
         return float(rms(self.error))
 
     def inputs(self, stop: float | None = None) -> dict[str, Samples]:
-        """The commands as ``simulate`` takes them, up to ``stop`` [s]: periodic ones go on, others hold their last.
+        """The commands as ``simulate`` takes them.
 
-        Raises RunError where ``stop`` lies before the start.
+        Parameters
+        ----------
+        stop : float, optional
+            End in s; up to there periodic commands are repeated, others hold their last value. By default the last
+            sample.
+
+        Returns
+        -------
+        dict of str to Samples
+            The commands.
+
+        Raises
+        ------
+        RunError
+            For a ``stop`` before the start.
         """
         end, step = self.t[-1] if stop is None else as_number("stop", stop), self.t[1] - self.t[0]
         if end <= self.t[0]:
             raise RunError(f"the commands begin at {self.t[0]:g} s, so they cannot stop at {end:g} s.")
         if end <= self.t[-1] + 1e-6 * step:
             kept = int(np.searchsorted(self.t, end - 1e-6 * step)) + 1
-            return {k: straight(self.t[:kept], v[:kept]) for k, v in self.commands.items()}
+            return {k: linear_samples(self.t[:kept], v[:kept]) for k, v in self.commands.items()}
         if not self.periodic:
             t = np.append(self.t, end)
-            return {k: straight(t, np.append(v, v[-1])) for k, v in self.commands.items()}
+            return {k: linear_samples(t, np.append(v, v[-1])) for k, v in self.commands.items()}
         period = self.t[-1] - self.t[0]
         times = math.ceil((end - self.t[0]) / period - 1e-9)
         t = np.concatenate([[self.t[0]], *(self.t[1:] + k * period for k in range(times))])
-        return {k: straight(t, np.concatenate([v[:1], *[v[1:]] * times])) for k, v in self.commands.items()}
+        return {k: linear_samples(t, np.concatenate([v[:1], *[v[1:]] * times])) for k, v in self.commands.items()}
 
     def __repr__(self) -> str:
         return f"OptimalControl({self.run.title!r}, {few(self.commands)}, {len(self.t)} samples, {self._figures})"
@@ -111,7 +155,7 @@ class OptimalControl:
         return f"{self.run.title}: smallest {self.goal} of the error found: {self._figures}{ended}"
 
 
-def outcome(
+def simulated_result(
     diagram: Diagram,
     interval: Interval,
     goal: str,
@@ -119,22 +163,22 @@ def outcome(
     ended: Solution,
     begin: np.ndarray,
     start: float,
-    given: Given,
+    given: KnownSignals,
 ) -> OptimalControl:
-    """The commands as they are in truth: run through the equations without rounding, in finer steps.
+    """The commands simulated with the exact equations, without smoothing and in finer steps.
 
-    Raises RunError where they cannot be run.
+    Raises RunError where the simulation diverges.
     """
     task, count = interval.task, ended.commands.shape[1] - 1
-    fine = Interval(task, interval.step, FINER * interval.pieces)
+    fine = Interval(task, interval.step, REFINEMENT * interval.pieces)
     t = start + interval.step * np.arange(count + 1)
     values = task.within(ended.commands)
     commands = {name: values[k] for k, name in enumerate(task.commands)}
     x = ended.states[:, 0] if periodic else begin
     states = dict(zip(task.eq.x, x.tolist(), strict=True))
-    driven = {**given.inputs, **{k: straight(t, v) for k, v in commands.items()}}
+    driven = {**given.inputs, **{k: linear_samples(t, v) for k, v in commands.items()}}
     run = _simulated(diagram, fine, t, driven, given.hold, states)
-    path, error, limits = fine.followed(values, x, start, given_rows(task, given, fine.grid(start, count)))
+    path, error, limits = fine.simulated(values, x, start, known_rows(task, given, fine.grid(start, count)))
     missed, amiss = _missed(task, limits)
     if not ended.found:
         amiss = ended.word
@@ -166,32 +210,34 @@ def _simulated(
         )
     except NotFinite as failed:
         raise RunError(
-            f"the commands lead where the equations are not finite: {failed} Use more pieces for each "
-            f"interval (pieces={2 * fine.pieces // FINER}), or narrower ranges."
+            f"with these commands the equations are not finite: {failed} Use more pieces for each "
+            f"interval (pieces={2 * fine.pieces // REFINEMENT}), or narrower ranges."
         ) from failed
 
 
 def _missed(task: Task, limits: np.ndarray) -> tuple[float, str]:
-    """By how much a limit was missed at most, and a word for it where that is much."""
+    """The largest violation of a limit, and a text where it is above ``LIMIT_TOLERANCE``."""
     worst, word = 0.0, ""
     for k, one in enumerate(task.limits):
         values = limits[:, k]
         amount = max(-float(values.min()), 0.0)
         worst = max(worst, amount)
-        if amount > OVER * max(float(np.ptp(values)), 1e-12) and not word:
+        if amount > LIMIT_TOLERANCE * max(float(np.ptp(values)), 1e-12) and not word:
             word = f"'{one.text}' is missed by up to {amount:.3g}"
     return worst, word
 
 
 def _open(task: Task, path: np.ndarray) -> str:
-    """A word where a run that should be periodic does not end where it began."""
+    """A text where a periodic run does not end at its initial state."""
     gaps = np.abs(path[:, -1] - path[:, 0]) / np.maximum(np.ptp(path, axis=1), 1e-12)
     worst = int(np.argmax(gaps)) if len(gaps) else 0
-    return f"{task.eq.x[worst]} does not end where it began" if len(gaps) and gaps[worst] > APART else ""
+    return (
+        f"{task.eq.x[worst]} does not end where it began" if len(gaps) and gaps[worst] > PERIODICITY_TOLERANCE else ""
+    )
 
 
 def _unit(error: Expression, run: Run) -> str:
-    """The unit of an error that is a sum or difference of signals, as far as one is known."""
+    """The unit of an error that is a sum or difference of signals, ``""`` where none is known."""
     kinds = (ast.BinOp, ast.Add, ast.Sub, ast.UnaryOp, ast.USub, ast.UAdd, ast.Name, ast.Attribute, ast.Load)
     if not all(isinstance(node, kinds) for node in ast.walk(error.tree)):
         return ""

@@ -1,4 +1,4 @@
-"""What is asked of an optimal control, read and checked before anything is searched."""
+"""Arguments of optimal control, read and checked before the search."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.constraints import constraints
 from tsmblocks.metrics.expressions import expression
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.optimal.transcription import Given, Interval, Task
+from tsmblocks.optimal.transcription import Interval, KnownSignals, Task
 from tsmblocks.simulation.arguments import end_time, input_ends, step_count
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.stability import poles
 
-REACH = 2.0
-"""Step times fastest pole, at most, of one Runge-Kutta step."""
-LEAST = 2
-"""Runge-Kutta steps of an interval at least, so that the error is looked at between samples too."""
+STEP_TIMES_POLE = 2.0
+"""Step times fastest pole, at most, of one Runge-Kutta step. Chosen: within the stability of RK4 (2.785)."""
+LEAST_PIECES = 2
+"""Runge-Kutta steps of an interval, at least. Chosen: the error counts between samples too."""
 GOALS = ("peak", "rms")
+"""What ``smallest`` may be."""
 
-Tell = Callable[[str, int, int], Any]
+ProgressCallback = Callable[[str, int, int], Any]
+"""Called with a stage, how much of it is done, and of how much."""
 
 
-def asked(
+def task_of(
     diagram: Diagram,
     commands: Mapping[str, Any],
     error: str,
@@ -36,7 +38,7 @@ def asked(
     rates: Mapping[str, Any] | None,
     references: Sequence[str],
 ) -> Task:
-    """The task. Raises ParameterError and RunError."""
+    """The problem that the arguments describe. Raises ParameterError and RunError."""
     eq = equations(diagram)
     inputs = [f.name for f in eq.u if not f.block and not f.order]
     low_high = _ranges("commands", commands, inputs, eq.title)
@@ -56,7 +58,7 @@ def asked(
     equal = next((one.text for one in held if one.equality), "")
     if equal:
         raise ParameterError(
-            f"limit '{equal}': an equality at every instant leaves nothing to choose. Make it the "
+            f"limit '{equal}': an equality at every instant determines the commands. Make it the "
             "error, or write two limits."
         )
     paces = [slow_fast.get(name, (-np.inf, np.inf)) for name in low_high]
@@ -77,11 +79,11 @@ def asked(
 
 
 def _searchable(task: Task) -> None:
-    """Raise RunError for what a search by slopes cannot see past, and what commands cannot give."""
+    """Raise RunError for rounding and for second derivatives of commands, which a gradient search cannot use."""
     if task.rounded.steps:
         raise RunError(
-            f"'{task.eq.title}' rounds a signal to steps, and a search by slopes cannot see from one step "
-            "to the next. Leave the block that rounds out of the model."
+            f"'{task.eq.title}' rounds a signal to steps, and a gradient is zero between them. "
+            "Leave the block that rounds out of the model."
         )
     bent = [task.commands[command] for _, command, order in task.places if order > 1]
     if bent:
@@ -107,7 +109,7 @@ def _smooth(eq: Equations) -> None:
 
 
 def _ranges(what: str, given: Any, known: Sequence[str], title: str) -> dict[str, tuple[float, float]]:
-    """Limits by name; None or an infinity is none."""
+    """Limits by name; None or an infinity means no limit."""
     if not isinstance(given, Mapping):
         raise ParameterError(f"{what} must map inputs to (low, high), got {in_words(given)}.")
     made = {}
@@ -133,15 +135,15 @@ def _ranges(what: str, given: Any, known: Sequence[str], title: str) -> dict[str
     return made
 
 
-def goal_of(smallest: Any) -> str:
-    """What is to be small. Raises ParameterError."""
+def goal_named(smallest: Any) -> str:
+    """The objective, "peak" or "rms". Raises ParameterError."""
     if smallest not in GOALS:
         raise ParameterError(f"smallest is 'peak' or 'rms', got {in_words(smallest)}.{near(str(smallest), GOALS)}")
     return str(smallest)
 
 
-def given_of(title: str, commands: Any, inputs: Any, references: Any, hold: str) -> Given:
-    """Everything that is known beforehand. Raises DataError where it is no mapping, or gives a command."""
+def known_signals(title: str, commands: Any, inputs: Any, references: Any, hold: str) -> KnownSignals:
+    """The known signals. Raises DataError for what is no mapping, and for a command among the inputs."""
     for what, given in (("inputs", inputs), ("references", references)):
         if given is not None and not (isinstance(given, Mapping) and all(isinstance(k, str) for k in given)):
             raise DataError(
@@ -151,35 +153,35 @@ def given_of(title: str, commands: Any, inputs: Any, references: Any, hold: str)
     both = [name for name in inputs or () if name in named]
     if both:
         raise DataError(f"'{both[0]}' is a command of '{title}'; it cannot be given as an input too.")
-    return Given(dict(inputs or {}), dict(references or {}), hold)
+    return KnownSignals(dict(inputs or {}), dict(references or {}), hold)
 
 
-def ending(given: Given, start: float, step: float) -> float:
-    """The end of what is given, where no stop is. Raises RunError."""
+def end_of_signals(given: KnownSignals, start: float, step: float) -> float:
+    """The end of the known signals [s], for a problem without ``stop``. Raises RunError."""
     signals = {**given.references, **given.inputs}
     if not input_ends(signals, start, step):
-        raise RunError("say when it ends: stop=… [s], or references as (times, values).")
+        raise RunError("the end is not known: give stop=… [s], or references as (times, values).")
     return end_time(signals, start, step)
 
 
-def count_of(begin: float, end: float, h: float) -> int:
-    """How many samples of ``h`` s there are from ``begin`` to ``end`` [s]. Raises RunError where that is not whole."""
+def interval_count(begin: float, end: float, h: float) -> int:
+    """Number of intervals of ``h`` s from ``begin`` to ``end`` [s]. Raises RunError where it is no integer."""
     count = step_count(begin, end, h)
     if abs(begin + count * h - end) > 1e-6 * h:
         raise RunError(f"stop={end:g} s is no whole number of steps of {h:g} s after start={begin:g} s.")
     return count
 
 
-def pieces_of(task: Task, given: int | None, h: float) -> int:
-    """Runge-Kutta steps of an interval: as many as the fastest pole at the start asks for. Raises RunError."""
+def pieces_per_interval(task: Task, given: int | None, h: float) -> int:
+    """Runge-Kutta steps of an interval: by default as many as the fastest initial pole needs. Raises RunError."""
     if given is not None:
         return as_integer("pieces", given, 1)
     fastest = max((abs(p) for p in poles(task.eq, task.p)), default=0.0)
-    return max(LEAST, math.ceil(h * fastest / REACH))
+    return max(LEAST_PIECES, math.ceil(h * fastest / STEP_TIMES_POLE))
 
 
-def guessed(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
-    """Commands (c, N + 1) to begin a search from. Raises ParameterError."""
+def guessed_commands(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
+    """Initial commands (c, N + 1) from a guess. Raises ParameterError."""
     if not isinstance(guess, Mapping):
         raise ParameterError(f"guess must map commands to samples, got {in_words(guess)}.")
     commands = np.zeros((len(task.commands), len(t)))
@@ -201,10 +203,10 @@ def guessed(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
     return task.within(commands)
 
 
-def begins(task: Task, guess: Any, t: np.ndarray, interval: Interval, table: np.ndarray) -> list[np.ndarray]:
-    """Commands to begin searches from: the guess, or else standing still, and a copy of the reference."""
+def initial_commands(task: Task, guess: Any, t: np.ndarray, interval: Interval, table: np.ndarray) -> list[np.ndarray]:
+    """Initial commands of the searches: the guess, or else zero commands and a copy of the first reference."""
     if guess is not None:
-        return [guessed(task, guess, t)]
+        return [guessed_commands(task, guess, t)]
     still = task.within(np.zeros((len(task.commands), len(t))))
     if len(task.commands) > 1 or not task.references:
         return [still]

@@ -1,4 +1,4 @@
-"""Equations with their kinks rounded off, so that a solver that needs slopes can pass over them."""
+"""Equations with smoothed kinks, for solvers that need derivatives."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from tsmblocks.engine.program import Program
 
 @attrs.frozen(eq=False)
 class Smooth:
-    """A function of which every kink is rounded off over a size of its own.
+    """A function in which every kink is smoothed over a width of its own.
 
-    ``rounded`` takes what the function takes and, last, the ``count`` sizes: at 0 it is the function itself. ``inside``
-    takes what the function takes and gives the numbers in whose zero each kink lies, shape (count,).
+    ``rounded`` takes the arguments of the function and, last, the ``count`` widths: at 0 it is the function itself.
+    ``inside`` takes the arguments of the function and gives the arguments of the kinks (each at zero), shape (count,).
     """
 
     rounded: ca.Function
     inside: ca.Function
     count: int
     steps: bool
-    """Whether it rounds to whole numbers, which has no slope that leads anywhere."""
+    """Whether it rounds to integers, of which the derivative is zero or undefined."""
 
 
 def smooth(function: ca.Function) -> Smooth:
-    """Round off absolute values, signs, limits and comparisons of a CasADi function of scalar operations."""
+    """Smooth the absolute values, signs, limits and comparisons of a CasADi function of scalar operations."""
     given = [ca.SX.sym(function.name_in(k), *function.size_in(k)) for k in range(function.n_in())]
     program, kinks = Program(function), list[Any]()
     endless = _endless(program)
@@ -64,7 +64,7 @@ def smooth(function: ca.Function) -> Smooth:
 
 
 def _endless(program: Program) -> set[int]:
-    """Values that are infinite whatever the signals are; a limit or comparison with one never bends."""
+    """Nodes that are always infinite; a limit or comparison with one has no kink."""
     found = set[int]()
     for k, (name, args) in enumerate(program.nodes):
         known = math.isinf(args[0]) if name == "CONST" else name in _ENDLESS and len(found.intersection(args)) == 1
@@ -89,7 +89,7 @@ def _sign(z: Any, size: Any) -> Any:
 
 
 def _from(z: Any, size: Any) -> Any:
-    """1 from zero on, 0 below."""
+    """The smoothed unit step."""
     return (1 + _sign(z, size)) / 2
 
 
@@ -101,10 +101,10 @@ _ROUNDED: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
     "LT": (lambda a, b: a - b, lambda a, b, size: _from(b - a, size)),
     "LE": (lambda a, b: a - b, lambda a, b, size: _from(b - a, size)),
 }
-"""Operations with a kink or a jump: in whose zero it lies, and the rounded form."""
+"""Operations with a kink or a jump: its argument (zero there), and the smoothed form."""
 
 _ENDLESS = ("ADD", "SUB", "NEG")
-"""Operations of which one infinite value makes another: a level over a rim that is never reached."""
+"""Operations that are infinite where one operand is."""
 
 _WEIGHED: dict[str, Callable[..., Any]] = {
     "IF_ELSE_ZERO": lambda share, value: share * value,
@@ -112,4 +112,4 @@ _WEIGHED: dict[str, Callable[..., Any]] = {
     "AND": lambda one, other: one * other,
     "OR": lambda one, other: one + other - one * other,
 }
-"""Choices, where a rounded comparison is a share between 0 and 1."""
+"""Logical operations on smoothed comparisons, which are between 0 and 1."""

@@ -24,40 +24,40 @@ from tsmblocks.model.fields import Samples
 from tsmblocks.optimal.smoothing import Smooth, smooth
 
 _RULE = method_named("rk4")
-HAIR = 1e-9
-"""Share of an interval by which its end comes before the next one's start."""
-JOINED = 1e-6
-"""By how much a constraint may be missed at most."""
-PRICE = 0.1
-"""What the square of the peak counts beside the mean square, where both are to be small."""
+JUMP_MARGIN = 1e-9
+"""Share of an interval by which its end comes before the start of the next: a jump belongs to the next. Chosen."""
+CONSTRAINT_TOLERANCE = 1e-6
+"""Violation of a constraint, in scaled units, that is accepted. Chosen: above IPOPT's own tolerance."""
+PEAK_WEIGHT = 0.1
+"""Weight of the squared peak beside the mean square in the goal "both". Chosen."""
 
 
 @attrs.frozen(eq=False)
 class Task:
-    """What is asked of commands, apart from times: the equations, which inputs are commands, what is to be small.
+    """The problem apart from times: the equations, which inputs are commands, the error and the limits.
 
-    ``ranges`` (2, commands) are the lowest and highest commands, ``paces`` (2, commands) their rates; ``limits`` are
-    what is to hold on the way. ``names`` are all that expressions use, mapped to signals of the equations;
-    ``references`` are the names that stand for given signals instead.
+    ``ranges`` (2, commands) are the lowest and highest commands, ``rate_ranges`` (2, commands) their rates [1/s];
+    ``limits`` hold at every instant. ``names`` maps the names in expressions to signals of the equations;
+    ``references`` are the names of known signals.
     """
 
     eq: Equations
     p: np.ndarray
     commands: tuple[str, ...]
     ranges: np.ndarray
-    paces: np.ndarray
+    rate_ranges: np.ndarray
     error: Expression
     limits: tuple[Constraint, ...]
     names: Mapping[str, str]
     references: tuple[str, ...]
 
     def within(self, commands: np.ndarray) -> np.ndarray:
-        """Commands (c, N), held in their ranges."""
+        """Commands (c, N), clipped to their ranges."""
         return np.clip(commands, self.ranges[0][:, None], self.ranges[1][:, None])
 
     @cached_property
     def rhs(self) -> ca.Function:
-        """The equations with their numbers: of time, states and inputs, giving rates and outputs."""
+        """The equations with their parameters: rates and outputs from time, states and inputs."""
         t, x = ca.SX.sym("t"), ca.SX.sym("x", len(self.eq.x))
         u, none = ca.SX.sym("u", len(self.eq.u)), ca.SX(0, 1)
         dx, y, _ = self.eq.rhs(t, x, none, u, none, ca.SX(self.p))
@@ -65,7 +65,7 @@ class Task:
 
     @cached_property
     def rounded(self) -> Smooth:
-        """The same with kinks rounded off."""
+        """The same with smoothed kinks."""
         return smooth(self.rhs)
 
     @cached_property
@@ -80,14 +80,14 @@ class Task:
 
 
 @attrs.frozen(eq=False)
-class Given:
-    """Signals that are known beforehand, by name: other inputs of the diagram, and references; as for ``simulate``."""
+class KnownSignals:
+    """Known signals by name: other inputs of the diagram, and references; as for ``simulate``."""
 
     inputs: Mapping[str, Any]
     references: Mapping[str, Any]
     hold: str = "linear"
 
-    def on(self, t: np.ndarray) -> Given:
+    def on(self, t: np.ndarray) -> KnownSignals:
         """The same, plain values being those at the samples ``t`` [s]."""
 
         def paired(value: Any) -> Any:
@@ -95,21 +95,21 @@ class Given:
             return (t, value) if plain and np.ndim(value) == 1 and len(value) == len(t) else value
 
         inputs, references = ({k: paired(v) for k, v in one.items()} for one in (self.inputs, self.references))
-        return Given(inputs, references, self.hold)
+        return KnownSignals(inputs, references, self.hold)
 
 
-def straight(t: np.ndarray, y: np.ndarray) -> Samples:
-    """Samples of a command: linear in between, whatever holds for other inputs."""
+def linear_samples(t: np.ndarray, y: np.ndarray) -> Samples:
+    """Samples of a command: linear in between, whatever the hold of other inputs."""
     return Samples(t, y, "linear")
 
 
-def given_rows(task: Task, given: Given, grid: np.ndarray) -> np.ndarray:
-    """Everything that is known beforehand at the instants of each step, shape (steps, 3, inputs + references).
+def known_rows(task: Task, given: KnownSignals, grid: np.ndarray) -> np.ndarray:
+    """The known signals at the instants of each step, shape (steps, 3, inputs + references).
 
     Commands are zero there. Raises DataError.
     """
     step = float(grid[1] - grid[0])
-    flat = {name: straight(grid[[0, -1]], np.zeros(2)) for name in task.commands}
+    flat = {name: linear_samples(grid[[0, -1]], np.zeros(2)) for name in task.commands}
     signals = gather_signals(task.eq, {**given.inputs, **flat}, grid, given.hold)
     for name in task.references:
         if name not in given.references:
@@ -125,7 +125,7 @@ class Interval:
     """One interval between samples of the commands, as a function: ``step`` s long, in ``pieces`` Runge-Kutta steps.
 
     ``function(x, c0, c1, t, w, size)`` gives the states at the end, the errors (pieces + 1,) and the limits
-    (limits, pieces + 1) on the way; ``w`` are the given signals of its pieces, and ``size`` rounds kinks off.
+    (limits, pieces + 1) on the way; ``w`` are the known signals of its pieces, ``size`` the widths of the smoothing.
     """
 
     task: Task
@@ -134,12 +134,12 @@ class Interval:
 
     @cached_property
     def function(self) -> ca.Function:
-        """The interval with the kinks rounded off."""
+        """The interval with smoothed kinks."""
         return self._of(rounded=True)
 
     @cached_property
     def exact(self) -> ca.Function:
-        """The interval as it is; its ``size`` does nothing."""
+        """The interval with the exact equations; ``size`` has no effect."""
         return self._of(rounded=False)
 
     def _of(self, rounded: bool) -> ca.Function:
@@ -155,7 +155,7 @@ class Interval:
             for k, command, order in task.places:
                 rise = c1[command] - c0[command]
                 u[k] = rise / self.step if order else c0[command] + at * rise
-            before = HAIR * self.step if share == 1.0 else 0.0  # sources that jump at a sample do so after it
+            before = JUMP_MARGIN * self.step if share == 1.0 else 0.0  # sources that jump at a sample do so after it
             given = (t + at * self.step - before, state, u)
             dx, y = task.rounded.rounded(*given, size) if rounded else task.rhs(*given)
             return dx, self._measured(y, w[len(task.eq.u) :, column])
@@ -188,13 +188,13 @@ class Interval:
         return start + self.step / self.pieces * np.arange(count * self.pieces + 1)
 
     def given(self, table: np.ndarray) -> np.ndarray:
-        """Rows of ``given_rows`` as the intervals take them, shape (inputs + references, 3 * pieces * intervals)."""
+        """Rows of ``known_rows`` as the intervals take them, shape (inputs + references, 3 * pieces * intervals)."""
         return table.reshape(-1, table.shape[2]).T
 
-    def followed(
+    def simulated(
         self, commands: np.ndarray, begin: np.ndarray, start: float, table: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The equations as they are, from one state on.
+        """The exact equations simulated from one state.
 
         States at the samples (n, N + 1); errors (N, pieces + 1) and limits (N, limits, pieces + 1), both from either
         side of each sample, where a command's rate jumps.
@@ -212,7 +212,7 @@ class Interval:
         return np.column_stack(states), np.array(errors), np.array(limits)
 
     def sizes(self, states: np.ndarray, commands: np.ndarray, start: float, table: np.ndarray) -> np.ndarray:
-        """How large the numbers are in whose zero kinks lie, along states (n, N + 1) and commands (c, N + 1)."""
+        """The rms size of the arguments of kinks, along states (n, N + 1) and commands (c, N + 1)."""
         task, count = self.task, commands.shape[1] - 1
         if not task.rounded.count:
             return np.zeros(0)
@@ -269,7 +269,7 @@ class Programme:
         below = [peak - e, peak + e]
         bounded = {"peak": below, "both": below, "within": [most - e, most + e], "rms": []}[self.goal]
         square = ca.sumsqr(e) / e.numel()
-        f = 100.0 * {"peak": peak, "both": square + PRICE * peak**2}.get(self.goal, square)
+        f = 100.0 * {"peak": peak, "both": square + PEAK_WEIGHT * peak**2}.get(self.goal, square)
         made = {
             "x": z,
             "f": f,
@@ -278,7 +278,7 @@ class Programme:
         }
         return ca.nlpsol("programme", "ipopt", made, dict(self.options))
 
-    def bounds(self, units: Units) -> dict[str, np.ndarray]:
+    def bounds(self, scales: Scales) -> dict[str, np.ndarray]:
         """Bounds of the variables, in their units, and of what is constrained."""
         task, count = self.interval.task, self.count
         n, c = len(task.eq.x), len(task.commands)
@@ -286,17 +286,17 @@ class Programme:
         joints = n * count + n + c
         after = (2 * (self.goal != "rms") + len(task.limits)) * count * (self.interval.pieces + 1)
         return {
-            "lbx": np.concatenate([np.tile(task.ranges[0] / units.commands, count + 1), -free]),
-            "ubx": np.concatenate([np.tile(task.ranges[1] / units.commands, count + 1), free]),
-            "lbg": np.concatenate([np.zeros(joints), np.tile(task.paces[0], count), np.zeros(after)]),
-            "ubg": np.concatenate([np.zeros(joints), np.tile(task.paces[1], count), np.full(after, np.inf)]),
+            "lbx": np.concatenate([np.tile(task.ranges[0] / scales.commands, count + 1), -free]),
+            "ubx": np.concatenate([np.tile(task.ranges[1] / scales.commands, count + 1), free]),
+            "lbg": np.concatenate([np.zeros(joints), np.tile(task.rate_ranges[0], count), np.zeros(after)]),
+            "ubg": np.concatenate([np.zeros(joints), np.tile(task.rate_ranges[1], count), np.full(after, np.inf)]),
         }
 
-    def solve(self, guess: Solution, known: Known, size: np.ndarray, most: float = 0.0) -> Solution:
+    def solve(self, guess: Solution, known: StartData, size: np.ndarray, most: float = 0.0) -> Solution:
         """Search from a guess. ``most`` is the peak that errors are to stay within, where that is the goal."""
-        units = known.units
-        c0, x0 = guess.commands / units.commands[:, None], guess.states / units.states[:, None]
-        start = np.concatenate([c0.ravel(order="F"), x0.ravel(order="F"), [guess.peak / units.error]])
+        scales = known.scales
+        c0, x0 = guess.commands / scales.commands[:, None], guess.states / scales.states[:, None]
+        start = np.concatenate([c0.ravel(order="F"), x0.ravel(order="F"), [guess.peak / scales.error]])
         given = np.concatenate(
             [
                 known.begin,
@@ -304,32 +304,32 @@ class Programme:
                 self.interval.given(known.table).ravel(order="F"),
                 [known.start],
                 size,
-                [most / units.error],
-                units.commands,
-                units.states,
-                [units.error],
+                [most / scales.error],
+                scales.commands,
+                scales.states,
+                [scales.error],
             ]
         )
-        answer = self.solver(x0=start, p=given, **self.bounds(units))
+        answer = self.solver(x0=start, p=given, **self.bounds(scales))
         z, stats = np.asarray(answer["x"]).ravel(), self.solver.stats()
         task, count = self.interval.task, self.count + 1
         c, n = len(task.commands), len(task.eq.x)
         return Solution(
-            units.commands[:, None] * z[: c * count].reshape(c, count, order="F"),
-            units.states[:, None] * z[c * count : -1].reshape(n, count, order="F"),
-            units.error * float(z[-1]),
+            scales.commands[:, None] * z[: c * count].reshape(c, count, order="F"),
+            scales.states[:, None] * z[c * count : -1].reshape(n, count, order="F"),
+            scales.error * float(z[-1]),
             str(stats["return_status"]),
-            _missed(stats) <= JOINED,
+            _missed(stats) <= CONSTRAINT_TOLERANCE,
         )
 
 
-NOTHING = 1e-9
-"""Errors below this share of their size are none: no smaller ones are looked for."""
+NEGLIGIBLE_ERROR = 1e-9
+"""Errors below this share of the references count as zero, and no smaller ones are searched. Chosen."""
 
 
 @attrs.frozen(eq=False)
-class Units:
-    """Sizes that commands (c,), states (n,) and the error have: the solver counts in these, whatever the user's are."""
+class Scales:
+    """Sizes of commands (c,), states (n,) and the error: the units in which the solver works."""
 
     commands: np.ndarray
     states: np.ndarray
@@ -337,18 +337,18 @@ class Units:
 
 
 @attrs.frozen(eq=False)
-class Known:
-    """What one solution starts from: states and commands at ``start`` [s], given signals (``given_rows``), units."""
+class StartData:
+    """What one solution starts from: states and commands at ``start`` [s], known signals (``known_rows``), scales."""
 
     begin: np.ndarray
     before: np.ndarray
     start: float
     table: np.ndarray
-    units: Units
+    scales: Scales
 
 
-def units_of(interval: Interval, commands: np.ndarray, begin: np.ndarray, start: float, table: np.ndarray) -> Units:
-    """Sizes along commands (c, N + 1) to begin from, and along as large ones that rise and stay."""
+def scales_of(interval: Interval, commands: np.ndarray, begin: np.ndarray, start: float, table: np.ndarray) -> Scales:
+    """Sizes along initial commands (c, N + 1), and along commands of that size that rise and stay."""
     task = interval.task
     given = float(np.abs(table[:, :, len(task.eq.u) :]).max(initial=0.0)) or 1.0
     ranges = np.abs(task.ranges)
@@ -357,17 +357,19 @@ def units_of(interval: Interval, commands: np.ndarray, begin: np.ndarray, start:
     sizes = np.where(sizes > 0, sizes, np.where(finite > 0, finite, given))
     states, errors = np.abs(begin), 0.0
     for tried in (commands, np.minimum(np.arange(commands.shape[1]) / 5, 1.0) * sizes[:, None]):
-        path, error, _ = interval.followed(tried, begin, start, table)
+        path, error, _ = interval.simulated(tried, begin, start, table)
         if np.isfinite(path).all() and np.isfinite(error).all():
             states = np.maximum(states, np.abs(path).max(axis=1))
             errors = errors or float(np.abs(error).max())
-        errors = errors if errors > NOTHING * given else 0.0  # rounding, where the commands to begin from are the best
-    return Units(sizes, np.where(states > 0, states, 1.0), errors or given)
+        errors = (
+            errors if errors > NEGLIGIBLE_ERROR * given else 0.0
+        )  # only rounding where the initial commands are the optimum
+    return Scales(sizes, np.where(states > 0, states, 1.0), errors or given)
 
 
 @attrs.frozen(eq=False)
 class Solution:
-    """Commands (c, N + 1) and states (n, N + 1) at the samples, the largest error, and the solver's word for its end.
+    """Commands (c, N + 1) and states (n, N + 1) at the samples, the largest error, and the status of the solver.
 
     ``feasible`` says whether all limits are kept and the intervals join, be it the best there is or not.
     """
@@ -380,11 +382,11 @@ class Solution:
 
     @property
     def found(self) -> bool:
-        """Whether it meets all limits and cannot be bettered nearby."""
+        """Whether it is a local optimum within all limits."""
         return self.word in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
 
 def _missed(stats: Mapping[str, Any]) -> float:
-    """By how much a constraint is missed at the end of a search."""
+    """The largest violation of a constraint at the end of a search."""
     course = (stats.get("iterations") or {}).get("inf_pr") or [np.inf]
     return float(course[-1])

@@ -202,11 +202,8 @@ class Stepper:
         if not isinstance(saved, SavedState):
             raise RunError(f"restore takes what save returned, or the state of a run, got {in_words(saved)}.")
         self.memory = restored_memory(saved, self.eq, self.memory, self.h)
-        self.k, self.start, self.h = (
-            saved.k,
-            saved.start,
-            saved.step,
-        )  # the step to the last digit, as times are multiples of it
+        self.k, self.start = saved.k, saved.start
+        self.h = saved.step  # to the last digit, as times are multiples of it
 
 
 def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: SavedState) -> Stepper:
