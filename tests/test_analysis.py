@@ -204,7 +204,7 @@ def test_a_point_is_found_through_a_bend_and_a_limit():
         outputs={"y": "lag"},
     )
     assert trim(diagram, outputs={"y": 54.0}, start={"u": 1.0})["u"] == pytest.approx(3.0)
-    with pytest.raises(RunError, match=r"'bent' does not stand still here: .* stays .* away"):
+    with pytest.raises(RunError, match=r"'bent' has no equilibrium here: .* is .* off"):
         trim(diagram, outputs={"y": 1000.0}, start={"u": 1.0})
 
 
@@ -293,8 +293,8 @@ def test_a_slow_answer_is_waited_for(frequency, damping):
 def test_what_never_settles_has_no_answer():
     oscillator = tsm.blocks.SecondOrderLag(omega=2 * np.pi * 5.37, zeta=0.0)
     said = (
-        r"^the answer of 'y' to 2 of 2 sines never becomes periodic: 1 at 1 Hz and 1 at 2 Hz. It is NaN there. A loop "
-        r"that hunts at a frequency of its own does that, and a signal that drifts; tsm.simulate shows which.$"
+        r"^the answer of 'y' to 2 of 2 sines never becomes periodic: 1 at 1 Hz and 1 at 2 Hz. It is NaN there. A limit "
+        r"cycle does that, and a signal that drifts; tsm.simulate shows which.$"
     )
     with pytest.warns(SettlingWarning, match=said):
         found = frequency_response(line(oscillator), [1.0, 2.0], [1.0])
@@ -391,17 +391,17 @@ def test_names_that_would_be_one_stay_apart():
 REFUSED = {
     "no input": (lambda: linearize(pi_loop(), inputs=["q"]), "diagram 'pi' has no input 'q'. Known here: r."),
     "no signal": (lambda: linearize(pi_loop(), outputs="g.z"), "diagram 'pi' has no signal 'g.z'. Did you mean 'g.y'?"),
-    "no point": (lambda: linearize(pi_loop(), at={"r": 1}), "at is a point that trim has found, got {'r': 1}."),
+    "no point": (lambda: linearize(pi_loop(), at={"r": 1}), "at must be a point that trim returned, got {'r': 1}."),
     "samples": (
         lambda: trim(line(UnitDelay(period=0.1))),
         "b of 'line' acts at instants of its own (samples, or "
-        "memory from step to step, as a backlash has it), so rates do not tell where it stands still. Replace or "
+        "memory from step to step, as a backlash has it), so its rates do not determine an equilibrium. Replace or "
         "remove it first: diagram.remove('b').",
     ),
     "memory": (lambda: trim(line(RateLimit())), "b of 'line' acts at instants of its own"),
     "dead time": (
         lambda: linearize(line(DeadTime(time=0.2))),
-        "'line' has dead times (0.2 s), which no state space holds. Say pade=3 for an approximation of third order.",
+        "'line' has dead times (0.2 s), which no state space holds. Give pade=3 for an approximation of third order.",
     ),
     "pade": (lambda: linearize(line(DeadTime(time=0.2)), pade=0), "pade must be a whole number of at least 1, got 0."),
     "slope of what is late": (
@@ -415,7 +415,7 @@ REFUSED = {
             ),
             pade=3,
         ),
-        "'l' follows the slope of a delayed signal, which no state space holds. Put a lag behind the delay.",
+        "'l' depends on the derivative of a delayed signal, which no state space holds. Put a lag behind the delay.",
     ),
     "another's point": (
         lambda: linearize(line(FirstOrderLag()), at=trim(scaled_point())),
@@ -439,13 +439,13 @@ REFUSED = {
                 outputs={"y": "i"},
             )
         ),
-        "'two' does not stand still here: the rate of i.integral",
+        "'two' has no equilibrium here: the rate of i.integral",
     ),
     "far too slow": (lambda: frequency_response(pi_loop(), [1e-9]), "a run at 1e-09 Hz would take"),
     "slope": (
         lambda: linearize(line(tsm.blocks.Derivative())),
-        "a signal of 'line' follows the slope of its input 'u' at "
-        "once, so there is no state space from there. Put a lag on the input, or ask for other outputs.",
+        "a signal of 'line' depends on the derivative of its input 'u' at "
+        "once, so there is no state space from there. Put a lag on the input, or choose other outputs.",
     ),
     "no wire": (lambda: loop_gain(pi_loop(), "e -> g"), "at='e -> g': there is no wire 'e.y -> g.u'."),
     "no block": (lambda: loop_gain(pi_loop(), "f.y"), "at='f.y' names block 'f'"),
@@ -453,7 +453,7 @@ REFUSED = {
     "taken": (lambda: opened(opened(pi_loop(), "e"), "c"), "'pi' has an input 'cut' already."),
     "moving": (
         lambda: trim(line(TransferFunction(num=(1.0,), den=(1.0, 0.0))), inputs={"u": 1.0}),
-        "'line' does not stand still here: the rate of b.",
+        "'line' has no equilibrium here: the rate of b.",
     ),
     "start": (
         lambda: trim(pi_loop(), start={"g.vale": 1.0}),

@@ -194,21 +194,21 @@ REFUSED = {
     ),
     "slope": (
         lambda: linearize(pid_loop(wires=["d -> g"], ports=["d.u"], d=Derivative(), g=FirstOrderLag())),
-        "'pid' follows the slope of its input 'r', which a linear model of samples holds in between. Put a lag on the input.",
+        "'pid' depends on the derivative of its input 'r', which a discrete-time model holds in between. Put a lag on the input.",
     ),
     "apart": (
         lambda: linearize(pid_loop(wires=["e -> a"], a=UnitDelay(period=0.04999))),
-        "the samples of 'pid' fall together too seldom for a linear model (periods 0.05 s, 0.04999 s).",
+        "the samples of 'pid' coincide too seldom for a linear model (periods 0.05 s, 0.04999 s).",
     ),
     "fast wire": (
         lambda: loop_gain(two_rates(), "drive -> p"),
-        "at='drive -> p': what goes over this wire counts, and changes, "
-        "between the instants at which all samples of 'two' fall together (0.04 s apart). Open the loop where it enters "
+        "at='drive -> p': the signal on this wire matters, and changes, "
+        "between the instants at which all samples of 'two' coincide (0.04 s apart). Open the loop where it enters "
         "or leaves the slowest sampled block.",
     ),
     "moving wire": (
         lambda: loop_gain(two_rates(), "p -> q"),
-        "at='p -> q': what goes over this wire counts, and changes,",
+        "at='p -> q': the signal on this wire matters, and changes,",
     ),
 }
 

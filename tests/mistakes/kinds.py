@@ -328,7 +328,7 @@ def linear_at_a_text():
     tsm.linearize(lag(), t="0")
 
 
-@mistake(RunError, "the slopes of 'quotient' are not finite here: y.")
+@mistake(RunError, "the derivatives of 'quotient' are not finite here: y.")
 def linear_where_it_divides_by_zero():
     quotient = Diagram(
         title="quotient", blocks=dict(q=Divide()), inputs={"a": "q.num", "b": "q.den"}, outputs={"y": "q"}
@@ -338,18 +338,18 @@ def linear_where_it_divides_by_zero():
 
 @mistake(
     RunError,
-    "diagram 'position loop' has no input for a linear model to begin at: give it one, or open a loop (analysis.opened, analysis.loop_gain).",
+    "diagram 'position loop' has no input for a linear model: add one, or open a loop (analysis.opened, analysis.loop_gain).",
 )
 def linear_without_an_input():
     tsm.linearize(position_loop())
 
 
-@mistake(RunError, "no signal of diagram 'gain' is asked for: say outputs=[…]. Known here: k.y, u.")
+@mistake(RunError, "no signal of diagram 'gain' is chosen: give outputs=[…]. Known here: k.y, u.")
 def linear_without_an_output():
     tsm.linearize(Diagram(title="gain", blocks=dict(k=Gain()), inputs={"u": "k"}))
 
 
-@mistake(RunError, "at='ref -> error.plus': nothing that goes this way comes back, so there is no loop to open.")
+@mistake(RunError, "at='ref -> error.plus': this wire is in no loop, so there is nothing to open.")
 def a_loop_opened_where_there_is_none():
     analysis.loop_gain(position_loop(), "ref -> error.plus")
 

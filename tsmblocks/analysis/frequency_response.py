@@ -1,4 +1,4 @@
-"""How a diagram answers sines of different frequency and size, by simulation: gain, phase and harmonics."""
+"""Frequency response of a nonlinear diagram by simulation: gain, phase and harmonics for sines of different size."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.analysis.discrete_time import HELD
+from tsmblocks.analysis.discrete_time import HELD_SUFFIX
 from tsmblocks.blocks import Sine
 from tsmblocks.common.arguments import as_integer, as_number, as_positive
 from tsmblocks.common.errors import RunError, in_words, near
@@ -26,30 +26,56 @@ from tsmblocks.simulation.batch import batch_of
 from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.run_options import RunOptions
 
-SETTLED = 1e-4
-"""Change of a signal from one period to the next, as a share of its size, that counts as none."""
-LONGEST = 1024
-"""Periods that are left out at most."""
+PERIODICITY_TOLERANCE = 1e-4
+"""Change of a signal from one period to the next, as a share of its size, that counts as periodic. Chosen."""
+MOST_SETTLING_PERIODS = 1024
+"""Periods that are left out, at most. Chosen."""
 MOST_STEPS = 20_000_000
-"""Steps of one run at most."""
-TONE = "tone"
-"""Name of the source that takes the place of an input."""
-STILL = 1e-12
-"""Motion of the output, as a share of that of the input and of its own size in numbers, below which it stands still."""
+"""Steps of one run, at most. Chosen: some seconds."""
+SOURCE_NAME = "tone"
+"""Name of the Sine block that replaces an input."""
+NO_MOTION = 1e-12
+"""Motion of the output, as a share of that of the input and of its own size, that is rounding. Chosen."""
 
 
 class SettlingWarning(UserWarning):
-    """Answers to some sines never become periodic."""
+    """The responses to some sines never become periodic."""
 
 
 @attrs.frozen(eq=False)
 class FrequencyResponse:
-    """Answers to sines: ``response`` (amplitudes, frequencies) is complex, output over input at the sine's frequency.
+    """The response to sines of several frequencies and amplitudes.
 
-    ``frequencies`` are in Hz, ``amplitudes`` in ``unit``, that of the input (``""`` where it is not known).
-    ``harmonics`` (amplitudes, frequencies, n) are sizes at 2, 3, … times the frequency as shares of that at the
-    frequency itself. An answer is NaN where it never becomes periodic or a run is not finite; where the output stands
-    still it is 0, with no phase and no harmonics (NaN).
+    Where a response never becomes periodic, or a run diverges, it is NaN; where the output does not move it is 0,
+    without phase and harmonics (NaN).
+
+    Parameters
+    ----------
+    title : str
+        Title of the diagram.
+    driven : str
+        The input, or the Sine block.
+    output : str
+        The output.
+    frequencies : ndarray
+        Frequencies in Hz, shape (F,).
+    amplitudes : ndarray
+        Amplitudes in ``unit``, shape (A,).
+    response : ndarray of complex
+        Output over input at the frequency of the sine, shape (A, F).
+    harmonics : ndarray
+        Sizes at 2, 3, … times the frequency as shares of that at the frequency itself, shape (A, F, harmonics - 1).
+    unit : str, optional
+        Unit of the input, ``""`` where it is not known.
+
+    Attributes
+    ----------
+    gain : ndarray
+        Size of the output over that of the input, shape (A, F).
+    phase : ndarray
+        Phase of the output in degrees, shape (A, F), unwrapped along frequency.
+    distortion : ndarray
+        Root of the sum of squares of the harmonics, shape (A, F).
     """
 
     title: str
@@ -68,7 +94,7 @@ class FrequencyResponse:
 
     @property
     def phase(self) -> np.ndarray:
-        """Phase of the output after the input in deg, shape (amplitudes, frequencies), unwrapped along frequency."""
+        """Phase of the output in degrees, shape (amplitudes, frequencies), unwrapped along frequency."""
         made = np.full(self.response.shape, np.nan)
         for row, answers in zip(made, self.response, strict=True):
             there = np.isfinite(answers) & (answers != 0)
@@ -81,14 +107,26 @@ class FrequencyResponse:
         return np.sqrt((self.harmonics**2).sum(axis=2))
 
     def to_pandas(self) -> Any:
-        """A frame with a row per amplitude and frequency: gain, phase [deg], distortion. Needs pandas."""
+        """A table with a row for each amplitude and frequency.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Gain, phase [deg] and distortion. Needs pandas.
+        """
         axes = [self.amplitudes, self.frequencies]
         index = need("pandas").MultiIndex.from_product(axes, names=["amplitude", "frequency"])
         columns = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
         return frame({name: v.ravel() for name, v in columns.items()}, index, units={"phase": "deg"})
 
     def to_xarray(self) -> Any:
-        """A data set over ``amplitude`` and ``frequency`` [Hz]: gain, phase [deg], distortion. Needs xarray."""
+        """Gain, phase [deg] and distortion over ``amplitude`` and ``frequency`` [Hz].
+
+        Returns
+        -------
+        xarray.Dataset
+            The response. Needs xarray.
+        """
         dims = ("amplitude", "frequency")
         found = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
         coords = {"amplitude": (dims[:1], self.amplitudes, ""), "frequency": (dims[1:], self.frequencies, "Hz")}
@@ -108,7 +146,18 @@ class FrequencyResponse:
         return view("html", self)
 
     def plot(self, ax: Any = None) -> Any:
-        """Gain, phase and distortion over frequency, a line for each amplitude. Needs matplotlib."""
+        """Plot gain, phase and distortion over frequency, a line for each amplitude.
+
+        Parameters
+        ----------
+        ax : sequence of matplotlib.axes.Axes, optional
+            Where to draw. By default in a new figure.
+
+        Returns
+        -------
+        sequence of matplotlib.axes.Axes
+            The axes. Needs matplotlib.
+        """
         return view("plot", self, ax=ax)
 
 
@@ -130,16 +179,69 @@ def frequency_response(
     threads: int | None = None,
     backend: str = "",
 ) -> FrequencyResponse:
-    """Drive a diagram with sines and see what comes out, once all is periodic.
+    """The periodic response of a nonlinear diagram to sines, by simulation.
 
-    ``frequencies`` are in Hz. ``driven`` is an input of the diagram (the only one), or a Sine block in it, ``output`` a
-    signal (its only output). The sines go around ``bias`` (zero for an input, a Sine block's own offset); other
-    ``inputs`` are constant. Of each run the first ``settle`` periods are left out, and the next ``periods`` taken apart
-    into harmonics; where the answer still changes from period to period, more are left out, up to ``LONGEST``, and it
-    is NaN where it changes even then, with a SettlingWarning. A period has ``samples`` steps at least, and no step is
-    longer than ``step`` [s]. Outputs of sampled blocks are taken as they are held; where such jumps are delayed or
-    added to what moves, the phase is known to half a step. Raises RunError for what is no input or output, and where
-    sampled blocks do not fit into the period.
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    frequencies : list of float
+        Frequencies in Hz.
+    amplitudes : list of float or float, default 1.0
+        Amplitudes in the unit of the input.
+    driven : str, optional
+        An input of the diagram, or a Sine block in it. By default the only input.
+    output : str, optional
+        A signal. By default the only output of the diagram.
+    bias : float, optional
+        Mean of the sine. By default zero for an input, and the offset of a Sine block.
+    inputs : dict of str to float, optional
+        The other inputs, constant.
+    settle : int, default 4
+        Periods that are left out. Where the response still changes from period to period, more are left out, up to
+        1024; where it changes even then it is NaN, with a SettlingWarning.
+    periods : int, default 2
+        Periods of which the harmonics are taken.
+    samples : int, default 200
+        Steps of a period, at least.
+    harmonics : int, default 5
+        Highest harmonic.
+    step : float, default 1e-3
+        Longest step in s.
+    method : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    threads : int, optional
+        Number of threads. By default one for each processor.
+    backend : {"", "llvm", "casadi"}
+        As for ``simulate``.
+
+    Returns
+    -------
+    FrequencyResponse
+        Gain, phase and harmonics. Outputs of sampled blocks count as held; where such jumps are delayed or added to a
+        continuous signal, the phase is known to half a step.
+
+    Raises
+    ------
+    RunError
+        For what is no input or output, and where the period of a sampled block is no multiple of the step.
+
+    Warns
+    -----
+    SettlingWarning
+        Where a response does not become periodic.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> from tsmblocks.analysis import frequency_response
+    >>> from tsmblocks.blocks import FirstOrderLag
+    >>> lag = tsm.Diagram(
+    ...     blocks={"lag": FirstOrderLag(time_constant=0.1)}, wires=[], inputs={"u": "lag.u"}, outputs={"y": "lag.y"}
+    ... )
+    >>> response = frequency_response(lag, [1.0])
+    >>> print(f"{response.gain[0, 0]:.3f}, {response.phase[0, 0]:.1f} deg")
+    0.847, -32.1 deg
     """
     diagram = as_diagram(diagram)
     tuned, source = _driven(diagram, driven, None if bias is None else as_number("bias", bias))
@@ -169,15 +271,15 @@ def frequency_response(
             options = RunOptions(stop, 1.0 / (one * n), 0.0, method, constant, "zero", backend=backend)
             batch = batch_of(tuned, sets, options, kept)
             found = batch.results(0, batch.count, _Harmonics(f"{source}.y", shown, n, count, most, held), threads)
-            settled = ~(found["change"] > SETTLED)
+            settled = ~(found["change"] > PERIODICITY_TOLERANCE)
             done = waiting[settled]
             response[done, k] = found["response"][settled]
             for m in range(2, most + 1):
                 over[done, k, m - 2] = found[f"harmonic {m}"][settled]
             waiting, left_out = waiting[~settled], 4 * max(left_out, 1)
-            if left_out > LONGEST or n * (left_out + count) > MOST_STEPS:
+            if left_out > MOST_SETTLING_PERIODS or n * (left_out + count) > MOST_STEPS:
                 break
-    name, unit = driven or (next(iter(diagram.inputs)) if source == TONE else source), tuned.unit(f"{source}.y")
+    name, unit = driven or (next(iter(diagram.inputs)) if source == SOURCE_NAME else source), tuned.unit(f"{source}.y")
     _warn_of_unsettled(shown, f, a, np.isnan(response), unit)
     return FrequencyResponse(diagram.title, name, shown, f, a, response, over, unit)
 
@@ -189,7 +291,7 @@ def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarr
     points = [f"{factor * a[i]:.3g} {label}".rstrip() + f" at {f[k]:.3g} Hz" for i, k in np.argwhere(where)]
     warnings.warn(
         f"the answer of '{shown}' to {len(points)} of {where.size} sines never becomes periodic: {listed(points, 3)}. "
-        "It is NaN there. A loop that hunts at a frequency of its own does that, and a signal that drifts; "
+        "It is NaN there. A limit cycle does that, and a signal that drifts; "
         "tsm.simulate shows which.",
         SettlingWarning,
         stacklevel=3,
@@ -198,7 +300,7 @@ def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarr
 
 @attrs.frozen
 class _Harmonics:
-    """Takes the last periods of runs apart: ``n`` steps each, ``count`` of them."""
+    """Harmonics of the last ``count`` periods of runs, ``n`` steps each."""
 
     driven: str
     shown: str
@@ -206,7 +308,7 @@ class _Harmonics:
     count: int
     most: int
     held: bool = False
-    """Whether the output is that of samples: it stands still over a step, and is taken apart as such."""
+    """Whether the output is that of sampled blocks, constant over a step."""
 
     def __call__(self, t: np.ndarray, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         x, y = (signals[name][-self.n * self.count - 1 : -1] for name in (self.driven, self.shown))
@@ -216,11 +318,11 @@ class _Harmonics:
             into, out = turns[:1] @ x, turns @ y
             if self.held:
                 angles = 2j * np.pi * np.arange(1, self.most + 1) / self.n
-                out = out * ((1.0 - np.exp(-angles)) / angles)[:, None]  # the integral over a step, not its begin
-            size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), STILL * np.abs(x).max(axis=0))
+                out = out * ((1.0 - np.exp(-angles)) / angles)[:, None]  # the integral over a step, not its first value
+            size = np.maximum(np.abs(last - last.mean(axis=0)).max(axis=0), NO_MOTION * np.abs(x).max(axis=0))
             change = np.abs(last - before).max(axis=0) / size if len(before) == len(last) else np.inf * size
             reach = np.maximum(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
-            still = np.abs(y - y.mean(axis=0)).max(axis=0) <= STILL * reach
+            still = np.abs(y - y.mean(axis=0)).max(axis=0) <= NO_MOTION * reach
             made = {"response": np.where(still, 0.0, out[0] / into[0]), "change": np.where(still, 0.0, change)}
             return made | {
                 f"harmonic {m}": np.where(still, np.nan, np.abs(out[m - 1] / out[0])) for m in range(2, self.most + 1)
@@ -228,7 +330,7 @@ class _Harmonics:
 
 
 def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Diagram, str]:
-    """The diagram with a sine that can be tuned, and the sine's name."""
+    """The diagram with a Sine block of variable amplitude and frequency, and the name of that block."""
     tones = [k for k, b in diagram.blocks.items() if isinstance(b, Sine)]
     known = [*diagram.inputs, *tones]
     if name is None:
@@ -239,11 +341,13 @@ def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Dia
         ports = diagram.inputs[name].ports
         others = {k: v for k, v in diagram.inputs.items() if k != name}
         tone = Sine(unit=diagram.inports[name].unit or "", offset=bias or 0.0)
-        if TONE in diagram.blocks:
-            raise RunError(f"'{diagram.title}' has a block '{TONE}', which is the name of the source put in here.")
+        if SOURCE_NAME in diagram.blocks:
+            raise RunError(
+                f"'{diagram.title}' has a block '{SOURCE_NAME}', which is the name of the source added here."
+            )
         return diagram.rewire(
-            blocks={**diagram.blocks, TONE: tone}, inputs=others, add=[f"{TONE} -> {', '.join(ports)}"]
-        ), TONE
+            blocks={**diagram.blocks, SOURCE_NAME: tone}, inputs=others, add=[f"{SOURCE_NAME} -> {', '.join(ports)}"]
+        ), SOURCE_NAME
     if name not in tones:
         raise RunError(f"'{diagram.title}' has no input and no Sine block '{name}'.{near(name, known)}")
     return diagram if bias is None else diagram.with_parameters({f"{name}.offset": bias}), name
@@ -256,7 +360,7 @@ def _is_held(eq: Equations, name: str) -> bool:
         return False
     given = dict(zip(("t", "x", "d", "u", "q", "p"), eq.rhs.sx_in(), strict=True))
     made = eq.rhs.call(list(given.values()))[1][eq.y.index(signal)]
-    others = [given["d"][k] for k, name in enumerate(eq.d) if not name.endswith(HELD)]
+    others = [given["d"][k] for k, name in enumerate(eq.d) if not name.endswith(HELD_SUFFIX)]
     moving = ca.vertcat(*(given[k] for k in ("t", "x", "u", "q")), *others)
     return bool(ca.depends_on(made, given["d"]) and not ca.depends_on(made, moving))
 

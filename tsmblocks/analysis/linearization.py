@@ -1,4 +1,4 @@
-"""Linear models of diagrams, as python-control state spaces with names kept; loops opened where one says."""
+"""Linear models of diagrams as python-control state spaces, and loops opened at a wire."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.analysis.discrete_time import model
-from tsmblocks.analysis.operating_point import Point, Still, called, point_of, still
+from tsmblocks.analysis.discrete_time import sampled_model
+from tsmblocks.analysis.operating_point import LocalEquations, Point, evaluated, local_equations, point_at
 from tsmblocks.blocks import Encoder, Gain, Quantiser
 from tsmblocks.common.arguments import as_integer, as_number
 from tsmblocks.common.errors import RunError, in_words, near
@@ -21,10 +21,10 @@ from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Fault, Link, parse, resolve, sentence
 from tsmblocks.simulation.arguments import as_diagram
 
-CUT, BACK = "cut", "back"
-"""Names of the input and of the output of an opened loop."""
-IMPROPER = 1e-12
-"""Direct effect of an input's slope on an output, as a share of the largest number, that counts as none."""
+CUT_INPUT, CUT_OUTPUT = "cut", "back"
+"""Names of the input and the output of an opened loop."""
+NO_DIRECT_EFFECT = 1e-12
+"""Direct effect of an input's derivative on an output, as a share of the largest entry, that is rounding. Chosen."""
 
 
 def linearize(
@@ -36,35 +36,61 @@ def linearize(
     t: float = 0.0,
     pade: int | None = None,
 ) -> Any:
-    r"""A linear model around a point: a ``control.StateSpace`` with the names of states, inputs and outputs.
-
-    (``tsm.zeta`` becomes ``tsm_zeta``: there are no dots in names of python-control.)
+    r"""A linear model around a point, with the names of states, inputs and outputs kept.
 
     .. math:: \dot x = A x + B u, \qquad y = C x + D u
 
-    in deviations from the point ``at`` (of ``trim``); without one, from the start values with inputs at zero, at time
-    ``t`` [s]. ``inputs`` are inputs of the diagram (all of them), ``outputs`` any of its signals (all its outputs).
-    Exact derivatives; at a kink (friction, hysteresis, a limit reached) the mean of both sides. An Encoder and a
-    Quantiser, whose slope is 0 between their jumps, count as a gain of 1. Dead times become
-    Padé approximations of order ``pade``.
+    in deviations from the point. Derivatives are exact; at a kink (friction, hysteresis, a limit) they are the mean of
+    both sides. An Encoder and a Quantiser, whose derivative is zero between their jumps, count as a gain of 1. With
+    sampled blocks the model is in discrete time, exact over the period ``dt`` after which all samples coincide; inputs
+    are held over it, and states are those just before a sample.
 
-    With sampled blocks it is a model in discrete time, exact from one instant at which all of them act to the next,
-    ``dt`` being the time between; inputs are held over it, and ``states`` are those before the samples act.
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    inputs : list of str, optional
+        Inputs of the diagram. By default all of them.
+    outputs : list of str, optional
+        Signals of the diagram. By default its outputs.
+    at : Point, optional
+        An operating point, from ``trim``. By default the initial states with inputs at zero.
+    t : float, default 0.0
+        Time in s, where ``at`` is not given.
+    pade : int, optional
+        Order of the Padé approximations of transport delays; needed where there are any.
 
-    Raises RunError for blocks that remember from step to step (a backlash), for dead times without ``pade`` or beside
-    samples, and for outputs that follow the slope of an input at once.
+    Returns
+    -------
+    control.StateSpace
+        The model; a dot in a name becomes an underscore (``tsm_zeta``).
+
+    Raises
+    ------
+    RunError
+        For memory from step to step (a backlash), for delays without ``pade`` or beside sampled blocks, for outputs
+        that depend directly on the derivative of an input, and for unknown names.
+    DataError
+        For inputs of the point that are not suitable.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> model = tsm.linearize(tsm.load("motor_linear"))
+    >>> model.state_labels, model.poles().real.round(3).tolist()
+    (['motor_angle', 'motor_speed'], [0.0, -50.0])
     """
     import control
 
-    diagram = _unrounded(as_diagram(diagram))
+    diagram = _without_rounding(as_diagram(diagram))
     if at is not None and not isinstance(at, Point):
-        raise RunError(f"at is a point that trim has found, got {in_words(at)}.")
-    here = still(
+        raise RunError(f"at must be a point that trim returned, got {in_words(at)}.")
+    here = local_equations(
         diagram, at.inputs if at is not None else {}, at.t if at is not None else as_number("t", t), sampled=True
     )
     if not here.inputs:
         raise RunError(
-            f"diagram '{here.eq.title}' has no input for a linear model to begin at: give it one, or open "
+            f"diagram '{here.eq.title}' has no input for a linear model: add one, or open "
             "a loop (analysis.opened, analysis.loop_gain)."
         )
     names = _chosen(here, inputs, list(here.inputs), "input")
@@ -76,7 +102,7 @@ def linearize(
             raise RunError(f"the point is one of '{at.title}': it has no '{missing[0]}', as '{here.eq.title}' has.")
         x = np.array([at.states[k] for k in here.eq.x])
     if here.eq.periods:
-        made = model(here, x, names, shown).without_idle()
+        made = sampled_model(here, x, names, shown).without_idle()
         return control.ss(
             made.A,
             made.B,
@@ -95,56 +121,85 @@ def linearize(
 
 
 def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: int | None = None) -> Any:
-    r"""The gain around a loop opened at a wire, :math:`L`, for margins: a ``control.StateSpace`` with one input.
+    """The transfer of a loop opened at a wire, :math:`L`, for stability margins.
 
-    ``at`` is a wire (``"controller -> drive"``) or a signal (``"drive.y"``, all its wires). The sign is that of
-    negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its margins. Its input
-    ``cut`` is what goes over the wire, its output ``back`` what comes back, the sign turned; states that are not on
-    that way are left out. ``point`` is one of the closed loop (by default its start values); at a kink there (friction
-    at rest, an edge of a limit) the mean of both sides is taken: set to zero what the margins are not to hold for.
-    A loop with sampled blocks is opened where it enters or leaves the slowest one, and has a gain in discrete time.
-    Raises RunError where no loop goes that way; other arguments and errors as for ``linearize``.
+    The sign is that of negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its
+    margins. At a kink the mean of both sides is taken: set to zero the parameters for which margins should not hold. A
+    loop with sampled blocks is opened where it enters or leaves the slowest one; its transfer is in discrete time.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The closed loop.
+    at : str
+        A wire (``"controller -> drive"``) or a signal (``"drive.y"``, all its wires).
+    point : Point, optional
+        An operating point of the closed loop. By default its initial states.
+    pade : int, optional
+        Order of the Padé approximations of transport delays; needed where there are any.
+
+    Returns
+    -------
+    control.StateSpace
+        From ``cut``, the signal on the wire, to ``back``, the returned signal with its sign changed; states that are
+        not on this path are left out.
+
+    Raises
+    ------
+    RunError
+        For a wire that is in no loop, and as for ``linearize``.
+
+    Examples
+    --------
+    >>> import control, tsmblocks as tsm
+    >>> from tsmblocks.analysis import loop_gain
+    >>> from tsmblocks.blocks import Gain, Integrator
+    >>> parts = {"integrator": Integrator(), "gain": Gain(gain=-2.0)}
+    >>> loop = tsm.Diagram(blocks=parts, wires=["integrator -> gain -> integrator"], outputs={"y": "integrator"})
+    >>> L = loop_gain(loop, "gain -> integrator")
+    >>> print(f"{control.margin(L)[1]:.1f} deg at {control.margin(L)[3]:.1f} rad/s")
+    90.0 deg at 2.0 rad/s
     """
     diagram = as_diagram(diagram)
-    cut = _unrounded(opened(diagram, at))
-    if not _comes_back(diagram, at):
-        raise RunError(f"at='{at}': nothing that goes this way comes back, so there is no loop to open.")
-    closed = _unrounded(diagram).rewire(outputs={**diagram.outputs, BACK: _source(diagram, at)})
-    there = still(
+    cut = _without_rounding(opened(diagram, at))
+    if not _is_loop(diagram, at):
+        raise RunError(f"at='{at}': this wire is in no loop, so there is nothing to open.")
+    closed = _without_rounding(diagram).rewire(outputs={**diagram.outputs, CUT_OUTPUT: _source(diagram, at)})
+    there = local_equations(
         closed, point.inputs if point is not None else {}, point.t if point is not None else 0.0, sampled=True
     )
     x = np.array([point.states[k] for k in there.eq.x]) if point is not None else there.x
-    whole_point = point_of(there, x, np.array([there.u[k] for k in there.places]))
-    inputs = {**whole_point.inputs, CUT: whole_point.signals[BACK]}
+    whole_point = point_at(there, x, np.array([there.u[k] for k in there.places]))
+    inputs = {**whole_point.inputs, CUT_INPUT: whole_point.signals[CUT_OUTPUT]}
     point = attrs.evolve(whole_point, inputs=inputs)
     if there.eq.periods:
-        _must_close(still(cut, inputs, point.t, sampled=True), there, x, at)
-    return _around(linearize(cut, inputs=[CUT], outputs=[BACK], at=point, pade=pade))
+        _check_closure(local_equations(cut, inputs, point.t, sampled=True), there, x, at)
+    return _loop_transfer(linearize(cut, inputs=[CUT_INPUT], outputs=[CUT_OUTPUT], at=point, pade=pade))
 
 
-def _must_close(cut: Still, closed: Still, x: np.ndarray, at: str) -> None:
-    """Raise RunError where samples make more of a loop than its cut, held from instant to instant, tells."""
-    made = model(cut, x, [CUT], [BACK])
-    if not made.closes_to(model(closed, x, [], [])):
+def _check_closure(cut: LocalEquations, closed: LocalEquations, x: np.ndarray, at: str) -> None:
+    """Raise RunError where the loop, closed over a signal held between samples, differs from the diagram's."""
+    made = sampled_model(cut, x, [CUT_INPUT], [CUT_OUTPUT])
+    if not made.closes_to(sampled_model(closed, x, [], [])):
         raise RunError(
-            f"at='{at}': what goes over this wire counts, and changes, between the instants at which all "
-            f"samples of '{closed.eq.title}' fall together ({made.dt:g} s apart). Open the loop where it "
+            f"at='{at}': the signal on this wire matters, and changes, between the instants at which all "
+            f"samples of '{closed.eq.title}' coincide ({made.dt:g} s apart). Open the loop where it "
             "enters or leaves the slowest sampled block."
         )
 
 
-def _unrounded(diagram: Diagram) -> Diagram:
-    """The diagram with a gain of 1, what rounding does in the mean, in the place of encoders and quantisers."""
+def _without_rounding(diagram: Diagram) -> Diagram:
+    """The diagram with encoders and quantisers replaced by a gain of 1, their mean effect."""
     for name, block in diagram.blocks.items():
         if isinstance(block, (Encoder, Quantiser)):
             diagram = diagram.replace(name, Gain(unit=block.outports["y"].unit.removeprefix("?u")))
-        elif isinstance(block, Diagram) and (inner := _unrounded(block)) is not block:
+        elif isinstance(block, Diagram) and (inner := _without_rounding(block)) is not block:
             diagram = diagram.replace(name, inner)
     return diagram
 
 
-def _around(system: Any) -> Any:
-    """What comes back, its sign turned, without states that inputs do not reach or outputs do not see."""
+def _loop_transfer(system: Any) -> Any:
+    """The returned signal with its sign changed, without uncontrollable or unobservable states."""
     import control
 
     A, B, C = (np.asarray(part) != 0 for part in (system.A, system.B, system.C))
@@ -153,7 +208,7 @@ def _around(system: Any) -> Any:
         reached, seen = reached | (A & reached[None, :]).any(axis=1), seen | (A & seen[:, None]).any(axis=0)
     kept = np.flatnonzero(reached & seen)
     labels = [system.state_labels[k] for k in kept]
-    turned = (0.0 - np.asarray(part) for part in (system.C[:, kept], system.D))  # no -0.0, which would be printed
+    turned = (0.0 - np.asarray(part) for part in (system.C[:, kept], system.D))  # avoids -0.0 in prints
     return control.ss(
         system.A[np.ix_(kept, kept)],
         system.B[kept],
@@ -166,21 +221,36 @@ def _around(system: Any) -> Any:
 
 
 def opened(diagram: Diagram, at: str) -> Diagram:
-    """The diagram with a loop cut: what went over the wire is the output ``back``; what listened hears input ``cut``.
+    """The diagram with a loop cut at a wire.
 
-    ``at`` as for ``loop_gain``. Raises RunError where there is no such wire.
+    Parameters
+    ----------
+    diagram : Diagram
+        The closed loop.
+    at : str
+        A wire or a signal, as for ``loop_gain``.
+
+    Returns
+    -------
+    Diagram
+        The signal on the wire is its output ``back``, and the former targets of the wire get its input ``cut``.
+
+    Raises
+    ------
+    RunError
+        Where there is no such wire, or an input ``cut`` or an output ``back`` already.
     """
     diagram = as_diagram(diagram)
     links = _links(diagram, at)
     source = ".".join(links[0].source)
-    for name, side in ((CUT, diagram.inputs), (BACK, diagram.outputs)):
+    for name, side in ((CUT_INPUT, diagram.inputs), (CUT_OUTPUT, diagram.outputs)):
         if name in side:
-            raise RunError(f"'{diagram.title}' has an {'input' if name == CUT else 'output'} '{name}' already.")
+            raise RunError(f"'{diagram.title}' has an {'input' if name == CUT_INPUT else 'output'} '{name}' already.")
     ports = [".".join(link.target) for link in links]
     return diagram.rewire(
         cut=[f"{source} -> {port}" for port in ports],
-        inputs={**diagram.inputs, CUT: Inlet(ports, diagram.unit(source))},
-        outputs={**diagram.outputs, BACK: source},
+        inputs={**diagram.inputs, CUT_INPUT: Inlet(ports, diagram.unit(source))},
+        outputs={**diagram.outputs, CUT_OUTPUT: source},
     )
 
 
@@ -188,8 +258,8 @@ def _source(diagram: Diagram, at: str) -> str:
     return ".".join(_links(diagram, at)[0].source)
 
 
-def _comes_back(diagram: Diagram, at: str) -> bool:
-    """Whether there is a way along the wires from where these lead to the block they come from."""
+def _is_loop(diagram: Diagram, at: str) -> bool:
+    """Whether a path along the wires leads from the targets of these back to their source."""
     links = _links(diagram, at)
     reached, fresh = set[str](), {link.target[0] for link in links}
     while fresh:
@@ -221,7 +291,7 @@ def _links(diagram: Diagram, at: str) -> list[Link]:
 
 
 def _chosen(
-    here: Still, asked: Sequence[str] | None, known: list[str], what: str, usual: list[str] | None = None
+    here: LocalEquations, asked: Sequence[str] | None, known: list[str], what: str, usual: list[str] | None = None
 ) -> list[str]:
     if isinstance(asked, str):
         asked = [asked]
@@ -231,29 +301,29 @@ def _chosen(
             raise RunError(f"diagram '{here.eq.title}' has no {what} '{name}'.{near(name, known)}")
     if not chosen:
         argument = "inputs" if what == "input" else "outputs"
-        raise RunError(f"no {what} of diagram '{here.eq.title}' is asked for: say {argument}=[…].{near('', known)}")
+        raise RunError(f"no {what} of diagram '{here.eq.title}' is chosen: give {argument}=[…].{near('', known)}")
     return chosen
 
 
-def _jacobians(here: Still, x: np.ndarray, shown: Sequence[str]) -> dict[tuple[str, str], np.ndarray]:
-    """Derivatives of rates, signals and what is delayed by states ``x``, samples ``u`` and delayed values ``w``."""
+def _jacobians(here: LocalEquations, x: np.ndarray, shown: Sequence[str]) -> dict[tuple[str, str], np.ndarray]:
+    """Derivatives of rates, signals and delay inputs by states ``x``, samples ``u`` and delay outputs ``w``."""
     eq = here.eq
-    slopes, late = _slopes(eq, tuple(eq.aliases.get(name, name) for name in shown))
+    slopes, late = _jacobian_functions(eq, tuple(eq.aliases.get(name, name) for name in shown))
     u, w = np.asarray(here.u, dtype=float), np.zeros(len(eq.q))
     for _ in range(len(eq.q)):
         w = np.asarray(late(x, u, w, here.t, here.p)).ravel()
     *made, moved = (np.asarray(J, dtype=float) for J in slopes(x, u, w, here.t, here.p))
     if np.abs(moved).max(initial=0.0) > 1e-9:
         raise RunError(
-            f"'{eq.title}' follows the slope of a delayed signal, which no state space holds. Put a lag "
+            f"'{eq.title}' depends on the derivative of a delayed signal, which no state space holds. Put a lag "
             "behind the delay."
         )
     found = dict(zip(_KEYS, made, strict=True))
     rows = {"dx": [f"the rate of {name}" for name in eq.x], "y": list(shown), "s": [f"what {q} delays" for q in eq.q]}
     bad = [rows[a][k] for (a, _), J in found.items() for k in np.flatnonzero(~np.isfinite(J).all(axis=1))]
     if bad:
-        said = ", ".join(list(dict.fromkeys(bad))[:3])
-        raise RunError(f"the slopes of '{eq.title}' are not finite here: {said}.")
+        listed = ", ".join(list(dict.fromkeys(bad))[:3])
+        raise RunError(f"the derivatives of '{eq.title}' are not finite here: {listed}.")
     return found
 
 
@@ -261,14 +331,14 @@ _KEYS = [(a, b) for a in ("dx", "y", "s") for b in ("x", "u", "w")]
 
 
 @lru_cache(maxsize=64)
-def _slopes(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, Any]:
-    """The derivatives, and what is delayed, as functions of (x, u, w, t, p): kept, since making them takes longest.
+def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, Any]:
+    """The derivatives, and the delay inputs, as functions of (x, u, w, t, p): cached, since making them takes longest.
 
-    The last of the derivatives is that of everything by the slopes of what is delayed.
+    The last derivative is that of everything by the time derivatives of the delay outputs.
     """
     xs, us, ws = ca.SX.sym("x", len(eq.x)), ca.SX.sym("u", len(eq.u)), ca.SX.sym("w", len(eq.q))
     t, p, moves = ca.SX.sym("t"), ca.SX.sym("p", len(eq.p)), ca.SX.sym("moves", len(eq.q))
-    dx, y, s = called(eq, xs, us, ws, t, p, moves)
+    dx, y, s = evaluated(eq, xs, us, ws, t, p, moves)
     rows = {"dx": dx, "y": ca.vertcat(*(y[eq.y.index(name)] for name in signals)), "s": s}
     by = {"x": xs, "u": us, "w": ws}
     given = [xs, us, ws, t, p]
@@ -280,10 +350,11 @@ def _slopes(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, Any]:
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def _proper(here: Still, J: dict[tuple[str, str], np.ndarray], names: Sequence[str]) -> Matrices:
+def _proper(here: LocalEquations, J: dict[tuple[str, str], np.ndarray], names: Sequence[str]) -> Matrices:
     r"""State space with inputs ``names``, then delayed signals; outputs the signals, then what is delayed.
 
-    Where a rate follows the slope of an input, :math:`x' = A x + B u + E u'`, the state :math:`x - E u` is used.
+    Where a rate depends on the derivative of an input, :math:`x' = A x + B u + E u'`, the state :math:`x - E u` is
+    used.
     """
     eq = here.eq
     place = {
@@ -294,15 +365,15 @@ def _proper(here: Still, J: dict[tuple[str, str], np.ndarray], names: Sequence[s
     direct = np.vstack([J["y", "u"], J["s", "u"]])
     B = np.hstack([J["dx", "u"][:, own], J["dx", "w"]])
     D = np.hstack([direct[:, own], np.vstack([J["y", "w"], J["s", "w"]])])
-    none = IMPROPER * max(1.0, float(np.abs(direct).max(initial=0.0)))
+    none = NO_DIRECT_EFFECT * max(1.0, float(np.abs(direct).max(initial=0.0)))
     for k, name in enumerate(names):
         slope = place.get((name, 1))
         if slope is None:
             continue
         if np.abs(direct[:, slope]).max(initial=0.0) > none or (name, 2) in place:
             raise RunError(
-                f"a signal of '{eq.title}' follows the slope of its input '{name}' at once, so there is no "
-                "state space from there. Put a lag on the input, or ask for other outputs."
+                f"a signal of '{eq.title}' depends on the derivative of its input '{name}' at once, so there is no "
+                "state space from there. Put a lag on the input, or choose other outputs."
             )
         E = J["dx", "u"][:, slope]
         B[:, k] += A @ E
@@ -310,17 +381,17 @@ def _proper(here: Still, J: dict[tuple[str, str], np.ndarray], names: Sequence[s
     return A, B, rows, D
 
 
-def _with_delays(here: Still, system: Matrices, pade: int | None) -> Matrices:
-    """The system closed over its delays, each a Padé approximation."""
+def _with_delays(here: LocalEquations, system: Matrices, pade: int | None) -> Matrices:
+    """The system closed over its delays, each as a Padé approximation."""
     import control
 
     eq = here.eq
     lags = np.asarray(eq.lag(here.p), dtype=float).ravel()
     if pade is None:
-        said = ", ".join(f"{v:g} s" for v in lags)
+        listed = ", ".join(f"{v:g} s" for v in lags)
         raise RunError(
-            f"'{eq.title}' has dead times ({said}), which no state space holds. "
-            "Say pade=3 for an approximation of third order."
+            f"'{eq.title}' has dead times ({listed}), which no state space holds. "
+            "Give pade=3 for an approximation of third order."
         )
     order = as_integer("pade", pade, 1)
     parts = [
@@ -345,12 +416,12 @@ def _with_delays(here: Still, system: Matrices, pade: int | None) -> Matrices:
     )
 
 
-def _states(here: Still, A: np.ndarray) -> list[str]:
-    """Names of the states; those of Padé approximations come last."""
+def _states(here: LocalEquations, A: np.ndarray) -> list[str]:
+    """Names of the states, those of Padé approximations last."""
     names = list(here.eq.x)
     return _labels([*names, *(f"pade_{k}" for k in range(len(A) - len(names)))])
 
 
 def _labels(names: Sequence[str]) -> list[str]:
-    """Names as python-control takes them: without dots, no two alike."""
+    """Names as python-control takes them: without dots, all different."""
     return unlike(name.replace(".", "_") for name in names)

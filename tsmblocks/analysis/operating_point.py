@@ -1,4 +1,4 @@
-"""Operating points: where a diagram stands still, found or taken as given."""
+"""Operating points: equilibria of a diagram, searched or given."""
 
 from __future__ import annotations
 
@@ -17,21 +17,38 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
-TOLERANCE = 1e-9
-"""Largest rate of a state, or distance of an output from what is wanted, that is none: a share of its terms ..."""
-NOTHING = 1e-12
-"""... or so much."""
-LONG = 1e6
-"""Instants that a delayed signal has been kept for, where it has stood still for long."""
-MOMENT = 1e-3
-"""Time [s] over which sources are asked for, of which only the first instant is used."""
+RATE_TOLERANCE = 1e-9
+"""Rate of a state, or residual of an output, that counts as zero: a share of the size of its terms ... Chosen."""
+ABSOLUTE_TOLERANCE = 1e-12
+"""... plus this much. Chosen: for terms of size zero."""
+REST_INSTANTS = 1e6
+"""Instants of the past of a delayed signal that has been constant. Chosen: longer than any delay reads."""
+SOURCE_SPAN = 1e-3
+"""Time [s] over which sources are evaluated; only the first instant is used."""
 
 
 @attrs.frozen(eq=False)
 class Point:
-    """A diagram at one instant: states, inputs and signals by name, with ``units``; ``rates`` are those of the states.
+    """A diagram at one instant; ``point["motor.angle"]`` is a state, input or signal.
 
-    ``states`` starts a run there: ``simulate(diagram, initial=point.states)``.
+    ``simulate(diagram, initial=point.states)`` starts a run there.
+
+    Parameters
+    ----------
+    title : str
+        Title of the diagram.
+    t : float
+        Time in s.
+    states : dict of str to float
+        States by name.
+    inputs : dict of str to float
+        Inputs of the diagram by name.
+    signals : dict of str to float
+        All signals by name, outputs of the diagram included.
+    rates : dict of str to float
+        Time derivatives of the states, per s.
+    units : dict of str to str, optional
+        Unit labels of signals.
     """
 
     title: str
@@ -55,16 +72,16 @@ class Point:
     def __str__(self) -> str:
         from tsmblocks.common.tables import columns
 
-        def told(side: Mapping[str, float]) -> list[tuple[str, str, str]]:
+        def listed(side: Mapping[str, float]) -> list[tuple[str, str, str]]:
             return [(k, f"{v:.6g}", self.units.get(k, "")) for k, v in side.items()]
 
-        rows = [("state", "value", "unit"), *told(self.states), ("input", "", ""), *told(self.inputs)]
+        rows = [("state", "value", "unit"), *listed(self.states), ("input", "", ""), *listed(self.inputs)]
         return f"{self.title} at t = {self.t:g} s\n{columns(rows, left=(0, 2))}"
 
 
 @attrs.frozen(eq=False)
-class Still:
-    """The equations of a diagram in continuous time at an instant: what ``trim`` and ``linearize`` look at.
+class LocalEquations:
+    """The equations of a diagram at one instant, as ``trim`` and ``linearize`` use them.
 
     ``f(x, u)`` gives ``(dx, y)``, ``u`` being the diagram's inputs alone; their slopes are zero and all sources are
     as they are at ``t``.
@@ -77,11 +94,11 @@ class Still:
     x: np.ndarray
     inputs: tuple[str, ...]
     d: np.ndarray
-    """Memory and held outputs as the first samples leave them; empty in continuous time."""
+    """Memory and held outputs after the first samples; empty in continuous time."""
 
     @property
     def places(self) -> list[int]:
-        """Where the inputs stand among the sampled inputs of the equations."""
+        """Positions of the diagram's inputs among the sampled inputs of the equations."""
         names = [feed.name if not feed.block and not feed.order else "" for feed in self.eq.u]
         return [names.index(name) for name in self.inputs]
 
@@ -92,23 +109,23 @@ class Still:
             made[place] = u[k]
         return ca.vertcat(*made) if made else ca.SX(0, 1)
 
-    def called(self, x: Any, u: Any, late: Any = None) -> list[Any]:
-        """``(dx, y, s)`` of the equations. ``late`` are the delayed signals' values, zero unless given."""
+    def evaluated(self, x: Any, u: Any, late: Any = None) -> list[Any]:
+        """``(dx, y, s)`` of the equations. ``late`` are the outputs of delays, zero unless given."""
         late = ca.SX.zeros(len(self.eq.q)) if late is None else late
-        return called(self.eq, x, u, late, self.t, self.p, d=ca.SX(ca.DM(self.d)))
+        return evaluated(self.eq, x, u, late, self.t, self.p, d=ca.SX(ca.DM(self.d)))
 
 
-def called(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any = None, d: Any = None) -> list[Any]:
-    """``(dx, y, s)`` of equations in continuous time, whose delayed signals were ``late`` and have moved by ``slopes``.
+def evaluated(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any = None, d: Any = None) -> list[Any]:
+    """``(dx, y, s)`` of the equations with delay outputs ``late`` and their time derivatives ``slopes``.
 
-    What is kept of a delayed signal are values at four instants around the one that is read.
+    The past of a delayed signal is its values at four instants around the one that is read.
     """
     lags = eq.lag.call([p])[0] if eq.q else ca.SX(0, 1)
     held = []
     for k in range(len(eq.q)):
         away = [float(i) - 0.5 * (DELAY_SAMPLES - 1) for i in range(DELAY_SAMPLES)]
         values = [late[k] + (slopes[k] * a if slopes is not None else 0.0) for a in away]
-        held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, LONG))
+        held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, REST_INSTANTS))
     found: list[Any] = eq.rhs.call(
         [t, x, ca.SX(0, 1) if d is None else d, u, ca.vertcat(*held) if held else ca.SX(0, 1), p]
     )
@@ -120,18 +137,22 @@ def _without(name: str) -> str:
     return f"diagram.remove('{name}')" if not outer else f"diagram.replace('{outer}', …) by one without '{inner}'"
 
 
-def settled(eq: Equations, t: float, x: np.ndarray, d: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Memory ``d`` with the outputs that sampled blocks hold after a sample."""
+def with_held_outputs(
+    eq: Equations, t: float, x: np.ndarray, d: np.ndarray, u: np.ndarray, p: np.ndarray
+) -> np.ndarray:
+    """Memory ``d`` with the held outputs of sampled blocks updated by a sample."""
     if not eq.periods or eq.q:
         return d
     fresh = np.asarray(eq.update(t, x, d, u, ca.DM(0, 1), p, np.ones(len(eq.periods)))[0], dtype=float).ravel()
     return np.where([name.endswith(" (held)") for name in eq.d], fresh, d)
 
 
-def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: bool = False) -> Still:
+def local_equations(
+    diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: bool = False
+) -> LocalEquations:
     """The equations at an instant. Raises RunError for blocks that act at instants of their own.
 
-    With ``sampled`` those may be sampled blocks, but none that remember from step to step.
+    With ``sampled``, sampled blocks are accepted, but not memory from step to step.
     """
     eq = equations(diagram)
     if (eq.periods or eq.d) and not (sampled and eq.periods and not eq.every_step):
@@ -139,7 +160,7 @@ def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: b
         names = [name for name in owners if not sampled or name not in eq.sampled]
         names = (list(eq.sampled) if not sampled else []) or names
         one = len(names) == 1
-        lack = "there is no linear model in continuous time" if sampled else "rates do not tell where it stands still"
+        lack = "there is no linear model in continuous time" if sampled else "its rates do not determine an equilibrium"
         raise RunError(
             f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
             f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
@@ -150,7 +171,7 @@ def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: b
     wanted = tuple(feed.name for feed in eq.u if not feed.block and not feed.order)
     values = {name: inputs.get(name, 0.0) for name in wanted}
     signals = gather_signals(
-        eq, {**{k: v for k, v in inputs.items() if k not in values}, **values}, np.array([t, t + MOMENT]), "zero"
+        eq, {**{k: v for k, v in inputs.items() if k not in values}, **values}, np.array([t, t + SOURCE_SPAN]), "zero"
     )
     u = np.array(
         [
@@ -159,12 +180,12 @@ def still(diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: b
         ]
     )
     x, d = (np.asarray(part, dtype=float).ravel() for part in eq.start(p)[:2])
-    return Still(eq, t, p, u, x, wanted, settled(eq, t, x, d, u, p))
+    return LocalEquations(eq, t, p, u, x, wanted, with_held_outputs(eq, t, x, d, u, p))
 
 
-def point_of(here: Still, x: np.ndarray, u: np.ndarray) -> Point:
+def point_at(here: LocalEquations, x: np.ndarray, u: np.ndarray) -> Point:
     """A point from the values of states and inputs."""
-    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _delayed(here, x, u)[:2])
+    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _at_rest(here, x, u)[:2])
     eq = here.eq
     signals = dict(zip(eq.y, y.tolist(), strict=True))
     signals |= {name: signals[signal] for name, signal in eq.aliases.items()}
@@ -179,18 +200,18 @@ def point_of(here: Still, x: np.ndarray, u: np.ndarray) -> Point:
     )
 
 
-def _delayed(here: Still, x: Any, u: Any) -> list[Any]:
-    """The equations where everything has stood still for long: what is delayed is what it is now."""
+def _at_rest(here: LocalEquations, x: Any, u: Any) -> list[Any]:
+    """The equations at rest: the outputs of delays are their inputs."""
     full = here.full(u)
     if not here.eq.q:
-        return here.called(x, full)
+        return here.evaluated(x, full)
     w = ca.SX.sym("w", len(here.eq.q))
-    s = here.called(x, full, w)[2]
+    s = here.evaluated(x, full, w)[2]
     for _ in range(len(here.eq.q)):  # a delayed signal may be made of another
         s = ca.substitute(s, w, s) if ca.depends_on(s, w) else s
     if ca.depends_on(s, w):
-        raise RunError(f"'{here.eq.title}' has a loop through delays alone, whose resting value is not known.")
-    return here.called(x, full, s)
+        raise RunError(f"'{here.eq.title}' has a loop through delays alone, whose equilibrium is not determined.")
+    return here.evaluated(x, full, s)
 
 
 def trim(
@@ -201,43 +222,79 @@ def trim(
     start: Mapping[str, float] | None = None,
     t: float = 0.0,
 ) -> Point:
-    """Find where a diagram stands still: no state changes, and signals have the values asked for.
+    """Find an equilibrium: a point at which no state changes and outputs have given values.
 
-    ``inputs`` are held at their values; those left out are found so that ``outputs`` (any signals) have theirs, or
-    are zero where no output is asked for. ``start`` are values of states and inputs to begin at. Sources stand as they
-    are at ``t`` [s]. Where many points will do (hysteresis at rest, an integrator in front of a still motor) it is the
-    one nearest to the start. Raises RunError where there is none, naming the state that does not stand still.
+    Where there are many (hysteresis at rest, an integrator before a motor at rest) it is the one nearest to the start.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    inputs : dict of str to float, optional
+        Inputs that are held at a value, in their unit. The others are determined by ``outputs``, or zero without them.
+    outputs : dict of str to float, optional
+        Signals and the values they should have, in their unit.
+    start : dict of str to float, optional
+        States and free inputs at which the search starts. By default the initial states, and zero.
+    t : float, default 0.0
+        Time in s at which sources are evaluated.
+
+    Returns
+    -------
+    Point
+        The operating point.
+
+    Raises
+    ------
+    RunError
+        Where there is no equilibrium (the message names the state that still changes), for blocks that act at instants
+        of their own, and for unknown names.
+    DataError
+        For a value that is no finite number.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> from tsmblocks.blocks import FirstOrderLag
+    >>> lag = tsm.Diagram(
+    ...     blocks={"lag": FirstOrderLag(time_constant=0.1)}, wires=[], inputs={"u": "lag.u"}, outputs={"y": "lag.y"}
+    ... )
+    >>> point = tsm.trim(lag, outputs={"y": 2.0})
+    >>> round(point["u"], 9)
+    2.0
     """
     diagram, given = as_diagram(diagram), as_inputs(inputs)
     for name, values in (("outputs", outputs), ("start", start)):
         if values is not None and not isinstance(values, Mapping):
             raise RunError(f"{name} must map names to numbers, got {in_words(values)}.")
     wanted = dict(outputs or {})
-    here = still(diagram, {k: as_number(f"input '{k}'", v, DataError) for k, v in given.items()}, as_number("t", t))
+    here = local_equations(
+        diagram, {k: as_number(f"input '{k}'", v, DataError) for k, v in given.items()}, as_number("t", t)
+    )
     free = [name for name in here.inputs if name not in given] if wanted else []
-    begin = _begin(here, start or {}, free)
+    begin = _initial_guess(here, start or {}, free)
     residual, names, build = _conditions(here, wanted, free, begin)
-    z = _nearest(residual, np.concatenate(begin), len(names))
+    z = _nearest_root(residual, np.concatenate(begin), len(names))
     x, u = build(z)
     left, J = (np.asarray(part, dtype=float) for part in residual(z))
     left = np.abs(left.ravel())
-    size = TOLERANCE * (np.abs(J) @ np.abs(z)) + NOTHING  # of the terms that make up each row
+    size = RATE_TOLERANCE * (np.abs(J) @ np.abs(z)) + ABSOLUTE_TOLERANCE  # of the terms that make up each row
     worst = int(np.argmax(left / size)) if len(left) else 0
     if len(left) and not left[worst] <= size[worst]:
         raise RunError(
-            f"'{diagram.title}' does not stand still here: {names[worst]} stays {left[worst]:.3g} away. "
-            f"{_way_out(wanted, free)}"
+            f"'{diagram.title}' has no equilibrium here: {names[worst]} is {left[worst]:.3g} off. "
+            f"{_advice(wanted, free)}"
         )
-    return point_of(here, x, u)
+    return point_at(here, x, u)
 
 
-def _way_out(wanted: Mapping[str, float], free: list[str]) -> str:
+def _advice(wanted: Mapping[str, float], free: list[str]) -> str:
     if wanted and not free:
         return "No input is free to bring the outputs there: leave one out of inputs."
-    return "Begin elsewhere (start={…}), or look at an instant when nothing drives it (t=…)."
+    return "Start elsewhere (start={…}), or choose an instant when no source drives it (t=…)."
 
 
-def _begin(here: Still, start: Mapping[str, float], free: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def _initial_guess(here: LocalEquations, start: Mapping[str, float], free: list[str]) -> tuple[np.ndarray, np.ndarray]:
     known = [*here.eq.x, *free]
     for name, value in start.items():
         as_number(f"start: '{name}'", value, DataError)
@@ -248,14 +305,14 @@ def _begin(here: Still, start: Mapping[str, float], free: list[str]) -> tuple[np
 
 
 def _conditions(
-    here: Still, wanted: Mapping[str, float], free: list[str], begin: tuple[np.ndarray, np.ndarray]
+    here: LocalEquations, wanted: Mapping[str, float], free: list[str], begin: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Any, list[str], Any]:
-    """What is to be zero, as a function of states and free inputs, with its Jacobian; names; how to take them apart."""
+    """Residuals and their Jacobian as a function of states and free inputs; their names; a function to split these."""
     eq, count = here.eq, len(begin[0])
     z = ca.SX.sym("z", count + len(free))
     held = {name: here.u[place] for name, place in zip(here.inputs, here.places, strict=True)}
     u = [z[count + free.index(name)] if name in free else ca.SX(float(held[name])) for name in here.inputs]
-    dx, y = _delayed(here, z[:count], u)[:2]
+    dx, y = _at_rest(here, z[:count], u)[:2]
     rows, names = [dx], [f"the rate of {name}" for name in eq.x]
     for name, value in wanted.items():
         signal = eq.aliases.get(name, name)
@@ -269,11 +326,11 @@ def _conditions(
         found = [values[count + free.index(name)] if name in free else held[name] for name in here.inputs]
         return values[:count], np.array(found, dtype=float)
 
-    return ca.Function("still", [z], [zero, ca.jacobian(zero, z)]), names, build
+    return ca.Function("residual", [z], [zero, ca.jacobian(zero, z)]), names, build
 
 
-def _nearest(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
-    """The root nearest to where the search begins: least-norm steps, so that what is free to stand anywhere stays."""
+def _nearest_root(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
+    """The root nearest to the initial guess: Newton steps of least norm, which leave undetermined states unchanged."""
     from scipy.optimize import least_squares
 
     def error(v: np.ndarray) -> np.ndarray:
@@ -289,7 +346,7 @@ def _nearest(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
         r, J = error(z), slope(z)
         if not np.isfinite(r).all() or not np.isfinite(J).all():
             raise RunError(
-                f"the equations are not finite at {in_words(z.round(6).tolist())}. Begin elsewhere: start={{…}}."
+                f"the equations are not finite at {in_words(z.round(6).tolist())}. Start elsewhere: start={{…}}."
             )
         step = np.linalg.lstsq(J, -r, rcond=1e-12)[0]
         if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, float(np.abs(z).max())):
