@@ -459,7 +459,7 @@ REFUSED = {
         lambda: trim(pi_loop(), start={"g.vale": 1.0}),
         "start: there is no state or free input 'g.vale'. Did you mean 'g.value'?",
     ),
-    "held": (lambda: trim(pi_loop(), inputs={"r": 1.0}, outputs={"y": 2.0}), "'pi' does not stand still here"),
+    "held": (lambda: trim(pi_loop(), inputs={"r": 1.0}, outputs={"y": 2.0}), "'pi' has no equilibrium here"),
     "output": (lambda: trim(pi_loop(), outputs={"z": 2.0}), "diagram 'pi' has no signal 'z'."),
     "a word": (lambda: trim(pi_loop(), inputs={"r": "much"}), "input 'r' must be a finite number, got 'much'."),
     "frequencies": (lambda: frequency_response(pi_loop(), [0.0]), "frequencies must be positive numbers, got [0.0]."),
