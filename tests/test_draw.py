@@ -489,8 +489,8 @@ DIGEST = """
 import hashlib
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
-from tsmblocks.files.shipped import names
-print(hashlib.sha256("".join(to_svg(load(name)) for name in names()).encode()).hexdigest())
+from tsmblocks.files.shipped import shipped_names
+print(hashlib.sha256("".join(to_svg(load(name)) for name in shipped_names()).encode()).hexdigest())
 """
 
 
