@@ -31,18 +31,18 @@ from tsmblocks.blocks import (
 from tsmblocks.data.conditioning import all_conditioned, conditioned
 from tsmblocks.diagnosis.candidates import candidates, spectral_lines, wire_signals
 from tsmblocks.diagnosis.cross_validation import (
-    BLOCKS,
-    FEWEST,
-    FOLDS,
+    FOLD_COUNT,
+    MIN_BLOCK_SAMPLES,
+    TARGET_BLOCK_COUNT,
     TimeBlocks,
     held_out_residuals,
     projected_jacobian,
     time_blocks,
 )
 from tsmblocks.diagnosis.decision import (
-    ALIKE,
-    BEYOND,
+    INDISTINGUISHABLE_NOISE_SHARE,
     MIN_VARIANCE_REDUCTION,
+    OUT_OF_BOUNDS_MARGIN,
     FittedCandidate,
     decide,
     max_t_critical_value,
@@ -406,9 +406,9 @@ def test_blocks_cover_everything_once(plant):
     n = model.problem.samples
     assert len(part.block) == len(part.fold) == len(part.experiment) == n == 2 * len(T)
     assert part.sizes.sum() == n
-    assert part.sizes.min() >= FEWEST * 0.75
-    assert len(part.sizes) <= BLOCKS
-    assert set(part.fold) == set(range(min(FOLDS, len(part.sizes))))
+    assert part.sizes.min() >= MIN_BLOCK_SAMPLES * 0.75
+    assert len(part.sizes) <= TARGET_BLOCK_COUNT
+    assert set(part.fold) == set(range(min(FOLD_COUNT, len(part.sizes))))
     for block in range(len(part.sizes)):
         rows = np.flatnonzero(part.block == block)
         assert np.array_equal(rows, np.arange(rows[0], rows[-1] + 1))
@@ -454,7 +454,7 @@ def test_held_out_is_close_to_the_refit_of_the_paper_model():
             xtol=1e-10,
         )
         made[held] = model.problem.residuals(found.x)[held]
-    some = np.isin(np.arange(len(part.sizes)) % FOLDS, range(3))
+    some = np.isin(np.arange(len(part.sizes)) % FOLD_COUNT, range(3))
     assert got[some] == pytest.approx(part.losses(made)[some], rel=0.02)
 
 
@@ -582,7 +582,7 @@ def test_the_one_that_removes_most_is_named():
 
 def test_of_those_alike_the_simplest_is_named():
     part, base = even(60), 3.0 + NOISE[0]
-    best, simple = stand_in(1.0 + NOISE[1], 5), stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 3)
+    best, simple = stand_in(1.0 + NOISE[1], 5), stand_in(1.0 + NOISE[1] + 0.5 * INDISTINGUISHABLE_NOISE_SHARE, 3)
     far = stand_in(2.2 + NOISE[2], 2)
     verdict = decide(base, [far, best, simple], part, 1.0, 0)
     assert verdict.named is simple
@@ -634,13 +634,13 @@ def test_a_special_case_that_does_nearly_as_much_is_named(share, plain):
 def test_a_general_form_that_does_no_better_is_no_other_name():
     part, base = even(60), 3.0 + NOISE[0]
     general = stand_in(1.0 + NOISE[1], 5, name="memory", contains=("gap",))
-    special = stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 3, name="gap")
+    special = stand_in(1.0 + NOISE[1] + 0.5 * INDISTINGUISHABLE_NOISE_SHARE, 3, name="gap")
     assert decide(base, [general, special], part, 1.0, 0).indistinguishable == (special,)
 
 
 def test_start_values_make_no_effect_less_simple():
     part, base = even(60), 3.0 + NOISE[0]
-    best, started = stand_in(1.0 + NOISE[1], 3), stand_in(1.0 + NOISE[1] + 0.5 * ALIKE, 12)
+    best, started = stand_in(1.0 + NOISE[1], 3), stand_in(1.0 + NOISE[1] + 0.5 * INDISTINGUISHABLE_NOISE_SHARE, 12)
     started.model.is_local[2:] = True
     assert decide(base, [best, started], part, 1.0, 0).named is started
 
@@ -655,7 +655,7 @@ def test_what_ran_into_the_bound_of_its_name_is_not_named():
     """At its bound it would be another effect; then one that removes nearly as much is named, or none."""
     part, base = even(60), 3.0 + NOISE[0]
     out = stand_in(1.0 + NOISE[1], edge=0.0)
-    near, far = (stand_in(1.0 + NOISE[1] + share * BEYOND * 2.0) for share in (0.5, 1.5))
+    near, far = (stand_in(1.0 + NOISE[1] + share * OUT_OF_BOUNDS_MARGIN * 2.0) for share in (0.5, 1.5))
     assert (out.disqualifying_bounds, near.disqualifying_bounds) == (("p0",), ())
     verdict = decide(base, [out, near], part, 1.0, 0)
     assert verdict.named is near

@@ -15,7 +15,7 @@ from tsmblocks.diagnosis import script
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
 from tsmblocks.diagnosis.presentation import fitted_rms, output_traces
-from tsmblocks.diagnosis.script import MOST, diagram_source, literal, script_lines
+from tsmblocks.diagnosis.script import MAX_INLINE_EXPERIMENTS, diagram_source, literal, script_lines
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import PLACES
 from tsmblocks.fitting.text import cautions
@@ -118,7 +118,7 @@ def test_a_window_is_part_of_the_lines():
 
 
 def test_start_states_of_many_experiments_are_read_from_the_file(found, tmp_path, monkeypatch):
-    starts = {f"e{k}": found.start_states["full"] for k in range(MOST + 1)}
+    starts = {f"e{k}": found.start_states["full"] for k in range(MAX_INLINE_EXPERIMENTS + 1)}
     many = attrs.evolve(found, simulated=attrs.evolve(found.simulated, start_states=starts))
     many.save(tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -143,7 +143,7 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
     assert scored == pytest.approx(pieces, rel=1e-9)
     found.save(tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(script, "MOST", 3)
+    monkeypatch.setattr(script, "MAX_INLINE_EXPERIMENTS", 3)
     assert "pieces = told['simulated']['pieces']" in script_lines(found)
     assert run(script_lines(found), {"run": one})[1] == pytest.approx(pieces, rel=1e-9)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import tsmblocks as tsm
 from tsmblocks.blocks import DeadTime, Drift, Gain, GainDrift, Lag, Sine
 from tsmblocks.diagnosis.discrimination import (
-    SAMPLES,
+    EXPERIMENT_SAMPLES,
     candidate_motions,
     fisher_information,
     separating_experiment,
@@ -149,10 +149,10 @@ def test_what_nothing_moves_gets_the_words_of_the_effect():
 @settings(deadline=None)
 @given(low=st.floats(-1e3, 1e3), reach=st.floats(1e-6, 1e6), speed=st.floats(1e-3, 1e3), step=st.floats(1e-5, 10.0))
 def test_no_motion_is_larger_or_faster_than_what_was_recorded(low, reach, speed, step):
-    fastest = speed * reach / (SAMPLES * step)
+    fastest = speed * reach / (EXPERIMENT_SAMPLES * step)
     span = Span(low, low + 2 * reach, reach, fastest, fastest)
     for motion in candidate_motions(span, step, "rad"):
-        assert motion.values.shape == (SAMPLES,)
+        assert motion.values.shape == (EXPERIMENT_SAMPLES,)
         assert np.all(np.isfinite(motion.values))
         assert motion.values.min() >= low - 1e-9 * (abs(low) + reach)
         assert motion.values.max() <= low + 2 * reach + 1e-9 * (abs(low) + reach)

@@ -16,11 +16,11 @@ from tsmblocks.engine.inputs import ORDERS
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
-LINES = 6
+SPECTRAL_LINE_COUNT = 6
 """Frequencies handed to effects that have one of their own."""
 
 
-STILL = 1e-12
+REST_HALF_RANGE = 1e-12
 """Half range of a signal, in its unit, up to which it is at rest."""
 
 
@@ -149,7 +149,7 @@ def spectral_lines(model: Model) -> tuple[float, ...]:
         f = float(frequency[k])
         if all(abs(f - other) > 2 / (end - begin) for other in chosen):
             chosen.append(f)
-        if len(chosen) == LINES:
+        if len(chosen) == SPECTRAL_LINE_COUNT:
             break
     return tuple(chosen)
 
@@ -179,10 +179,10 @@ def candidates(
 
 def _trials(effect: Effect, scales: Scales) -> Trials | None:
     """What to try of an effect; None where the data cannot show it: beside signals at rest, all but the clock's."""
-    if all(one.reach > STILL and one.fastest > 0 for one in (scales.wire, scales.other)):
+    if all(one.reach > REST_HALF_RANGE and one.fastest > 0 for one in (scales.wire, scales.other)):
         return effect.trials(scales)
     trials = effect.trials(scales) if effect.family == "time" else None
-    sized = trials is not None and all(abs(size) > STILL for size in trials.strengths.values())
+    sized = trials is not None and all(abs(size) > REST_HALF_RANGE for size in trials.strengths.values())
     return trials if sized else None
 
 

@@ -16,17 +16,17 @@ from tsmblocks.metrics.tracking import peak_to_peak, rms
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.simulation.simulate import simulate
 
-FAST = 0.25
+LOOP_GAIN_PER_STEP = 0.25
 """Gain of the loop around a model, over one of its steps: as fast as the step can follow."""
-SETTLING = 0.1
+SETTLING_SHARE = 0.1
 """Share of a motion, from its start, in which the loop catches up; errors count after it."""
-SUBSTEPS = (80, 40, 20, 10, 5)
+LOOP_SUBSTEPS = (80, 40, 20, 10, 5)
 """Steps of the loop between two samples, the fastest loop first: the first that stands is taken."""
-FINER = 4
+STEPS_PER_LOOP_STEP = 4
 """Steps of the simulation for each step of the loop."""
-AWAY = 100.0
+DIVERGENCE_RATIO = 100.0
 """Sizes of the motion that is wanted, beyond which a loop has run away."""
-MOST_STEPS = 2_000_000
+MAX_STEPS = 2_000_000
 """Steps of one simulation at most."""
 
 Errors = tuple[float, float]
@@ -50,11 +50,11 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
             "not in one unit."
         )
     record = trial.record
-    wanted, plant = record.values(inputs[0], unit), _own(augmented)
-    models = [None, _own(base), plant]
+    wanted, plant = record.values(inputs[0], unit), _of_first_experiment(augmented)
+    models = [None, _of_first_experiment(base), plant]
     step = median_step(record.t)  # a single step is rounded, by a late clock too much
-    for substeps in SUBSTEPS:
-        if len(record) * substeps * FINER > MOST_STEPS:
+    for substeps in LOOP_SUBSTEPS:
+        if len(record) * substeps * STEPS_PER_LOOP_STEP > MAX_STEPS:
             continue
         loop = step / substeps
         try:
@@ -68,12 +68,12 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
                     "It was not tracked in simulation: a loop around the model, which a compensator is, errs more "
                     "there than a command that stands still."
                 )
-            words = _words(before, after, unit, 4 * loop / FAST)
+            words = _words(before, after, unit, 4 * loop / LOOP_GAIN_PER_STEP)
             return Consequence(unit, trial.name, none, before, after, words)
     return "It was not tracked in simulation: the loop around the model, which a compensator is, does not stand there."
 
 
-def _own(model: Model) -> Diagram:
+def _of_first_experiment(model: Model) -> Diagram:
     """The diagram with the numbers of the first experiment, its start states too."""
     return model.diagram.with_parameters(model.problem.unknowns.settings(model.theta, 0))
 
@@ -100,7 +100,7 @@ def _errors(
     blocks: dict = {"plant": plant}
     wires, ports = [], [f"plant.{inlet}"]
     if model is not None:
-        blocks["compensator"] = inverse(model, inlet, outlet, gain=FAST / step, start=float(wanted[0]))
+        blocks["compensator"] = inverse(model, inlet, outlet, gain=LOOP_GAIN_PER_STEP / step, start=float(wanted[0]))
         wires, ports = [f"compensator -> plant.{inlet}"], ["compensator.wanted"]
     unit = plant.unit(outlet)
     loop = Diagram(
@@ -114,11 +114,17 @@ def _errors(
     with warnings.catch_warnings():  # a step that is too long shows in what it gives
         warnings.simplefilter("ignore")
         run = simulate(
-            loop, start=start, stop=stop, step=step / FINER, inputs={"wanted": (t, wanted)}, hold="cubic", log="outputs"
+            loop,
+            start=start,
+            stop=stop,
+            step=step / STEPS_PER_LOOP_STEP,
+            inputs={"wanted": (t, wanted)},
+            hold="cubic",
+            log="outputs",
         )
     error = run["x_out"] - np.interp(run.t, t, wanted)
-    late = error[run.t >= start + SETTLING * (stop - start)]
-    if np.abs(late).max() > AWAY * np.abs(wanted).max():
+    late = error[run.t >= start + SETTLING_SHARE * (stop - start)]
+    if np.abs(late).max() > DIVERGENCE_RATIO * np.abs(wanted).max():
         return np.inf, np.inf
     return peak_to_peak(late), rms(late)
 

@@ -54,7 +54,7 @@ from tsmblocks.fitting.setup import Data, recordings, windows, without_units
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 
-ENOUGH = 200
+MIN_SAMPLES = 200
 """Samples of all experiments together that a diagnosis takes at least."""
 
 Tell = Callable[[str, int, int], None]
@@ -221,9 +221,9 @@ def _measured(
     asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     names = compared(records, diagram, asked)
     total = sum(len(t) for t in _compared(records, inside).values())
-    if total < ENOUGH:
+    if total < MIN_SAMPLES:
         raise DataError(
-            f"a diagnosis takes at least {ENOUGH} samples of all experiments together, and there are "
+            f"a diagnosis takes at least {MIN_SAMPLES} samples of all experiments together, and there are "
             f"{total}: with fewer, no effect can be told from chance."
         )
     found = tuple(k for k in names if diagram.shown[k][0])

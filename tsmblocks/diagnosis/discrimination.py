@@ -17,15 +17,15 @@ from tsmblocks.diagnosis.presentation import digits, in_display_units
 from tsmblocks.effects import Span, span_of
 from tsmblocks.fitting.parameters import Unknowns
 
-SAMPLES = 2500
+EXPERIMENT_SAMPLES = 2500
 """Length of a proposed experiment, in samples as far apart as those recorded."""
-PER_PERIOD = 20
+MIN_SAMPLES_PER_PERIOD = 20
 """Samples of the fastest oscillation proposed, at least."""
-SMALL = 0.1
+SMALL_AMPLITUDE = 0.1
 """Share of the range that a small motion takes."""
-PLAIN = 0.1
+MIN_SEPARATION = 0.1
 """Difference, in standard deviations of the noise, from which an experiment is worth the trouble."""
-FASTER = 1.02
+MAX_SPEED_RATIO = 1.02
 """How much faster than all that was recorded a proposed motion may be: no more than rounding."""
 
 
@@ -63,7 +63,7 @@ def separating_experiment(
     best = max(separations(named, rivals, records, settings), key=lambda one: one.size, default=None)
     if best is None:
         return own.separates
-    if not best.size >= PLAIN:
+    if not best.size >= MIN_SEPARATION:
         return f"{own.separates}; within the sizes and speeds recorded no motion would"
     return f"{best.words} (expected difference {digits(best.size)} times the noise)"
 
@@ -140,11 +140,11 @@ def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Rec
     signals = {inputs[0]: motion.values}
     for name in inputs[1:]:
         rest = np.concatenate([r.values(name, model.diagram.unit(name)) for r in records.values()])
-        signals[name] = np.full(SAMPLES, float(np.median(rest)))
-    signals |= {name: np.zeros(SAMPLES) for name in outputs}
+        signals[name] = np.full(EXPERIMENT_SAMPLES, float(np.median(rest)))
+    signals |= {name: np.zeros(EXPERIMENT_SAMPLES) for name in outputs}
     units = {name: model.diagram.unit(name) for name in signals}
     start = min(float(r.t[0]) for r in records.values())  # what goes by the clock does so as in the recordings
-    return Record("proposed", start + np.arange(SAMPLES) * step, signals, units)
+    return Record("proposed", start + np.arange(EXPERIMENT_SAMPLES) * step, signals, units)
 
 
 # ---- motions --------------------------------------------------------------------------------------
@@ -152,9 +152,9 @@ def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Rec
 
 def candidate_motions(span: Span, step: float, unit: str) -> Iterator[Motion]:
     """Motions through the range of a signal that are no faster than it was, in words that say how to make them."""
-    t = np.arange(SAMPLES) * step
+    t = np.arange(EXPERIMENT_SAMPLES) * step
     for words, values in _shapes(t, span, unit):
-        if np.max(np.abs(np.diff(values))) <= FASTER * span.fastest * step:
+        if np.max(np.abs(np.diff(values))) <= MAX_SPEED_RATIO * span.fastest * step:
             yield Motion(words, values)
 
 
@@ -163,7 +163,7 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
     long, reach, middle = float(t[-1]), span.reach, span.middle
     lasts = f"{digits(long)} s"
     slow = 4 / long
-    top, quick = (_frequency(amplitude, span, t) for amplitude in (reach, SMALL * reach))
+    top, quick = (_frequency(amplitude, span, t) for amplitude in (reach, SMALL_AMPLITUDE * reach))
     yield f"a slow ramp over the whole range and back, {lasts}", middle + reach * _triangle(t / long)
     yield f"a sine over the whole range at {digits(top)} Hz, {lasts}", middle + reach * np.sin(2 * np.pi * top * t)
     size = np.where(t < long / 2, 1.0, 0.2)
@@ -176,8 +176,8 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
         middle + reach * (1 - t / long) * _triangle(8 * t / long),
     )
     yield (
-        f"a chirp of {in_display_units(SMALL * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
-        middle + SMALL * reach * _chirp(t, slow, quick),
+        f"a chirp of {in_display_units(SMALL_AMPLITUDE * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
+        middle + SMALL_AMPLITUDE * reach * _chirp(t, slow, quick),
     )
     yield (
         f"a chirp over the whole range from {digits(slow / 4)} to {digits(top)} Hz, {lasts}",
@@ -185,7 +185,7 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
     )
     yield (
         f"a staircase over the whole range with a reversal of a tenth of it on each of 8 steps, {lasts}",
-        middle + reach * _staircase(t / long, 8, SMALL),
+        middle + reach * _staircase(t / long, 8, SMALL_AMPLITUDE),
     )
     yield (
         f"steps over the whole range with holds of {digits(long / 6)} s, {lasts}",
@@ -195,7 +195,7 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
 
 def _frequency(amplitude: float, span: Span, t: np.ndarray) -> float:
     """The highest frequency of a sine that is as fast as what was recorded, and still well sampled [Hz]."""
-    limits = (span.fastest / (2 * np.pi * max(amplitude, 1e-300)), 1 / (PER_PERIOD * float(t[1] - t[0])))
+    limits = (span.fastest / (2 * np.pi * max(amplitude, 1e-300)), 1 / (MIN_SAMPLES_PER_PERIOD * float(t[1] - t[0])))
     return float(f"{0.98 * min(limits):.2g}")
 
 

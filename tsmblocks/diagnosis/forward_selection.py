@@ -11,7 +11,7 @@ from tsmblocks.data import Record
 from tsmblocks.diagnosis.candidates import candidates, wire_signals
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
-    ALIKE,
+    INDISTINGUISHABLE_NOISE_SHARE,
     MIN_VARIANCE_REDUCTION,
     FittedCandidate,
     Shrinkage,
@@ -28,28 +28,28 @@ from tsmblocks.diagnosis.model import Model, ModelSettings, converged, optimized
 from tsmblocks.diagnosis.screening import ScreeningScore, base_subspace, screening_score
 from tsmblocks.effects import Effect
 
-MOST = 4
+MAX_EFFECTS = 4
 """Effects named at most."""
-FITTED = 3
+MIN_FITTED_CANDIDATES = 3
 """Candidates fitted in a round at least, if there are so many."""
-MORE = 14
+MAX_FITTED_CANDIDATES = 14
 """Candidates fitted at most."""
-WORTH = 0.02
+MIN_SCREENING_SCORE = 0.02
 """Promised fall of the mean square, in variances of the noise, from which a candidate may be worth a fit."""
-HALF = 0.5
+MIN_EXCESS_SHARE = 0.5
 """Share of the excess that an effect has to remove."""
-SLIGHT = 0.15
+MIN_SHARE_OF_REMOVED = 0.15
 """Share of all that was removed below which an effect after the first is taken for a fault of the first one's form."""
-FURTHER = 0.2
+MIN_FURTHER_SHARE = 0.2
 """Share of what is left that a further effect has to remove, where it removes more than the noise itself."""
-CLOSE = 2.0
+MEMORY_SEARCH_RATIO = 2.0
 """How many times the least that a candidate leaves another one may leave whose memories are looked at once more."""
-MOSTLY = 0.8
+MIN_JOINT_SHARE = 0.8
 """Share of the excess that several have to remove, none of which removes half by itself."""
-NEAR = 0.15
+MIN_RELATIVE_SCORE = 0.15
 """Share of the best promise from which it is."""
 
-Tell = Callable[[str, int, int], None]
+ProgressCallback = Callable[[str, int, int], None]
 
 
 @attrs.frozen(eq=False)
@@ -92,7 +92,7 @@ class SearchContext:
     effects: Sequence[Effect]
     blocks: TimeBlocks
     noise_variance: float
-    tell: Tell
+    progress: ProgressCallback
 
 
 def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
@@ -106,18 +106,20 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     base, made = base_subspace(model), candidates(model, search.effects, around, places)
     screening_scores, shows = [], MIN_VARIANCE_REDUCTION * search.noise_variance * model.problem.samples
     for k, candidate in enumerate(made):
-        search.tell("tried", k, len(made))
+        search.progress("tried", k, len(made))
         screening_scores.append(screening_score(candidate, model, search.records, search.settings, around, base, shows))
     screening_scores.sort(key=lambda one: -one.gain)
     best = screening_scores[0].gain if screening_scores else 0.0
-    worth = max(WORTH * search.noise_variance * model.problem.samples, NEAR * best)
-    chosen = [p for k, p in enumerate(screening_scores[:MORE]) if k < FITTED or p.gain > worth]
+    worth = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
+    chosen = [
+        p for k, p in enumerate(screening_scores[:MAX_FITTED_CANDIDATES]) if k < MIN_FITTED_CANDIDATES or p.gain > worth
+    ]
     models = []
     for k, one in enumerate(chosen):
-        search.tell("fitted", k, len(chosen))
+        search.progress("fitted", k, len(chosen))
         models.append(fit_candidate(one))
     least = min((one.mean_square for one in models), default=0.0)
-    models = [refine_memories(one, 1) if one.mean_square <= CLOSE * least else one for one in models]
+    models = [refine_memories(one, 1) if one.mean_square <= MEMORY_SEARCH_RATIO * least else one for one in models]
     found = [
         fitted_candidate(p.candidate, one, search.blocks, shrinkage) for p, one in zip(chosen, models, strict=True)
     ]
@@ -137,7 +139,7 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
 
     ``shrinkage`` are the effects in the model already.
     """
-    while len(rounds) <= MOST:
+    while len(rounds) <= MAX_EFFECTS:
         try:
             one = search_round(model, shrinkage, search)
         except KeyboardInterrupt:  # what was named before still counts
@@ -179,10 +181,18 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
         step = removed / max(losses[k - 1] - search.noise_variance, 1e-12)
         whole = (before - losses[k]) / max(before - search.noise_variance, 1e-12)
         done = (before - losses[count]) / max(before - search.noise_variance, 1e-12) if count else 0.0
-        weighty = removed >= SLIGHT * (before - losses[k]) or removed >= search.noise_variance or step >= MOSTLY
-        if done < HALF:
-            count = k if (step >= HALF and count == k - 1) or whole >= MOSTLY else count
-        elif count == k - 1 and weighty and step >= (FURTHER if removed >= search.noise_variance else HALF):
+        weighty = (
+            removed >= MIN_SHARE_OF_REMOVED * (before - losses[k])
+            or removed >= search.noise_variance
+            or step >= MIN_JOINT_SHARE
+        )
+        if done < MIN_EXCESS_SHARE:
+            count = k if (step >= MIN_EXCESS_SHARE and count == k - 1) or whole >= MIN_JOINT_SHARE else count
+        elif (
+            count == k - 1
+            and weighty
+            and step >= (MIN_FURTHER_SHARE if removed >= search.noise_variance else MIN_EXCESS_SHARE)
+        ):
             count = k
     return count
 
@@ -194,7 +204,7 @@ def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> li
     another that imitates both. Each round but the last gets what was found beside the effects of all the others.
     """
     rounds = list(rounds)
-    for _ in range(MOST):
+    for _ in range(MAX_EFFECTS):
         count = accepted_count(rounds, search)
         for k in range(count - 1):
             better = _beside_others(rounds, k, count, search)
@@ -222,7 +232,7 @@ def _beside_others(rounds: list[SearchRound], k: int, count: int, search: Search
         whole = _chain(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
         if len(whole[0]) < count:
             return None
-        made, least, allowed = whole[0], count, ALIKE
+        made, least, allowed = whole[0], count, INDISTINGUISHABLE_NOISE_SHARE
         made[k] = attrs.evolve(made[k], repeated=again)
         forward_search(whole[1], whole[2], search, made)
     kept = accepted_count(made, search)

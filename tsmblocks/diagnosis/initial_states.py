@@ -8,21 +8,21 @@ from collections.abc import Iterator
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.model import FINE, ROUGH, Model, optimized
+from tsmblocks.diagnosis.model import COARSE_TOLERANCE, FINE_TOLERANCE, Model, optimized
 
-SAME = 1e-4
+COST_TOLERANCE = 1e-4
 """Share of the sum of squares by which two ends are the same."""
-FAR = 10.0
+REACH_FACTOR = 10.0
 """How many times the largest of its start values is surely beyond the reach of a memory."""
-NEAR = 1e-18
+LINEAR_REACH = 1e-18
 """Share of that below which the way is halved as it is; above, its logarithm is, since searches throw far."""
-HALVINGS = 25
+BISECTIONS = 25
 """How often the way from there to the edge of its reach is halved."""
-ROUNDS = 3
+MAX_ROUNDS = 3
 """How often all of it is done at most, as long as it leaves less."""
 
 
-def refine_memories(model: Model, rounds: int = ROUNDS) -> Model:
+def refine_memories(model: Model, rounds: int = MAX_ROUNDS) -> Model:
     """The model with such memories where they leave least, for each experiment by itself.
 
     A play may be engaged on either side when an experiment begins, or on its way from one to the other. Where the
@@ -41,8 +41,10 @@ def reset_idle_memories(model: Model) -> Model:
     moved = _moved(model)
     if not moved.any():
         return model
-    anew = optimized(model.problem, model.setup, np.where(moved, model.problem.unknowns.start, model.theta), FINE)
-    return anew if anew.mean_square <= (1 + SAME) * model.mean_square else model
+    anew = optimized(
+        model.problem, model.setup, np.where(moved, model.problem.unknowns.start, model.theta), FINE_TOLERANCE
+    )
+    return anew if anew.mean_square <= (1 + COST_TOLERANCE) * model.mean_square else model
 
 
 def clip_idle_memories(model: Model) -> Model:
@@ -52,12 +54,16 @@ def clip_idle_memories(model: Model) -> Model:
         return model
     edges = _edges(model, idle)
     theta = np.clip(model.theta, edges.min(axis=0), edges.max(axis=0))
-    return attrs.evolve(model, theta=theta) if np.allclose(model.problem.residuals(theta), model.r, 0, SAME) else model
+    return (
+        attrs.evolve(model, theta=theta)
+        if np.allclose(model.problem.residuals(theta), model.r, 0, COST_TOLERANCE)
+        else model
+    )
 
 
 def _turned(model: Model) -> Model | None:
     """The model after one round; None where that leaves no less."""
-    ends, enough = [model], ROUGH * max(model.mean_square, 1.0)  # while much is left, much is near enough
+    ends, enough = [model], COARSE_TOLERANCE * max(model.mean_square, 1.0)  # while much is left, much is near enough
     runs = (start for start in _starts(model) if np.isfinite(model.problem.cost(start)))
     ends += [optimized(model.problem, model.setup, start, enough, coarse=False) for start in runs]
     if len(ends) > 1:
@@ -69,7 +75,7 @@ def _turned(model: Model) -> Model | None:
         if np.isfinite(model.problem.cost(mixed)):
             ends.append(optimized(model.problem, model.setup, mixed, enough, coarse=False))
     found = min(ends, key=lambda end: end.mean_square)
-    return found if found.mean_square < (1 - SAME) * model.mean_square else None
+    return found if found.mean_square < (1 - COST_TOLERANCE) * model.mean_square else None
 
 
 def _starts(model: Model) -> Iterator[np.ndarray]:
@@ -104,28 +110,28 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
         for item, value, begin in zip(unknowns.items, model.theta, unknowns.start, strict=True)
         if item.parameter == name
     ]
-    far = FAR * (max(sizes) or 1.0)
+    far = REACH_FACTOR * (max(sizes) or 1.0)
     of = np.zeros(len(own), dtype=int)  # the experiment that each belongs to
     for e in range(len(model.problem.trials)):
         of[unknowns.columns(e)] = e
 
     def values(way: np.ndarray) -> np.ndarray:
-        return far * NEAR * np.sinh(way)
+        return far * LINEAR_REACH * np.sinh(way)
 
     def left(starts: np.ndarray) -> np.ndarray:
         theta = np.clip(np.where(own, starts[of], model.theta), unknowns.low, unknowns.high)
         return _by_experiment(model, model.problem.residuals(theta))
 
-    ends = math.asinh(1 / NEAR) * np.array([-1.0, 1.0])
+    ends = math.asinh(1 / LINEAR_REACH) * np.array([-1.0, 1.0])
     beyond = [np.full(len(model.problem.trials), end) for end in ends]
     same = [left(values(end)) for end in beyond]
-    matters = np.abs(same[0] - same[1]) > SAME**2 * same[0]
+    matters = np.abs(same[0] - same[1]) > COST_TOLERANCE**2 * same[0]
     edges: list[np.ndarray] = []
     for side in (0, 1):
         outer, inner = beyond[side], beyond[1 - side]
-        for _ in range(HALVINGS):
+        for _ in range(BISECTIONS):
             middle = (outer + inner) / 2
-            still = np.abs(left(values(middle)) - same[side]) <= SAME**2 * same[side]
+            still = np.abs(left(values(middle)) - same[side]) <= COST_TOLERANCE**2 * same[side]
             outer, inner = np.where(still, middle, outer), np.where(still, inner, middle)
         edges.append(np.where(own & matters[of], values(outer)[of], model.theta))
     return np.clip(np.array(edges), unknowns.low, unknowns.high)
@@ -140,7 +146,7 @@ def _moved(model: Model) -> np.ndarray:
     """Which start values, shape (n,), the search moved to where they change next to nothing."""
     begin = model.problem.unknowns.start
     felt = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(begin))
-    return model.is_local & (model.theta != begin) & (felt <= np.sqrt(SAME) * np.linalg.norm(model.r))
+    return model.is_local & (model.theta != begin) & (felt <= np.sqrt(COST_TOLERANCE) * np.linalg.norm(model.r))
 
 
 def _by_experiment(model: Model, r: np.ndarray) -> np.ndarray:

@@ -16,10 +16,10 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import Fault, resolve
 from tsmblocks.simulation.compiled import equations
 
-PROBE = "probe_of_the_wire"
-MOTION = 2
+PROBE_BLOCK = "probe_of_the_wire"
+FORCE_TO_POSITION = 2
 """Integrations between a force and the position it moves, at least; to the speed it is one less."""
-SPEEDS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
+SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 
 
 @attrs.frozen
@@ -116,7 +116,7 @@ def insertion_points(
             found.append(InsertionPoint("output", name, signal, before=port))
             found += [InsertionPoint("across", name, signal, other=k, before=port) for k in reading]
         speed = is_speed(diagram.unit(name) or (measured or {}).get(name, ""))
-        drive = driving_port(diagram, name, MOTION - speed)
+        drive = driving_port(diagram, name, FORCE_TO_POSITION - speed)
         signal = _source(diagram, drive) if drive else source
         if signal != source:  # an output that drives is set in motion by nothing but itself
             found.append(InsertionPoint("drive", name, signal, before=drive))
@@ -178,12 +178,12 @@ def _source(diagram: Diagram, port: str) -> str:
 def is_speed(unit: str) -> bool:
     """Whether a unit is that of a speed, of turning or straight on; one that is not known is none."""
     try:
-        return parse(unit).dimension in SPEEDS
+        return parse(unit).dimension in SPEED_DIMENSIONS
     except UnitError:
         return False
 
 
-def driving_port(diagram: Diagram, output: str, least: int = MOTION) -> str:
+def driving_port(diagram: Diagram, output: str, least: int = FORCE_TO_POSITION) -> str:
     """The nearest port that moves an output through ``least`` integrations or more; ``""`` where there is none."""
     for port in _upstream(diagram, diagram.shown[output][0]):
         if integration_count(diagram, output, before=port, after="") >= least:
@@ -212,12 +212,12 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
     Read off the equations' structure. Memory that is updated between steps counts as one integration.
     """
     try:
-        eq = equations(diagram.insert(PROBE, Bias(), before=before, after=after))
+        eq = equations(diagram.insert(PROBE_BLOCK, Bias(), before=before, after=after))
     except TsmError:
         return -1
     rows = _dependencies(eq)
     goal = ("y", eq.y.index(eq.aliases[output]))
-    front = {("p", eq.p.index(f"{PROBE}.bias"))}
+    front = {("p", eq.p.index(f"{PROBE_BLOCK}.bias"))}
     known = set(front)
     for degree in range(len(eq.x) + len(eq.d) + 1):
         if rows[goal] & known:

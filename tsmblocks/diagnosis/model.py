@@ -19,16 +19,16 @@ from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
-STEPS = 40
+MAX_ITERATIONS = 40
 """Iterations of one search at most; an effect that needs more is not determined by these data."""
 
-TOUCHING = 1e-6
+ACTIVE_BOUND_TOLERANCE = 1e-6
 """Distance from a bound, as a share of the number's size, that counts as lying on it."""
-ROUGH = 0.3
+COARSE_TOLERANCE = 0.3
 """Promised fall of the sum of squares, in variances of a sample, at which a candidate is fitted well enough to be
 compared: a thousandth of what decides between candidates."""
 
-FINE = 1e-3
+FINE_TOLERANCE = 1e-3
 """The same for models that further ones are built on, and that are shown."""
 
 
@@ -98,7 +98,7 @@ class Model:
     def at_bound(self) -> np.ndarray:
         """Which unknowns lie on a bound, shape (n,): what is left would fall beyond it, where they must not go."""
         low, high = self.problem.unknowns.low, self.problem.unknowns.high
-        near = TOUCHING * np.maximum(np.abs(self.theta), 1e-12)
+        near = ACTIVE_BOUND_TOLERANCE * np.maximum(np.abs(self.theta), 1e-12)
         return (self.theta - low <= near) | (high - self.theta <= near)
 
     @property
@@ -114,11 +114,13 @@ def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSe
     problem, setup = pose_model(diagram, records, settings, settings.free)
     begin = feasible_start(problem, problem.unknowns.start)
     ends = [
-        gauss_newton(problem, one, iterations=STEPS, enough=ROUGH, tell=tell)
+        gauss_newton(problem, one, iterations=MAX_ITERATIONS, enough=COARSE_TOLERANCE, tell=tell)
         for one in begins(problem, setup, begin, settings.starts, settings.seed)
     ]
     best = min(ends, key=lambda found: found.cost)
-    return model_at(problem, setup, gauss_newton(problem, best.theta, iterations=STEPS, enough=FINE, tell=tell))
+    return model_at(
+        problem, setup, gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, enough=FINE_TOLERANCE, tell=tell)
+    )
 
 
 def pose_model(
@@ -177,15 +179,19 @@ def pose_extended(
     return pose_model(diagram, records, settings, [*free, *more], {**kept, **(bounds or {})}, local)
 
 
-def optimized(problem: Problem, setup: Setup, start: np.ndarray, enough: float = ROUGH, coarse: bool = True) -> Model:
+def optimized(
+    problem: Problem, setup: Setup, start: np.ndarray, enough: float = COARSE_TOLERANCE, coarse: bool = True
+) -> Model:
     """The model at the end of a search downhill from ``start``, where nothing else is left by coarse differences."""
     begin = held(problem, start)
-    return model_at(problem, setup, gauss_newton(problem, begin, iterations=STEPS, enough=enough, coarse=coarse))
+    return model_at(
+        problem, setup, gauss_newton(problem, begin, iterations=MAX_ITERATIONS, enough=enough, coarse=coarse)
+    )
 
 
 def converged(model: Model) -> Model:
     """The same model, searched to its end."""
-    return optimized(model.problem, model.setup, model.theta, FINE)
+    return optimized(model.problem, model.setup, model.theta, FINE_TOLERANCE)
 
 
 def model_at(problem: Problem, setup: Setup, found: Found) -> Model:

@@ -8,7 +8,7 @@ from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
-SAME = 1e-9
+PARAMETER_TOLERANCE = 1e-9
 """Relative change of a number below which it counts as the same."""
 
 
@@ -53,12 +53,12 @@ class Difference:
 
 def difference(before: Diagram, after: Diagram) -> Difference:
     """What turns ``before`` into ``after``."""
-    old, new = _wires(before), _wires(after)
+    old, new = _all_wires(before), _all_wires(after)
     known = before.parameters
     numbers = tuple(
         ChangedParameter(name, known[name], value, unit_of(after, name))
         for name, value in after.parameters.items()
-        if name in known and abs(value - known[name]) > SAME * max(abs(value), abs(known[name]))
+        if name in known and abs(value - known[name]) > PARAMETER_TOLERANCE * max(abs(value), abs(known[name]))
     )
     return Difference(
         {k: in_code(b) for k, b in after.blocks.items() if k not in before.blocks},
@@ -78,19 +78,19 @@ def in_code(block: Block | Diagram) -> str:
     shown = []
     for name, value in block.parameters.items():
         if name not in defaults or defaults[name] != value:
-            shown.append(f"{name}={_plain(value)}")
+            shown.append(f"{name}={_literal(value)}")
     return f"{type(block).__name__}({', '.join(shown)})"
 
 
-def _plain(value: object) -> str:
+def _literal(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, (tuple, list)):
-        return "(" + ", ".join(map(_plain, value)) + ("," if len(value) == 1 else "") + ")"
+        return "(" + ", ".join(map(_literal, value)) + ("," if len(value) == 1 else "") + ")"
     return repr(value)
 
 
-def _wires(diagram: Diagram) -> list[str]:
+def _all_wires(diagram: Diagram) -> list[str]:
     """Every wire by itself, from inputs and to outputs too."""
     made = [f"{name} -> {'.'.join(end)}" for name, ends in diagram.inlets.items() for end in ends]
     made += [f"{diagram.short(link.source)} -> {'.'.join(link.target)}" for link in diagram.links]

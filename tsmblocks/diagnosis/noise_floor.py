@@ -20,7 +20,7 @@ from tsmblocks.model.diagram import Diagram
 
 GIVEN = "given"
 """The way of a floor that the user knows."""
-ABOVE = 1.5
+MAX_FLOOR_RATIO = 1.5
 """How many times what the base leaves a floor must be to be doubted: noise alone is about once that."""
 DRAWS = 1
 """Draws of input noise for each experiment; thousands of samples make one enough."""
@@ -82,7 +82,7 @@ def lowered_noise_floors(
     sigma, method, words = dict(found.sigma), dict(found.method), list[str]()
     for name, share in left.items():
         unit = diagram.unit(name)
-        if share * ABOVE >= 1:
+        if share * MAX_FLOOR_RATIO >= 1:
             continue
         floor, rms = (in_display_units(k * sigma[name], unit) for k in (1.0, share))
         if method[name] == GIVEN:

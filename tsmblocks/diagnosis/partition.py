@@ -16,15 +16,15 @@ from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Link
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
-PIECE = 1.0
+PIECE_LENGTH = 1.0
 """Length of a piece [s]: over longer ones the errors of an integrating plant grow and hide what they come from."""
-LEAD = 0.1
+LEAD_SHARE = 0.1
 """Share of a piece that runs ahead of what is compared: what delays hold when it begins is not known, and has to go."""
-SURE = 2.0
+DELAY_MARGIN = 2.0
 """How many times the delays of the diagram a piece runs ahead at least: those of a fit may be found longer."""
-FEWEST = 100
+MIN_PIECE_SAMPLES = 100
 """Samples of a piece at least."""
-KEPT = 0.3
+LASTING_MEMORY_SHARE = 0.3
 """Share of a start value's first influence that is still there at the end of an experiment that remembers it."""
 PIECE_SEPARATOR = "#"
 """Between the name of an experiment and the number of its piece."""
@@ -155,7 +155,7 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
             first, last = part[:tenth].max(axis=0), part[-tenth:].mean(axis=0)
             shares.append(float(np.max(np.where(first > 0, last / np.where(first > 0, first, 1.0), 0.0), initial=0.0)))
         kept.append(max(shares, default=0.0))
-    return min(kept) > KEPT
+    return min(kept) > LASTING_MEMORY_SHARE
 
 
 def total_delay(diagram: Diagram) -> float:
@@ -167,15 +167,14 @@ def total_delay(diagram: Diagram) -> float:
 def split_into_pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
     """Every experiment in pieces named ``experiment#1`` and so on, and the window of each that is compared.
 
-    About ``PIECE`` seconds of each are compared. It begins ahead of them, where the piece before it is still compared,
-    by a share of its length or longer than signals are on their way (``late`` [s]), whichever is more.
-    """
+    About ``PIECE_LENGTH`` seconds of each are compared. It begins ahead of them, where the piece before it is still
+    compared, by a share of its length or longer than signals are on their way (``late`` [s]), whichever is more."""
     made: dict[str, Record] = {}
     windows: dict[str, Window] = {}
     for name, record in records.items():
         begin, end = float(record.t[0]), float(record.t[-1])
-        length = max(PIECE, FEWEST * record.step)
-        lead = min(max(LEAD * min(length, end - begin), SURE * late), (end - begin) / 2)
+        length = max(PIECE_LENGTH, MIN_PIECE_SAMPLES * record.step)
+        lead = min(max(LEAD_SHARE * min(length, end - begin), DELAY_MARGIN * late), (end - begin) / 2)
         count = max(1, round((end - begin - lead) / length))
         edges = np.linspace(begin + lead, end, count + 1).tolist()
         for k, (first, last) in enumerate(itertools.pairwise(edges)):

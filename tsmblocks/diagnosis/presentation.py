@@ -9,12 +9,12 @@ import numpy as np
 
 from tsmblocks.common.units import for_people
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.diagnosis.residual_location import BINS, binned, coordinates
+from tsmblocks.diagnosis.residual_location import BIN_COUNT, binned, coordinates
 from tsmblocks.diagnosis.result import NamedEffect, Quantity, Segment, Trace
 from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
 
-FEWEST = 3
+MIN_BIN_BLOCKS = 3
 """Blocks of time that a bin needs before what they differ by says how sure its mean is."""
 COORDINATE_UNITS = {
     "position": "{}",
@@ -155,7 +155,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     if not traces:
         return None
     x, blocks = np.concatenate(along), np.concatenate(block)
-    place = binned(x, BINS)
+    place = binned(x, BIN_COUNT)
     columns = [np.concatenate(c) for c in (left, rest, made)]
     rows = []
     for k in range(int(place.max()) + 1):
@@ -185,6 +185,6 @@ def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
     middle = float(values.mean())
     off = total - middle * number
     count = len(number)
-    if count < FEWEST:
+    if count < MIN_BIN_BLOCKS:
         return middle, float("nan")
     return middle, float(np.sqrt(np.sum(off**2) * count / (count - 1)) / number.sum())

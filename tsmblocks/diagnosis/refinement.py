@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsmblocks.common.errors import RunError, TsmError
-from tsmblocks.diagnosis.model import FINE, Model, optimized
+from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, optimized
 from tsmblocks.fitting.optimizer import Found
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import FINEST
@@ -34,7 +34,7 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
         step = model.setup.trials[0].times.h
         if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():
             return model, [*_told(first, step), *shift_note(model.problem.unknowns.names, off, step)]
-        model = optimized(problem, setup, model.theta, FINE)
+        model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
 
 
 def as_fit(model: Model) -> Fit | None:

@@ -9,15 +9,15 @@ import numpy as np
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.result import ResidualCoordinate
 
-BINS = 24
+BIN_COUNT = 24
 """Bins of a coordinate, each with as many samples."""
-FEW = 8
+JOINT_BIN_COUNT = 8
 """Bins of each of two coordinates taken together."""
-SHOWN = 3
+MAX_COORDINATES = 3
 """Coordinates told."""
-LEAST = 0.05
+MIN_COORDINATE_SHARE = 0.05
 """Share of the excess below which a coordinate is not worth telling."""
-WORDS = {
+COORDINATE_TEXT = {
     "position": "the error follows the position",
     "direction": "the error has one sign forwards and the other backwards",
     "direction x position": "the error grows with the position, with the sign of the direction",
@@ -65,22 +65,22 @@ def residual_coordinates(
         return ()
     found = []
     for name, values in known.items():
-        share = _share(r, binned(values, BINS), blocks.fold, excess)
-        found.append(ResidualCoordinate(name, min(share, 1.0), WORDS[name]))
+        share = _share(r, binned(values, BIN_COUNT), blocks.fold, excess)
+        found.append(ResidualCoordinate(name, min(share, 1.0), COORDINATE_TEXT[name]))
     found.sort(key=lambda one: -one.share)
-    return tuple(one for one in found[:SHOWN] if one.share >= LEAST)
+    return tuple(one for one in found[:MAX_COORDINATES] if one.share >= MIN_COORDINATE_SHARE)
 
 
 def explainable_share(r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float) -> float:
     """Share of the excess that any two coordinates together foretell on blocks held out, at best."""
     if excess <= 0:
         return 0.0
-    bins = {name: binned(values, FEW) for name, values in known.items()}
+    bins = {name: binned(values, JOINT_BIN_COUNT) for name, values in known.items()}
     names = list(bins)
     best = 0.0
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
-            best = max(best, _share(r, bins[one] * FEW + bins[other], blocks.fold, excess))
+            best = max(best, _share(r, bins[one] * JOINT_BIN_COUNT + bins[other], blocks.fold, excess))
     return min(best, 1.0)
 
 

@@ -244,7 +244,7 @@ class Diagnosis:
             "format": 1,
             "diagram": self.diagram,
             "experiments": list(self.experiments),
-            "windows": _plain({k: list(pair) for k, pair in self.windows.items()}),
+            "windows": _json_value({k: list(pair) for k, pair in self.windows.items()}),
             "seed": self.seed,
             "verdict": self.verdict,
             "sentence": self.sentence,
@@ -253,13 +253,13 @@ class Diagnosis:
             "gap": _gap(worst.gaps[0]),
             "where": [_where(w) for w in worst.where],
             "ranking": [_ranked(r) for s in self.segments for r in s.ranking],
-            "detection_limits": {m.name: _round(m.value) for s in reversed(self.segments) for m in s.limits},
+            "detection_limits": {m.name: _rounded(m.value) for s in reversed(self.segments) for m in s.limits},
             "segments": [_segment(s) for s in self.segments],
-            "consequence": None if self.consequence is None else _plain(attrs.asdict(self.consequence)),
+            "consequence": None if self.consequence is None else _json_value(attrs.asdict(self.consequence)),
             "no_consequence": self.no_consequence,
             "start_states": self.start_states,
             "simulated": None if self.simulated is None else self.simulated.to_dict(),
-            "provenance": None if self.provenance is None else _plain(attrs.asdict(self.provenance)),
+            "provenance": None if self.provenance is None else _json_value(attrs.asdict(self.provenance)),
             "notes": list(self.notes),
         }
 
@@ -300,9 +300,9 @@ def _effect(e: NamedEffect) -> dict[str, Any]:
         "segment": e.segment,
         "wire": e.wire,
         "block": e.block,
-        "parameters": {k: _plain(attrs.asdict(q)) for k, q in e.parameters.items()},
-        "share_removed": _round(e.share_removed),
-        "share_removed_across_experiments": _round(e.across),
+        "parameters": {k: _json_value(attrs.asdict(q)) for k, q in e.parameters.items()},
+        "share_removed": _rounded(e.share_removed),
+        "share_removed_across_experiments": _rounded(e.across),
         "also_possible": list(e.also_possible),
         "separating_experiment": e.separating_experiment,
         "code": e.code,
@@ -313,17 +313,17 @@ def _gap(gap: Gap) -> dict[str, Any]:
     return {
         "output": gap.output,
         "unit": gap.unit,
-        "noise_floor": _round(gap.noise_floor),
+        "noise_floor": _rounded(gap.noise_floor),
         "noise_floor_from": gap.method,
-        "train": {"before": _round(gap.train[0]), "after": _round(gap.train[-1])},
-        "held_out": {"before": _round(gap.held_out[0]), "after": _round(gap.held_out[-1])},
-        "steps": {"train": _plain(gap.train), "held_out": _plain(gap.held_out)},
-        "experiments": {k: _plain(v) for k, v in gap.experiments.items()},
+        "train": {"before": _rounded(gap.train[0]), "after": _rounded(gap.train[-1])},
+        "held_out": {"before": _rounded(gap.held_out[0]), "after": _rounded(gap.held_out[-1])},
+        "steps": {"train": _json_value(gap.train), "held_out": _json_value(gap.held_out)},
+        "experiments": {k: _json_value(v) for k, v in gap.experiments.items()},
     }
 
 
 def _where(w: ResidualCoordinate) -> dict[str, Any]:
-    return {"coordinate": w.coordinate, "share": _round(w.share), "words": w.words}
+    return {"coordinate": w.coordinate, "share": _rounded(w.share), "words": w.words}
 
 
 def _ranked(r: RankedCandidate) -> dict[str, Any]:
@@ -334,17 +334,17 @@ def _ranked(r: RankedCandidate) -> dict[str, Any]:
         "variant": r.variant,
         "family": r.family,
         "wire": r.wire,
-        "held_out_gain": _round(r.gain),
-        "share": _round(r.share),
-        "across": _round(r.across),
-        "share_across": _round(r.new),
-        "statistic": _round(r.t),
-        "line": _round(r.line),
+        "held_out_gain": _rounded(r.gain),
+        "share": _rounded(r.share),
+        "across": _rounded(r.across),
+        "share_across": _rounded(r.new),
+        "statistic": _rounded(r.t),
+        "line": _rounded(r.line),
         "in_set": r.in_set,
         "named": r.named,
         "fitted": r.fitted,
         "at_bound": list(r.at_bound),
-        "parameters": _plain(r.parameters),
+        "parameters": _json_value(r.parameters),
     }
 
 
@@ -354,30 +354,30 @@ def _segment(s: Segment) -> dict[str, Any]:
         "inputs": list(s.inputs),
         "outputs": list(s.outputs),
         "verdict": s.verdict,
-        "excess": _round(s.excess),
+        "excess": _rounded(s.excess),
         "sentence": s.sentence,
         "effects": [e.name for e in s.effects],
-        "numbers": [] if s.fit is None else [_plain(e.to_dict()) for e in s.fit],
+        "numbers": [] if s.fit is None else [_json_value(e.to_dict()) for e in s.fit],
         "cautions": list(s.cautions),
-        "ceiling": _round(s.ceiling),
+        "ceiling": _rounded(s.ceiling),
         "gaps": [_gap(g) for g in s.gaps],
         "where": [_where(w) for w in s.where],
         "detection_limits": {
-            m.name: None if m.value is None else {"parameter": m.parameter, "value": _round(m.value), "unit": m.unit}
+            m.name: None if m.value is None else {"parameter": m.parameter, "value": _rounded(m.value), "unit": m.unit}
             for m in s.limits
         },
     }
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
+        return {k: _json_value(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    return _round(float(value)) if isinstance(value, (float, np.floating)) else value
+        return [_json_value(v) for v in value]
+    return _rounded(float(value)) if isinstance(value, (float, np.floating)) else value
 
 
-def _round(value: float | None) -> float | None:
+def _rounded(value: float | None) -> float | None:
     """Six digits, which more than covers what the data tell; None for what is no number."""
     if value is None or not np.isfinite(value):
         return None

@@ -8,27 +8,27 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate, WireSignals
-from tsmblocks.diagnosis.decision import FAR
+from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 
-RANK = 1e-12
+EIGENVALUE_TOLERANCE = 1e-12
 """Share of the largest eigenvalue below which a direction of the base counts as undetermined."""
-REFINED = 12
+REFINEMENT_SHAPES = 12
 """Shapes tried to each side of the best, where a shape is looked for again."""
-ROUNDS = 3
+REFINEMENT_ROUNDS = 3
 """How often."""
-PINNED = 10.0
+PINNING_WIDTHS = 10.0
 """Widths of a transition within which its instant is then fitted."""
-OTHERS = 8
+SECOND_START_TRIALS = 8
 """Next best shapes among which a second start is looked for."""
-AWAY = 1e30
+DIVERGENCE_THRESHOLD = 1e30
 """Change of an output, in units of the noise, from which a simulation counts as one that runs away."""
-FARTHEST = 40.0
+MAX_SIZE_FACTOR = 40.0
 """How much larger than the size worth trying an effect may begin."""
-NEXT = 4.0
+MAX_EXTRAPOLATION = 4.0
 """How many times a size that was tried an effect is thought to grow in proportion; shapes lie no farther apart."""
 
 
@@ -51,7 +51,7 @@ def base_subspace(model: Model) -> BaseSubspace:
     size = np.where(size > 0, size, 1.0)
     scaled = J / size
     values, vectors = np.linalg.eigh(product(np.ascontiguousarray(scaled.T), scaled))
-    kept = values > RANK * values.max(initial=0.0)
+    kept = values > EIGENVALUE_TOLERANCE * values.max(initial=0.0)
     turn = vectors[:, kept] / np.sqrt(values[kept])
     return BaseSubspace(product(scaled, turn), turn / size[:, None])
 
@@ -114,10 +114,10 @@ def screening_score(
     screen = _Screen(candidate, problem, model, base, begin)
     tried = screen.tries(trials.shapes)
     detection_limit = _smallest(candidate, tried, shows)
-    for _ in range(ROUNDS if trials.refine else 0):
+    for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
         tried = [*tried, *screen.tries(_between(tried, trials.refine))]
         tried.sort(key=lambda one: -one.gain)
-        tried = tried[: 2 * REFINED]
+        tried = tried[: 2 * REFINEMENT_SHAPES]
     tried.sort(key=lambda one: -one.gain)
     best = tried[0]
     if trials.refine:
@@ -130,7 +130,7 @@ def screening_score(
             base.project_out(best.output_change[:, None])[:, 0],
             detection_limit,
         )
-    chosen = [best, *(one for one in tried[1:OTHERS] if _differs(one, best, base))][:2]
+    chosen = [best, *(one for one in tried[1:SECOND_START_TRIALS] if _differs(one, best, base))][:2]
     starts = [_sounder(problem, one) for one in chosen]
     return ScreeningScore(
         candidate,
@@ -152,10 +152,10 @@ def _smallest(candidate: Candidate, tried: Sequence[_ShapeTrial], shows: float) 
         factor = float(np.sqrt(shows / one.sensitivity)) if one.sensitivity > 0 else np.inf
         if one.exceeds_range:  # it would be seen, but what is smaller is not in proportion
             factor = max(factor, 1.0)
-        if strengths and factor < FARTHEST:
+        if strengths and factor < MAX_SIZE_FACTOR:
             sizes.append(abs(next(iter(strengths.values()))) * factor)
         elif not strengths and factor <= 1:  # towards its null; a limit has none, and counts as it is
-            sizes.append(null + (one.shape[first] - null) * factor if abs(null) < FAR else one.shape[first])
+            sizes.append(null + (one.shape[first] - null) * factor if abs(null) < MAX_FINITE_NULL else one.shape[first])
     return min(map(abs, sizes)) if sizes else None
 
 
@@ -233,7 +233,7 @@ class _Screen:
                 rows = slice(first, first + len(trial.t))
                 made[rows] = weight * (y[:, i] - trial.measured[:, i, None]) - self.model.r[rows, None]
                 first = rows.stop
-        away = ~(np.abs(made) < AWAY).all(axis=0)
+        away = ~(np.abs(made) < DIVERGENCE_THRESHOLD).all(axis=0)
         made[:, away] = 0.0  # a size at which the simulation runs away promises nothing
         return made
 
@@ -257,7 +257,7 @@ class _Screen:
 
         gain = fall(size)
         if not strengths:  # the size is part of the shape; count what another size in this direction would gain
-            gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, NEXT)))
+            gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, MAX_EXTRAPOLATION)))
         inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
         exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.reach)
         return _ShapeTrial(gain, inside_bounds, shape, z @ size, float(m[0, 0]), exceeds_range, theta_base_fixed)
@@ -265,7 +265,7 @@ class _Screen:
     def _sizes(self, g: np.ndarray, m: np.ndarray, strengths: list[tuple[str, float]]) -> np.ndarray:
         """Factors on the sizes worth trying, in bounds."""
         ridge = 1e-9 * np.diag(np.maximum(np.diag(m), 1e-300))
-        size = np.clip(-np.linalg.solve(m + ridge, g), -FARTHEST, FARTHEST)
+        size = np.clip(-np.linalg.solve(m + ridge, g), -MAX_SIZE_FACTOR, MAX_SIZE_FACTOR)
         low, high, names = self.problem.unknowns.low, self.problem.unknowns.high, self.problem.unknowns.names
         for j, (name, unit) in enumerate(strengths):
             k = names.index(f"{self.candidate.block}.{name}")
@@ -285,7 +285,7 @@ def _between(tried: Sequence[_ShapeTrial], name: str) -> list[dict[str, float]]:
     here = best.shape[name]
     others = sorted({one.shape[name] for one in tried} - {here}, key=lambda v: abs(v - here))
     reach = abs(others[0] - here) if others else 0.0
-    steps = [k / (REFINED + 1) for k in range(-REFINED, REFINED + 1) if k]
+    steps = [k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1) if k]
     return [{**best.shape, name: here + share * reach} for share in steps]
 
 
@@ -293,7 +293,7 @@ def _pinned(problem: Problem, candidate: Candidate, best: _ShapeTrial) -> Proble
     """The problem with a shape that was looked for by trials kept near what they found: slopes do not lead there."""
     name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
     k = unknowns.names.index(name)
-    reach, value = PINNED * candidate.transition_time, float(best.theta[k])
+    reach, value = PINNING_WIDTHS * candidate.transition_time, float(best.theta[k])
     item = attrs.evolve(
         unknowns.items[k],
         low=max(value - reach, unknowns.items[k].low),

@@ -16,7 +16,7 @@ from tsmblocks.files.shipped import shipped_folder
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram, Inlet
 
-MOST = 12
+MAX_INLINE_EXPERIMENTS = 12
 """Experiments (or pieces of them) whose start states are written out; those of more are read from diagnosis.json."""
 
 
@@ -33,7 +33,7 @@ def script_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def _imports(diagnosis: Diagnosis) -> Iterator[str]:
-    many = diagnosis.simulated is not None and _many(diagnosis.simulated)
+    many = diagnosis.simulated is not None and _too_many(diagnosis.simulated)
     yield from [] if not many else ["import json", "from pathlib import Path", ""]
     yield "import tsmblocks as tsm"
     used = [diagnosis.augmented.blocks[e.block] for e in diagnosis.effects]
@@ -129,7 +129,9 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     yield "# recordings: the records that were diagnosed, by experiment, as tsm.read gives them"
     yield from _starts(how)
     if how.pieces:
-        yield from ["pieces = told['simulated']['pieces']"] if _many(how) else ["pieces = {", *_items(how.pieces), "}"]
+        yield from (
+            ["pieces = told['simulated']['pieces']"] if _too_many(how) else ["pieces = {", *_items(how.pieces), "}"]
+        )
         yield "for name, (begin, first, end) in pieces.items():"
         ready, cut = "recordings[name.rpartition('#')[0]]", ".part(begin, end)"
     else:
@@ -141,7 +143,7 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _starts(how: Simulated) -> Iterator[str]:
-    if _many(how):
+    if _too_many(how):
         yield "told = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))"
         yield "start_states = told['start_states']"
         return
@@ -150,9 +152,9 @@ def _starts(how: Simulated) -> Iterator[str]:
     yield "}"
 
 
-def _many(how: Simulated) -> bool:
+def _too_many(how: Simulated) -> bool:
     """Whether start states and pieces are too many to write out."""
-    return len(how.start_states) > MOST
+    return len(how.start_states) > MAX_INLINE_EXPERIMENTS
 
 
 def _arguments(diagnosis: Diagnosis, how: Simulated) -> Iterator[str]:

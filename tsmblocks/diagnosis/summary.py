@@ -24,15 +24,15 @@ from tsmblocks.fitting.experiments import Trial
 from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
 
-BEYOND = 0.2
+UNKNOWN_EXCESS = 0.2
 """Excess over the noise, as a share of it, that calls for an explanation."""
-SEEN = 0.3
+MIN_PREDICTABLE_SHARE = 0.3
 """Share of the excess that coordinates must foretell where only fast noise is known, before it counts as misfit."""
 
 
-ADDED = 1e-3
+INPUT_NOISE_THRESHOLD = 1e-3
 """Share of the noise's variance that comes from the inputs, from which it is told."""
-PLAIN = 5.0
+CERTAIN_EXCESS = 5.0
 """Excess that is no noise, however the floor was found."""
 
 
@@ -71,8 +71,8 @@ def segment_summary(work: PartDiagnosis, whole_diagram: Diagram) -> Segment:
         residual_coordinates(base.r, known, search.blocks, left),
         explainable_share(base.r, known, search.blocks, left),
     )
-    sure = work.floors.reliable or top >= SEEN or excess > PLAIN
-    verdict = "named" if work.count else "unknown" if excess > BEYOND and sure else "none"
+    sure = work.floors.reliable or top >= MIN_PREDICTABLE_SHARE or excess > CERTAIN_EXCESS
+    verdict = "named" if work.count else "unknown" if excess > UNKNOWN_EXCESS and sure else "none"
     held = _held_out(work)
     effects = tuple(_named(work, k, losses, whole_diagram) for k in range(work.count))
     gaps = tuple(_gap(work, i, held) for i in range(len(base.setup.outputs)))
@@ -199,7 +199,10 @@ def _gap(work: PartDiagnosis, i: int, held: Sequence[np.ndarray]) -> Gap:
 def _given(work: PartDiagnosis, output: str) -> str:
     """The floor in the words it was given, and that more was added to it; empty where it was found."""
     words = work.floors.given.get(output, "")
-    return words and f"{words} given{', and noise of the inputs' if work.search.noise_variance > 1 + ADDED else ''}"
+    return (
+        words
+        and f"{words} given{', and noise of the inputs' if work.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ''}"
+    )
 
 
 def _ranking(work: PartDiagnosis) -> tuple[RankedCandidate, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from tsmblocks.common.tables import WIDTH, columns, listed
 from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.model_difference import difference
-from tsmblocks.diagnosis.noise_floor import ABOVE
+from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
 from tsmblocks.diagnosis.presentation import (
     digits,
     fitted_rms,
@@ -27,20 +27,20 @@ from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.text import estimate_rows
 
-WEAK = 0.05
+WEAK_EXCESS = 0.05
 """Excess over the noise, as a share of it, that is told even where nothing can be named."""
-STILL = 1.1
+REMAINING_ERROR_RATIO = 1.1
 """Error beside the noise from which something is left after all that was named."""
-LONG, SHORT = 28, 14
+MAX_NAME_LENGTH, MAX_HEADING_LENGTH = 28, 14
 """Characters at which a name in a table is cut, and the heading of a column of numbers."""
-ROOM = 48
+NAME_AND_WIRE_WIDTH = 48
 """Characters that the name of a candidate and its wire have together, so that a row fits a terminal."""
-MOST = 8
-"""Candidates of a round that are told; of one in which nothing was named, if others were, ``FEW``."""
-FEW = 3
-SENSELESS = 10.0
+MAX_ROWS = 8
+"""Candidates of a round that are told; of one in which nothing was named, if others were, ``MAX_ROWS_UNNAMED``."""
+MAX_ROWS_UNNAMED = 3
+MAX_MEANINGFUL_SHARE = 10.0
 """Share of the excess above which there was no excess to speak of, so that the share says nothing."""
-HOLE = "\0"
+PLACEHOLDER = "\0"
 _NUMBER = re.compile(r"(?:\d{4}-\d\d-\d\d )?\d\d:\d\d:\d\d(?:\.\d+)?|(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
 STATUS = {"done": "done", "interrupted": "interrupted; this is what was found until then"}
 
@@ -85,13 +85,13 @@ def verdict_sentence(segment: Segment) -> str:
             f"{between} the model misses something that no block of the catalogue explains: the best removes "
             f"{percent(max(best, 0.0))} of the error. Where it is: {along}. {_left(segment)}{ahead}"
         )
-    weak = " There is a weak excess, below what these data can name." if segment.excess > WEAK else ""
+    weak = " There is a weak excess, below what these data can name." if segment.excess > WEAK_EXCESS else ""
     return f"{between} nothing is missing that these data could show. {_left(segment)}{weak}{_doubt(segment)}"
 
 
 def _doubt(segment: Segment) -> str:
     """A word about a noise floor above what the model leaves."""
-    high = [g.output for g in segment.gaps if g.held_out[0] * ABOVE < g.noise_floor]
+    high = [g.output for g in segment.gaps if g.held_out[0] * MAX_FLOOR_RATIO < g.noise_floor]
     return (
         f" But the noise floor given for {listed(high, 3)} cannot be right: the model leaves less than that."
         if high
@@ -138,7 +138,7 @@ def _shrinks(segment: Segment) -> str:
 def _remains(segment: Segment, gap: Gap) -> str:
     """What is said where the last model still leaves more than noise."""
     ratio = gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 1.0
-    if ratio < STILL:
+    if ratio < REMAINING_ERROR_RATIO:
         return ""
     looked = any(r.round > len(segment.effects) for r in segment.ranking)
     why = "that no effect of the catalogue explains" if looked else "that was not looked into any further"
@@ -194,7 +194,7 @@ def gap_table(one: tuple[Segment, Gap]) -> str:
     rows = [
         [
             f"rms of {gap.output} held out [{unit or 'its unit'}]",
-            *(_cut(s, SHORT) for s in column_titles(segment)),
+            *(_cut(s, MAX_HEADING_LENGTH) for s in column_titles(segment)),
             *last,
         ]
     ]
@@ -230,8 +230,12 @@ def _ranking(segment: Segment) -> list[str]:
         fitted = [r for r in here if r.fitted]
         if not fitted:
             continue
-        shown = fitted[: FEW if segment.effects and not any(r.named for r in fitted) else MOST]
-        room = ROOM + (0 if several > 1 else len("  new exp.")) - max(len(_cut(candidate_title(r))) for r in shown)
+        shown = fitted[: MAX_ROWS_UNNAMED if segment.effects and not any(r.named for r in fitted) else MAX_ROWS]
+        room = (
+            NAME_AND_WIRE_WIDTH
+            + (0 if several > 1 else len("  new exp."))
+            - max(len(_cut(candidate_title(r))) for r in shown)
+        )
         rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
         rows += [
             [
@@ -386,7 +390,7 @@ def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
     for note in notes:
         name, colon, text = note.partition(": ")
         own = bool(colon) and name in experiments
-        key = _NUMBER.sub(HOLE, text) if own else note
+        key = _NUMBER.sub(PLACEHOLDER, text) if own else note
         groups.setdefault(key, []).append((name if own else "", _NUMBER.findall(text) if own else []))
     made = []
     for key, found in groups.items():
@@ -400,7 +404,7 @@ def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
 
 
 def _filled_in(key: str, numbers: Iterator[str]) -> Iterator[str]:
-    head, *others = key.split(HOLE)
+    head, *others = key.split(PLACEHOLDER)
     yield head
     for text in others:
         yield next(numbers) + text
@@ -424,12 +428,12 @@ def percent(share: float) -> str:
 
     More than all cannot go: what seems to is a noise floor that was put too high.
     """
-    if not np.isfinite(share) or share > SENSELESS:
+    if not np.isfinite(share) or share > MAX_MEANINGFUL_SHARE:
         return ""
     return "< 0 %" if share < -0.005 else f"{100 * min(max(share, 0.0), 1.0):z.0f} %"
 
 
-def _cut(text: str, most: int = LONG) -> str:
+def _cut(text: str, most: int = MAX_NAME_LENGTH) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 

@@ -8,9 +8,10 @@ from tsmblocks.blocks import DeadTime, Lag, RateDependence, Resonance
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 from tsmblocks.model.diagram import Diagram
 
-LATE = (0.002, 0.01, 0.05, 0.15)
-"""Times worth trying [s], where samples are up to ``SLOW`` apart; longer ones where they are farther apart."""
-SLOW = 0.05
+TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
+"""Times worth trying [s], where samples are up to ``COARSE_SAMPLING`` apart; longer ones where they are farther
+apart."""
+COARSE_SAMPLING = 0.05
 
 
 TWO_LAGS = Diagram(
@@ -25,7 +26,7 @@ TWO_LAGS = Diagram(
 
 
 def _times(name: str, scales: Scales, most: float) -> Trials:
-    times = [time * max(1.0, scales.step / SLOW) for time in LATE]
+    times = [time * max(1.0, scales.step / COARSE_SAMPLING) for time in TRIAL_TIMES]
     return Trials({}, tuple({name: time} for time in times if time < most), bounds={name: (0.0, most)})
 
 

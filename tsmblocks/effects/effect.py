@@ -24,7 +24,7 @@ speed). ``load``: there too, and it reads the motion as well. ``brake``: the sam
 speed, as its unit says. ``across``: on the wire of an output, and it reads the input as well. An effect made for one
 diagram names its wire instead, ``"pump -> tank.inflow"``; it stands there in diagrams that have this port.
 """
-READING = ("across", "load", "brake")
+TWO_SIGNAL_PLACES = ("across", "load", "brake")
 """Places at which an effect is given a second signal, at its input ``x``."""
 
 
@@ -244,10 +244,10 @@ def _port_faults(effect: Effect) -> Iterator[str]:
     for port, side in (("u", effect.block.inports), ("y", effect.block.outports)):
         if port not in side:
             yield f"its block needs a port '{port}', and has {', '.join(side) or 'none'} on that side."
-    reads = ("u", "x") if effect.place in READING or effect.reads else ("u",)
+    reads = ("u", "x") if effect.place in TWO_SIGNAL_PLACES or effect.reads else ("u",)
     for name, inlet in effect.block.inports.items():
         if name not in reads and not getattr(inlet, "rate_of", ""):
-            also = f" (an input x is driven at the places {listed(READING)} alone)" if name == "x" else ""
+            also = f" (an input x is driven at the places {listed(TWO_SIGNAL_PLACES)} alone)" if name == "x" else ""
             yield f"nothing would drive the input '{name}' of its block at the place '{effect.place}'{also}."
 
 

@@ -11,10 +11,10 @@ from tsmblocks.effects.effect import Effect, Scales, Span, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
-SMOOTH = 0.02
+SMOOTHING_SHARE = 0.02
 """Speed over which the sign of a dry friction turns, as a share of the rms speed: too small to matter, large enough
 to be stepped over."""
-SMALL = 0.05
+FRICTION_SHARE = 0.05
 """Friction worth trying, as a share of the rms drive."""
 
 
@@ -59,12 +59,12 @@ MOTIONS = (Motion("load", "", Derivative(), lambda scales: scales), Motion("brak
 
 
 def _size(scales: Scales) -> float:
-    return SMALL * scales.wire.rms
+    return FRICTION_SHARE * scales.wire.rms
 
 
 def _dry(scales: Scales) -> Trials:
     speed = scales.other.speed
-    shapes = tuple({"friction.smoothing": share * speed} for share in (SMOOTH, SMOOTH / 5))
+    shapes = tuple({"friction.smoothing": share * speed} for share in (SMOOTHING_SHARE, SMOOTHING_SHARE / 5))
     return Trials({"friction.level": _size(scales)}, shapes, bounds={"friction.smoothing": (1e-3 * speed, 0.1 * speed)})
 
 
@@ -81,8 +81,8 @@ def _falling(scales: Scales) -> Trials:
     return Trials(
         {"friction.static": 2 * _size(scales)},
         tuple({"friction.stribeck": share * speed} for share in (0.1, 0.3, 0.8)),
-        {"friction.smoothing": SMOOTH * speed},
-        {"friction.stribeck": (3 * SMOOTH * speed, 0.8 * speed)},  # at working speed little of it is left
+        {"friction.smoothing": SMOOTHING_SHARE * speed},
+        {"friction.stribeck": (3 * SMOOTHING_SHARE * speed, 0.8 * speed)},  # at working speed little of it is left
     )
 
 

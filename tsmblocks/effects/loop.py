@@ -5,14 +5,14 @@ from __future__ import annotations
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 
-SHARES = (0.04, 0.15, 0.45)
+PLAY_WIDTHS = (0.04, 0.15, 0.45)
 """Half widths of the plays that make up a memory, as shares of half the range, to begin with."""
-_PLAYS = NonlocalMemory(weights=(0.0,) * len(SHARES), radii=SHARES)
+_PLAYS = NonlocalMemory(weights=(0.0,) * len(PLAY_WIDTHS), radii=PLAY_WIDTHS)
 
 
 def _numbered(name: str) -> tuple[str, ...]:
     """One parameter for each play."""
-    return tuple(f"{name}[{k}]" for k in range(len(SHARES)))
+    return tuple(f"{name}[{k}]" for k in range(len(PLAY_WIDTHS)))
 
 
 def _gap(scales: Scales) -> Trials:
@@ -46,9 +46,11 @@ def _asymmetry(scales: Scales) -> Trials:
 
 def _memory(scales: Scales) -> Trials:
     reach = scales.wire.reach
-    wider, closer = ({f"radii[{k}]": factor * share * reach for k, share in enumerate(SHARES)} for factor in (1.0, 0.5))
+    wider, closer = (
+        {f"radii[{k}]": factor * share * reach for k, share in enumerate(PLAY_WIDTHS)} for factor in (1.0, 0.5)
+    )
     return Trials(
-        {f"weights[{k}]": 0.05 for k in range(len(SHARES))},
+        {f"weights[{k}]": 0.05 for k in range(len(PLAY_WIDTHS))},
         (wider, closer),
         bounds=dict.fromkeys(wider, (0.003 * reach, 1.5 * reach)),
     )

@@ -9,13 +9,13 @@ from tsmblocks.effects.effect import Effect, Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
-BENT = 0.02
+CURVATURE_SHARE = 0.02
 """Departure from a straight line at the ends that is worth trying, as a share of half the range."""
 
-PERIODS = 1.15
+MIN_PERIODS = 1.15
 """Periods in the range of motion that a ripple has at least."""
 
-ONE, TWO = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
+ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
 """Amplitudes of a ripple with one harmonic, and with two."""
 
 
@@ -74,12 +74,19 @@ def _soft_limits(scales: Scales) -> Trials:
 
 def _even(scales: Scales) -> Trials:
     reach = scales.wire.reach
-    return Trials({"quadratic": BENT / reach, "quartic": BENT / reach**3}, fixed={"centre": scales.wire.middle})
+    return Trials(
+        {"quadratic": CURVATURE_SHARE / reach, "quartic": CURVATURE_SHARE / reach**3},
+        fixed={"centre": scales.wire.middle},
+    )
 
 
 def _odd(scales: Scales) -> Trials:
     reach = scales.wire.reach
-    return Trials({"cubic": BENT / reach**2, "quintic": BENT / reach**4}, _centres(scales), bounds=_inside(scales))
+    return Trials(
+        {"cubic": CURVATURE_SHARE / reach**2, "quintic": CURVATURE_SHARE / reach**4},
+        _centres(scales),
+        bounds=_inside(scales),
+    )
 
 
 def _centres(scales: Scales) -> tuple[dict[str, float], ...]:
@@ -96,7 +103,9 @@ def _inside(scales: Scales) -> dict[str, tuple[float | None, float | None]]:
 def _bowed(scales: Scales) -> Trials:
     reach = scales.wire.reach
     shapes = tuple({"width": share * reach, **centre} for share in (0.12, 0.3, 0.7) for centre in _centres(scales))
-    return Trials({"size": BENT * reach}, shapes, bounds={"width": (0.03 * reach, 2 * reach), **_inside(scales)})
+    return Trials(
+        {"size": CURVATURE_SHARE * reach}, shapes, bounds={"width": (0.03 * reach, 2 * reach), **_inside(scales)}
+    )
 
 
 def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = "") -> Trials:
@@ -106,20 +115,20 @@ def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = ""
     return Trials(
         {f"{prefix}{k}": size for k in names},
         shapes,
-        bounds={f"{prefix}cycles": (PERIODS * math.pi / reach, 40 * math.pi / reach)},
+        bounds={f"{prefix}cycles": (MIN_PERIODS * math.pi / reach, 40 * math.pi / reach)},
     )
 
 
 def _ripple(scales: Scales) -> Trials:
-    return _rippled(scales.wire.reach, BENT * scales.wire.reach, ONE)
+    return _rippled(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, ONE_HARMONIC)
 
 
 def _two_ripples(scales: Scales) -> Trials:
-    return _rippled(scales.wire.reach, BENT * scales.wire.reach, TWO)
+    return _rippled(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, TWO_HARMONICS)
 
 
 def _cogging(scales: Scales) -> Trials:
-    return _rippled(scales.other.reach, BENT * scales.wire.rms, ONE, "force.")
+    return _rippled(scales.other.reach, CURVATURE_SHARE * scales.wire.rms, ONE_HARMONIC, "force.")
 
 
 def _spring(part: str, power: int) -> Effect:
@@ -131,7 +140,8 @@ def _spring(part: str, power: int) -> Effect:
     def trials(scales: Scales) -> Trials:
         other = "force.cubic" if part == "quadratic" else "force.quadratic"
         return Trials(
-            {f"force.{part}": BENT * scales.wire.rms / max(scales.other.rms, 1e-300) ** power}, fixed={other: 0.0}
+            {f"force.{part}": CURVATURE_SHARE * scales.wire.rms / max(scales.other.rms, 1e-300) ** power},
+            fixed={other: 0.0},
         )
 
     return Effect(
@@ -271,7 +281,7 @@ EFFECTS = (
             variant=variant,
             within=("cycles",),
         )
-        for names, trials, variant in ((ONE, _ripple, ""), (TWO, _two_ripples, "two harmonics"))
+        for names, trials, variant in ((ONE_HARMONIC, _ripple, ""), (TWO_HARMONICS, _two_ripples, "two harmonics"))
     ),
     Effect(
         "position_ripple",

@@ -18,7 +18,7 @@ from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 _LOOP = "a loop that changes at one time"
 NO_LIMIT = 1e12
 """A speed that nothing reaches; an infinite one, times no time at all, would be no number."""
-INSTANTS = 48
+INSTANT_COUNT = 48
 """Instants at which a sudden change is looked for, at first."""
 
 
@@ -33,8 +33,8 @@ def _drift(scales: Scales) -> Trials:
 
 
 def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
-    length = (scales.stop - scales.start) / (INSTANTS + 1)
-    times = [scales.start + (k + 1) * length for k in range(INSTANTS)]
+    length = (scales.stop - scales.start) / (INSTANT_COUNT + 1)
+    times = [scales.start + (k + 1) * length for k in range(INSTANT_COUNT)]
     # What comes with the first samples, or goes with the last, is no change.
     return Trials(
         size,
