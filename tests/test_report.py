@@ -18,6 +18,8 @@ from tsmblocks.blocks import Gain, Play
 from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis import presentation as showing
 from tsmblocks.diagnosis import text as telling
+from tsmblocks.diagnosis import verdict_text
+from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.html import charts, figures
@@ -29,40 +31,39 @@ CSS = style("page.css")
 TOLD = """\
 Tendon sheath: a gain and an offset: 2 experiments
 
-NAMED. Between x_in and x_out the model misses a backlash gap (backlash on
+NAMED. Unmodelled effect between x_in and x_out: a backlash gap (backlash on
 offset.y -> x_out, half_width 0.500 ± 0.020 deg). With it, the error of x_out on
-data held out falls from 0.520 to 0.104 deg rms (noise 0.100), which is 98 % of
-what can be explained. Also possible: hysteresis.
+held-out data falls from 0.520 to 0.104 deg rms (noise floor 0.100), by 98 % of
+the error above the noise floor. Also possible: hysteresis.
 
-rms of x_out held out [deg]  before  + backlash  fit before  fit after
+held-out rms of x_out [deg]  before  + backlash  fit before  fit after
 all                           0.520       0.104       0.500      0.100
 full                          0.530       0.105       0.505     0.0914
 half                          0.510       0.103       0.510      0.101
 noise floor (given)           0.100
 
-where they disagree:
+residual by coordinate:
 - 90 % of the excess: the error has one sign forwards and the other backwards.
 
-candidates, round 1 (* named, ~ cannot be told from it):
+candidates, round 1 (* named, ~ indistinguishable from it):
   candidate   on                 removes  new exp.  t (2)
 * backlash    offset.y -> x_out     98 %      98 %    9.5
 ~ hysteresis  offset.y -> x_out     98 %      98 %    9.5
   dead_time   offset.y -> x_out    < 0 %      10 %    9.5
-Other candidates, which promised or removed less: 1.
+Other candidates, screened out or with a smaller reduction: 1.
 
 candidates, round 2 (none named):
   candidate  on                 removes  new exp.  t (2)
   dead_time  offset.y -> x_out     20 %      20 %    9.5
 
-removes: share of the error above the noise that goes with it, on blocks of time
-held out; new exp.: the same with whole experiments held out; < 0 %: the error
-grows. t: how many times its own scatter that is; (in brackets) what chance
-stays below.
+removes: reduction of the error above the noise floor, on held-out time blocks;
+new exp.: the same with whole experiments held out; < 0 %: the error grows. t:
+t-statistic of the reduction; (in brackets) its critical value (95 %).
 
 backlash (backlash):
   half_width  0.500 ± 0.020 deg
 
-what was added to the diagram:
+changes to the diagram:
 + backlash = Play(half_width=0.00872665)
 - offset => x_out
 + offset -> backlash.u
@@ -70,7 +71,7 @@ what was added to the diagram:
 ~ gain.gain  0.92 -> 0.91
 ~ offset.bias  0 -> 0.01 deg
 
-The errors told are those of simulations that begin at start states found for
+The errors reported are those of simulations from initial states estimated for
 each experiment: found.start_states, and start_states in diagnosis.json;
 found.diagrams has a diagram for each.
 
@@ -85,7 +86,7 @@ in a script:
   })
   diagram = diagram.insert('backlash', Play(half_width=0.008726646259971648), after='offset.y')
 
-  # recordings: the records that were diagnosed, by experiment, as tsm.read gives them
+  # recordings: the diagnosed records by experiment, as tsm.read returns them
   start_states = {
       'full': {'backlash.m': 0.1},
       'half': {'backlash.m': -0.2},
@@ -94,16 +95,16 @@ in a script:
       made = record.conditioned(['x_in'])
       print(tsm.score(diagram, {name: made}, parameters=start_states[name], outputs=['x_out'], step=0.01, hold='cubic'))
 
-what may be confused:
-- backlash cannot be told from hysteresis with these data. To separate them: two
-  amplitudes, minor loops, or an odd multisine.
+indistinguishable effects:
+- backlash is indistinguishable from hysteresis with these data. To separate
+  them: two amplitudes, minor loops, or an odd multisine.
 
-the smallest sizes that would have been seen:
+smallest detectable sizes:
   backlash  half_width 0.02 deg
   drift     rate 1e-05
 
-of any size unseen, since these experiments do not excite them or the diagram
-has no wire for them: coulomb_friction.
+not detectable at any size, since these experiments do not excite them or the
+diagram has no insertion point for them: coulomb_friction.
 
 tracking full [deg]             peak to peak    rms
 without compensation                    20.0   7.00
@@ -126,23 +127,23 @@ def test_a_diagnosis_is_told_in_this_order():
 
 
 def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
-    assert telling.verdict_sentence(UNKNOWN) == (
-        "Between x_in and x_out the model misses something that no block of the catalogue explains: the best removes "
-        "24 % of the error. Where it is: the error has one sign forwards and the other backwards. The error of x_out on "
-        "data held out is 0.520 deg rms, its noise 0.100."
+    assert verdict_text.verdict_sentence(UNKNOWN) == (
+        "Unmodelled effect between x_in and x_out that no block of the catalogue explains: the best removes 24 % of the "
+        "error above the noise floor. Residual: the error has one sign forwards and the other backwards. The error of "
+        "x_out on held-out data is 0.520 deg rms, its noise floor 0.100."
     )
 
 
 def test_the_verdict_none_says_how_close_the_noise_is():
-    assert telling.verdict_sentence(NONE) == (
-        "Between x_in and x_out nothing is missing that these data could show. The error of x_out on data held out is "
-        "0.103 deg rms, its noise 0.100. There is a weak excess, below what these data can name."
+    assert verdict_text.verdict_sentence(NONE) == (
+        "No unmodelled effect between x_in and x_out is detectable with these data. The error of x_out on held-out data "
+        "is 0.103 deg rms, its noise floor 0.100. There is a weak excess, too small to be named with these data."
     )
-    assert telling.verdict_sentence(attrs.evolve(NONE, excess=0.01)).endswith("its noise 0.100.")
+    assert verdict_text.verdict_sentence(attrs.evolve(NONE, excess=0.01)).endswith("its noise floor 0.100.")
 
 
-def test_nothing_is_said_of_where_when_no_coordinate_foretells_the_error():
-    assert "Where it is: it follows none of the coordinates looked at." in telling.verdict_sentence(
+def test_no_coordinate_is_reported_when_none_predicts_the_residual():
+    assert "Residual: it depends on none of the coordinates examined." in verdict_text.verdict_sentence(
         attrs.evolve(UNKNOWN, where=())
     )
 
@@ -150,29 +151,30 @@ def test_nothing_is_said_of_where_when_no_coordinate_foretells_the_error():
 def test_several_segments_are_told_apart_with_those_that_miss_something_first():
     motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
     text = str(diagnosis(motor, NAMED))
-    assert text.index("NAMED. ") < text.index("NONE. Between r and u, x_in nothing is missing")
+    assert text.index("NAMED. ") < text.index("NONE. No unmodelled effect between r and u, x_in")
     assert text.index("== r -> u, x_in ==") < text.index("== x_in -> x_out ==")
-    assert "the smallest sizes that would have been seen in r -> u, x_in:" in text
+    assert "smallest detectable sizes in r -> u, x_in:" in text
 
 
 def test_two_effects_of_one_name_are_told_by_their_blocks():
     second = attrs.evolve(BACKLASH, block="backlash_2", wire="backlash.y -> x_out", also_possible=())
-    found = telling.verdict_sentence(attrs.evolve(NAMED, effects=(BACKLASH, second)))
+    found = verdict_text.verdict_sentence(attrs.evolve(NAMED, effects=(BACKLASH, second)))
     assert found.startswith(
-        "Between x_in and x_out the model misses a backlash gap (backlash on offset.y -> x_out, half_width 0.500 ± 0.020 "
-        "deg) and a backlash gap (backlash as block backlash_2 on backlash.y -> x_out, half_width 0.500 ± 0.020 deg). "
-        "With them, the error"
+        "Unmodelled effects between x_in and x_out: a backlash gap (backlash on offset.y -> x_out, half_width 0.500 ± "
+        "0.020 deg) and a backlash gap (backlash as block backlash_2 on backlash.y -> x_out, half_width 0.500 ± 0.020 "
+        "deg). With them, the error"
     )
 
 
 def test_the_output_furthest_above_its_noise_is_the_one_told():
     (gap,) = NAMED.gaps
     other = attrs.evolve(gap, output="u", unit="V", noise_floor=0.01, held_out=(2.0, 0.02), train=(2.0, 0.02))
-    assert "the error of u on data held out falls from 2.00 to 0.0200 V rms (noise 0.0100)" in telling.verdict_sentence(
-        attrs.evolve(NAMED, gaps=(gap, other))
+    assert (
+        "the error of u on held-out data falls from 2.00 to 0.0200 V rms (noise floor 0.0100)"
+        in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(gap, other)))
     )
     bare = attrs.evolve(NAMED, gaps=(attrs.evolve(other, unit=""),))
-    assert "falls from 2.00 to 0.0200 rms (noise 0.0100)" in telling.verdict_sentence(bare)
+    assert "falls from 2.00 to 0.0200 rms (noise floor 0.0100)" in verdict_text.verdict_sentence(bare)
 
 
 def test_a_compensator_that_does_no_better_is_explained():
@@ -182,19 +184,19 @@ def test_a_compensator_that_does_no_better_is_explained():
     assert "compensated with the new model          1.00  0.300\n\nIt cannot jump.\n" in str(worse)
     assert "<p>It cannot jump.</p>" in page(worse)
     none = attrs.evolve(found, consequence=None, no_consequence="It was not tracked.")
-    assert "\n\nWhat it means for control: It was not tracked.\n" in str(none)
+    assert "\n\nConsequence for control: It was not tracked.\n" in str(none)
     assert "<h2>What it means for control</h2><p>It was not tracked.</p>" in page(none)
 
 
 def test_what_is_left_after_all_that_was_named_is_told():
     left = attrs.evolve(NAMED.gaps[0], held_out=(0.52 * DEG, 0.17 * DEG))
-    words = "That is still 1.7 times the noise: something is left that no effect of the catalogue explains."
-    assert words in telling.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
+    words = "That is still 1.7 times the noise floor: a residual that no effect of the catalogue explains."
+    assert words in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
     first = tuple(r for r in NAMED.ranking if r.round == 1)
-    assert "something is left that was not looked into any further." in telling.verdict_sentence(
+    assert "a residual that was not examined further." in verdict_text.verdict_sentence(
         attrs.evolve(NAMED, gaps=(left,), ranking=first)
     )
-    assert "still" not in telling.verdict_sentence(NAMED)
+    assert "still" not in verdict_text.verdict_sentence(NAMED)
 
 
 def test_an_interrupted_search_says_so():
@@ -211,7 +213,7 @@ def test_lines_fit_a_terminal_but_for_code():
     [(0.976, "98 %"), (1.27, "100 %"), (0.0, "0 %"), (-0.004, "0 %"), (-5.0, "< 0 %"), (1e9, ""), (float("nan"), "")],
 )
 def test_shares_in_percent(share, shown):
-    assert telling.percent(share) == shown
+    assert verdict_text.percent(share) == shown
 
 
 def test_one_experiment_says_nothing_of_new_ones():
@@ -220,15 +222,15 @@ def test_one_experiment_says_nothing_of_new_ones():
 
 
 def test_notes_of_several_experiments_are_gathered():
-    assert telling.merged_notes(NOTES, ("full", "half"))[0] == (
+    assert merged_notes(NOTES, ("full", "half"))[0] == (
         "all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen from its spectrum)."
     )
     same = ["a: kept 3 of 5.", "b: kept 3 of 5.", "other: kept 3 of 5."]
     days = [f"{name}: Zeit was read as seconds since 2026-11-{day} 14:03:07." for name, day in (("a", 22), ("b", 23))]
-    assert telling.merged_notes(days, ("a", "b")) == [
+    assert merged_notes(days, ("a", "b")) == [
         "all experiments: Zeit was read as seconds since 2026-11-22 14:03:07 to 2026-11-23 14:03:07."
     ]
-    assert telling.merged_notes(same, ("a", "b", "c")) == ["a and b: kept 3 of 5.", "other: kept 3 of 5."]
+    assert merged_notes(same, ("a", "b", "c")) == ["a and b: kept 3 of 5.", "other: kept 3 of 5."]
 
 
 @pytest.mark.parametrize(

@@ -148,7 +148,7 @@ def _fit_text(story: Story) -> str:
 
 
 def _diagnosis_text(story: Story) -> str:
-    from tsmblocks.diagnosis.text import verdict_sentence
+    from tsmblocks.diagnosis.verdict_text import verdict_sentence
 
     segment = story.diagnosis.worst
     text = _wrapped(f"{segment.verdict.upper()}. {verdict_sentence(segment)}")

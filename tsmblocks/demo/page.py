@@ -17,7 +17,7 @@ from tsmblocks.demo.paper import DIAGRAMS, Case
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
 from tsmblocks.diagnosis.presentation import by_excess, digits, output_traces, profile, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.text import verdict_sentence, worst_gap
+from tsmblocks.diagnosis.verdict_text import verdict_sentence, worst_gap
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
 from tsmblocks.html import charts, figures

@@ -1,4 +1,4 @@
-"""From effects and wires to candidates: diagrams that have one block more, and what to try with it."""
+"""Candidates: every effect on every admissible signal, as a diagram with one more block, and its trial values."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
 SPECTRAL_LINE_COUNT = 6
-"""Frequencies handed to effects that have one of their own."""
-
-
+"""Frequencies passed to effects that have one of their own. Chosen: an effect tries four to six of them."""
+MAX_SPECTRUM_SAMPLES = 4_000_000
+"""Samples of the whole session from which its spectrum is not computed. Chosen: for memory, 32 MB a row."""
 REST_HALF_RANGE = 1e-12
-"""Half range of a signal, in its unit, up to which it is at rest."""
+"""Half range of a signal, in its unit, up to which it is at rest. Chosen: rounding."""
 
 
 @attrs.frozen(eq=False)
 class Candidate:
-    """An effect on a wire: ``diagram`` is the model's with ``block`` added, standing at the effect's null."""
+    """An effect at an insertion point: ``diagram`` is the model's with ``block`` added, at the null of the effect."""
 
     effect: Effect
     site: InsertionPoint
@@ -36,29 +36,29 @@ class Candidate:
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Full names of the effect's parameters that are fitted."""
+        """Full names of the fitted parameters of the effect."""
         return tuple(f"{self.block}.{k}" for k in self.effect.free)
 
     @property
     def initialised_states(self) -> tuple[str, ...]:
-        """Full names of the states that begin at the value of the wire."""
+        """Full names of the states whose initial value is that of the wire."""
         return tuple(f"{self.block}.{k}" for k in self.effect.settled)
 
     @property
     def transition_time(self) -> float:
-        """Time over which a change at one instant is rounded [s]."""
+        """Transition time [s] of a change at one instant."""
         prefix = self.trials.refine.rpartition(".")[0]
         return self.diagram.parameters[".".join(filter(None, (self.block, prefix, "width")))]
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What tells candidates of one round apart."""
+        """What identifies a candidate within a round."""
         return self.effect.name, self.effect.variant, f"{self.site.after}>{self.site.before}"
 
 
 @attrs.frozen(eq=False)
 class WireSignals:
-    """What the wires of a fitted model carry: signals by name, one array for each experiment."""
+    """The signals of a fitted model by name, one array for each experiment, and the times of the experiments [s]."""
 
     signals: dict[str, list[np.ndarray]]
     steps: list[float]
@@ -69,7 +69,7 @@ class WireSignals:
     spectral_lines: tuple[float, ...]
 
     def scales(self, site: InsertionPoint) -> Scales:
-        """The sizes that an effect at a site sees."""
+        """The scales that an effect at an insertion point has to do with."""
         wire = self.span(site.signal)
         return Scales(
             wire,
@@ -82,16 +82,16 @@ class WireSignals:
         )
 
     def span(self, signal: str) -> Span:
-        """How a signal moved."""
+        """Range and rate of a signal."""
         return span_of(self.signals[signal], self.steps)
 
     def initial_values(self, signal: str) -> list[float]:
-        """The value of a signal at the start of each experiment."""
+        """The initial value of a signal in each experiment."""
         return [float(y[0]) for y in self.signals[signal]]
 
 
 def wire_signals(model: Model, places: Sequence[InsertionPoint]) -> WireSignals:
-    """Simulate a model once more and look at all wires of interest."""
+    """The signals at the insertion points of a model, simulated once more."""
     names = list(dict.fromkeys(k for site in places for k in (site.signal, site.other) if k))
     eq = model.setup.eq
     place = {k: eq.y.index(_inner_signal(model.diagram, k)) for k in names}
@@ -115,7 +115,7 @@ def wire_signals(model: Model, places: Sequence[InsertionPoint]) -> WireSignals:
 
 
 def _inner_signal(diagram: Diagram, signal: str) -> str:
-    """The name a signal has in the equations: that of the block inside, where a diagram stands as a block."""
+    """The name of a signal in the equations: that of the inner block, where a diagram is used as a block."""
     head, _, port = signal.partition(".")
     block = diagram.blocks.get(head)
     if not isinstance(block, Diagram):
@@ -124,12 +124,12 @@ def _inner_signal(diagram: Diagram, signal: str) -> str:
 
 
 def spectral_lines(model: Model) -> tuple[float, ...]:
-    """Frequencies [Hz] of the strongest lines in what a model leaves, over the whole session, strongest first."""
+    """Frequencies [Hz] of the strongest lines in the residual, over the whole session, strongest first."""
     trials, segments = model.setup.trials, model.problem.segments
     count, step = trials[0].measured.shape[1], min(trial.record.step for trial in trials)
     begin, end = min(float(t.t[0]) for t in trials), max(float(t.t[-1]) for t in trials)
     size = int((end - begin) / step) + 1
-    if size > 4_000_000:
+    if size > MAX_SPECTRUM_SAMPLES:
         return ()
     power = np.zeros(1)
     for k in range(count):
@@ -157,9 +157,9 @@ def spectral_lines(model: Model) -> tuple[float, ...]:
 def candidates(
     model: Model, effects: Sequence[Effect], wires: WireSignals, places: Sequence[InsertionPoint]
 ) -> list[Candidate]:
-    """Every effect on every wire where it can stand and show.
+    """Every effect on every admissible signal at which these data excite it.
 
-    An edit that makes no diagram (a loop without a delay) is none, nor one that takes rates of inputs that are held.
+    Left out are edits that make an algebraic loop, and those that differentiate inputs with a zero-order hold.
     """
     found: list[Candidate] = []
     base, order = model.fitted_diagram, ORDERS.get(model.setup.trials[0].hold, math.inf)
@@ -178,7 +178,9 @@ def candidates(
 
 
 def _trials(effect: Effect, scales: Scales) -> Trials | None:
-    """What to try of an effect; None where the data cannot show it: beside signals at rest, all but the clock's."""
+    """The trial values of an effect; None where the data do not excite it, as signals at rest do (but for effects of
+    time).
+    """
     if all(one.reach > REST_HALF_RANGE and one.fastest > 0 for one in (scales.wire, scales.other)):
         return effect.trials(scales)
     trials = effect.trials(scales) if effect.family == "time" else None
@@ -187,7 +189,7 @@ def _trials(effect: Effect, scales: Scales) -> Trials | None:
 
 
 def _unused_name(diagram: Diagram, wanted: str) -> str:
-    """A name that no block has yet."""
+    """A block name that is not in use."""
     count = 1
     while (name := wanted if count == 1 else f"{wanted}_{count}") in diagram.blocks:
         count += 1
@@ -195,8 +197,8 @@ def _unused_name(diagram: Diagram, wanted: str) -> str:
 
 
 def _clipped_to_bounds(made: Diagram, name: str, effect: Effect, trials: Trials) -> dict[str, float]:
-    """Numbers of an effect that would begin outside its bounds, moved to the nearest bound: a start value of zero, say,
-    where the signal never is zero. Its null stays.
+    """Parameters of an effect outside its bounds, moved to the nearest bound, such as an initial state of zero where
+    the signal never is zero. The null stays.
     """
     moved = {}
     for key, (low, high) in trials.bounds.items():
@@ -208,16 +210,16 @@ def _clipped_to_bounds(made: Diagram, name: str, effect: Effect, trials: Trials)
 
 
 def _with_effect(base: Diagram, effect: Effect, site: InsertionPoint, trials: Trials, order: float) -> Diagram | None:
-    """The base with an effect; None where it cannot stand, or takes derivatives of inputs above ``order``."""
+    """The base with an effect; None where it is not admissible, or takes derivatives of inputs above ``order``."""
     name = _unused_name(base, effect.name)
     try:
         made = site.put(base, name, effect.block)
-        numbers = {**trials.fixed, **trials.shapes[0]}  # where no strength is, shapes are no null; they can be freed
+        numbers = {**trials.fixed, **trials.shapes[0]}  # shapes that have no strength are fitted from here
         made = made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
         made = made.with_parameters(_clipped_to_bounds(made, name, effect, trials))
         eq = equations(made)
-    except (AlgebraicLoop, DiagramError):  # a wire on which this block cannot stand
+    except (AlgebraicLoop, DiagramError):  # this block is not admissible on this wire
         return None
     same = all(made.unit(k) == base.unit(k) for k in (*base.inputs, *base.outputs))
     had = all(feed.order <= order for feed in eq.u if not feed.block)
-    return made if same and had else None  # a block for angles is none for volts: recordings could not be read any more
+    return made if same and had else None  # a block for angles would change the unit of a voltage

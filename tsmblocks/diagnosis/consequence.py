@@ -1,4 +1,4 @@
-"""What a missing effect means for control: a compensator built on the base and on the augmented model, compared."""
+"""The consequence for control: tracking with compensators built on the base and on the augmented model."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.simulation.simulate import simulate
 
 LOOP_GAIN_PER_STEP = 0.25
-"""Gain of the loop around a model, over one of its steps: as fast as the step can follow."""
+"""Gain of the loop around a model times its step. Chosen: critically damped with the lag, and as fast as the step
+allows."""
 SETTLING_SHARE = 0.1
-"""Share of a motion, from its start, in which the loop catches up; errors count after it."""
+"""Share of a motion, from its start, without error count. Chosen: the loop settles in it."""
 LOOP_SUBSTEPS = (80, 40, 20, 10, 5)
-"""Steps of the loop between two samples, the fastest loop first: the first that stands is taken."""
+"""Steps of the loop between two samples, the fastest loop first; the first stable one is used. Chosen."""
 STEPS_PER_LOOP_STEP = 4
-"""Steps of the simulation for each step of the loop."""
+"""Steps of the simulation for each step of the loop. Chosen: the lag is resolved."""
 DIVERGENCE_RATIO = 100.0
-"""Sizes of the motion that is wanted, beyond which a loop has run away."""
+"""Tracking error over the largest reference from which a loop has diverged. Chosen."""
 MAX_STEPS = 2_000_000
-"""Steps of one simulation at most."""
+"""Steps of one simulation at most. Chosen: for the run time, about a second."""
 
 Errors = tuple[float, float]
 
 
 def consequence(base: Model, augmented: Model) -> Consequence | str:
-    """Track a recorded motion with the augmented model as the plant; a sentence where that cannot be done.
+    """Track a recorded motion with the augmented model as the plant; a sentence where that is not possible.
 
-    A compensator is a fast loop around a model: the command that makes the model do what is wanted. The motion is
-    the input of the first experiment, taken as what the output should do; plant and models begin as they were found
-    to begin in it.
+    A compensator is a fast loop around a model: the command with which the model tracks the reference. The reference is
+    the input of the first experiment; plant and models have the initial states estimated for it.
     """
     trial, outputs = base.setup.trials[0], base.setup.outputs
     inputs = list(base.diagram.inputs)
@@ -52,7 +52,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     record = trial.record
     wanted, plant = record.values(inputs[0], unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]
-    step = median_step(record.t)  # a single step is rounded, by a late clock too much
+    step = median_step(record.t)  # the median is robust to rounded time stamps
     for substeps in LOOP_SUBSTEPS:
         if len(record) * substeps * STEPS_PER_LOOP_STEP > MAX_STEPS:
             continue
@@ -65,28 +65,28 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
             none, before, after = errors
             if after[1] >= max(none[1], float(np.std(wanted))):
                 return (
-                    "It was not tracked in simulation: a loop around the model, which a compensator is, errs more "
-                    "there than a command that stands still."
+                    "It was not tracked in simulation: the loop around the model, which forms the compensator, has a "
+                    "larger error than a constant command."
                 )
             words = _words(before, after, unit, 4 * loop / LOOP_GAIN_PER_STEP)
             return Consequence(unit, trial.name, none, before, after, words)
-    return "It was not tracked in simulation: the loop around the model, which a compensator is, does not stand there."
+    return "It was not tracked in simulation: the loop around the model, which forms the compensator, is unstable."
 
 
 def _of_first_experiment(model: Model) -> Diagram:
-    """The diagram with the numbers of the first experiment, its start states too."""
+    """The diagram with the parameters and initial states of the first experiment."""
     return model.diagram.with_parameters(model.problem.unknowns.settings(model.theta, 0))
 
 
 def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
-    """What to make of a compensator on the new model that does no better than that on the base."""
+    """A comment on a compensator on the new model that is no better than that on the base."""
     if augmented[0] <= base[0] and augmented[1] <= base[1]:
         return ""
     which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
     return (
-        f"The {which} error with the new model is no smaller. That says nothing against it: the plant is that "
-        f"model itself, so all that is left ({in_display_units(augmented[1], unit)} rms) is what the command cannot "
-        "do: where it would have to jump, as at a reversal to cross a gap, it takes some "
+        f"The {which} error with the new model is no smaller. This is no evidence against it: the plant is that "
+        f"model itself, so the remaining error ({in_display_units(augmented[1], unit)} rms) is the limit of the "
+        "command: where it would have to jump, as at a reversal to cross a gap, it takes some "
         f"{1000 * delay:.2g} ms."
     )
 
@@ -94,8 +94,8 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
 def _errors(
     model: Diagram | None, plant: Diagram, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray, step: float
 ) -> Errors:
-    """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model; infinite for a loop that
-    runs away.
+    """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model; infinite where the loop
+    diverges.
     """
     blocks: dict = {"plant": plant}
     wires, ports = [], [f"plant.{inlet}"]
@@ -111,7 +111,7 @@ def _errors(
         outputs={"x_out": f"plant.{outlet}"},
     )
     start, stop = float(t[0]), float(t[-1])
-    with warnings.catch_warnings():  # a step that is too long shows in what it gives
+    with warnings.catch_warnings():  # a step that is too long shows in the errors
         warnings.simplefilter("ignore")
         run = simulate(
             loop,
@@ -134,9 +134,9 @@ def inverse(model: Diagram, inlet: str, outlet: str, gain: float, start: float =
 
     .. math:: x' = \tfrac{1}{\tau}(c - x), \qquad c' = K (w - \hat y(x)), \qquad \tau = \tfrac{1}{4 K}
 
-    ``gain`` is K [1/s]; the command begins at ``start``. The lag damps the loop critically where the model's slope is
-    1, and lets it stand around models that answer to the rate of their input too, as the paper's slope does: without
-    it their output would depend on itself at the same instant. Output ``command``, in the unit of the model's input.
+    ``gain`` is K [1/s]; the command starts at ``start``. The lag damps the loop critically where the model's gain is
+    1, and avoids an algebraic loop with models that depend on the rate of their input, as the paper's does. Output
+    ``command``, in the unit of the model's input.
     """
     unit = model.inports[inlet].unit
     blocks = {

@@ -1,24 +1,21 @@
-"""``diagnose``: find where a model and recordings disagree, name what is missing, add it, and show the gap shrink."""
+"""``diagnose``: find where a model and recordings disagree, name the unmodelled effect, add it, validate held out.
+
+The steps in order; each is a module of this package.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from fnmatch import fnmatchcase
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import attrs
 import numpy as np
 
-from tsmblocks.common import arguments
-from tsmblocks.common.arguments import as_integer
-from tsmblocks.common.errors import DataError, ParameterError, near
-from tsmblocks.common.interrupt import Asked as Stop
 from tsmblocks.common.interrupt import kept
-from tsmblocks.common.tables import listed
-from tsmblocks.common.version import __version__
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
-from tsmblocks.diagnosis.consequence import consequence
+from tsmblocks.diagnosis.arguments import Request, checked
+from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.forward_selection import (
     SearchContext,
@@ -28,38 +25,22 @@ from tsmblocks.diagnosis.forward_selection import (
     forward_search,
 )
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.model import Model, ModelSettings, calibrate
-from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors, propagated_input_noise
+from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate
+from tsmblocks.diagnosis.noise_floor import lowered_noise_floors, noise_floors, propagated_input_noise
 from tsmblocks.diagnosis.partition import (
     Part,
-    experiment_of,
     has_lasting_memory,
-    in_whole_diagram,
     partition,
     split_into_pieces,
     total_delay,
+    within_windows,
 )
-from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.refinement import with_fine_step
-from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
-from tsmblocks.diagnosis.script import diagram_source
-from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
-from tsmblocks.diagnosis.summary import PartDiagnosis, segment_summary
-from tsmblocks.effects import Effect, catalogue
-from tsmblocks.fitting.experiments import Window, compared, signal_of, span
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagnosis.summary import PartDiagnosis
 from tsmblocks.fitting.input_checks import standing
-from tsmblocks.fitting.noise import asked_floors
-from tsmblocks.fitting.parameters import chosen
-from tsmblocks.fitting.setup import Data, recordings, windows, without_units
+from tsmblocks.fitting.setup import Data
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram
-
-MIN_SAMPLES = 200
-"""Samples of all experiments together that a diagnosis takes at least."""
-
-Tell = Callable[[str, int, int], None]
-Inside = Mapping[str, Window] | None
-"""The part of each experiment that counts [s]; None where all of them count."""
 
 
 def diagnose(
@@ -77,314 +58,172 @@ def diagnose(
     step: float | None = None,
     integrator: str = "rk4",
     hold: str = "cubic",
-    progress: Tell | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Diagnosis:
-    """Find what a model misses, name it, add it to the diagram, and show how the gap shrinks on data held out.
+    """Name the effect that a model lacks, add its block to the diagram, and validate it on held-out data.
 
-    ``experiments`` is a recording, a list of them or a mapping by name, as for ``tsm.fit``; several with different
-    amplitudes and frequencies tell more than one. Signals are matched by name to the diagram's inputs and outputs.
+    The diagram is cut at its measured signals (a closed loop stays whole) and its own parameters are fitted. Then each
+    effect of the catalogue is tried on every admissible signal, fitted together with the base, and judged by its loss
+    on held-out time blocks. It is named where it removes at least 6 % of the noise variance, significantly, and half of
+    the error above the noise floor. Effects that are indistinguishable from it with these data are listed beside it.
 
-    First the diagram is cut at its measured signals (a closed loop stays whole) and its own numbers are fitted:
-    ``free`` names them (patterns; by default all but start values), and with ``start_states`` states start anew in
-    each experiment. Then each effect of the catalogue (``effects`` names some, patterns allowed) is tried on
-    every wire where it can stand, fitted together with the base, and judged by what it leaves on blocks of time
-    held out: it is named where it removes 6 % of the noise's variance at least, more than chance does, and half
-    of what can be explained. What cannot be told from it with these data is listed beside it.
+    After Ctrl-C the effects named so far are returned with ``status`` ``"interrupted"``.
 
-    What is compared: ``outputs`` (by default all that were measured) in ``window`` (start, stop) [s], which may differ
-    by experiment; the simulation runs from the start of the recording all the same.
+    Parameters
+    ----------
+    diagram : Diagram
+        The model. Signals of the recordings are matched by name to its inputs and outputs.
+    experiments : Record, list of Record, mapping of str to Record, or path
+        The recordings, as for ``tsm.fit``. Several with different amplitudes and frequencies separate more effects.
+    free : iterable of str, optional
+        Names or patterns of the parameters of the diagram that are fitted. Default: all but initial states.
+    noise_floor : float, str or mapping of str to these, optional
+        Rms noise of the outputs, one for all or by output: ``"0.06deg"``, ``{"x_out": "0.06deg"}``. A number is in the
+        unit of the recordings and of the diagram, and refused where those differ. Default: estimated from the
+        recordings (repeats, periods, rests).
+    effects : iterable of str, optional
+        Names or patterns of the effects to try. Default: all of the catalogue.
+    outputs : sequence of str, optional
+        The outputs that are compared. Default: all that were measured.
+    window : pair of float, or mapping of str to pairs, optional
+        The part (start, stop) [s] that is compared, one for all or by experiment; the simulation starts with the
+        recording all the same. Default: all of it.
+    start_states : bool, default True
+        Whether initial states are estimated for each experiment.
+    condition : bool, default True
+        Whether noise of measured inputs is filtered out (zero phase, held at rest); it would drive hysteresis.
+    seed : int, default 0
+        Seed of the random parts: the same data and the same seed give the same result.
+    step : float, optional
+        Step [s] of the simulation. Default: chosen for the base; the last model gets a finer one where its confidence
+        intervals would not cover the discretisation error.
+    integrator : str, default "rk4"
+        Integration method, as for ``tsm.simulate``.
+    hold : {"cubic", "linear", "zero"}, default "cubic"
+        How inputs are interpolated between samples, as for ``tsm.simulate``.
+    progress : callable, optional
+        Called as ``progress(stage, done, of)`` now and then.
 
-    ``noise_floor`` is the rms noise of the outputs with its unit, one for all or by output (``"0.06deg"``,
-    ``{"x_out": "0.06deg"}``); a number alone is in the unit of the recordings and of the diagram, and refused where
-    those differ. By default it is looked for in the recordings (repeats, periods, rests). ``condition`` takes the noise
-    out of measured inputs (zero phase, held still at rest), since it would move hysteresis. ``step`` [s] is that of
-    the simulation; by default one is chosen for the base, and the last model gets a finer one where its intervals
-    would not cover the error of the step. ``seed`` makes the random parts repeatable: same data, same seed, same
-    result. ``progress(stage, done, of)`` is called now and then. Ctrl-C ends the search; what was found is returned
-    with ``status`` ``"interrupted"``, and before the first candidates were fitted it goes on as KeyboardInterrupt.
+    Returns
+    -------
+    Diagnosis
+        Verdict, effects with confidence intervals, errors before and after, and the augmented diagram.
 
-    Raises DataError (signals, samples), ParameterError (names, floors), and what ``tsm.fit`` raises.
+    Raises
+    ------
+    DataError
+        For missing signals, fewer than 200 samples in all, or outputs without any noise.
+    ParameterError
+        For unknown names, or a noise floor in an unclear unit.
+    KeyboardInterrupt
+        After Ctrl-C before the first candidates were fitted.
+
+    Examples
+    --------
+    >>> import numpy as np, tsmblocks as tsm
+    >>> t = np.arange(0.0, 10.0, 0.02)
+    >>> x, model = np.sin(1.3 * t) + 0.3 * np.sin(5.1 * t), tsm.load("tendon_sheath_linear")
+    >>> worn = model.insert("gap", tsm.blocks.Play(half_width=0.05), before="x_out")
+    >>> y = tsm.simulate(worn, inputs={"x_in": (t, x)}, stop=t[-1], step=0.02)["x_out"]
+    >>> y += np.random.default_rng(0).normal(0.0, 0.01, t.size)
+    >>> record = tsm.Record("run", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+    >>> tsm.diagnose(model, record, noise_floor=0.01, effects=["backlash", "drift"])
+    Diagnosis('Tendon sheath: a gain and an offset', named: backlash on offset.y -> x_out)
     """
-    arguments.as_callback(progress, "stage, done and of")
-    records, diagram = recordings(experiments), as_diagram(diagram)
-    inside = None if window is None else windows(window, records)
-    measured = _measured(records, diagram, outputs, inside)
-    effects_chosen, seed = _chosen(effects), as_integer("seed", seed, 0)
-    if free is not None:
-        chosen(diagram, free)  # names nobody has are told before any work
-    given = asked_floors(noise_floor, diagram, records, measured)
-    settings = ModelSettings(
-        None if free is None else tuple(arguments.as_names("free", free, "tsm.*")),
-        {},
-        (),
-        arguments.as_bool("start_states", start_states),
-        step,
-        integrator,
-        hold,
+    request = checked(
+        diagram,
+        experiments,
+        free=free,
+        noise_floor=noise_floor,
+        effects=effects,
+        outputs=outputs,
+        window=window,
+        start_states=start_states,
+        condition=condition,
         seed=seed,
-        window=inside,
+        step=step,
+        integrator=integrator,
+        hold=hold,
+        progress=progress,
     )
-    done, stopped = list[PartDiagnosis](), False
-    spans = {k: (float(t[0]), float(t[-1])) for k, t in _compared(records, inside).items() if len(t) < len(records[k])}
-    notes = without_units(records, diagram, measured)
-    notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes]
-    notes += [f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in spans.items()]
-    with kept() as stop, np.errstate(over="ignore", invalid="ignore"):  # trials that run away are left out
-        tell = _told(progress, stop)
-        for part in partition(diagram, measured):
+    done, interrupted, notes = list[PartDiagnosis](), False, request.notes
+    with kept() as stop, np.errstate(over="ignore", invalid="ignore"):  # simulations that diverge are left out
+
+        def report(stage: str, count: int, of: int) -> None:
+            stop.check()
+            if progress is not None:
+                progress(stage, count, of)
+
+        for part in partition(request.diagram, request.measured):
             try:
-                work = _work(part, records, settings, effects_chosen, given, condition, tell, notes)
-            except _Stopped as one:
-                work, stopped = one.work, True
-            if work is not None:
-                done.append(work)
-            if stopped:
+                done.append(_diagnosed(part, request, report, notes))
+            except _Interrupted as stopped:
+                interrupted = True
+                done += [] if stopped.part is None else [stopped.part]
                 break
     if not done:
         raise KeyboardInterrupt
-    rests_on = Provenance(
-        __version__,
-        diagram_source(diagram),
-        recorded(records, [*diagram.inputs, *diagram.outputs]),
-        _options(settings, effects, condition, done),
-    )
-    made = _result(diagram, spans, tuple(records), done, seed, notes, "interrupted" if stopped else "done")
-    return attrs.evolve(made, given=diagram, simulated=_simulated(done, condition), provenance=rests_on)
+    return assembled(request, done, notes, interrupted)
 
 
-def _options(
-    settings: ModelSettings, effects: Iterable[str] | None, condition: bool, done: Sequence[PartDiagnosis]
-) -> dict[str, str]:
-    """What the diagnosis was told to do, in words."""
-    steps = sorted({trial.times.h for work in done for trial in work.final.setup.trials})
-    floors = {
-        k: f"{work.floors.given.get(k) or in_display_units(v, work.part.diagram.unit(k))} ({work.floors.method[k]})"
-        for work in done
-        for k, v in work.floors.sigma.items()
-    }
-    return {
-        "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
-        "effects": "all of the catalogue" if effects is None else ", ".join(arguments.as_names("effects", effects, "")),
-        "free": "all but start values" if settings.free is None else ", ".join(settings.free),
-        "start states": "found in each experiment" if settings.start_states else "as in the diagram",
-        "inputs": "noise taken out (zero phase)" if condition else "as they are",
-        "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
-        f" ({'given' if settings.step is not None else 'found'})",
-        "integrator": settings.integrator,
-        "hold": settings.hold,
-        "seed": str(settings.seed),
-    }
+class _Interrupted(Exception):
+    """Ctrl-C was pressed; ``part`` holds the results of the part until then."""
 
-
-def _simulated(done: Sequence[PartDiagnosis], condition: bool) -> Simulated:
-    """How the last models were simulated, with the start values that were found."""
-    starts, steps, cut = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float, float]]()
-    for work in done:
-        last = work.final
-        for trial in last.setup.trials:
-            own = {
-                i.parameter: float(v)
-                for i, v in zip(last.problem.unknowns.items, last.theta, strict=True)
-                if i.experiment == trial.name
-            }
-            starts.setdefault(trial.name, {}).update(own)
-            steps[trial.name] = trial.times.h
-            if experiment_of(trial.name) != trial.name:
-                cut[trial.name] = float(trial.record.t[0]), float(trial.t[0]), float(trial.record.t[-1])
-    how = done[0].search.settings
-    inputs = tuple(dict.fromkeys(k for work in done for k in work.part.diagram.inputs)) if condition else ()
-    outputs = tuple(k for work in done for k in work.part.outputs)
-    return Simulated(starts, steps, outputs, inputs, how.integrator, how.hold, cut)
-
-
-class _Stopped(Exception):
-    """Ctrl-C came; ``work`` is what was found for the part until then."""
-
-    def __init__(self, work: PartDiagnosis | None) -> None:
+    def __init__(self, part: PartDiagnosis | None) -> None:
         super().__init__()
-        self.work = work
+        self.part = part
 
 
-def _told(progress: Tell | None, stop: Stop) -> Tell:
-    def tell(stage: str, count: int, of: int) -> None:
-        stop.check()
-        if progress is not None:
-            progress(stage, count, of)
-
-    return tell
-
-
-def _measured(
-    records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str] | None, inside: Inside
-) -> tuple[str, ...]:
-    """The outputs that were measured. Raises DataError where there are too few samples to judge by."""
-    asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
-    names = compared(records, diagram, asked)
-    total = sum(len(t) for t in _compared(records, inside).values())
-    if total < MIN_SAMPLES:
-        raise DataError(
-            f"a diagnosis takes at least {MIN_SAMPLES} samples of all experiments together, and there are "
-            f"{total}: with fewer, no effect can be told from chance."
-        )
-    found = tuple(k for k in names if diagram.shown[k][0])
-    if not found:
-        raise DataError(
-            f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
-            "itself: there is nothing in between to diagnose."
-        )
-    for name, record in records.items():  # before anything is filtered, which would spread it
-        for k in (*(k for k in diagram.inports if k in record), *found):
-            signal_of(name, record, k, diagram.unit(k))
-    return found
-
-
-def _compared(records: Mapping[str, Record], inside: Inside) -> dict[str, np.ndarray]:
-    """The instants [s] of each experiment that count. Raises DataError where next to none do."""
-    return {name: r.t if inside is None else r.t[span(name, r, inside[name])] for name, r in records.items()}
-
-
-def _chosen(names: Iterable[str] | None) -> tuple[Effect, ...]:
-    """The effects asked for. Raises ParameterError for a pattern that names none."""
-    every = catalogue()
-    if names is None:
-        return every
-    known, kept_names = {e.name for e in every}, set[str]()
-    patterns = arguments.as_names("effects", names, "backlash")
-    if not patterns:
-        raise ParameterError("effects names no effect to look for. Leave it out to look for all of the catalogue.")
-    for pattern in patterns:
-        hits = {k for k in known if fnmatchcase(k, pattern)}
-        if not hits:
-            raise ParameterError(f"effects: '{pattern}' names no effect of the catalogue.{near(pattern, known)}")
-        kept_names |= hits
-    return tuple(e for e in every if e.name in kept_names)
-
-
-def _work(
-    part: Part,
-    raw: Mapping[str, Record],
-    settings: ModelSettings,
-    effects: tuple[Effect, ...],
-    given: Mapping[str, tuple[float, str]],
-    condition: bool,
-    tell: Tell,
-    notes: list[str],
-) -> PartDiagnosis | None:
-    """Everything that is done for one part."""
-    names = tuple(part.diagram.inputs)
-    tell("conditioned", 0, 1)
-    records = all_conditioned(raw, names) if condition else dict(raw)
-    notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
-    notes += [f"{name}: {text}" for name, r in raw.items() for text in standing(r, names, settings.hold)]
-    counts = _cut(raw, settings.window)
-    found = _floors(counts, part, given)
-    own = attrs.evolve(settings, sigma=found.sigma, outputs=part.outputs, free=_free(settings, part.diagram))
+def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> PartDiagnosis:
+    """All steps for one part of the diagram."""
+    records, settings = _conditioned(part, request, progress, notes), request.settings
+    raw, compared = request.records, within_windows(request.records, settings.window)
+    floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
+    settings = settings.restricted_to(part.diagram, part.outputs, floors.sigma)
     rounds: list[SearchRound] = []
     search: SearchContext | None = None
     try:
-        if has_lasting_memory(part.diagram, records, own):
-            late = total_delay(part.diagram)
-            records, windows = split_into_pieces(_cut(records, settings.window), late)
-            raw, own = split_into_pieces(counts, late)[0], attrs.evolve(own, window=windows)
-            notes.append(f"{part.name}: the plant never forgets where it began, so it is started anew every second.")
-        base = _calibrated(part, records, own, tell)
-        found, words = lowered_noise_floors(found, base.residual_rms, counts, part.diagram)
+        if has_lasting_memory(part.diagram, records, settings):
+            delay = total_delay(part.diagram)
+            records, windows = split_into_pieces(within_windows(records, settings.window), delay)
+            raw, settings = split_into_pieces(compared, delay)[0], attrs.evolve(settings, window=windows)
+            notes.append(f"{part.name}: the plant integrates, so its simulation restarts every second.")
+        base = _calibrated(part, records, settings, progress)
+        floors, words = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
         notes += words
-        if found.sigma != own.sigma:
-            own = attrs.evolve(own, sigma=found.sigma)
-            base = _calibrated(part, records, own, tell)
-        floor = 1 + (propagated_input_noise(base, raw, names, settings.seed) if condition else 0.0)
-        search = SearchContext(records, own, effects, time_blocks(base.problem), floor, tell)
+        if floors.sigma != settings.sigma:
+            settings = attrs.evolve(settings, sigma=floors.sigma)
+            base = _calibrated(part, records, settings, progress)
+        inputs = tuple(part.diagram.inputs) if request.condition else ()
+        noise_variance = 1 + propagated_input_noise(base, raw, inputs, settings.seed)
+        search = SearchContext(records, settings, request.effects, time_blocks(base.problem), noise_variance, progress)
         forward_search(base, {}, search, rounds)
         rounds = exchange_effects(rounds, search)
     except KeyboardInterrupt:
         if search is None or not rounds:
-            raise _Stopped(None) from None
+            raise _Interrupted(None) from None
         count = accepted_count(rounds, search)
-        raise _Stopped(PartDiagnosis(part, search, found, rounds, count, rounds[count].base)) from None
+        raise _Interrupted(PartDiagnosis(part, search, floors, rounds, count, rounds[count].base)) from None
     count = accepted_count(rounds, search)
-    final, words = with_fine_step(clip_idle_memories(rounds[count].base), settings.step is not None)
+    final, words = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     notes += [f"{part.name}: {text}" for text in words]
-    return PartDiagnosis(part, search, found, rounds, count, final)
+    return PartDiagnosis(part, search, floors, rounds, count, final)
 
 
-def _calibrated(part: Part, records: Mapping[str, Record], settings: ModelSettings, tell: Tell) -> Model:
-    tell("calibrated", 0, 1)
-    found = calibrate(part.diagram, records, settings, lambda *_: tell("calibrated", 0, 1))
-    return reset_idle_memories(refine_memories(found))
+def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:
+    """The recordings with the noise of measured inputs filtered out."""
+    raw, names = request.records, tuple(part.diagram.inputs)
+    progress("conditioned", 0, 1)
+    records = all_conditioned(raw, names) if request.condition else dict(raw)
+    notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
+    notes += [f"{name}: {text}" for name, r in raw.items() for text in standing(r, names, request.settings.hold)]
+    return records
 
 
-def _cut(records: Mapping[str, Record], inside: Inside) -> dict[str, Record]:
-    """What counts of each recording."""
-    return {name: r if inside is None else r.part(*inside[name]) for name, r in records.items()}
-
-
-def _free(settings: ModelSettings, diagram: Diagram) -> tuple[str, ...] | None:
-    """The patterns that name something in this part; None for all."""
-    if settings.free is None:
-        return None
-    known = list(diagram.parameters)
-    return tuple(p for p in settings.free if any(fnmatchcase(k, p) for k in known))
-
-
-def _floors(records: Mapping[str, Record], part: Part, given: Mapping[str, tuple[float, str]]) -> NoiseFloors:
-    mine = {k: v for k, v in given.items() if k in part.outputs}
-    return noise_floors(records, part.diagram, part.outputs, mine)
-
-
-def _result(
-    diagram: Diagram,
-    spans: Mapping[str, tuple[float, float]],
-    experiments: tuple[str, ...],
-    done: Sequence[PartDiagnosis],
-    seed: int,
-    notes: list[str],
-    status: str,
-) -> Diagnosis:
-    segments = tuple(segment_summary(work, diagram) for work in done)
-    order = {"named": 2, "unknown": 1, "none": 0}
-    verdict = max((s.verdict for s in segments), key=lambda v: order[v])
-    said = [s.sentence for s in sorted(segments, key=lambda s: -order[s.verdict]) if s.verdict == verdict]
-    if status == "interrupted":
-        said.insert(0, "Provisional, since the search was stopped before its end:")
-    base, augmented = _whole(diagram, done, False), _whole(diagram, done, True)
-    means = _consequence(done, segments)
-    return Diagnosis(
-        diagram.title,
-        experiments,
-        seed,
-        verdict,
-        " ".join(said),
-        tuple(e for s in segments for e in s.effects),
-        segments,
-        base,
-        augmented,
-        None if isinstance(means, str) else means,
-        tuple(dict.fromkeys(notes)),
-        status,
-        spans,
-        no_consequence=means if isinstance(means, str) else "",
-    )
-
-
-def _whole(diagram: Diagram, done: Sequence[PartDiagnosis], with_effects: bool) -> Diagram:
-    """The whole diagram with the numbers found, and with the named blocks in place."""
-    made = diagram
-    for work in done:
-        last = work.models[-1 if with_effects else 0]
-        for one in work.named if with_effects else ():
-            c = one.candidate
-            made = in_whole_diagram(c.site, work.part).put(made, c.block, last.fitted_diagram.blocks[c.block])
-        items = last.problem.unknowns.items
-        own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
-        made = made.untied(own).with_parameters(own)
-    named = [one.candidate.block for work in done for one in work.named] if with_effects else []
-    return made.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else made
-
-
-def _consequence(done: Sequence[PartDiagnosis], segments: Sequence[Segment]) -> Consequence | str:
-    """What the effects named mean for control, for the last part with one input and one output that has any."""
-    for work, segment in zip(reversed(done), reversed(segments), strict=True):
-        if segment.effects:
-            return consequence(work.models[0], work.models[-1])
-    return ""
+def _calibrated(
+    part: Part, records: Mapping[str, Record], settings: ModelSettings, progress: ProgressCallback
+) -> Model:
+    """The base: the part with its own parameters fitted, and the initial states of its memories."""
+    progress("calibrated", 0, 1)
+    model = calibrate(part.diagram, records, settings, lambda *_: progress("calibrated", 0, 1))
+    return reset_idle_memories(refine_memories(model))

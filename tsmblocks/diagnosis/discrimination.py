@@ -1,4 +1,7 @@
-"""Which experiment would tell effects apart that the data at hand cannot tell: by what the fitted models foretell."""
+"""Discrimination: the experiment that separates indistinguishable effects, by the predictions of the fitted models.
+
+Source: T-optimality, Atkinson and Fedorov, Biometrika 62 (1975), 57-70, doi 10.1093/biomet/62.1.57.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +21,17 @@ from tsmblocks.effects import Span, span_of
 from tsmblocks.fitting.parameters import Unknowns
 
 EXPERIMENT_SAMPLES = 2500
-"""Length of a proposed experiment, in samples as far apart as those recorded."""
+"""Samples of a proposed experiment, at the sampling step of the recordings. Chosen: the length of the paper's
+experiments."""
 MIN_SAMPLES_PER_PERIOD = 20
-"""Samples of the fastest oscillation proposed, at least."""
+"""Samples of the fastest oscillation proposed, at least. Chosen: the simulation is accurate there."""
 SMALL_AMPLITUDE = 0.1
-"""Share of the range that a small motion takes."""
+"""Amplitude of a small motion, as a share of half the range. Chosen."""
 MIN_SEPARATION = 0.1
-"""Difference, in standard deviations of the noise, from which an experiment is worth the trouble."""
+"""Rms difference of two predictions [rms noise] from which an experiment is proposed. Chosen: with 2500 samples its
+significance is five standard errors."""
 MAX_SPEED_RATIO = 1.02
-"""How much faster than all that was recorded a proposed motion may be: no more than rounding."""
+"""Highest speed of a proposed motion over that of the recordings. Chosen: rounding only."""
 
 
 @attrs.frozen(eq=False)
@@ -39,10 +44,10 @@ class Motion:
 
 @attrs.frozen
 class Separation:
-    """What an experiment would show: rms difference (standard deviations of the noise) between two fitted models.
+    """The rms difference [rms noise] between the predictions of two fitted models in an experiment.
 
-    The other model is refitted to the recordings at hand and to the new one together, so what it can imitate counts
-    as no difference (T-optimality, Atkinson and Fedorov 1975, doi 10.1093/biomet/62.1.57).
+    The other model is refitted to the present recordings and the predicted one together, so what it can reproduce is no
+    difference.
     """
 
     words: str
@@ -52,9 +57,10 @@ class Separation:
 def separating_experiment(
     named: FittedCandidate, others: Sequence[FittedCandidate], records: Mapping[str, Record], settings: ModelSettings
 ) -> str:
-    """The experiment, among motions as large and as fast as those recorded, that best tells ``named`` from ``others``.
+    """The experiment, among motions as large and as fast as those recorded, that best separates ``named`` from
+    ``others``.
 
-    In words; the effect's own words where no such motion would tell them apart, or nothing moves the plant.
+    As text; that of the effect itself where no such motion separates them, or the diagram has no input.
     """
     own = named.candidate.effect
     rivals = [one for one in others if one.candidate.effect.name != own.name]
@@ -64,19 +70,24 @@ def separating_experiment(
     if best is None:
         return own.separates
     if not best.size >= MIN_SEPARATION:
-        return f"{own.separates}; within the sizes and speeds recorded no motion would"
+        return f"{own.separates}; no motion within the range and speed of the recordings does"
     return f"{best.words} (expected difference {digits(best.size)} times the noise)"
 
 
 def separations(
     named: FittedCandidate, others: Sequence[FittedCandidate], records: Mapping[str, Record], settings: ModelSettings
 ) -> Iterator[Separation]:
-    """For each motion the separation from that of ``others`` that comes closest."""
-    inputs, settings = list(named.model.diagram.inputs), attrs.evolve(settings, window=None)  # all of a motion counts
+    """For each motion the separation from the closest of ``others``."""
+    inputs, settings = (
+        list(named.model.diagram.inputs),
+        attrs.evolve(settings, window=None),
+    )  # all of a motion is compared
     if not inputs:
         return
     trial = named.model.setup.trials[0]
-    step = trial.times.h * max(round(trial.record.step / trial.times.h), 1)  # sampled blocks keep their instants
+    step = trial.times.h * max(
+        round(trial.record.step / trial.times.h), 1
+    )  # sampled blocks keep their sampling instants
     unit = named.model.diagram.unit(inputs[0])
     span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])
     cut = any(PIECE_SEPARATOR in name for name in records)
@@ -90,16 +101,16 @@ def separations(
 
 
 def fisher_information(model: Model) -> np.ndarray:
-    """What the recordings at hand say of a model's numbers off their bounds, shape (m, m)."""
+    """Fisher information (m, m) of the recordings on a model's parameters that are not at bounds."""
     known = projected_jacobian(model)[:, ~model.at_bound[~model.is_local]]
     return known.T @ known
 
 
 def separation(model: Model, known: np.ndarray, predicted: Mapping[str, Record], settings: ModelSettings) -> float:
-    r"""Rms (in standard deviations of the noise) that a model leaves of what another one foretells.
+    r"""Residual rms [rms noise] of a model refitted to the prediction of another one.
 
     To first order: :math:`\min_\theta \lVert r + J \theta\rVert^2 + \theta^T H \theta`, where :math:`H` (``known``)
-    is what the recordings at hand say of the model's numbers, and start values are free.
+    is the Fisher information of the present recordings, and initial states are free.
     """
     problem, setup = pose_extended(model, model.fitted_diagram, (), predicted, settings)
     r, J = problem.jacobian(_initial_unknowns(model, problem.unknowns))
@@ -113,7 +124,7 @@ def separation(model: Model, known: np.ndarray, predicted: Mapping[str, Record],
 
 
 def _predicted(model: Model, template: Mapping[str, Record], settings: ModelSettings) -> dict[str, Record] | None:
-    """Recordings as the model foretells them; None where it runs away."""
+    """Recordings as the model predicts them; None where it diverges."""
     problem, _ = pose_extended(model, model.fitted_diagram, (), template, settings)
     theta, made = _initial_unknowns(model, problem.unknowns), {}
     for e, (name, record) in enumerate(template.items()):
@@ -127,7 +138,7 @@ def _predicted(model: Model, template: Mapping[str, Record], settings: ModelSett
 
 
 def _initial_unknowns(model: Model, unknowns: Unknowns) -> np.ndarray:
-    """The unknowns of a new experiment: a model's numbers, and start values as they were on the whole."""
+    """The unknowns of a new experiment: a model's parameters, and the medians of its initial states."""
     begun: dict[str, list[float]] = {}
     for item, value in zip(model.problem.unknowns.items, model.theta, strict=True):
         begun.setdefault(item.parameter, []).append(float(value))
@@ -135,7 +146,7 @@ def _initial_unknowns(model: Model, unknowns: Unknowns) -> np.ndarray:
 
 
 def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Record]) -> Record:
-    """A recording in which the first input moves, others stand still, and nothing is measured yet."""
+    """A recording in which the first input moves, the others rest, and the outputs are zero."""
     inputs, outputs = list(model.diagram.inputs), model.setup.outputs
     signals = {inputs[0]: motion.values}
     for name in inputs[1:]:
@@ -143,7 +154,7 @@ def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Rec
         signals[name] = np.full(EXPERIMENT_SAMPLES, float(np.median(rest)))
     signals |= {name: np.zeros(EXPERIMENT_SAMPLES) for name in outputs}
     units = {name: model.diagram.unit(name) for name in signals}
-    start = min(float(r.t[0]) for r in records.values())  # what goes by the clock does so as in the recordings
+    start = min(float(r.t[0]) for r in records.values())  # effects of time are as in the recordings
     return Record("proposed", start + np.arange(EXPERIMENT_SAMPLES) * step, signals, units)
 
 
@@ -151,7 +162,7 @@ def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Rec
 
 
 def candidate_motions(span: Span, step: float, unit: str) -> Iterator[Motion]:
-    """Motions through the range of a signal that are no faster than it was, in words that say how to make them."""
+    """Motions over the range of a signal at no more than its speed, with a text that describes each."""
     t = np.arange(EXPERIMENT_SAMPLES) * step
     for words, values in _shapes(t, span, unit):
         if np.max(np.abs(np.diff(values))) <= MAX_SPEED_RATIO * span.fastest * step:
@@ -159,7 +170,7 @@ def candidate_motions(span: Span, step: float, unit: str) -> Iterator[Motion]:
 
 
 def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Every motion that is thought of, as large as the range: (words, values)."""
+    """Every motion considered, over the whole range: (text, values)."""
     long, reach, middle = float(t[-1]), span.reach, span.middle
     lasts = f"{digits(long)} s"
     slow = 4 / long
@@ -172,11 +183,12 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
         middle + reach * size * np.sin(2 * np.pi * slow * t),
     )
     yield (
-        f"a triangle that decays from the whole range to nothing in 8 periods, {lasts}",
+        f"a triangle that decays from the whole range to zero in 8 periods, {lasts}",
         middle + reach * (1 - t / long) * _triangle(8 * t / long),
     )
     yield (
-        f"a chirp of {in_display_units(SMALL_AMPLITUDE * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
+        f"a chirp of {in_display_units(SMALL_AMPLITUDE * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, "
+        f"{lasts}",
         middle + SMALL_AMPLITUDE * reach * _chirp(t, slow, quick),
     )
     yield (
@@ -194,24 +206,24 @@ def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndar
 
 
 def _frequency(amplitude: float, span: Span, t: np.ndarray) -> float:
-    """The highest frequency of a sine that is as fast as what was recorded, and still well sampled [Hz]."""
+    """The highest frequency [Hz] of a sine at the recorded speed that is still well sampled."""
     limits = (span.fastest / (2 * np.pi * max(amplitude, 1e-300)), 1 / (MIN_SAMPLES_PER_PERIOD * float(t[1] - t[0])))
     return float(f"{0.98 * min(limits):.2g}")
 
 
 def _triangle(phase: np.ndarray) -> np.ndarray:
-    """From 0 up to 1, down to -1 and back in each period."""
+    """Triangle wave with amplitude 1 that starts at 0; ``phase`` in periods."""
     return 2 / np.pi * np.arcsin(np.sin(2 * np.pi * phase))
 
 
 def _chirp(t: np.ndarray, low: float, high: float) -> np.ndarray:
-    """A sine whose frequency grows by the same factor in equal times."""
+    """Sine with an exponentially growing frequency."""
     rate = math.log(max(high / low, 1 + 1e-9)) / float(t[-1])
     return np.sin(2 * np.pi * low * np.expm1(rate * t) / rate)
 
 
 def _staircase(share: np.ndarray, steps: int, back: float) -> np.ndarray:
-    """Up and down in steps, each ended by a small reversal; ``share`` runs from 0 to 1."""
+    """Staircase up and down with a small reversal on each step; ``share`` runs from 0 to 1."""
     levels = np.concatenate([np.linspace(-1, 1, steps // 2 + 1), np.linspace(1, -1, steps // 2 + 1)[1:]])
     places, values = list[float](), list[float]()
     for k, level in enumerate(levels):
@@ -222,7 +234,7 @@ def _staircase(share: np.ndarray, steps: int, back: float) -> np.ndarray:
 
 
 def _holds(t: np.ndarray, long: float, takes: float) -> np.ndarray:
-    """Up, down, and half way, each held; a change takes ``takes`` [s]."""
+    """Steps up, down and half way, each held; a change over the whole range takes ``takes`` [s]."""
     places, values, now = [0.0], [0.0], 0.0
     for k, level in enumerate((1.0, -1.0, 0.5, -0.5, 1.0, 0.0)):
         begin = k * long / 6

@@ -1,4 +1,4 @@
-"""Start values of memories that a search left where nothing depends on them, such as a gap thrown beyond its reach."""
+"""Initial states of memories that an optimisation left where they have no influence, such as a play out of its gap."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ import numpy as np
 from tsmblocks.diagnosis.model import COARSE_TOLERANCE, FINE_TOLERANCE, Model, optimized
 
 COST_TOLERANCE = 1e-4
-"""Share of the sum of squares by which two ends are the same."""
+"""Relative difference of two sums of squares up to which they are equal. Chosen: far below any standard error."""
 REACH_FACTOR = 10.0
-"""How many times the largest of its start values is surely beyond the reach of a memory."""
+"""Initial state, in multiples of the largest one seen, that is surely outside the range in which it matters. Chosen."""
 LINEAR_REACH = 1e-18
-"""Share of that below which the way is halved as it is; above, its logarithm is, since searches throw far."""
+"""Share of that below which the bisection is linear, and above which it is logarithmic. Chosen: optimisations may have
+moved an idle initial state by many orders of magnitude."""
 BISECTIONS = 25
-"""How often the way from there to the edge of its reach is halved."""
+"""Bisections for the edge of the range in which an initial state matters. Chosen: they reach a relative 1e-6."""
 MAX_ROUNDS = 3
-"""How often all of it is done at most, as long as it leaves less."""
+"""Searches of all initial states at most, as long as the loss falls. Chosen: for the run time."""
 
 
 def refine_memories(model: Model, rounds: int = MAX_ROUNDS) -> Model:
-    """The model with such memories where they leave least, for each experiment by itself.
+    """The model with such initial states at their optimum in each experiment.
 
-    A play may be engaged on either side when an experiment begins, or on its way from one to the other. Where the
-    other states of the start make up for the wrong one, no step downhill leads across; so all of them are tried.
+    A play may be engaged on either side when an experiment begins, or between the sides. Where other initial states
+    compensate for the wrong side, each side is a local minimum, so all of them are tried.
     """
     for _ in range(rounds):
-        better = _turned(model)
+        better = _improved(model)
         if better is None:
             break
         model = better
@@ -37,18 +38,18 @@ def refine_memories(model: Model, rounds: int = MAX_ROUNDS) -> Model:
 
 
 def reset_idle_memories(model: Model) -> Model:
-    """The model with idle memories that moved where they began, if that leaves no more: an effect may then use them."""
+    """The model with idle memories that moved set back, if the loss does not grow: an effect may then need them."""
     moved = _moved(model)
     if not moved.any():
         return model
-    anew = optimized(
+    reset = optimized(
         model.problem, model.setup, np.where(moved, model.problem.unknowns.start, model.theta), FINE_TOLERANCE
     )
-    return anew if anew.mean_square <= (1 + COST_TOLERANCE) * model.mean_square else model
+    return reset if reset.mean_square <= (1 + COST_TOLERANCE) * model.mean_square else model
 
 
 def clip_idle_memories(model: Model) -> Model:
-    """The model with idle memories at the edge beyond which a search threw them: the same, with numbers to show."""
+    """The model with idle memories clipped to the edge of the range in which they matter: the same residuals."""
     idle = _idle(model)
     if not idle.any():
         return model
@@ -61,9 +62,9 @@ def clip_idle_memories(model: Model) -> Model:
     )
 
 
-def _turned(model: Model) -> Model | None:
-    """The model after one round; None where that leaves no less."""
-    ends, enough = [model], COARSE_TOLERANCE * max(model.mean_square, 1.0)  # while much is left, much is near enough
+def _improved(model: Model) -> Model | None:
+    """The model after one search of all idle initial states; None where the loss does not fall."""
+    ends, enough = [model], COARSE_TOLERANCE * max(model.mean_square, 1.0)  # relative to a large residual
     runs = (start for start in _starts(model) if np.isfinite(model.problem.cost(start)))
     ends += [optimized(model.problem, model.setup, start, enough, coarse=False) for start in runs]
     if len(ends) > 1:
@@ -79,19 +80,19 @@ def _turned(model: Model) -> Model | None:
 
 
 def _starts(model: Model) -> Iterator[np.ndarray]:
-    """Unknowns (n,) with the idle ones where they began, at either edge of their reach, and amid it."""
+    """Starting points (n,): the idle ones at their first values, at either edge of their range, and in its middle."""
     idle, unknowns = _idle(model), model.problem.unknowns
     if not idle.any():
         return
     yield np.where(idle, unknowns.start, model.theta)
     edges = _edges(model, idle)
-    if np.array_equal(edges[0], edges[1]):  # wherever they are, nothing depends on them
+    if np.array_equal(edges[0], edges[1]):  # they have no influence anywhere
         return
     yield from (edges[0], edges[1], edges.mean(axis=0))
 
 
 def _edges(model: Model, idle: np.ndarray) -> np.ndarray:
-    """Between what values the idle ones matter, shape (2, n); the others as they are."""
+    """The range, shape (2, n), in which idle initial states matter; the others as they are."""
     items, edges = model.problem.unknowns.items, np.array([model.theta, model.theta])
     for name in dict.fromkeys(item.parameter for item, one in zip(items, idle, strict=True) if one):
         own = idle & np.array([item.parameter == name for item in items])
@@ -100,9 +101,9 @@ def _edges(model: Model, idle: np.ndarray) -> np.ndarray:
 
 
 def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
-    """Between what values the start of a memory matters, shape (2, n); ``own`` (n,) marks it in each experiment.
+    """The range, shape (2, n), in which an initial state matters; ``own`` (n,) marks it in each experiment.
 
-    As the model has it where it does not matter at all.
+    Where it has no influence at all, both edges are the model's value.
     """
     unknowns = model.problem.unknowns
     sizes = [
@@ -111,42 +112,42 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
         if item.parameter == name
     ]
     far = REACH_FACTOR * (max(sizes) or 1.0)
-    of = np.zeros(len(own), dtype=int)  # the experiment that each belongs to
+    of = np.zeros(len(own), dtype=int)  # the experiment of each unknown
     for e in range(len(model.problem.trials)):
         of[unknowns.columns(e)] = e
 
     def values(way: np.ndarray) -> np.ndarray:
         return far * LINEAR_REACH * np.sinh(way)
 
-    def left(starts: np.ndarray) -> np.ndarray:
+    def costs(starts: np.ndarray) -> np.ndarray:
         theta = np.clip(np.where(own, starts[of], model.theta), unknowns.low, unknowns.high)
         return _by_experiment(model, model.problem.residuals(theta))
 
     ends = math.asinh(1 / LINEAR_REACH) * np.array([-1.0, 1.0])
     beyond = [np.full(len(model.problem.trials), end) for end in ends]
-    same = [left(values(end)) for end in beyond]
-    matters = np.abs(same[0] - same[1]) > COST_TOLERANCE**2 * same[0]
+    plateaus = [costs(values(end)) for end in beyond]
+    matters = np.abs(plateaus[0] - plateaus[1]) > COST_TOLERANCE**2 * plateaus[0]
     edges: list[np.ndarray] = []
     for side in (0, 1):
         outer, inner = beyond[side], beyond[1 - side]
         for _ in range(BISECTIONS):
             middle = (outer + inner) / 2
-            still = np.abs(left(values(middle)) - same[side]) <= COST_TOLERANCE**2 * same[side]
-            outer, inner = np.where(still, middle, outer), np.where(still, inner, middle)
+            unchanged = np.abs(costs(values(middle)) - plateaus[side]) <= COST_TOLERANCE**2 * plateaus[side]
+            outer, inner = np.where(unchanged, middle, outer), np.where(unchanged, inner, middle)
         edges.append(np.where(own & matters[of], values(outer)[of], model.theta))
     return np.clip(np.array(edges), unknowns.low, unknowns.high)
 
 
 def _idle(model: Model) -> np.ndarray:
-    """Which start values, shape (n,), change nothing where the search left them, or next to nothing after moving."""
+    """Which initial states, shape (n,), have no influence at the optimum, or next to none after moving."""
     return model.is_local & (np.linalg.norm(model.J, axis=0) == 0) | _moved(model)
 
 
 def _moved(model: Model) -> np.ndarray:
-    """Which start values, shape (n,), the search moved to where they change next to nothing."""
+    """Which initial states, shape (n,), the optimisation moved to where they have next to no influence."""
     begin = model.problem.unknowns.start
-    felt = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(begin))
-    return model.is_local & (model.theta != begin) & (felt <= np.sqrt(COST_TOLERANCE) * np.linalg.norm(model.r))
+    influence = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(begin))
+    return model.is_local & (model.theta != begin) & (influence <= np.sqrt(COST_TOLERANCE) * np.linalg.norm(model.r))
 
 
 def _by_experiment(model: Model, r: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where effects may stand in a diagram: the wires of what was measured, and the wire that sets it in motion."""
+"""Insertion points of effects: the signals that were measured, the signal that drives them, and the inputs."""
 
 from __future__ import annotations
 
@@ -17,18 +17,20 @@ from tsmblocks.model.wires import Fault, resolve
 from tsmblocks.simulation.compiled import equations
 
 PROBE_BLOCK = "probe_of_the_wire"
+"""Name of the block by which the integrations behind a wire are counted."""
 FORCE_TO_POSITION = 2
-"""Integrations between a force and the position it moves, at least; to the speed it is one less."""
+"""Integrations from a force to the position at least; to the speed one less. Source: Newton's second law."""
 SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
+"""Dimensions of outputs that are speeds."""
 
 
 @attrs.frozen
 class InsertionPoint:
-    """One wire on which a block may be put.
+    """A wire on which a block may be inserted.
 
     ``before`` is the port, ``after`` the signal or input of the diagram that is cut (one of both is empty).
-    ``signal`` names what runs on the wire, ``other`` what a block there may read besides: a signal, or an input of
-    the diagram. ``output`` is the measured output behind it.
+    ``signal`` names the signal of the wire, ``other`` a second signal or input that a block there may read, and
+    ``output`` the measured output it leads to.
     """
 
     place: str
@@ -42,7 +44,7 @@ class InsertionPoint:
     def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
         """The diagram with ``block`` on this wire under ``name``."""
         wires = self._wires(name, block)
-        if _several(block):  # on a wire goes a block of one output, so a stand-in first
+        if _several(block):  # insert takes blocks of one output, so a placeholder first
             made = diagram.insert(name, Bias(), after=self.after, before=self.before)
             made = made.rewire(blocks={**made.blocks, name: block}, add=wires)
         else:
@@ -50,7 +52,7 @@ class InsertionPoint:
         return made if self.adds is None else self.adds(made, name)
 
     def code(self, name: str, block: Block | Diagram) -> str:
-        """What ``put`` does, as an expression of a script; the block itself is left open as ``…``."""
+        """What ``put`` does, as an expression of a script with ``…`` in the place of the block."""
         place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
         wires = self._wires(name, block)
         if _several(block):
@@ -65,7 +67,7 @@ class InsertionPoint:
         return [f"{self.other} -> {name}.x"] if "x" in block.inports else []
 
     def same(self, other: InsertionPoint) -> bool:
-        """Whether a block stands on the same wire there."""
+        """Whether two insertion points are the same wire."""
         return all(getattr(self, k) == getattr(other, k) for k in ("place", "after", "before", "other", "adds"))
 
     def words(self, diagram: Diagram) -> str:
@@ -89,20 +91,20 @@ def insertion_points(
     named: Collection[str] = (),
     measured: Mapping[str, str] | None = None,
 ) -> list[InsertionPoint]:
-    """Every wire of a diagram on which effects are looked for, given the outputs that were measured.
+    """Every insertion point of a diagram, given the outputs that were measured.
 
-    ``measured`` are the units of the recordings, for outputs of which the diagram tells none.
+    ``measured`` holds the units of the recordings, for outputs without one in the diagram.
 
-    In front of the blocks that were ``named`` before, effects of an output are looked for as well: which stands first
-    makes a difference where both remember. What was named in front of the model comes before all others: what they
-    read of the input is what comes out of it. A measured drive (the voltage in a position loop) is a wire that moves
-    another output, not one of its own. Those that ``effects`` made for this diagram name themselves are among them.
+    Effects of an output are inserted in front of the blocks that were ``named`` before as well: their order matters
+    where both have memory. Blocks named at an input come before all others, which read the signal behind them. A
+    measured drive (the voltage in a position loop) drives another output and is no output of its own. The wires that
+    ``effects`` made for this diagram name are included.
     """
     found: list[InsertionPoint] = []
     for name in outputs:
         head, port = diagram.shown[name]
         if not head:
-            continue  # the output shows an input: there is nothing in between
+            continue  # the output is an input: there is nothing in between
         source = f"{head}.{port}"
         found.append(InsertionPoint("output", name, source, after=source))
         reading = [
@@ -118,7 +120,7 @@ def insertion_points(
         speed = is_speed(diagram.unit(name) or (measured or {}).get(name, ""))
         drive = driving_port(diagram, name, FORCE_TO_POSITION - speed)
         signal = _source(diagram, drive) if drive else source
-        if signal != source:  # an output that drives is set in motion by nothing but itself
+        if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
             found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
     loads = {site.before for site in found if site.place == "load"}
@@ -133,9 +135,9 @@ def insertion_points(
 
 
 def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
-    """The signal in front of all blocks that were named, one behind the other up to ``source``, and the port it drives.
+    """The signal in front of the chain of named blocks up to ``source``, and the port it drives.
 
-    Wires between them would cost as much again, and nearly always tell the same as one of the ends.
+    The wires between them are left out: they would double the run time for nearly the same candidates.
     """
     port = ""
     while (head := source.partition(".")[0]) in named:
@@ -147,7 +149,7 @@ def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[st
 
 
 def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
-    """The signal behind the blocks that were named at an input, one behind the other; the input where none were."""
+    """The signal behind the chain of blocks named at an input; the input where there are none."""
     signal, ends = name, [*diagram.inlets[name]]
     while len(ends) == 1 and ends[0][0] in named and ends[0][1] == "u":
         signal = f"{ends[0][0]}.y"
@@ -156,7 +158,7 @@ def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
 
 
 def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> InsertionPoint | None:
-    """The wire that an effect names itself; None in a diagram that has no such port, or no signal that it reads."""
+    """The wire that an effect made for one diagram names; None where the diagram has no such port or signal."""
     try:
         port = ".".join(resolve(effect.receiver, diagram.blocks, "input"))
         reads = effect.reads
@@ -207,9 +209,9 @@ def _upstream(diagram: Diagram, block: str) -> Iterator[str]:
 
 
 def integration_count(diagram: Diagram, output: str, *, before: str, after: str) -> int:
-    """How many integrations lie between a wire and an output: 0 for none at all, -1 where it does not reach it.
+    """Integrations between a wire and an output: 0 for direct feedthrough, -1 where the wire does not reach it.
 
-    Read off the equations' structure. Memory that is updated between steps counts as one integration.
+    From the sparsity of the equations. Memory that is updated between steps counts as one integration.
     """
     try:
         eq = equations(diagram.insert(PROBE_BLOCK, Bias(), before=before, after=after))
@@ -230,7 +232,7 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
 
 
 def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:
-    """For each signal, rate and memory: which parameters, states and memories it reads at the same instant."""
+    """For each signal, derivative and memory: the parameters, states and memories it depends on directly."""
     found: dict[tuple[str, int], set[tuple[str, int]]] = {}
     reads = {"x": 1, "d": 2, "p": 5}
     made = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])

@@ -1,8 +1,9 @@
-"""A diagram beside recordings, fitted: a diagnosis compares such models, the base and the base with effects."""
+"""A diagram fitted to recordings: a diagnosis compares such models, the base and the base with effects."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from fnmatch import fnmatchcase
 from typing import Any
 
 import attrs
@@ -20,25 +21,29 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
 MAX_ITERATIONS = 40
-"""Iterations of one search at most; an effect that needs more is not determined by these data."""
-
+"""Gauss-Newton iterations of one optimisation at most. Chosen: an effect that needs more is not identifiable with these
+data."""
 ACTIVE_BOUND_TOLERANCE = 1e-6
-"""Distance from a bound, as a share of the number's size, that counts as lying on it."""
+"""Distance from a bound, relative to the parameter's magnitude, within which the bound is active. Chosen: above
+rounding, below any step."""
 COARSE_TOLERANCE = 0.3
-"""Promised fall of the sum of squares, in variances of a sample, at which a candidate is fitted well enough to be
-compared: a thousandth of what decides between candidates."""
-
+"""Predicted fall of the sum of squares [noise variances] at which the optimisation of a candidate ends. Chosen: below a
+thousandth of what decides between candidates."""
 FINE_TOLERANCE = 1e-3
-"""The same for models that further ones are built on, and that are shown."""
+"""The same for models that further ones are built on, and that are reported. Chosen."""
+
+ProgressCallback = Callable[[str, int, int], None]
+"""Called with the stage, what is done of it, and of how many."""
 
 
 @attrs.frozen
 class ModelSettings:
-    """How models are set beside recordings: the same for the base and for every candidate.
+    """How models are simulated and fitted: the same for the base and for every candidate.
 
-    ``free`` are patterns of the base's parameters (None for all but start values); ``sigma`` is the noise of each
-    output, in whose units everything is counted; ``step`` [s] is that of the simulation, None where it is still to
-    be found; ``seed`` that of random starts. ``window`` is the part of each experiment that counts [s], None for all.
+    ``free`` are patterns of the base's parameters (None for all but initial states); ``sigma`` is the rms noise of each
+    output, which residuals are divided by; ``step`` [s] is that of the simulation, None where it is still to be chosen;
+    ``starts`` is the number of starting points and ``seed`` that of the random ones. ``window`` is the part [s] of each
+    experiment that is compared, None for all of it.
     """
 
     free: tuple[str, ...] | None
@@ -52,13 +57,20 @@ class ModelSettings:
     seed: int = 0
     window: Mapping[str, Window] | None = None
 
+    def restricted_to(self, diagram: Diagram, outputs: tuple[str, ...], sigma: Mapping[str, float]) -> ModelSettings:
+        """The same for a part of the diagram: of the patterns those that name something in it."""
+        free = self.free
+        if free is not None:
+            free = tuple(p for p in free if any(fnmatchcase(k, p) for k in diagram.parameters))
+        return attrs.evolve(self, free=free, outputs=outputs, sigma=sigma)
+
 
 @attrs.frozen(eq=False)
 class Model:
-    """A diagram with numbers found, and what it leaves.
+    """A diagram with fitted parameters, and its residuals.
 
-    ``theta`` (n,) are the unknowns of ``problem``; ``r`` (N,) what is left, in units of the noise, ``J`` (N, n) its
-    derivatives. ``scales`` (n,) are positive for unknowns that belong to effects: sizes that pull them to ``null``.
+    ``theta`` (n,) are the unknowns of ``problem``, ``r`` (N,) the residuals divided by the noise, ``J`` (N, n) their
+    Jacobian.
     """
 
     diagram: Diagram
@@ -71,12 +83,12 @@ class Model:
 
     @property
     def mean_square(self) -> float:
-        """Mean square of what is left, in units of the noise's."""
+        """Mean square of the residuals [noise variances]."""
         return float(np.mean(self.r**2))
 
     @property
     def residual_rms(self) -> dict[str, float]:
-        """Rms of what is left of each output, in units of its noise."""
+        """Residual rms of each output, divided by its noise."""
         count = len(self.setup.outputs)
         rows = {
             name: [self.r[part] for part in self.problem.segments[k::count]]
@@ -96,21 +108,21 @@ class Model:
 
     @property
     def at_bound(self) -> np.ndarray:
-        """Which unknowns lie on a bound, shape (n,): what is left would fall beyond it, where they must not go."""
+        """Which unknowns lie at a bound, shape (n,)."""
         low, high = self.problem.unknowns.low, self.problem.unknowns.high
         near = ACTIVE_BOUND_TOLERANCE * np.maximum(np.abs(self.theta), 1e-12)
         return (self.theta - low <= near) | (high - self.theta <= near)
 
     @property
     def fitted_diagram(self) -> Diagram:
-        """The diagram with the numbers that hold for all experiments."""
+        """The diagram with the parameters common to all experiments."""
         items = self.problem.unknowns.items
         own = {i.parameter: float(v) for i, v in zip(items, self.theta, strict=True) if not i.experiment}
         return self.diagram.with_parameters(own)
 
 
 def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings, tell: Any = None) -> Model:
-    """The base model: all its free numbers found from several starts. Raises what ``tsm.fit`` raises."""
+    """The base model, fitted from several starting points. Raises what ``tsm.fit`` raises."""
     problem, setup = pose_model(diagram, records, settings, settings.free)
     begin = feasible_start(problem, problem.unknowns.start)
     ends = [
@@ -131,7 +143,7 @@ def pose_model(
     bounds: Mapping[str, Any] | None = None,
     local: Iterable[str] | None = None,
 ) -> tuple[Problem, Setup]:
-    """The problem of fitting a diagram, weighed by the noise; ``is_local`` names what belongs to one experiment."""
+    """The problem of fitting a diagram, weighted by the noise; ``local`` names unknowns of single experiments."""
     known = {k: Floor(k, v, diagram.unit(k)) for k, v in settings.sigma.items()}
     return pose(
         diagram,
@@ -163,10 +175,10 @@ def pose_extended(
     bounds: Mapping[str, Any] | None = None,
     begins: Iterable[str] = (),
 ) -> tuple[Problem, Setup]:
-    """The problem of a diagram that has more blocks than a model: the model's unknowns, and ``more`` of its own.
+    """The problem of a diagram with more blocks than a model: the model's unknowns, and ``more`` of the added blocks.
 
-    States of the added blocks, and the memories named in ``begins``, start free in each experiment, as those of the
-    model do.
+    Initial states of the added blocks, and those named in ``begins``, are unknowns of each experiment, as those of the
+    model are.
     """
     items = model.problem.unknowns.items
     free = [item.parameter for item in items if not item.experiment]
@@ -182,7 +194,7 @@ def pose_extended(
 def optimized(
     problem: Problem, setup: Setup, start: np.ndarray, enough: float = COARSE_TOLERANCE, coarse: bool = True
 ) -> Model:
-    """The model at the end of a search downhill from ``start``, where nothing else is left by coarse differences."""
+    """The model at the end of a Gauss-Newton optimisation from ``start``; ``coarse`` allows finite differences."""
     begin = held(problem, start)
     return model_at(
         problem, setup, gauss_newton(problem, begin, iterations=MAX_ITERATIONS, enough=enough, coarse=coarse)
@@ -190,12 +202,12 @@ def optimized(
 
 
 def converged(model: Model) -> Model:
-    """The same model, searched to its end."""
+    """The same model, optimised to the fine tolerance."""
     return optimized(model.problem, model.setup, model.theta, FINE_TOLERANCE)
 
 
 def model_at(problem: Problem, setup: Setup, found: Found) -> Model:
-    """The model where a search ended."""
+    """The model where an optimisation ended."""
     theta = found.theta
     r, J = problem.jacobian(theta) if found.reach is None else problem.secants(theta, found.reach)
     return Model(setup.diagram, problem, setup, theta, r, np.where(np.isfinite(J), J, 0.0), found.status)

@@ -1,4 +1,4 @@
-"""What differs between two diagrams: blocks and wires that came or went, and numbers that changed."""
+"""The difference between two diagrams: blocks and wires added or removed, and parameters changed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
 PARAMETER_TOLERANCE = 1e-9
-"""Relative change of a number below which it counts as the same."""
+"""Relative change of a parameter below which it is unchanged. Chosen: rounding of a fit."""
 
 
 @attrs.frozen
 class ChangedParameter:
-    """A number that changed, in its own unit."""
+    """A parameter that changed, in its own unit."""
 
     name: str
     before: float
@@ -31,7 +31,7 @@ class ChangedParameter:
 
 @attrs.frozen
 class Difference:
-    """Blocks in words by name, wires in wire notation, numbers: what turns one diagram into another."""
+    """What turns one diagram into another: blocks as code by name, wires in wire notation, changed parameters."""
 
     added: dict[str, str]
     removed: dict[str, str]
@@ -41,7 +41,7 @@ class Difference:
 
     @property
     def lines(self) -> list[tuple[str, str]]:
-        """What came (``+``), went (``-``) or changed (``~``), a line each."""
+        """A (sign, text) for each addition (``+``), removal (``-``) and change (``~``)."""
         return [
             *(("-", f"{name} = {words}") for name, words in self.removed.items()),
             *(("+", f"{name} = {words}") for name, words in self.added.items()),
@@ -70,7 +70,7 @@ def difference(before: Diagram, after: Diagram) -> Difference:
 
 
 def in_code(block: Block | Diagram) -> str:
-    """A block as a script would make it, with the parameters that are not at their default."""
+    """A block as a script makes it, with the parameters that are not at their default."""
     if isinstance(block, Diagram):
         inside = ", ".join(f"{k}={in_code(b)}" for k, b in block.blocks.items())
         return f"Diagram({inside})"
@@ -91,7 +91,7 @@ def _literal(value: object) -> str:
 
 
 def _all_wires(diagram: Diagram) -> list[str]:
-    """Every wire by itself, from inputs and to outputs too."""
+    """Every single wire, those from inputs and to outputs included."""
     made = [f"{name} -> {'.'.join(end)}" for name, ends in diagram.inlets.items() for end in ends]
     made += [f"{diagram.short(link.source)} -> {'.'.join(link.target)}" for link in diagram.links]
     made += [f"{diagram.short(end) if end[0] else end[1]} => {name}" for name, end in diagram.shown.items()]

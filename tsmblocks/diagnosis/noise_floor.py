@@ -1,4 +1,4 @@
-"""The noise floor of every measured output, given or found in the recordings."""
+"""The noise floor of every measured output, given or estimated from the recordings; noise of inputs propagated."""
 
 from __future__ import annotations
 
@@ -19,18 +19,16 @@ from tsmblocks.fitting.experiments import prepare
 from tsmblocks.model.diagram import Diagram
 
 GIVEN = "given"
-"""The way of a floor that the user knows."""
+"""The method of a noise floor that the user gave."""
 MAX_FLOOR_RATIO = 1.5
-"""How many times what the base leaves a floor must be to be doubted: noise alone is about once that."""
-DRAWS = 1
-"""Draws of input noise for each experiment; thousands of samples make one enough."""
+"""Noise floor over residual rms from which the floor is implausible. Chosen: noise alone gives about 1."""
 
 
 @attrs.frozen
 class NoiseFloors:
-    """Noise of each output, in the diagram's unit, and how it was found; ``reliable`` unless only fast noise was seen.
+    """Rms noise of each output, in the diagram's unit, and the method of its estimate.
 
-    ``given`` says it in the words of the user, where it was given.
+    ``reliable`` is False where only fast noise could be estimated. ``given`` holds the text that the user gave.
     """
 
     sigma: Mapping[str, float]
@@ -40,47 +38,45 @@ class NoiseFloors:
 
 
 def noise_floors(
-    records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str], asked: Mapping[str, tuple[float, str]]
+    records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str], given: Mapping[str, tuple[float, str]]
 ) -> NoiseFloors:
-    """The noise floors: those that were asked for (see asked_floors), and for the other outputs those found.
+    """The noise floors of the outputs: those given as (rms, text), the others estimated.
 
     Raises DataError where an output shows no noise at all.
     """
+    given = {k: v for k, v in given.items() if k in outputs}
     sigma, method = dict[str, float](), dict[str, str]()
     for name in outputs:
-        if name in asked:
-            sigma[name], method[name] = asked[name][0], GIVEN
+        if name in given:
+            sigma[name], method[name] = given[name][0], GIVEN
         else:
-            sigma[name], method[name] = _found(records, diagram, name)
+            sigma[name], method[name] = _estimated(records, diagram, name)
     return NoiseFloors(
-        sigma,
-        method,
-        all(m != HIGH_FREQUENCIES for m in method.values()),
-        {k: words for k, (_, words) in asked.items()},
+        sigma, method, all(m != HIGH_FREQUENCIES for m in method.values()), {k: words for k, (_, words) in given.items()}
     )
 
 
-def _found(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
-    """The noise that the recordings show. Raises DataError where they show none."""
+def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
+    """The noise estimated from the recordings, and the method. Raises DataError where there is none."""
     middle, method = noise_of_recordings(records, name, diagram.unit(name), diagram.inports)
     if not middle > 0:
         raise DataError(
-            f"no noise was found in {name}, so nothing says what counts as a difference. Give the noise "
+            f"no noise was found in {name}, so the residual has no scale. Give the noise "
             f"floor with its unit: noise_floor=…{diagram.unit(name)}."
         )
     return middle, method
 
 
 def lowered_noise_floors(
-    found: NoiseFloors, left: Mapping[str, float], records: Mapping[str, Record], diagram: Diagram
+    found: NoiseFloors, residual_rms: Mapping[str, float], records: Mapping[str, Record], diagram: Diagram
 ) -> tuple[NoiseFloors, list[str]]:
-    """Floors that are none above what a model leaves, and what was done about it in words.
+    """Noise floors no higher than the residual of a model, and notes on those that changed.
 
-    ``left`` is the rms that the model leaves of each output, in units of its floor. A floor that was looked for gives
-    way to the fast noise, where that is less; one that was given stays, and is doubted.
+    ``residual_rms`` is that of each output, divided by its floor. An estimated floor is replaced by the fast noise,
+    where that is lower; a given one stays, with a warning.
     """
     sigma, method, words = dict(found.sigma), dict(found.method), list[str]()
-    for name, share in left.items():
+    for name, share in residual_rms.items():
         unit = diagram.unit(name)
         if share * MAX_FLOOR_RATIO >= 1:
             continue
@@ -88,7 +84,7 @@ def lowered_noise_floors(
         if method[name] == GIVEN:
             meant = f" ({unit})" if unit else ""
             words.append(
-                f"the noise floor given for {name} ({floor}) is above all that the base leaves ({rms} rms), "
+                f"the noise floor given for {name} ({floor}) is above the residual of the base ({rms} rms), "
                 f"so nothing can be found: is it in the right unit{meant}?"
             )
             continue
@@ -96,20 +92,19 @@ def lowered_noise_floors(
         if 0 < middle < sigma[name]:
             taken = f"{in_display_units(middle, unit)} of fast noise is taken instead"
             words.append(
-                f"the noise floor of {name} found in {method[name]} ({floor}) is above all that the base "
-                f"leaves ({rms} rms); {taken}."
+                f"the noise floor of {name} found in {method[name]} ({floor}) is above the residual of the base "
+                f"({rms} rms); {taken}."
             )
             sigma[name], method[name] = middle, HIGH_FREQUENCIES
-    return attrs.evolve(
-        found, sigma=sigma, method=method, reliable=all(m != HIGH_FREQUENCIES for m in method.values())
-    ), words
+    return attrs.evolve(found, sigma=sigma, method=method, reliable=all(m != HIGH_FREQUENCIES for m in method.values())), words
 
 
 def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
-    """Mean square, in variances of the outputs' noise, of what the noise of measured inputs does to the outputs.
+    """Variance of the outputs caused by the noise of measured inputs [output noise variances].
 
-    The conditioned inputs are taken for the true motion; noise as strong as that which was filtered out, and as white,
-    is put on them, they are conditioned again, and the model is simulated with both.
+    The conditioned inputs are taken as the true motion. White noise as strong as that which was filtered out is added
+    to them, they are conditioned again, and the model is simulated with both. One draw of the noise for each experiment
+    is enough, since an experiment has many samples.
     """
     names, draw = tuple(inputs), np.random.default_rng(seed)
     total = count = 0.0
@@ -139,7 +134,7 @@ def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iter
 
 
 def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.Generator) -> Record | None:
-    """A conditioned record with fresh noise on its inputs; None where nothing was filtered out."""
+    """A conditioned record with new noise on its inputs; None where nothing was filtered out."""
     raw = evenly_sampled(raw)
     signals, found = dict(clean.signals), False
     for name in names:
@@ -153,6 +148,6 @@ def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.G
 
 
 def _white(removed: np.ndarray) -> float:
-    """Rms of white noise whose fast part is as strong as what a filter removed: from the upper half of the spectrum."""
+    """Rms of white noise with the power that a filter removed, from the median of the upper half of the spectrum."""
     power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
     return float(np.sqrt(white_noise_power(power, np.log(2.0))))

@@ -1,4 +1,4 @@
-"""A diagram cut at its measured signals: parts that are simulated from measurements and looked at by themselves."""
+"""A diagram cut at its measured signals into parts, each simulated from measurements; experiments cut into pieces."""
 
 from __future__ import annotations
 
@@ -17,22 +17,25 @@ from tsmblocks.model.wires import Link
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
 PIECE_LENGTH = 1.0
-"""Length of a piece [s]: over longer ones the errors of an integrating plant grow and hide what they come from."""
+"""Length [s] of a piece of an experiment. Source: the method's prototype; over longer ones the errors of an integrating
+plant grow and mask their cause."""
 LEAD_SHARE = 0.1
-"""Share of a piece that runs ahead of what is compared: what delays hold when it begins is not known, and has to go."""
+"""Share of a piece that is simulated before the comparison starts. Chosen: initial contents of delays are unknown and
+have to leave them first."""
 DELAY_MARGIN = 2.0
-"""How many times the delays of the diagram a piece runs ahead at least: those of a fit may be found longer."""
+"""Length of that lead in multiples of all delays of the diagram, at least. Chosen: a fit may lengthen the delays."""
 MIN_PIECE_SAMPLES = 100
-"""Samples of a piece at least."""
+"""Samples of a piece at least. Chosen: enough for its initial states beside the common parameters."""
 LASTING_MEMORY_SHARE = 0.3
-"""Share of a start value's first influence that is still there at the end of an experiment that remembers it."""
+"""Share of the first influence of an initial state that remains at the end of an experiment with lasting memory.
+Chosen: 0 for stable plants, 1 for integrating ones."""
 PIECE_SEPARATOR = "#"
 """Between the name of an experiment and the number of its piece."""
 
 
 @attrs.frozen(eq=False)
 class Part:
-    """A part of a diagram. ``cut`` maps its inputs that stand for a measured signal to the signal they replace."""
+    """A part of a diagram. ``cut`` maps its inputs that are measured signals to the signals they replace."""
 
     name: str
     diagram: Diagram
@@ -43,7 +46,7 @@ class Part:
 def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
     """Cut a diagram at measured outputs, except where that would open a loop; parts in the order of the signals.
 
-    In a closed loop the loop is one part: its controller hides in the position what it shows in the drive.
+    A closed loop is one part: its controller compensates in the position for what is then visible in the drive.
     """
     reach = _reach(diagram)
     cut: dict[str, list[Link]] = {}
@@ -79,7 +82,7 @@ def _reach(diagram: Diagram) -> dict[str, set[str]]:
 
 
 def _groups(diagram: Diagram, links: Sequence[Link]) -> list[list[str]]:
-    """Blocks that hang together, each group in the diagram's order."""
+    """Connected blocks, each group in the diagram's order."""
     group = {k: k for k in diagram.blocks}
 
     def head(name: str) -> str:
@@ -127,7 +130,7 @@ def _part(
 
 
 def in_whole_diagram(site: InsertionPoint, part: Part) -> InsertionPoint:
-    """A site of a part as a site of the whole diagram, where the cut input is a signal again."""
+    """An insertion point of a part as one of the whole diagram, where the cut input is a signal again."""
     other = part.cut.get(site.other, site.other)
     signal = part.cut.get(site.signal, site.signal)
     if site.after not in part.cut:
@@ -137,7 +140,7 @@ def in_whole_diagram(site: InsertionPoint, part: Part) -> InsertionPoint:
 
 
 def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings) -> bool:
-    """Whether the start of every experiment still shows at its end, as in a plant that integrates."""
+    """Whether initial states still have an influence at the end of every experiment, as in a plant that integrates."""
     if not settings.start_states:
         return False
     problem, _ = pose_model(diagram, records, settings, settings.free)
@@ -159,22 +162,28 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
 
 
 def total_delay(diagram: Diagram) -> float:
-    """All delays of a diagram together [s]: no signal is longer on its way."""
+    """Sum of all delays of a diagram [s], an upper bound on that of any path."""
     eq = equations(diagram)
     return float(np.sum(np.asarray(eq.lag(parameter_vector(eq, diagram))))) if eq.q else 0.0
 
 
-def split_into_pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
+def within_windows(records: Mapping[str, Record], windows: Mapping[str, Window] | None) -> dict[str, Record]:
+    """The part of each recording that is compared."""
+    return {name: r if windows is None else r.part(*windows[name]) for name, r in records.items()}
+
+
+def split_into_pieces(records: Mapping[str, Record], delay: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
     """Every experiment in pieces named ``experiment#1`` and so on, and the window of each that is compared.
 
-    About ``PIECE_LENGTH`` seconds of each are compared. It begins ahead of them, where the piece before it is still
-    compared, by a share of its length or longer than signals are on their way (``late`` [s]), whichever is more."""
+    About ``PIECE_LENGTH`` seconds of each are compared. Its simulation starts earlier, within the piece before it, by a
+    share of its length or by more than the delays of the diagram (``delay`` [s]), whichever is longer.
+    """
     made: dict[str, Record] = {}
     windows: dict[str, Window] = {}
     for name, record in records.items():
         begin, end = float(record.t[0]), float(record.t[-1])
         length = max(PIECE_LENGTH, MIN_PIECE_SAMPLES * record.step)
-        lead = min(max(LEAD_SHARE * min(length, end - begin), DELAY_MARGIN * late), (end - begin) / 2)
+        lead = min(max(LEAD_SHARE * min(length, end - begin), DELAY_MARGIN * delay), (end - begin) / 2)
         count = max(1, round((end - begin - lead) / length))
         edges = np.linspace(begin + lead, end, count + 1).tolist()
         for k, (first, last) in enumerate(itertools.pairwise(edges)):
@@ -185,5 +194,5 @@ def split_into_pieces(records: Mapping[str, Record], late: float = 0.0) -> tuple
 
 
 def experiment_of(name: str) -> str:
-    """The experiment that a piece belongs to."""
+    """The experiment of a piece."""
     return name.rpartition(PIECE_SEPARATOR)[0] or name

@@ -1,4 +1,4 @@
-"""What text, page and figures of a diagnosis share: units for people, whole traces, errors along a coordinate."""
+"""Shared by text, page and figures of a diagnosis: display units, traces of outputs, errors along a coordinate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
 
 MIN_BIN_BLOCKS = 3
-"""Blocks of time that a bin needs before what they differ by says how sure its mean is."""
+"""Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
 COORDINATE_UNITS = {
     "position": "{}",
     "direction": "",
@@ -27,11 +27,11 @@ COORDINATE_UNITS = {
     "session time": "s",
     "experiment": "",
 }
-"""The unit of each coordinate, the motion's in the place of the braces."""
+"""The unit of each coordinate, with that of the motion in the place of the braces."""
 
 
 def with_interval(q: Quantity) -> str:
-    """A number with half its interval, as many digits as that leaves: ``0.157 ± 0.011 deg``; said where it has none."""
+    """A number with half its interval, in as many digits: ``0.157 ± 0.011 deg``; marked where it has no interval."""
     k, unit = for_people(q.unit)
     value, low, high = k * q.value, k * q.low, k * q.high
     half = (high - low) / 2
@@ -46,12 +46,12 @@ def with_interval(q: Quantity) -> str:
 
 
 def digits(value: float) -> str:
-    """A number with three digits, zeros at its end too."""
+    """A number with three digits, trailing zeros included."""
     return f"{value:#.3g}".rstrip(".")
 
 
 def in_display_units(value: float, unit: str) -> str:
-    """A number of a unit as people read it: three digits, angles in degrees."""
+    """A number with its unit for display: three digits, angles in degrees."""
     k, shown = for_people(unit)
     return f"{k * value:.3g} {shown}".rstrip()
 
@@ -63,14 +63,14 @@ def unit_of(diagram: Diagram, parameter: str) -> str:
 
 
 def main_parameter(effect: NamedEffect, segment: Segment) -> str:
-    """The parameter that an effect's size is told by: that of its limit, else the first."""
+    """The parameter that gives the size of an effect: that of its detection limit, else the first."""
     known = {m.name: m.parameter for m in segment.limits}
     wanted = known.get(effect.name, "")
     return wanted if wanted in effect.parameters else next(iter(effect.parameters), "")
 
 
 def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:
-    """The traces of one output, one for each experiment: pieces of an experiment are put together."""
+    """The traces of one output, one for each experiment; pieces of an experiment are joined."""
     groups: dict[str, list[Trace]] = {}
     for trace in segment.traces:
         if trace.output == output:
@@ -95,13 +95,13 @@ def _joined(name: str, parts: Sequence[Trace]) -> Trace:
 
 
 def fitted_rms(trace: Trace) -> tuple[float, float]:
-    """Rms of what base and final model leave where they were fitted, in the trace's unit."""
+    """Residual rms of base and final model, as fitted, in the unit of the trace."""
     before, after = trace.before - trace.measured, trace.after - trace.measured
     return float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
 
 
 def strips(trace: Trace) -> np.ndarray:
-    """Start, stop [s], and mean squares before and after in variances of the noise, shape (blocks, 4)."""
+    """Start, stop [s], and mean squares before and after [noise variances], shape (blocks, 4)."""
     rows = []
     for start, stop, square in trace.excess:
         here = (trace.t >= start) & (trace.t <= stop)
@@ -118,10 +118,10 @@ def by_excess(traces: Sequence[Trace]) -> list[Trace]:
 
 @attrs.frozen(eq=False)
 class Profile:
-    """The error along a coordinate: in bins at ``x`` (bins,) the mean left before and after, and what it may be off by.
+    """The mean residual along a coordinate, in bins at ``x`` (bins,), before and after the effects were added.
 
-    ``explained`` (bins,) is what the named effects add to the simulation there: where they are the right ones, the
-    error before lies on it. ``error_before`` and ``error_after`` are standard errors from the blocks of time.
+    ``explained`` (bins,) is what the named effects add to the simulation: where they are right, the residual before
+    lies on it. ``error_before`` and ``error_after`` are standard errors from the time blocks.
     """
 
     coordinate: str
@@ -136,9 +136,9 @@ class Profile:
 
 
 def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) -> Profile | None:
-    """The error of one output along a coordinate; None where it does not vary.
+    """The mean residual of one output along a coordinate; None where the coordinate does not vary.
 
-    ``diagram`` knows the units of the inputs.
+    ``diagram`` has the units of the inputs.
     """
     traces = output_traces(segment, output)
     along, block, left, rest, made = [], [], [], [], list[np.ndarray]()
@@ -179,7 +179,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
-    """Mean, and its standard error from what the blocks of time differ by; NaN where there are too few."""
+    """Mean, and its standard error from the scatter of the time blocks; NaN where there are too few."""
     _, place = np.unique(blocks, return_inverse=True)
     total, number = np.bincount(place, values), np.bincount(place)
     middle = float(values.mean())

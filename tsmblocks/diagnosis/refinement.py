@@ -1,4 +1,4 @@
-"""The last model of a diagnosis simulated finely enough: its intervals shall cover the error of the step."""
+"""The last model at a step at which its confidence intervals cover the discretisation error."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from tsmblocks.fitting.summary import summed_up
 
 
 def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
-    """A model searched once more at finer steps until halving the step moves no number beyond its interval, and words.
+    """A model refitted at finer steps until halving the step moves no parameter beyond its interval, and notes.
 
-    Candidates are compared at one step, chosen for the base; with an effect in front of a plant that answers to rates
-    the same step may bias the numbers. A step that was ``given`` stays; what it does to the numbers is told.
+    Candidates are compared at one step, chosen for the base; with an effect in front of a plant that depends on rates
+    the same step may bias the parameters. A step that was ``given`` stays, with a note on the bias.
     """
     first = model.setup.trials[0].times.h
     if len(model.r) <= len(model.theta):
@@ -38,7 +38,7 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
 
 
 def as_fit(model: Model) -> Fit | None:
-    """The model as ``tsm.fit`` would return it; None where its search ended at numbers that a fit refuses."""
+    """The model as a result of ``tsm.fit``; None where its parameters are ones that a fit refuses."""
     found = Found(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
     try:
         return summed_up(model.problem, model.setup, "gauss-newton", [found])
@@ -50,11 +50,11 @@ def _told(first: float, last: float) -> list[str]:
     if last == first:
         return []
     return [
-        f"the numbers were found anew at a step of {last:.3g} s, since they depended on that of {first:.3g} s with "
+        f"the parameters were refitted at a step of {last:.3g} s, since they depended on the step of {first:.3g} s at "
         "which the candidates were compared."
     ]
 
 
 def _held(model: Model) -> np.ndarray | None:
-    """Gradients (m, n) of the bounds that the model lies on."""
+    """Gradients (m, n) of the active bounds."""
     return np.eye(len(model.theta))[model.at_bound] if model.at_bound.any() else None

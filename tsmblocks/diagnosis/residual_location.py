@@ -1,4 +1,4 @@
-"""Where a model and the data disagree: along which coordinate what is left can be foretold."""
+"""Residual location: the coordinates of the motion along which the residual is predictable."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.result import ResidualCoordinate
 
 BIN_COUNT = 24
-"""Bins of a coordinate, each with as many samples."""
+"""Bins of a coordinate, each with as many samples. Chosen: hundreds of samples in each, and half periods resolved."""
 JOINT_BIN_COUNT = 8
-"""Bins of each of two coordinates taken together."""
+"""Bins of each of two coordinates taken together. Chosen: 64 joint bins."""
 MAX_COORDINATES = 3
-"""Coordinates told."""
+"""Coordinates reported. Chosen."""
 MIN_COORDINATE_SHARE = 0.05
-"""Share of the excess below which a coordinate is not worth telling."""
+"""Share of the excess from which a coordinate is reported. Chosen."""
+REST_SPEED_SHARE = 0.02
+"""Speed, as a share of its rms, below which a motion is at rest. Chosen: above numerical differentiation noise."""
+MIN_BIN_SAMPLES = 10
+"""Samples of the other folds beyond which the mean of a bin is used. Chosen."""
 COORDINATE_TEXT = {
     "position": "the error follows the position",
     "direction": "the error has one sign forwards and the other backwards",
@@ -31,13 +35,13 @@ COORDINATE_TEXT = {
 
 
 def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.ndarray]:
-    """What may foretell an error, sample by sample, from the motion ``x`` (n,) at the instants ``t`` (n,) [s]."""
+    """Coordinates (n,) that may predict the residual, from the motion ``x`` (n,) at the instants ``t`` (n,) [s]."""
     v = np.gradient(x, t)
     a = np.gradient(v, t)
-    still = np.abs(v) < 0.02 * np.sqrt(np.mean(v**2)) if np.any(v) else np.ones(len(v), dtype=bool)
+    still = np.abs(v) < REST_SPEED_SHARE * np.sqrt(np.mean(v**2)) if np.any(v) else np.ones(len(v), dtype=bool)
     side = np.where(still, 0.0, np.sign(v))
     moving = np.flatnonzero(side)
-    if len(moving):  # at rest the direction of the last motion stays
+    if len(moving):  # at rest the direction of the last motion remains
         last = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), -1))
         side = np.where(last >= 0, side[np.maximum(last, 0)], side[moving[0]])
     begin = np.maximum.accumulate(np.where(np.diff(side, prepend=side[0]) != 0, np.arange(len(side)), 0))
@@ -57,7 +61,7 @@ def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.n
 def residual_coordinates(
     r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float
 ) -> tuple[ResidualCoordinate, ...]:
-    """The coordinates that foretell most of what is left ``r`` (N,), on blocks held out.
+    """The coordinates that predict most of the residual ``r`` (N,), on held-out blocks.
 
     ``excess`` is the mean square of ``r`` above the noise's.
     """
@@ -72,7 +76,7 @@ def residual_coordinates(
 
 
 def explainable_share(r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float) -> float:
-    """Share of the excess that any two coordinates together foretell on blocks held out, at best."""
+    """Largest share of the excess that two coordinates together predict on held-out blocks."""
     if excess <= 0:
         return 0.0
     bins = {name: binned(values, JOINT_BIN_COUNT) for name, values in known.items()}
@@ -85,7 +89,7 @@ def explainable_share(r: np.ndarray, known: Mapping[str, np.ndarray], blocks: Ti
 
 
 def binned(values: np.ndarray, count: int) -> np.ndarray:
-    """The bin of each sample, all with about as many; a coordinate of few values has a bin for each."""
+    """The bin of each sample, bins of about equal counts; a coordinate of few values has a bin for each."""
     own = np.unique(values)
     if len(own) <= count:
         return np.searchsorted(own, values)
@@ -94,12 +98,12 @@ def binned(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def _share(r: np.ndarray, bins: np.ndarray, fold: np.ndarray, excess: float) -> float:
-    """Fall of the mean square, as a share of the excess, when each bin's mean of the other folds is taken off."""
+    """Fall of the mean square, as a share of the excess, when each bin's mean over the other folds is subtracted."""
     count, folds = int(bins.max()) + 1, int(fold.max()) + 1
     place = bins * folds + fold
     total = np.bincount(place, r, count * folds).reshape(count, folds)
     number = np.bincount(place, minlength=count * folds).reshape(count, folds)
     others = number.sum(axis=1, keepdims=True) - number
     mean = (total.sum(axis=1, keepdims=True) - total) / np.maximum(others, 1)
-    left = r - np.where(others > 10, mean, 0.0).ravel()[place]
+    left = r - np.where(others > MIN_BIN_SAMPLES, mean, 0.0).ravel()[place]
     return float((np.mean(r**2) - np.mean(left**2)) / excess)

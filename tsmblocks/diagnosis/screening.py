@@ -1,4 +1,8 @@
-"""What each candidate promises before it is fitted: a trial of several sizes and shapes, less what the base absorbs."""
+"""Screening: the predicted fall of the sum of squares of each candidate before it is fitted, base parameters projected
+out.
+
+Source: Frisch and Waugh, Econometrica 1 (1933), 387-401.
+"""
 
 from __future__ import annotations
 
@@ -15,37 +19,44 @@ from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 
 EIGENVALUE_TOLERANCE = 1e-12
-"""Share of the largest eigenvalue below which a direction of the base counts as undetermined."""
+"""Share of the largest eigenvalue of the scaled normal matrix below which a direction of the base is not identifiable.
+Chosen: above rounding of a squared matrix."""
 REFINEMENT_SHAPES = 12
-"""Shapes tried to each side of the best, where a shape is looked for again."""
+"""Shapes tried on each side of the best one in a refinement of the grid. Chosen."""
 REFINEMENT_ROUNDS = 3
-"""How often."""
+"""Refinements of the grid. Chosen: each narrows it to a thirteenth, so three reach the samples."""
 PINNING_WIDTHS = 10.0
-"""Widths of a transition within which its instant is then fitted."""
+"""Half width, in transition times, of the bounds that a refined instant is then fitted within. Chosen: derivatives lead
+no farther."""
 SECOND_START_TRIALS = 8
-"""Next best shapes among which a second start is looked for."""
+"""Next best shapes among which a second starting point is selected. Chosen."""
+MAX_SQUARED_CORRELATION = 0.8
+"""Squared correlation of two output changes below which two shapes are different starting points. Chosen."""
 DIVERGENCE_THRESHOLD = 1e30
-"""Change of an output, in units of the noise, from which a simulation counts as one that runs away."""
+"""Change of an output [rms noise] from which a simulation counts as diverged. Chosen: far from both data and
+overflow."""
 MAX_SIZE_FACTOR = 40.0
-"""How much larger than the size worth trying an effect may begin."""
+"""Size of an effect at the start of its fit, in those of its trial, at most. Chosen: beyond it a linear prediction
+fails."""
 MAX_EXTRAPOLATION = 4.0
-"""How many times a size that was tried an effect is thought to grow in proportion; shapes lie no farther apart."""
+"""The same for effects whose size is part of the shape. Chosen: the distance between neighbouring shapes of the
+grids."""
 
 
 @attrs.frozen(eq=False)
 class BaseSubspace:
-    """What the base can take up by other numbers: an orthonormal basis (N, k), and the way back to the unknowns."""
+    """The column space of the base's Jacobian: an orthonormal ``basis`` (N, k), and ``to_unknowns`` (n, k) from it."""
 
     basis: np.ndarray
     to_unknowns: np.ndarray
 
     def project_out(self, z: np.ndarray) -> np.ndarray:
-        """What is left of columns (N, m)."""
+        """Columns (N, m) with the base projected out."""
         return z - product(self.basis, product(np.ascontiguousarray(self.basis.T), z))
 
 
 def base_subspace(model: Model) -> BaseSubspace:
-    """The directions in which the base moves."""
+    """The column space of a model's Jacobian, without directions that are not identifiable."""
     J = model.J
     size = np.sqrt(np.einsum("ij,ij->j", J, J))
     size = np.where(size > 0, size, 1.0)
@@ -58,9 +69,11 @@ def base_subspace(model: Model) -> BaseSubspace:
 
 @attrs.frozen(eq=False)
 class ScreeningScore:
-    """What a candidate promises: ``gain`` is the fall of the sum of squares, ``starts`` where to begin, best first.
+    """The screening of a candidate: ``gain`` is the predicted fall of the sum of squares [noise variances].
 
-    ``z`` (N,) is the best change of the outputs found, less what the base absorbs.
+    ``starts`` are the starting points of its fit, best first; ``z`` (N,) is the best change of the outputs, base
+    parameters projected out; ``detection_limit`` is the smallest detectable size of the first parameter, None where
+    these data do not excite the effect.
     """
 
     candidate: Candidate
@@ -70,12 +83,11 @@ class ScreeningScore:
     starts: tuple[np.ndarray, ...]
     z: np.ndarray = attrs.field(repr=False)
     detection_limit: float | None = None
-    """The first parameter's size that would just show; None where these data do not excite it."""
 
 
 @attrs.frozen(eq=False)
 class _ShapeTrial:
-    """One shape tried: the fall of the sum of squares, and the unknowns there."""
+    """One shape: the predicted fall of the sum of squares, and the unknowns there."""
 
     gain: float
     theta: np.ndarray
@@ -83,11 +95,11 @@ class _ShapeTrial:
     output_change: np.ndarray
     """Change of the outputs (N,)."""
     sensitivity: float
-    """Sum of squares that the first size worth trying changes, beyond what the base absorbs."""
+    """Sum of squares of the output change at the trial size, base parameters projected out."""
     exceeds_range: bool
-    """Whether that size moves an output farther than it ever went, as in a loop that then runs away."""
+    """Whether the trial size moves an output beyond its recorded range, as a loop does that diverges."""
     theta_base_fixed: np.ndarray
-    """The unknowns with the base's as they were."""
+    """The unknowns with the base parameters unchanged."""
 
 
 def screening_score(
@@ -97,9 +109,11 @@ def screening_score(
     settings: ModelSettings,
     wires: WireSignals,
     base: BaseSubspace,
-    shows: float,
+    detectable: float,
 ) -> ScreeningScore:
-    """Try a candidate's shapes and sizes, all side by side in lanes. ``shows`` is a change of the sum of squares."""
+    """Simulate a candidate's shapes and sizes in one batch; ``detectable`` is the smallest detectable sum of
+    squares.
+    """
     trials = candidate.trials
     problem, setup = pose_extended(
         model,
@@ -110,28 +124,28 @@ def screening_score(
         _bounds(candidate, settings),
         candidate.initialised_states,
     )
-    begin = _begin(problem, model, candidate, wires)
-    screen = _Screen(candidate, problem, model, base, begin)
-    tried = screen.tries(trials.shapes)
-    detection_limit = _smallest(candidate, tried, shows)
+    starting_values = _starting_values(problem, model, candidate, wires)
+    screening = _Screening(candidate, problem, model, base, starting_values)
+    shape_trials = screening.evaluated(trials.shapes)
+    detection_limit = _detection_limit(candidate, shape_trials, detectable)
     for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
-        tried = [*tried, *screen.tries(_between(tried, trials.refine))]
-        tried.sort(key=lambda one: -one.gain)
-        tried = tried[: 2 * REFINEMENT_SHAPES]
-    tried.sort(key=lambda one: -one.gain)
-    best = tried[0]
+        shape_trials = [*shape_trials, *screening.evaluated(_between(shape_trials, trials.refine))]
+        shape_trials.sort(key=lambda one: -one.gain)
+        shape_trials = shape_trials[: 2 * REFINEMENT_SHAPES]
+    shape_trials.sort(key=lambda one: -one.gain)
+    best = shape_trials[0]
     if trials.refine:
         return ScreeningScore(
             candidate,
-            _pinned(problem, candidate, best),
+            _with_narrow_bounds(problem, candidate, best),
             setup,
             best.gain,
             (best.theta,),
             base.project_out(best.output_change[:, None])[:, 0],
             detection_limit,
         )
-    chosen = [best, *(one for one in tried[1:SECOND_START_TRIALS] if _differs(one, best, base))][:2]
-    starts = [_sounder(problem, one) for one in chosen]
+    chosen = [best, *(one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))][:2]
+    starts = [_better_start(problem, one) for one in chosen]
     return ScreeningScore(
         candidate,
         problem,
@@ -143,30 +157,32 @@ def screening_score(
     )
 
 
-def _smallest(candidate: Candidate, tried: Sequence[_ShapeTrial], shows: float) -> float | None:
-    """The size at which an effect changes the sum of squares by ``shows``, by the shape that shows it best."""
+def _detection_limit(candidate: Candidate, shape_trials: Sequence[_ShapeTrial], detectable: float) -> float | None:
+    """The size at which an effect changes the sum of squares by ``detectable``, for the shape that excites it best."""
     strengths, first = candidate.trials.strengths, candidate.effect.free[0]
     null = candidate.effect.null.get(first, np.inf)
     sizes = []
-    for one in tried:
-        factor = float(np.sqrt(shows / one.sensitivity)) if one.sensitivity > 0 else np.inf
-        if one.exceeds_range:  # it would be seen, but what is smaller is not in proportion
+    for one in shape_trials:
+        factor = float(np.sqrt(detectable / one.sensitivity)) if one.sensitivity > 0 else np.inf
+        if one.exceeds_range:  # smaller sizes are not in proportion to it
             factor = max(factor, 1.0)
         if strengths and factor < MAX_SIZE_FACTOR:
             sizes.append(abs(next(iter(strengths.values()))) * factor)
-        elif not strengths and factor <= 1:  # towards its null; a limit has none, and counts as it is
+        elif not strengths and factor <= 1:  # towards the null; an infinite one has no proportion
             sizes.append(null + (one.shape[first] - null) * factor if abs(null) < MAX_FINITE_NULL else one.shape[first])
     return min(map(abs, sizes)) if sizes else None
 
 
 def _bounds(candidate: Candidate, settings: ModelSettings) -> dict[str, tuple[float | None, float | None]]:
-    """Bounds by full names; those of states count where states are free to begin anywhere."""
+    """Bounds by full names; those of states apply where initial states are estimated."""
     named = {f"{candidate.block}.{k}": pair for k, pair in candidate.trials.bounds.items()}
     return {k: v for k, v in named.items() if settings.start_states or k in candidate.free}
 
 
-def _begin(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
-    """The unknowns at the base's numbers, with the effect at its null and at rest where each experiment begins."""
+def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
+    """The unknowns with the base parameters, the effect at its null and its states at the initial values of the
+    wire.
+    """
     known, first, settled = model.values, wires.initial_values(candidate.site.signal), candidate.initialised_states
     made = []
     for item in problem.unknowns.items:
@@ -180,44 +196,46 @@ def _begin(problem: Problem, model: Model, candidate: Candidate, wires: WireSign
 
 
 @attrs.frozen(eq=False)
-class _Screen:
-    """A candidate ready to be tried."""
+class _Screening:
+    """A candidate with its problem, and the base to compare with."""
 
     candidate: Candidate
     problem: Problem
     model: Model
     base: BaseSubspace
-    begin: np.ndarray
+    starting_values: np.ndarray
 
     @property
-    def reach(self) -> float:
-        """How far the outputs went, in units of the noise."""
+    def output_range(self) -> float:
+        """Largest range of the outputs [rms noise]."""
         return max(
             float(np.ptp(trial.measured[:, i])) * weight
             for trial in self.problem.trials
             for i, weight in enumerate(self.problem.weights)
         )
 
-    def tries(self, shapes: Sequence[Mapping[str, float]]) -> list[_ShapeTrial]:
-        """Every shape with its best size."""
+    def evaluated(self, shapes: Sequence[Mapping[str, float]]) -> list[_ShapeTrial]:
+        """Every shape with its optimum size."""
         strengths = self.candidate.trials.strengths
         sets = [
-            self._set({**shape, **one}) for shape in shapes for one in ([{k: v} for k, v in strengths.items()] or [{}])
+            self._unknowns_at({**shape, **one})
+            for shape in shapes
+            for one in ([{k: v} for k, v in strengths.items()] or [{}])
         ]
         changes = self._changes(sets)
         wide = np.ascontiguousarray(changes.T)
         inside = product(np.ascontiguousarray(self.base.basis.T), changes)
-        slope = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
-        slope = slope - inside.T @ (self.base.basis.T @ self.model.r)
+        gradient = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
+        gradient = gradient - inside.T @ (self.base.basis.T @ self.model.r)
         each, made = max(len(strengths), 1), []
         for k, shape in enumerate(shapes):
             mine = slice(k * each, (k + 1) * each)
             m = product(wide[mine], changes[:, mine]) - inside[:, mine].T @ inside[:, mine]
-            made.append(self._sized(shape, changes[:, mine], slope[mine], m, inside[:, mine]))
+            made.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine]))
         return made
 
-    def _set(self, numbers: Mapping[str, float]) -> np.ndarray:
-        theta = self.begin.copy()
+    def _unknowns_at(self, numbers: Mapping[str, float]) -> np.ndarray:
+        theta = self.starting_values.copy()
         for name, value in numbers.items():
             k = self.problem.unknowns.names.index(f"{self.candidate.block}.{name}")
             theta[k] = np.clip(value, self.problem.unknowns.low[k], self.problem.unknowns.high[k])
@@ -233,22 +251,22 @@ class _Screen:
                 rows = slice(first, first + len(trial.t))
                 made[rows] = weight * (y[:, i] - trial.measured[:, i, None]) - self.model.r[rows, None]
                 first = rows.stop
-        away = ~(np.abs(made) < DIVERGENCE_THRESHOLD).all(axis=0)
-        made[:, away] = 0.0  # a size at which the simulation runs away promises nothing
+        diverged = ~(np.abs(made) < DIVERGENCE_THRESHOLD).all(axis=0)
+        made[:, diverged] = 0.0  # a diverged simulation has no gain
         return made
 
     def _sized(
         self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray
     ) -> _ShapeTrial:
-        """A shape with the sizes of its strengths that leave least.
+        """A shape with the sizes of its strengths at the minimum of the sum of squares.
 
-        ``z`` (N, k) are the changes of the outputs, ``g`` (k,) and ``m`` (k, k) what of them the base does not absorb
-        times what is left and times each other, ``inside`` (directions, k) what it does.
+        ``z`` (N, k) are the changes of the outputs; with the base projected out, ``g`` (k,) are their products with the
+        residual and ``m`` (k, k) those with each other; ``inside`` (directions, k) are their components in the base.
         """
         strengths = self.candidate.trials.strengths
         size = np.ones(1) if not strengths else self._sizes(g, m, list(strengths.items()))
         numbers = {k: s * v for (k, v), s in zip(strengths.items(), size, strict=False)}
-        theta = theta_base_fixed = self._set({**shape, **numbers})
+        theta = theta_base_fixed = self._unknowns_at({**shape, **numbers})
         shift = dict(zip(self.model.problem.unknowns.names, -self.base.to_unknowns @ (inside @ size), strict=True))
         theta = theta + np.array([shift.get(name, 0.0) for name in self.problem.unknowns.names])
 
@@ -256,14 +274,14 @@ class _Screen:
             return -float(2 * by @ g + by @ m @ by)
 
         gain = fall(size)
-        if not strengths:  # the size is part of the shape; count what another size in this direction would gain
+        if not strengths:  # the size is part of the shape: predict the gain of another one
             gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, MAX_EXTRAPOLATION)))
         inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
-        exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.reach)
+        exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.output_range)
         return _ShapeTrial(gain, inside_bounds, shape, z @ size, float(m[0, 0]), exceeds_range, theta_base_fixed)
 
     def _sizes(self, g: np.ndarray, m: np.ndarray, strengths: list[tuple[str, float]]) -> np.ndarray:
-        """Factors on the sizes worth trying, in bounds."""
+        """Factors on the trial sizes, within bounds."""
         ridge = 1e-9 * np.diag(np.maximum(np.diag(m), 1e-300))
         size = np.clip(-np.linalg.solve(m + ridge, g), -MAX_SIZE_FACTOR, MAX_SIZE_FACTOR)
         low, high, names = self.problem.unknowns.low, self.problem.unknowns.high, self.problem.unknowns.names
@@ -273,37 +291,37 @@ class _Screen:
         return size
 
 
-def _sounder(problem: Problem, one: _ShapeTrial) -> np.ndarray:
-    """Where to begin from a try: with the base moved as its derivatives say, or not, where they lead astray."""
+def _better_start(problem: Problem, one: _ShapeTrial) -> np.ndarray:
+    """The starting point with the lower cost: base parameters moved as their derivatives predict, or unchanged."""
     shifted, base_fixed = problem.costs(np.stack([one.theta, one.theta_base_fixed]))
     return one.theta_base_fixed if not shifted <= base_fixed else one.theta
 
 
-def _between(tried: Sequence[_ShapeTrial], name: str) -> list[dict[str, float]]:
+def _between(shape_trials: Sequence[_ShapeTrial], name: str) -> list[dict[str, float]]:
     """Shapes between the best one and its neighbours."""
-    best = max(tried, key=lambda one: one.gain)
+    best = max(shape_trials, key=lambda one: one.gain)
     here = best.shape[name]
-    others = sorted({one.shape[name] for one in tried} - {here}, key=lambda v: abs(v - here))
-    reach = abs(others[0] - here) if others else 0.0
+    others = sorted({one.shape[name] for one in shape_trials} - {here}, key=lambda v: abs(v - here))
+    distance = abs(others[0] - here) if others else 0.0
     steps = [k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1) if k]
-    return [{**best.shape, name: here + share * reach} for share in steps]
+    return [{**best.shape, name: here + share * distance} for share in steps]
 
 
-def _pinned(problem: Problem, candidate: Candidate, best: _ShapeTrial) -> Problem:
-    """The problem with a shape that was looked for by trials kept near what they found: slopes do not lead there."""
+def _with_narrow_bounds(problem: Problem, candidate: Candidate, best: _ShapeTrial) -> Problem:
+    """The problem with bounds on a refined shape close to its value: the problem is nonsmooth in it."""
     name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
     k = unknowns.names.index(name)
-    reach, value = PINNING_WIDTHS * candidate.transition_time, float(best.theta[k])
+    distance, value = PINNING_WIDTHS * candidate.transition_time, float(best.theta[k])
     item = attrs.evolve(
         unknowns.items[k],
-        low=max(value - reach, unknowns.items[k].low),
-        high=min(value + reach, unknowns.items[k].high),
+        low=max(value - distance, unknowns.items[k].low),
+        high=min(value + distance, unknowns.items[k].high),
     )
     items = (*unknowns.items[:k], item, *unknowns.items[k + 1 :])
     return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=items))
 
 
-def _differs(one: _ShapeTrial, best: _ShapeTrial, base: BaseSubspace) -> bool:
-    """Whether two tries lead to different places: their changes of the outputs are not nearly the same."""
+def _is_distinct(one: _ShapeTrial, best: _ShapeTrial, base: BaseSubspace) -> bool:
+    """Whether two shapes are different starting points: their output changes are not strongly correlated."""
     a, b = base.project_out(np.stack([one.output_change, best.output_change], axis=1)).T
-    return float(np.einsum("i,i->", a, b)) ** 2 < 0.8 * square(a) * square(b)
+    return float(np.einsum("i,i->", a, b)) ** 2 < MAX_SQUARED_CORRELATION * square(a) * square(b)

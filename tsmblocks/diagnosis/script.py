@@ -1,4 +1,4 @@
-"""A diagnosis as lines of a script: the augmented diagram made from the first one, and its errors found again."""
+"""A diagnosis as lines of a script that make the augmented diagram and reproduce its errors."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram, Inlet
 
 MAX_INLINE_EXPERIMENTS = 12
-"""Experiments (or pieces of them) whose start states are written out; those of more are read from diagnosis.json."""
+"""Experiments (or pieces) whose initial states are written out; more are read from diagnosis.json. Chosen: a page."""
 
 
 def script_lines(diagnosis: Diagnosis) -> list[str]:
-    """The lines that make the augmented diagram and score it; pasted into a script, they give the same numbers.
+    """The lines that make the augmented diagram and score it; in a script they give the same values.
 
-    They take ``recordings``, a mapping from experiments to records.
+    They use ``recordings``, a mapping from experiments to records.
     """
     making = [*_loaded(diagnosis), *_numbers(diagnosis), *_inserted(diagnosis)]
     return [*_imports(diagnosis), "", *making, *_scored(diagnosis)]
@@ -56,7 +56,7 @@ def _kinds(block: Block | Diagram) -> Iterator[type]:
 
 
 def diagram_source(diagram: Diagram) -> str:
-    """What ``tsm.load`` takes for this diagram; empty for one that a script made."""
+    """The argument of ``tsm.load`` for this diagram; empty for one made in memory."""
     path = Path(diagram.where)
     if path.suffix != ".toml":
         return ""
@@ -69,7 +69,7 @@ def _loaded(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _numbers(diagnosis: Diagnosis) -> list[str]:
-    """Numbers of the diagram that were found anew."""
+    """Parameters of the diagram that were refitted."""
     before, after = diagnosis.first.parameters, diagnosis.augmented.parameters
     changed = {name: after[name] for name, value in before.items() if after.get(name, value) != value}
     return [] if not changed else ["diagram = diagram.with_parameters({", *_items(changed), "})"]
@@ -88,7 +88,7 @@ def _inserted(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def literal(value: Any) -> str:
-    """A value as a script writes it, with all its digits: numbers, texts, lists, blocks and diagrams of them."""
+    """A value as Python code with all digits: numbers, texts, lists, blocks and diagrams of them."""
     if isinstance(value, Diagram):
         inside = ", ".join(f"{k!r}: {literal(b)}" for k, b in value.blocks.items())
         more = f", values={literal(dict(value.values))}" if value.values else ""
@@ -117,20 +117,20 @@ def literal(value: Any) -> str:
 
 
 def _scored(diagnosis: Diagnosis) -> Iterator[str]:
-    """What finds the errors of each experiment again, where the diagram was simulated as a whole."""
+    """The lines that reproduce the errors of each experiment, where the diagram was simulated as a whole."""
     how = diagnosis.simulated
     if how is None:
         return
     yield ""
     if len(diagnosis.segments) > 1:
-        yield "# the errors told are those of each part, driven by what was measured in front of it"
+        yield "# the errors reported are those of each part, simulated from the signals measured in front of it"
         yield from _starts(how)
         return
-    yield "# recordings: the records that were diagnosed, by experiment, as tsm.read gives them"
+    yield "# recordings: the diagnosed records by experiment, as tsm.read returns them"
     yield from _starts(how)
     if how.pieces:
         yield from (
-            ["pieces = told['simulated']['pieces']"] if _too_many(how) else ["pieces = {", *_items(how.pieces), "}"]
+            ["pieces = saved['simulated']['pieces']"] if _too_many(how) else ["pieces = {", *_items(how.pieces), "}"]
         )
         yield "for name, (begin, first, end) in pieces.items():"
         ready, cut = "recordings[name.rpartition('#')[0]]", ".part(begin, end)"
@@ -144,8 +144,8 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _starts(how: Simulated) -> Iterator[str]:
     if _too_many(how):
-        yield "told = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))"
-        yield "start_states = told['start_states']"
+        yield "saved = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))"
+        yield "start_states = saved['start_states']"
         return
     yield "start_states = {"
     yield from _items(how.start_states)
@@ -153,7 +153,7 @@ def _starts(how: Simulated) -> Iterator[str]:
 
 
 def _too_many(how: Simulated) -> bool:
-    """Whether start states and pieces are too many to write out."""
+    """Whether there are too many initial states and pieces to write out."""
     return len(how.start_states) > MAX_INLINE_EXPERIMENTS
 
 

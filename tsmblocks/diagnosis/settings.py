@@ -1,4 +1,4 @@
-"""Under what settings a diagnosis was made: how models were set beside recordings, which recordings, which options."""
+"""Settings and provenance of a diagnosis: simulation settings, recordings, options."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tsmblocks.data import Record, heading
 
 @attrs.frozen
 class Simulated:
-    """How the last model was simulated beside the recordings: what it takes to find the same errors again.
+    """How the last model was simulated: all that is needed to reproduce its errors.
 
-    ``start_states`` holds by experiment the start values found, in the diagram's units; ``steps`` [s] the steps.
-    ``conditioned`` are the inputs whose noise was taken out (``Record.conditioned``), ``outputs`` what was compared.
-    ``pieces`` are, of the pieces (``experiment#1``) that begin anew, the first instant [s], the first that is compared
-    and the last; empty where none do.
+    ``start_states`` holds the estimated initial states by experiment, in the diagram's units, ``steps`` [s] the steps.
+    ``conditioned`` are the inputs whose noise was filtered out (``Record.conditioned``), ``outputs`` those compared.
+    ``pieces`` holds, for each piece (``experiment#1``) at which the simulation restarts, the first instant [s], the
+    first that is compared and the last; empty where there are none.
     """
 
     start_states: Mapping[str, Mapping[str, float]]
@@ -29,7 +29,7 @@ class Simulated:
     pieces: Mapping[str, tuple[float, float, float]] = attrs.field(factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the settings as plain values, numbers with all their digits."""
+        """Return the settings as plain values, numbers with all digits."""
         return {
             "steps": dict(self.steps),
             "integrator": self.integrator,
@@ -42,9 +42,9 @@ class Simulated:
 
 @attrs.frozen
 class Recording:
-    """A recording that was diagnosed: its experiment and file, signals with units, samples and time between them [s].
+    """A recording that was diagnosed: experiment, file, signals with units, number of samples and sampling step [s].
 
-    ``origin`` is the file's name without its folder; empty for a record that a script made.
+    ``origin`` is the name of the file without its folder; empty for a record made in memory.
     """
 
     experiment: str
@@ -62,7 +62,7 @@ class Recording:
 
 @attrs.frozen
 class Provenance:
-    """What a diagnosis rests on: the version, where the diagram is from, the recordings, the options."""
+    """Version, source of the diagram, recordings and options of a diagnosis."""
 
     version: str
     source: str
@@ -71,7 +71,7 @@ class Provenance:
 
 
 def recorded(records: Mapping[str, Record], used: Sequence[str]) -> tuple[Recording, ...]:
-    """The recordings, with the signals that the diagram knows."""
+    """The recordings, with the signals that the diagram uses."""
     made = []
     for name, r in records.items():
         file = r.origin.replace("\\", "/").rpartition("/")[2]

@@ -1,4 +1,4 @@
-"""From rounds of search to what is said of a segment: effects with intervals, the gap, the ranking, the limits."""
+"""From search rounds to the result of a segment: effects with intervals, errors, ranking, detection limits."""
 
 from __future__ import annotations
 
@@ -19,26 +19,27 @@ from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.screening import ScreeningScore
-from tsmblocks.diagnosis.text import verdict_sentence as verdict_in_words
+from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.fitting.experiments import Trial
 from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
 
 UNKNOWN_EXCESS = 0.2
-"""Excess over the noise, as a share of it, that calls for an explanation."""
+"""Excess [noise variances] from which the verdict is "unknown" where no effect is named. Source: set on the development
+seeds of the method's prototype."""
 MIN_PREDICTABLE_SHARE = 0.3
-"""Share of the excess that coordinates must foretell where only fast noise is known, before it counts as misfit."""
-
-
-INPUT_NOISE_THRESHOLD = 1e-3
-"""Share of the noise's variance that comes from the inputs, from which it is told."""
+"""Share of the excess that coordinates must predict for that verdict where only fast noise could be estimated. Chosen:
+slow noise is not predictable by any coordinate."""
 CERTAIN_EXCESS = 5.0
-"""Excess that is no noise, however the floor was found."""
+"""Excess [noise variances] from which that verdict holds however the floor was estimated. Chosen: estimates are never
+that wrong."""
+INPUT_NOISE_THRESHOLD = 1e-3
+"""Variance caused by input noise [output noise variances] from which it is reported. Chosen: below three digits."""
 
 
 @attrs.frozen(eq=False)
 class PartDiagnosis:
-    """All that was done for one part of a diagram."""
+    """The search for one part of a diagram: its rounds, how many effects are accepted, and the final model."""
 
     part: Part
     search: SearchContext
@@ -46,33 +47,31 @@ class PartDiagnosis:
     rounds: Sequence[SearchRound]
     count: int
     final: Model
-    """The last model that counts, simulated finely enough."""
+    """The last accepted model, at a step that its intervals cover."""
 
     @property
     def models(self) -> list[Model]:
-        """The base, and the model after each effect that counts."""
+        """The base, and the model after each accepted effect."""
         return [*(one.base for one in self.rounds[: self.count]), self.final]
 
     @property
     def named(self) -> list[FittedCandidate]:
-        """The effects that count."""
+        """The accepted effects."""
         return [one.verdict.named for one in self.rounds[: self.count] if one.verdict.named is not None]
 
 
 def segment_summary(work: PartDiagnosis, whole_diagram: Diagram) -> Segment:
-    """What is said of a segment."""
+    """The result of a segment."""
     noise_variance, search = work.search.noise_variance, work.search
     losses = [mean_loss(one.losses, search.blocks) for one in work.rounds[: work.count + 1]]
     excess = losses[0] / noise_variance - 1
     base = work.models[0]
     known = _coordinates(base, work.part)
-    left = max(float(np.mean(base.r**2)) - noise_variance, 0.0)
-    where, top = (
-        residual_coordinates(base.r, known, search.blocks, left),
-        explainable_share(base.r, known, search.blocks, left),
-    )
-    sure = work.floors.reliable or top >= MIN_PREDICTABLE_SHARE or excess > CERTAIN_EXCESS
-    verdict = "named" if work.count else "unknown" if excess > UNKNOWN_EXCESS and sure else "none"
+    excess_variance = max(float(np.mean(base.r**2)) - noise_variance, 0.0)
+    located = residual_coordinates(base.r, known, search.blocks, excess_variance)
+    ceiling = explainable_share(base.r, known, search.blocks, excess_variance)
+    reliable = work.floors.reliable or ceiling >= MIN_PREDICTABLE_SHARE or excess > CERTAIN_EXCESS
+    verdict = "named" if work.count else "unknown" if excess > UNKNOWN_EXCESS and reliable else "none"
     held = _held_out(work)
     effects = tuple(_named(work, k, losses, whole_diagram) for k in range(work.count))
     gaps = tuple(_gap(work, i, held) for i in range(len(base.setup.outputs)))
@@ -86,33 +85,33 @@ def segment_summary(work: PartDiagnosis, whole_diagram: Diagram) -> Segment:
         {k: v * np.sqrt(noise_variance) for k, v in work.floors.sigma.items()},
         effects,
         gaps,
-        where,
+        located,
         _ranking(work),
         limits,
         _traces(work),
-        top,
+        ceiling,
         "",
         as_fit(work.final),
     )
-    return attrs.evolve(made, sentence=verdict_in_words(made))
+    return attrs.evolve(made, sentence=verdict_sentence(made))
 
 
-def _known(work: PartDiagnosis, k: int) -> dict[str, tuple[float, float]]:
-    """Parameters of the effects in model ``k``."""
+def _shrinkage(work: PartDiagnosis, k: int) -> dict[str, tuple[float, float]]:
+    """Shrinkage of the effects in model ``k``."""
     return {name: pair for one in work.named[:k] for name, pair in shrinkage_of(one.candidate).items()}
 
 
 def _held_out(work: PartDiagnosis) -> list[np.ndarray]:
-    """What each model leaves (N,) on blocks held out."""
+    """Held-out residuals (N,) of each model."""
     made = []
     for k, model in enumerate(work.models):
-        pull, null = ridge_weights(_known(work, k), model)
-        made.append(held_out_residuals(model, work.search.blocks.fold, pull, null))
+        ridge, null = ridge_weights(_shrinkage(work, k), model)
+        made.append(held_out_residuals(model, work.search.blocks.fold, ridge, null))
     return made
 
 
 def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
-    """One effect, its numbers as they are in the final model."""
+    """One effect, with its parameters in the final model."""
     noise_variance, blocks = work.search.noise_variance, work.search.blocks
     indistinguishable, candidate = work.rounds[k].indistinguishable, work.named[k].candidate
     explainable = max(losses[0] - noise_variance, 1e-12)
@@ -125,7 +124,7 @@ def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: 
     site = in_whole_diagram(candidate.site, work.part)
     also = list(dict.fromkeys(o.candidate.effect.name for o in indistinguishable))
     effect = candidate.effect
-    # Beside the others its more general form may come first; it is the effect named that is to be set apart.
+    # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), work.named[k])
     return NamedEffect(
         effect.name,
@@ -158,7 +157,7 @@ def _several(work: PartDiagnosis) -> bool:
 
 
 def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quantity]:
-    """The parameters of an effect with intervals robust to coloured residuals."""
+    """The parameters of an effect with confidence intervals that allow for autocorrelated residuals."""
     unknowns = model.problem.unknowns
     seen = uncertainty(model.J, model.r, model.problem.segments)
     low, high = intervals(model.theta, seen.covariance, seen.freedom)
@@ -171,7 +170,7 @@ def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quan
 
 
 def _gap(work: PartDiagnosis, i: int, held: Sequence[np.ndarray]) -> Gap:
-    """How one output's error shrank, on what was fitted and on blocks held out."""
+    """The error of one output before and after each effect, fitted and held out."""
     base = work.models[0]
     name, problem = base.setup.outputs[i], base.problem
     sigma, count = work.floors.sigma[name], len(base.setup.outputs)
@@ -197,24 +196,19 @@ def _gap(work: PartDiagnosis, i: int, held: Sequence[np.ndarray]) -> Gap:
 
 
 def _given(work: PartDiagnosis, output: str) -> str:
-    """The floor in the words it was given, and that more was added to it; empty where it was found."""
+    """The floor as it was given, and whether input noise was added; empty where it was estimated."""
     words = work.floors.given.get(output, "")
-    return (
-        words
-        and f"{words} given{', and noise of the inputs' if work.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ''}"
-    )
+    more = ", and noise of the inputs" if work.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
+    return words and f"{words} given{more}"
 
 
 def _ranking(work: PartDiagnosis) -> tuple[RankedCandidate, ...]:
-    """Every candidate of every round that counts, and of the one after."""
+    """Every candidate of every accepted round, and of the one after."""
     made: list[RankedCandidate] = []
     for number, one in enumerate((r.most_complete for r in work.rounds[: work.count + 1]), 1):
-        before, blocks, noise_variance = (
-            mean_loss(one.losses, work.search.blocks),
-            work.search.blocks,
-            work.search.noise_variance,
-        )
-        # Beside a base at the noise there is nothing left to explain, and a share of nothing says nothing.
+        blocks, noise_variance = work.search.blocks, work.search.noise_variance
+        before = mean_loss(one.losses, blocks)
+        # A base at the noise floor has no excess, and a share of it has no meaning: the least one counts instead.
         row = _RankingRow(number, one, work, max(before - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance))
         seen = {tried.candidate.key for tried in one.verdict.ranking}
         made += [
@@ -235,13 +229,13 @@ class _RankingRow:
     excess: float
 
     def screened(self, p: ScreeningScore) -> RankedCandidate:
-        """A candidate that was not worth a fit."""
+        """A candidate that was screened out."""
         return self._made(p.candidate, p.gain / len(self.round.base.r))
 
     def fitted(
         self, one: FittedCandidate, t: float, before: float, across: float, noise_variance: float
     ) -> RankedCandidate:
-        """A candidate that was fitted; ``across`` is what the round's base leaves of whole experiments held out."""
+        """A candidate that was fitted; ``across`` is the base's loss with whole experiments held out."""
         c, verdict, blocks = one.candidate, self.round.verdict, self.work.search.blocks
         items = [i for i in one.model.problem.unknowns.items if i.parameter in c.free]
         units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
@@ -285,7 +279,7 @@ class _RankingRow:
 
 
 def _limits(work: PartDiagnosis) -> tuple[DetectionLimit, ...]:
-    """For each effect the smallest size that the base's experiments would have shown."""
+    """For each effect the smallest size detectable in these experiments."""
     found: dict[str, DetectionLimit] = {}
     for p in work.rounds[0].screening_scores:
         effect, limit = p.candidate.effect, p.detection_limit
@@ -301,7 +295,7 @@ def _limits(work: PartDiagnosis) -> tuple[DetectionLimit, ...]:
 
 
 def _coordinates(model: Model, part: Part) -> dict[str, np.ndarray]:
-    """Coordinates of the motion at every difference: of the first input, or of the output where there is none."""
+    """Coordinates of the motion at every residual: of the first input, or of the output where there is none."""
     trials, inputs = model.setup.trials, list(part.diagram.inputs)
     number = {name: k for k, name in enumerate(dict.fromkeys(experiment_of(t.name) for t in trials))}
     made: dict[str, list[np.ndarray]] = {}
@@ -313,12 +307,12 @@ def _coordinates(model: Model, part: Part) -> dict[str, np.ndarray]:
 
 
 def _drive(trial: Trial, model: Model, name: str) -> np.ndarray:
-    """An input at the instants compared, in the unit of the diagram."""
+    """An input at the compared instants, in the unit of the diagram."""
     return np.interp(trial.t, trial.record.t, trial.record.values(name, model.diagram.unit(name)))
 
 
 def _traces(work: PartDiagnosis) -> tuple[Trace, ...]:
-    """Measured and simulated signals for pictures."""
+    """Measured and simulated signals for figures."""
     base, final, inputs = work.models[0], work.models[-1], list(work.part.diagram.inputs)
     count, made = len(base.setup.outputs), list[Trace]()
     for e, trial in enumerate(base.setup.trials):

@@ -8,7 +8,8 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.text import STATUS, percent, segments_by_verdict, verdict_sentence
+from tsmblocks.diagnosis.text import STATUS
+from tsmblocks.diagnosis.verdict_text import percent, segments_by_verdict, verdict_sentence
 from tsmblocks.html.card import MOST_CHARTS, card, listed, table_of
 from tsmblocks.html.figures import gap_bars
 from tsmblocks.html.pages import part

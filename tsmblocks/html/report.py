@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
     by_excess,
@@ -29,13 +30,10 @@ from tsmblocks.diagnosis.text import (
     column_titles,
     initial_states_text,
     limit_text,
-    merged_notes,
     parameter_rows,
-    percent,
-    segments_by_verdict,
     share_across_experiments,
-    verdict_sentence,
 )
+from tsmblocks.diagnosis.verdict_text import percent, segments_by_verdict, verdict_sentence
 from tsmblocks.draw import to_svg
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.html import figures

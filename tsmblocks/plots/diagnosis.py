@@ -17,7 +17,8 @@ from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
 from tsmblocks.diagnosis.presentation import by_excess, fitted_rms, for_people, output_traces, profile, strips
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
-from tsmblocks.diagnosis.text import column_titles, worst_gap
+from tsmblocks.diagnosis.text import column_titles
+from tsmblocks.diagnosis.verdict_text import worst_gap
 from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet
 
 BEFORE, AFTER, NOISE = COLOURS[1], COLOURS[0], COLOURS[2]

@@ -1,0 +1,143 @@
+"""The arguments of a diagnosis, checked: recordings, measured outputs, effects, noise floors, model settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import attrs
+import numpy as np
+
+from tsmblocks.common import arguments
+from tsmblocks.common.errors import DataError, ParameterError, near
+from tsmblocks.data import Record
+from tsmblocks.diagnosis.model import ModelSettings
+from tsmblocks.effects import Effect, catalogue
+from tsmblocks.fitting.experiments import Window, compared, signal_of, span
+from tsmblocks.fitting.noise import asked_floors
+from tsmblocks.fitting.parameters import chosen
+from tsmblocks.fitting.setup import Data, recordings, windows, without_units
+from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import as_diagram
+
+MIN_SAMPLES = 200
+"""Samples of all experiments together that a diagnosis takes at least. Chosen: five time blocks of the least length."""
+
+Windows = Mapping[str, Window] | None
+"""The part of each experiment that is compared [s]; None where all of them are."""
+
+
+@attrs.frozen(eq=False)
+class Request:
+    """What is to be diagnosed, and how.
+
+    ``measured`` are the outputs compared; ``patterns`` the names of effects as they were given, None for all of the
+    catalogue; ``noise_floors`` the given ones as (rms in the diagram's unit, text). ``spans`` holds the first and the
+    last instant compared [s] of each experiment that is compared in part.
+    """
+
+    diagram: Diagram
+    records: Mapping[str, Record]
+    measured: tuple[str, ...]
+    effects: tuple[Effect, ...]
+    patterns: tuple[str, ...] | None
+    noise_floors: Mapping[str, tuple[float, str]]
+    settings: ModelSettings
+    condition: bool
+    spans: Mapping[str, tuple[float, float]]
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know of the recordings before anything is fitted."""
+        made = without_units(self.records, self.diagram, self.measured)
+        made += [f"{name}: {text}" for name, r in self.records.items() for text in r.notes]
+        return made + [f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in self.spans.items()]
+
+
+def checked(
+    diagram: Diagram,
+    experiments: Data,
+    *,
+    free: Iterable[str] | None,
+    noise_floor: Any,
+    effects: Iterable[str] | None,
+    outputs: Sequence[str] | None,
+    window: Any,
+    start_states: bool,
+    condition: bool,
+    seed: int,
+    step: float | None,
+    integrator: str,
+    hold: str,
+    progress: Any,
+) -> Request:
+    """The arguments of ``tsm.diagnose`` as a request. Raises what ``tsm.diagnose`` raises for them."""
+    arguments.as_callback(progress, "stage, done and of")
+    records, diagram = recordings(experiments), as_diagram(diagram)
+    inside = None if window is None else windows(window, records)
+    measured = _measured(records, diagram, outputs, inside)
+    patterns = None if effects is None else tuple(arguments.as_names("effects", effects, "backlash"))
+    selected, seed = _selected(patterns), arguments.as_integer("seed", seed, 0)
+    if free is not None:
+        chosen(diagram, free)  # unknown names are refused before any work
+    floors = asked_floors(noise_floor, diagram, records, measured)
+    settings = ModelSettings(
+        None if free is None else tuple(arguments.as_names("free", free, "tsm.*")),
+        {},
+        (),
+        arguments.as_bool("start_states", start_states),
+        step,
+        integrator,
+        hold,
+        seed=seed,
+        window=inside,
+    )
+    instants = _compared(records, inside).items()
+    spans = {k: (float(t[0]), float(t[-1])) for k, t in instants if len(t) < len(records[k])}
+    return Request(diagram, records, measured, selected, patterns, floors, settings, condition, spans)
+
+
+def _measured(
+    records: Mapping[str, Record], diagram: Diagram, outputs: Sequence[str] | None, inside: Windows
+) -> tuple[str, ...]:
+    """The measured outputs. Raises DataError where there are too few samples."""
+    wanted = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
+    names = compared(records, diagram, wanted)
+    total = sum(len(t) for t in _compared(records, inside).values())
+    if total < MIN_SAMPLES:
+        raise DataError(
+            f"a diagnosis takes at least {MIN_SAMPLES} samples of all experiments together, and there are "
+            f"{total}: with fewer, no effect is distinguishable from chance."
+        )
+    measured = tuple(k for k in names if diagram.shown[k][0])
+    if not measured:
+        raise DataError(
+            f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
+            "itself: there is nothing in between to diagnose."
+        )
+    for name, record in records.items():  # before any filter spreads a missing sample over its neighbours
+        for k in (*(k for k in diagram.inports if k in record), *measured):
+            signal_of(name, record, k, diagram.unit(k))
+    return measured
+
+
+def _compared(records: Mapping[str, Record], inside: Windows) -> dict[str, np.ndarray]:
+    """The instants [s] of each experiment that are compared. Raises DataError where there are next to none."""
+    return {name: r.t if inside is None else r.t[span(name, r, inside[name])] for name, r in records.items()}
+
+
+def _selected(patterns: tuple[str, ...] | None) -> tuple[Effect, ...]:
+    """The effects that the patterns name. Raises ParameterError for a pattern that names none."""
+    every = catalogue()
+    if patterns is None:
+        return every
+    known, names = {e.name for e in every}, set[str]()
+    if not patterns:
+        raise ParameterError("effects names no effect to look for. Leave it out to look for all of the catalogue.")
+    for pattern in patterns:
+        hits = {k for k in known if fnmatchcase(k, pattern)}
+        if not hits:
+            raise ParameterError(f"effects: '{pattern}' names no effect of the catalogue.{near(pattern, known)}")
+        names |= hits
+    return tuple(e for e in every if e.name in names)

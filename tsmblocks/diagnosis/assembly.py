@@ -1,0 +1,121 @@
+"""The result of a diagnosis, put together from its parts: diagrams, verdict, control consequence, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tsmblocks.common.tables import listed
+from tsmblocks.common.version import __version__
+from tsmblocks.diagnosis.arguments import Request
+from tsmblocks.diagnosis.consequence import consequence
+from tsmblocks.diagnosis.partition import experiment_of, in_whole_diagram
+from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
+from tsmblocks.diagnosis.script import diagram_source
+from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
+from tsmblocks.diagnosis.summary import PartDiagnosis, segment_summary
+from tsmblocks.model.diagram import Diagram
+
+VERDICT_RANK = {"named": 2, "unknown": 1, "none": 0}
+"""Verdicts by what they say: that of the whole diagram is the highest of its segments."""
+
+
+def assembled(request: Request, parts: Sequence[PartDiagnosis], notes: Sequence[str], interrupted: bool) -> Diagnosis:
+    """The diagnosis of the whole diagram from those of its parts."""
+    diagram = request.diagram
+    segments = tuple(segment_summary(part, diagram) for part in parts)
+    verdict = max((s.verdict for s in segments), key=lambda v: VERDICT_RANK[v])
+    sentences = [s.sentence for s in segments if s.verdict == verdict]
+    if interrupted:
+        sentences.insert(0, "Provisional, since the search was stopped before its end:")
+    control = _consequence(parts, segments)
+    return Diagnosis(
+        diagram.title,
+        tuple(request.records),
+        request.settings.seed,
+        verdict,
+        " ".join(sentences),
+        tuple(e for s in segments for e in s.effects),
+        segments,
+        _whole_diagram(diagram, parts, with_effects=False),
+        _whole_diagram(diagram, parts, with_effects=True),
+        None if isinstance(control, str) else control,
+        tuple(dict.fromkeys(notes)),
+        "interrupted" if interrupted else "done",
+        request.spans,
+        given=diagram,
+        simulated=_simulated(request, parts),
+        provenance=Provenance(
+            __version__,
+            diagram_source(diagram),
+            recorded(request.records, [*diagram.inputs, *diagram.outputs]),
+            _options(request, parts),
+        ),
+        no_consequence=control if isinstance(control, str) else "",
+    )
+
+
+def _whole_diagram(diagram: Diagram, parts: Sequence[PartDiagnosis], *, with_effects: bool) -> Diagram:
+    """The whole diagram with the fitted parameters, and with the blocks of the named effects."""
+    made = diagram
+    for part in parts:
+        last = part.models[-1 if with_effects else 0]
+        for one in part.named if with_effects else ():
+            c = one.candidate
+            made = in_whole_diagram(c.site, part.part).put(made, c.block, last.fitted_diagram.blocks[c.block])
+        items = last.problem.unknowns.items
+        own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
+        made = made.untied(own).with_parameters(own)
+    named = [one.candidate.block for part in parts for one in part.named] if with_effects else []
+    return made.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else made
+
+
+def _consequence(parts: Sequence[PartDiagnosis], segments: Sequence[Segment]) -> Consequence | str:
+    """What the effects mean for control, for the last part with effects; a sentence where that cannot be simulated."""
+    for part, segment in zip(reversed(parts), reversed(segments), strict=True):
+        if segment.effects:
+            return consequence(part.models[0], part.models[-1])
+    return ""
+
+
+def _simulated(request: Request, parts: Sequence[PartDiagnosis]) -> Simulated:
+    """How the last models were simulated, with the fitted initial states."""
+    starts, steps, pieces = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float, float]]()
+    for part in parts:
+        last = part.final
+        for trial in last.setup.trials:
+            own = {
+                i.parameter: float(v)
+                for i, v in zip(last.problem.unknowns.items, last.theta, strict=True)
+                if i.experiment == trial.name
+            }
+            starts.setdefault(trial.name, {}).update(own)
+            steps[trial.name] = trial.times.h
+            if experiment_of(trial.name) != trial.name:
+                pieces[trial.name] = float(trial.record.t[0]), float(trial.t[0]), float(trial.record.t[-1])
+    inputs = tuple(dict.fromkeys(k for part in parts for k in part.part.diagram.inputs)) if request.condition else ()
+    outputs = tuple(k for part in parts for k in part.part.outputs)
+    return Simulated(starts, steps, outputs, inputs, request.settings.integrator, request.settings.hold, pieces)
+
+
+def _options(request: Request, parts: Sequence[PartDiagnosis]) -> dict[str, str]:
+    """The options of the diagnosis, in words."""
+    settings = request.settings
+    steps = sorted({trial.times.h for part in parts for trial in part.final.setup.trials})
+    floors = {
+        k: f"{part.floors.given.get(k) or in_display_units(v, part.part.diagram.unit(k))} ({part.floors.method[k]})"
+        for part in parts
+        for k, v in part.floors.sigma.items()
+    }
+    return {
+        "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
+        "effects": "all of the catalogue" if request.patterns is None else ", ".join(request.patterns),
+        "free": "all but initial states" if settings.free is None else ", ".join(settings.free),
+        "start states": "estimated for each experiment" if settings.start_states else "as in the diagram",
+        "inputs": "noise filtered out (zero phase)" if request.condition else "as recorded",
+        "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
+        f" ({'given' if settings.step is not None else 'chosen'})",
+        "integrator": settings.integrator,
+        "hold": settings.hold,
+        "seed": str(settings.seed),
+    }

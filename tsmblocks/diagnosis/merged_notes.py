@@ -1,0 +1,48 @@
+"""Notes of a diagnosis for its reader: those that repeat for several experiments are merged."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+from tsmblocks.common.tables import listed
+
+PLACEHOLDER = "\0"
+"""In the place of each number while notes are compared."""
+_NUMBER = re.compile(r"(?:\d{4}-\d\d-\d\d )?\d\d:\d\d:\d\d(?:\.\d+)?|(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
+
+
+def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
+    """Notes with the same text for several experiments as one, their numbers as a range."""
+    groups: dict[str, list[tuple[str, list[str]]]] = {}
+    for note in notes:
+        name, colon, text = note.partition(": ")
+        own = bool(colon) and name in experiments
+        key = _NUMBER.sub(PLACEHOLDER, text) if own else note
+        groups.setdefault(key, []).append((name if own else "", _NUMBER.findall(text) if own else []))
+    made = []
+    for key, found in groups.items():
+        names = [name for name, _ in found if name]
+        if not names:
+            made.append(key)
+            continue
+        parts = iter([_range(column) for column in zip(*(numbers for _, numbers in found), strict=True)])
+        made.append(f"{_of(names, experiments)}: {''.join(_filled_in(key, parts))}")
+    return made
+
+
+def _filled_in(key: str, numbers: Iterator[str]) -> Iterator[str]:
+    head, *others = key.split(PLACEHOLDER)
+    yield head
+    for text in others:
+        yield next(numbers) + text
+
+
+def _of(names: Sequence[str], experiments: Sequence[str]) -> str:
+    return "all experiments" if len(names) == len(experiments) > 1 else listed(names, 5)
+
+
+def _range(texts: Sequence[str]) -> str:
+    clock = any(":" in text for text in texts)
+    low, high = (end(texts) if clock else end(texts, key=float) for end in (min, max))
+    return low if low == high else f"{low} to {high}" if clock else f"{low}–{high}"

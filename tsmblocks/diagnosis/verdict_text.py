@@ -1,0 +1,123 @@
+"""The verdict of a diagnosis in a sentence or two."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
+from tsmblocks.diagnosis.presentation import digits, for_people, main_parameter, output_traces, with_interval
+from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, Segment
+from tsmblocks.fitting.input_checks import runs_ahead
+
+WEAK_EXCESS = 0.05
+"""Excess [noise variances] that is reported even where no effect is named. Chosen: as for naming one."""
+REMAINING_ERROR_RATIO = 1.1
+"""Held-out rms over the noise floor from which a remaining error is reported. Chosen."""
+MAX_MEANINGFUL_SHARE = 10.0
+"""Share of the excess above which the excess was too small for a share to have a meaning. Chosen."""
+
+
+def verdict_sentence(segment: Segment) -> str:
+    """The verdict on a segment in a sentence or two: sizes with confidence intervals, angles in degrees."""
+    between, ahead = f"between {_ends(segment)}", _ahead(segment)
+    if segment.verdict == "named":
+        named = [f"{e.words} ({_size(e, segment)})" for e in segment.effects]
+        effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
+        return f"{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {_also(segment)}{ahead}"
+    if segment.verdict == "unknown":
+        best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
+        along = "; ".join(w.words for w in segment.where) or "it depends on none of the coordinates examined"
+        return (
+            f"Unmodelled effect {between} that no block of the catalogue explains: the best removes "
+            f"{percent(max(best, 0.0))} of the error above the noise floor. Residual: {along}. {_error(segment)}{ahead}"
+        )
+    weak = " There is a weak excess, too small to be named with these data." if segment.excess > WEAK_EXCESS else ""
+    none = f"No unmodelled effect {between} is detectable with these data."
+    return f"{none} {_error(segment)}{weak}{_implausible_floor(segment)}"
+
+
+def _implausible_floor(segment: Segment) -> str:
+    """A warning of a noise floor above the residual."""
+    high = [g.output for g in segment.gaps if g.held_out[0] * MAX_FLOOR_RATIO < g.noise_floor]
+    return f" But the noise floor given for {listed(high, 3)} is implausible: the residual is smaller." if high else ""
+
+
+def _ahead(segment: Segment) -> str:
+    """A warning of an output that leads the input, from the first experiment where it does."""
+    traces = (trace for output in segment.outputs for trace in output_traces(segment, output))
+    said = (runs_ahead((t.drive_name, t.output), t.t, t.drive, t.measured, t.before) for t in traces if t.drive_name)
+    words = next(filter(None, said), "")
+    return f" But {words}" if words else ""
+
+
+def _ends(segment: Segment) -> str:
+    return f"{', '.join(segment.inputs) or 'the start'} and {', '.join(segment.outputs)}"
+
+
+def _size(effect: NamedEffect, segment: Segment) -> str:
+    main = main_parameter(effect, segment)
+    size = f", {main.rpartition('.')[2]} {with_interval(effect.parameters[main])}" if main else ""
+    block = "" if effect.block == effect.name else f" as block {effect.block}"
+    return f"{effect.name}{block} on {effect.wire.strip()}{size}"
+
+
+def worst_gap(segment: Segment) -> Gap:
+    """The errors of the output that is farthest above its noise floor."""
+    return max(segment.gaps, key=lambda g: g.held_out[0] / g.noise_floor if g.noise_floor > 0 else 0.0)
+
+
+def _reduction(segment: Segment) -> str:
+    gap = worst_gap(segment)
+    k, unit = for_people(gap.unit)
+    share = percent(min(sum(e.share_removed for e in segment.effects), 1.0))
+    them = "it" if len(segment.effects) == 1 else "them"
+    return (
+        f"With {them}, the error of {gap.output} on held-out data falls from {digits(k * gap.held_out[0])} to "
+        f"{_rms(k * gap.held_out[-1], unit)} (noise floor {digits(k * gap.noise_floor)}), by {share} of "
+        f"the error above the noise floor. {_remaining(segment, gap)}".rstrip()
+    )
+
+
+def _remaining(segment: Segment, gap: Gap) -> str:
+    """A sentence on a residual above the noise floor after all effects."""
+    ratio = gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 1.0
+    if ratio < REMAINING_ERROR_RATIO:
+        return ""
+    searched = any(r.round > len(segment.effects) for r in segment.ranking)
+    why = "that no effect of the catalogue explains" if searched else "that was not examined further"
+    return f"That is still {ratio:.1f} times the noise floor: a residual {why}."
+
+
+def _rms(value: float, unit: str) -> str:
+    return " ".join(filter(None, (digits(value), unit, "rms")))
+
+
+def _also(segment: Segment) -> str:
+    also = sorted({name for e in segment.effects for name in e.also_possible})
+    return f"Also possible: {listed(also, 9) if also else 'no other effect of the catalogue'}."
+
+
+def _error(segment: Segment) -> str:
+    gap = worst_gap(segment)
+    k, unit = for_people(gap.unit)
+    return (
+        f"The error of {gap.output} on held-out data is {_rms(k * gap.held_out[0], unit)}, "
+        f"its noise floor {digits(k * gap.noise_floor)}."
+    )
+
+
+def segments_by_verdict(diagnosis: Diagnosis) -> list[Segment]:
+    """The segments, those with effects first, then unknown ones."""
+    order = {"named": 0, "unknown": 1, "none": 2}
+    return sorted(diagnosis.segments, key=lambda s: order.get(s.verdict, 3))
+
+
+def percent(share: float) -> str:
+    """A share in percent; empty where it has no meaning, and only its sign where the error grew.
+
+    At most 100 %: a larger share comes from a noise floor that is too high.
+    """
+    if not np.isfinite(share) or share > MAX_MEANINGFUL_SHARE:
+        return ""
+    return "< 0 %" if share < -0.005 else f"{100 * min(max(share, 0.0), 1.0):z.0f} %"
