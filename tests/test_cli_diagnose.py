@@ -53,7 +53,7 @@ def test_the_text_begins_with_what_was_found(run):
     assert (status, err) == (0, "")
     assert out.startswith(
         "Tendon sheath: a gain and an offset: 2 experiments\n\n"
-        "NAMED. Between x_in and x_out the model misses a backlash gap (backlash on\n"
+        "NAMED. Unmodelled effect between x_in and x_out: a backlash gap (backlash on\n"
         "offset.y -> x_out, half_width 1."
     )
     assert "wrote" not in out
@@ -154,7 +154,7 @@ def test_what_was_repaired_is_told_once(run):
 def test_a_floor_in_another_unit_is_doubted(run):
     _, out, _ = run(*BASE[:-1], "0.2rad", "--effects", "backlash")
     assert "NONE." in out
-    assert "the noise floor given for x_out (11.5 deg) is above all that the base leaves (1." in " ".join(out.split())
+    assert "the noise floor given for x_out (11.5 deg) is above the residual of the base (1." in " ".join(out.split())
     assert "so nothing can be found: is it in the right unit (rad)?" in " ".join(out.split())
     assert "right unit" not in run(*BASE, "--effects", "backlash")[1]
 
@@ -237,7 +237,7 @@ def test_only_what_is_free_is_fitted(run, tmp_path):
         ),
         (
             (*BASE, "--rows", "1:81"),
-            "a diagnosis takes at least 200 samples of all experiments together, and there are 160: with fewer, no effect can be told from chance.",
+            "a diagnosis takes at least 200 samples of all experiments together, and there are 160: with fewer, no effect is distinguishable from chance.",
         ),
         ((*BASE, "--noise-flor", "1"), "diagnose takes no option '--noise-flor'. Did you mean '--noise-floor'?"),
     ],
@@ -255,7 +255,7 @@ def test_an_output_without_noise_asks_for_the_floor(run):
     assert (status, out) == (2, "")
     assert err == (
         "note: full.csv: x_out never changes (it is 0 throughout).\n"
-        "tsmblocks: no noise was found in x_out, so nothing says what counts as a difference. Give the noise floor "
+        "tsmblocks: no noise was found in x_out, so the residual has no scale. Give the noise floor "
         "with its unit: --noise-floor …rad.\n"
     )
 
@@ -289,7 +289,7 @@ def test_ctrl_c_keeps_what_was_found(run, monkeypatch, tmp_path):
     stops(monkeypatch, "tried", last - 1)
     status, out, err = run(*BASE, *FEW, "--out", "found")
     assert status == 130
-    assert "interrupted; this is what was found until then." in out
+    assert "interrupted; these are the results until then." in out
     assert err.endswith(
         "tsmblocks: stopped before the search was over; what you see and what was written is the best so far.\n"
     )

@@ -55,8 +55,8 @@ def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
         "lag", slow, after="limit.y"
     )
     assert consequence(model(low), model(low)) == (
-        "It was not tracked in simulation: a loop around the model, which a compensator is, errs more there than a "
-        "command that stands still."
+        "It was not tracked in simulation: the loop around the model, which forms the compensator, has a larger "
+        "error than a constant command."
     )
 
 
@@ -73,7 +73,7 @@ def test_what_cannot_be_tracked_says_why():
     assert consequence(two, two) == "It was not tracked in simulation: that takes one input and one output."
     back = base.with_parameters({"gain.gain": -1.0})
     assert consequence(model(back), model(back)) == (
-        "It was not tracked in simulation: the loop around the model, which a compensator is, does not stand there."
+        "It was not tracked in simulation: the loop around the model, which forms the compensator, is unstable."
     )
 
 

@@ -92,7 +92,7 @@ def test_where_nothing_is_to_be_seen_nothing_is_said(name):
     assert said.verdict == "none"
     assert said.effects == ()
     assert said.augmented == said.base
-    assert said.sentence.startswith("Between x_in and x_out nothing is missing that these data could show")
+    assert said.sentence.startswith("No unmodelled effect between x_in and x_out is detectable with these data")
 
 
 def test_what_these_motions_do_not_reach_has_no_detection_limit():
@@ -119,7 +119,7 @@ def test_what_is_in_no_catalogue_is_not_given_a_name():
     said = found("outside")
     assert said.verdict == "unknown"
     assert said.effects == ()
-    assert "the model misses something that no block of the catalogue explains" in said.sentence
+    assert "that no block of the catalogue explains" in said.sentence
 
 
 def test_two_effects_are_both_named():
@@ -326,7 +326,7 @@ FAULTS = {
         dict(short=True),
         DataError,
         "a diagnosis takes at least 200 samples of all experiments together, and there are 51: with fewer, no effect "
-        "can be told from chance.",
+        "is distinguishable from chance.",
     ),
     "no output": (
         dict(signals=("x_in",)),

@@ -144,14 +144,14 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
     found.save(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(script, "MAX_INLINE_EXPERIMENTS", 3)
-    assert "pieces = told['simulated']['pieces']" in script_lines(found)
+    assert "pieces = saved['simulated']['pieces']" in script_lines(found)
     assert run(script_lines(found), {"run": one})[1] == pytest.approx(pieces, rel=1e-9)
 
 
 def test_of_a_chain_only_the_diagram_is_made():
     motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
     lines = script_lines(made_up(motor, NAMED))
-    assert "# the errors told are those of each part, driven by what was measured in front of it" in lines
+    assert "# the errors reported are those of each part, simulated from the signals measured in front of it" in lines
     assert "start_states = {" in lines
     assert not any("tsm.score" in line for line in lines)
 
@@ -245,5 +245,5 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     assert segment.cautions[0].startswith("gain.gain and again.gain only matter through a combination: raising ")
     text = str(found)
     assert "\nbeware:\n- gain.gain and again.gain only matter through a combination: raising " in text
-    assert "not determined" in text[text.index("the diagram's own numbers, found with it:") : text.index("beware:")]
+    assert "not determined" in text[text.index("parameters of the diagram, fitted with it:") : text.index("beware:")]
     assert segment.cautions[0] in json.loads(found.to_json())["segments"][0]["cautions"]

@@ -88,7 +88,7 @@ def test_a_window_of_a_plant_that_integrates_is_cut_into_pieces():
         (
             (1.0, 1.5),
             "a diagnosis takes at least 200 samples of all experiments together, and there are 102: with "
-            "fewer, no effect can be told from chance.",
+            "fewer, no effect is distinguishable from chance.",
         ),
         (
             (9.0, None),
@@ -121,4 +121,4 @@ def test_what_stands_still_shows_nothing_and_breaks_nothing(base, x, y):
     said = tsm.diagnose(tsm.load(base), still, noise_floor=1e-3)
     assert said.verdict == "none"
     assert json.loads(said.to_json())["detection_limits"]["backlash"] is None
-    assert " backlash," in str(said).partition("of any size unseen")[2].replace("\n", " ")
+    assert " backlash," in str(said).partition("not detectable at any size")[2].replace("\n", " ")

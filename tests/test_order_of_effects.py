@@ -99,7 +99,7 @@ def test_a_floor_above_what_the_model_leaves_is_doubted():
         "But the noise floor given for x_out cannot be right: the model leaves less than that."
     )
     (note,) = [n for n in said.notes if "noise floor" in n]
-    assert note.startswith("the noise floor given for x_out (3.44 deg) is above all that the base leaves (0.3")
+    assert note.startswith("the noise floor given for x_out (3.44 deg) is above the residual of the base (0.3")
     assert note.endswith("deg rms), so nothing can be found: is it in the right unit (rad)?")
 
 
@@ -114,7 +114,7 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]
     assert note == (
-        "the noise floor of x_out found in repeated periods (1.16 deg) is above all that the base leaves "
+        "the noise floor of x_out found in repeated periods (1.16 deg) is above the residual of the base "
         "(0.355 deg rms); 0.0621 deg of fast noise is taken instead."
     )
 

@@ -200,7 +200,7 @@ def test_what_is_left_after_all_that_was_named_is_told():
 
 
 def test_an_interrupted_search_says_so():
-    assert str(diagnosis(status="interrupted")).endswith("- Seed 3; interrupted; this is what was found until then.")
+    assert str(diagnosis(status="interrupted")).endswith("- Seed 3; interrupted; these are the results until then.")
 
 
 def test_lines_fit_a_terminal_but_for_code():
@@ -393,7 +393,7 @@ def test_the_page_begins_with_the_verdict():
     text = page(diagnosis())
     body = text[text.index("<body>") :]
     assert body.index("half_width") < body.index("<svg") < body.index("What was tried")
-    assert '<div class="verdict named"><p><b class="word">Found.</b> Between x_in and x_out' in body
+    assert '<div class="verdict named"><p><b class="word">Found.</b> Unmodelled effect between x_in and x_out' in body
 
 
 def test_the_page_says_what_it_rests_on():

@@ -12,7 +12,7 @@ X = 0.8 * np.sin(1.3 * T) + 0.3 * np.sin(3.1 * T)
 SHEATH = tsm.load("tendon_sheath_asymmetric")
 GAP = SHEATH.insert("gap", Play(half_width=np.deg2rad(1.5)), before="tsm.x")
 """A gap in front of a plant that answers to the rate of its input: the rate jumps within steps."""
-NAMED = ("- x_in -> x_out: the numbers were found anew at a step of", "since they depended on that of 0.01 s")
+NAMED = ("- x_in -> x_out: the parameters were refitted at a step of", "since they depended on the step of 0.01 s")
 
 
 def recorded(noise, sizes=(1.0, 0.4)):

@@ -1,4 +1,9 @@
-"""Find what a model misses: where it and the data disagree, which effect explains it, and how the gap shrinks."""
+"""Diagnosis: find which effect a model lacks, name it, add its block, and validate it on held-out data.
+
+How a diagnosis decides, in reading order: ``effects/effect.py`` (what an effect is), ``diagnose.py`` (the steps),
+``forward_selection.py`` (one effect after another), ``cross_validation.py`` (held-out losses), ``decision.py`` (which
+candidate is named).
+"""
 
 from tsmblocks.diagnosis.diagnose import diagnose
 from tsmblocks.diagnosis.result import Diagnosis

@@ -52,7 +52,10 @@ def noise_floors(
         else:
             sigma[name], method[name] = _estimated(records, diagram, name)
     return NoiseFloors(
-        sigma, method, all(m != HIGH_FREQUENCIES for m in method.values()), {k: words for k, (_, words) in given.items()}
+        sigma,
+        method,
+        all(m != HIGH_FREQUENCIES for m in method.values()),
+        {k: words for k, (_, words) in given.items()},
     )
 
 
@@ -96,7 +99,9 @@ def lowered_noise_floors(
                 f"({rms} rms); {taken}."
             )
             sigma[name], method[name] = middle, HIGH_FREQUENCIES
-    return attrs.evolve(found, sigma=sigma, method=method, reliable=all(m != HIGH_FREQUENCIES for m in method.values())), words
+    return attrs.evolve(
+        found, sigma=sigma, method=method, reliable=all(m != HIGH_FREQUENCIES for m in method.values())
+    ), words
 
 
 def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
