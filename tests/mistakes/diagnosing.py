@@ -64,12 +64,12 @@ def a_free_parameter_of_another_block():
     effect(block=Play(half_width=0.0), null={"half_width": 0.0}, free=("width",))
 
 
-@mistake(ParameterError, "effect 'louder': its block must stand at its null, and gain is 2 instead of 1.")
+@mistake(ParameterError, "effect 'louder': its block must be at its null, and gain is 2 instead of 1.")
 def a_block_that_does_not_stand_at_its_null():
     effect(block=Gain(gain=2.0))
 
 
-@mistake(ParameterError, "effect 'louder': its block must stand at its null, and k.bias is 0.5 instead of 0.")
+@mistake(ParameterError, "effect 'louder': its block must be at its null, and k.bias is 0.5 instead of 0.")
 def a_diagram_that_does_not_stand_at_its_null():
     inner = Diagram(title="inner", blocks={"k": Bias(bias=0.5)}, inputs={"u": "k"}, outputs={"y": "k"})
     effect(block=inner, null={"k.bias": 0.0}, free=("k.bias",))
@@ -104,7 +104,7 @@ def an_effect_with_the_class_of_a_block():
     effect(block=Gain)
 
 
-@mistake(ParameterError, "effect 'louder': nothing of it is free to be fitted; name parameters of its block in free.")
+@mistake(ParameterError, "effect 'louder': none of its parameters is fitted; name parameters of its block in free.")
 def an_effect_with_nothing_to_fit():
     effect(free=())
 
@@ -114,7 +114,7 @@ def an_effect_within_the_bounds_of_what_is_not_fitted():
     effect(block=Slack(), null={"share": 0.0}, free=("share",), within=("edge",))
 
 
-@mistake(ParameterError, "effect 'louder': its block has no state 'swin' to be settled. Did you mean 'swing'?")
+@mistake(ParameterError, "effect 'louder': its block has no state 'swin' to initialise. Did you mean 'swing'?")
 def an_effect_settled_in_a_misspelt_state():
     effect(block=Resonance(), null={"share": 0.0}, free=("share",), settled=("swin",))
 
@@ -166,7 +166,8 @@ def trials_with_bounds_of_nothing():
 
 
 @mistake(
-    ParameterError, "effect 'louder': its trials fix 'gain', which is free to be fitted; a number is one or the other."
+    ParameterError,
+    "effect 'louder': its trials fix 'gain', which is free to be fitted; a parameter is one or the other.",
 )
 def trials_that_fix_what_is_fitted():
     effect().accepts(Trials({"gain": 0.1}, fixed={"gain": 1.0}))
@@ -179,13 +180,13 @@ def trials_that_fix_nothing():
     effect().accepts(Trials({"gain": 0.1}, fixed={"slope": 1.0}))
 
 
-@mistake(ParameterError, "effect 'louder': all shapes of its trials must name the same numbers, and {} does not.")
+@mistake(ParameterError, "effect 'louder': all shapes of its trials must name the same parameters, and {} does not.")
 def trials_whose_shapes_differ():
     effect().accepts(Trials({}, ({"gain": 1.1}, {})))
 
 
 @mistake(
-    ParameterError, "effect 'louder': its trials have no shape to begin with; leave shapes out where there is none."
+    ParameterError, "effect 'louder': its trials have no shape to start with; leave shapes out where there is none."
 )
 def trials_without_a_shape():
     effect().accepts(Trials({}, ()))
@@ -201,7 +202,7 @@ def trials_that_refine_nothing():
 
 @mistake(
     ParameterError,
-    "effect 'louder': trials must give Trials, or None where the data cannot show it, got {'gain': 1.1}.",
+    "effect 'louder': trials must return Trials, or None where the data do not excite it, got {'gain': 1.1}.",
 )
 def trials_that_are_none():
     effect().accepts({"gain": 1.1})

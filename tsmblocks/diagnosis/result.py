@@ -1,4 +1,4 @@
-"""What a diagnosis says: the verdict, the effects named, how the gap shrank, and what could not have been seen."""
+"""The result of a diagnosis: verdict, effects named, errors before and after, candidates, detection limits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tsmblocks.model.diagram import Diagram
 
 @attrs.frozen
 class Quantity:
-    """A number found, with the interval that holds it with a probability of 95 %, given this structure."""
+    """An estimate with its 95 % confidence interval, given this model structure."""
 
     value: float
     low: float
@@ -31,12 +31,12 @@ class Quantity:
 
 @attrs.frozen
 class NamedEffect:
-    """An effect found missing.
+    """An effect that the model lacks.
 
-    ``wire`` is where ``block`` was put, in wire notation; ``share_removed`` the share of the explainable error that it
-    removes held out, together with the effects before it; ``across`` the same with whole experiments held out (None
-    with a single experiment). ``also_possible`` are effects that these data cannot tell from it, and
-    ``separating_experiment`` what would. ``code`` is the line that adds the block to a diagram.
+    ``wire`` is where ``block`` was inserted, in wire notation; ``share_removed`` the share of the error above the noise
+    floor that it removes on held-out blocks, with the effects before it in the model; ``across`` the same with whole
+    experiments held out (None with a single one). ``also_possible`` are effects indistinguishable from it with these
+    data, and ``separating_experiment`` is one that separates them. ``code`` is the line that adds the block.
     """
 
     name: str
@@ -55,11 +55,13 @@ class NamedEffect:
 
 @attrs.frozen
 class RankedCandidate:
-    """A candidate tried: how much it removes held out [variances of the noise], and its t beside the line of chance.
+    """A candidate: its reduction of the held-out loss [noise variances], its t-statistic and the critical value
+    ``line``.
 
-    ``round`` counts from 1; ``gain`` is what was promised where a candidate was not worth a fit (``fitted`` False).
-    ``share`` is the gain over the error above the noise; ``across`` and ``new`` are gain and share with whole
-    experiments held out (NaN with a single one, or without a fit).
+    ``round`` counts from 1; ``gain`` is the predicted reduction where a candidate was screened out (``fitted`` False).
+    ``share`` is the gain over the error above the noise floor; ``across`` and ``new`` are gain and share with whole
+    experiments held out (NaN with a single one, or without a fit). ``in_set`` is True for the candidate named and those
+    indistinguishable from it.
     """
 
     round: int
@@ -84,11 +86,11 @@ class RankedCandidate:
 
 @attrs.frozen
 class Gap:
-    """Rms of the difference between simulation and measurement, before and after each effect that was named.
+    """Residual rms of one output, before and after each effect that was named.
 
-    ``train`` and ``held_out`` hold the base and then one number for each effect, ``experiments`` the same held out for
-    each experiment; ``noise_floor`` is what no model can go below: the noise of the output and what the noise of
-    measured inputs makes of it. ``method`` says where it is from, ``given`` in what words it was given, if it was.
+    ``train`` and ``held_out`` hold that of the base and then one for each effect, ``experiments`` those held out by
+    experiment. ``noise_floor`` is the noise of the output together with that caused by measured inputs. ``method`` is
+    how it was estimated, ``given`` the text it was given by, if it was.
     """
 
     output: str
@@ -103,7 +105,7 @@ class Gap:
 
 @attrs.frozen
 class ResidualCoordinate:
-    """A coordinate along which model and data disagree, and the share of the excess that it foretells held out."""
+    """A coordinate of the motion, and the share of the excess that it predicts on held-out blocks."""
 
     coordinate: str
     share: float
@@ -112,7 +114,7 @@ class ResidualCoordinate:
 
 @attrs.frozen
 class DetectionLimit:
-    """The smallest size of an effect that these experiments would have shown; None where they do not excite it."""
+    """The smallest detectable size of an effect in these experiments; None where they do not excite it."""
 
     name: str
     parameter: str
@@ -125,8 +127,8 @@ class DetectionLimit:
 class Consequence:
     """Tracking of a recorded motion [unit]: without compensation, and with one built on the base and on the new model.
 
-    Each pair is peak-to-peak and rms error. The plant is the augmented model, the best that is known. ``words`` say
-    what to make of a compensator on it that does no better than one on the base.
+    Each pair is peak-to-peak and rms error. The plant is the augmented model. ``words`` comment on a compensator that
+    is no better than the one on the base.
     """
 
     unit: str
@@ -141,8 +143,8 @@ class Consequence:
 class Trace:
     """One output of one experiment: instants [s], and in ``unit`` measured, simulated before, simulated after.
 
-    ``drive`` is the input beside it (empty where there is none), ``excess`` (blocks, 3) start, stop [s] and mean
-    square of what the base leaves there, in variances of the noise.
+    ``drive`` is the input (empty where there is none), ``excess`` (blocks, 3) start, stop [s] and mean squared
+    residual of the base in each time block [noise variances].
     """
 
     experiment: str
@@ -159,9 +161,10 @@ class Trace:
 
 @attrs.frozen(eq=False)
 class Segment:
-    """What was found between measured signals: a part of the diagram that was looked at by itself.
+    """The result for one part of the diagram, between measured signals.
 
-    ``fit`` is the last model as ``tsm.fit`` would return it: all numbers with intervals, and what the data leave open.
+    ``excess`` is the base's held-out loss above the noise [noise variances], ``ceiling`` the share of it that two
+    coordinates predict. ``fit`` is the last model as ``tsm.fit`` would return it.
     """
 
     name: str
@@ -182,21 +185,51 @@ class Segment:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What to know before the numbers of the last model are believed: what a fit of it would warn of."""
+        """Warnings on the parameters of the last model, as a fit of it would give."""
         return () if self.fit is None else tuple(cautions(attrs.evolve(self.fit, notes=())))
 
 
 @attrs.frozen(eq=False)
 class Diagnosis:
-    """The outcome of ``tsm.diagnose``.
+    """The result of ``tsm.diagnose``; ``print(diagnosis)`` shows all of it.
 
-    ``verdict`` is ``"named"`` where effects were named, ``"unknown"`` where something is missing that no block of the
-    catalogue explains, ``"none"`` where nothing is missing that these data could show. ``base`` is the diagram with
-    its numbers refitted, ``augmented`` the one with the named blocks in place. ``status`` is ``"done"``, or
-    ``"interrupted"`` after Ctrl-C: what was found until then is here. ``windows`` are the first and the last instant
-    compared [s] of each experiment of which a part was asked for. ``given`` is the diagram as it was
-    handed over, ``simulated`` how models were set beside the recordings, with the start states found; ``provenance``
-    is what all of it rests on, and ``no_consequence`` says why there is no ``consequence``.
+    Parameters
+    ----------
+    diagram : str
+        Title of the diagram.
+    experiments : tuple of str
+        Names of the experiments.
+    seed : int
+        Seed of the random parts.
+    verdict : {"named", "unknown", "none"}
+        ``"named"`` where effects were named, ``"unknown"`` where the residual is above the noise floor and no block of
+        the catalogue explains it, ``"none"`` where no unmodelled effect is detectable.
+    sentence : str
+        The verdict in words.
+    effects : tuple of NamedEffect
+        The effects named, of all segments.
+    segments : tuple of Segment
+        The results by part of the diagram, between measured signals.
+    base : Diagram
+        The diagram with its parameters refitted.
+    augmented : Diagram
+        The diagram with the blocks of the effects inserted, and all parameters refitted.
+    consequence : Consequence or None
+        Tracking errors with compensators built on both; None where they could not be simulated.
+    notes : tuple of str
+        Notes on data and model.
+    status : {"done", "interrupted"}
+        ``"interrupted"`` after Ctrl-C: the results until then.
+    windows : mapping of str to pair of float, default {}
+        First and last instant compared [s] of each experiment of which a part was compared.
+    given : Diagram, optional
+        The diagram as it was passed to ``tsm.diagnose``.
+    simulated : Simulated, optional
+        How the last models were simulated, with the estimated initial states.
+    provenance : Provenance, optional
+        Version, source of the diagram, recordings and options.
+    no_consequence : str, default ""
+        Why there is no ``consequence``.
     """
 
     diagram: str
@@ -219,26 +252,32 @@ class Diagnosis:
 
     @property
     def first(self) -> Diagram:
-        """The diagram that was diagnosed, with its own numbers where they are known."""
+        """The diagram that was diagnosed, with its original parameters where they are known."""
         return self.base if self.given is None else self.given
 
     @property
     def start_states(self) -> dict[str, dict[str, float]]:
-        """Start values of states that were found, by experiment: ``diagrams`` has them."""
+        """The estimated initial states by experiment; ``diagrams`` has them set."""
         return {} if self.simulated is None else {k: dict(v) for k, v in self.simulated.start_states.items()}
 
     @property
     def diagrams(self) -> dict[str, Diagram]:
-        """The augmented diagram of each experiment, with the start values of its own."""
+        """The augmented diagram of each experiment, with its initial states."""
         return {name: self.augmented.with_parameters(own) for name, own in self.start_states.items()}
 
     @property
     def worst(self) -> Segment:
-        """The segment that the verdict is about: with effects named, else with the largest excess."""
+        """The segment of the verdict: with effects named, else with the largest excess."""
         return max(self.segments, key=lambda s: (s.verdict == self.verdict, len(s.effects), s.excess))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values, as ``diagnosis.json`` holds it."""
+        """Return everything as plain values, as in ``diagnosis.json``.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and mappings only; numbers with six digits.
+        """
         worst = self.worst
         return {
             "format": 1,
@@ -264,21 +303,60 @@ class Diagnosis:
         }
 
     def to_pandas(self) -> Any:
-        """A frame with a row per candidate of each round, as the ranking of ``diagnosis.json`` has it. Needs pandas."""
+        """Return a frame with a row for each candidate of each round. Needs pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns as in the ranking of ``diagnosis.json``.
+        """
         rows = [_ranked(r) for s in self.segments for r in s.ranking]
         known = [k for k in (rows[0] if rows else {}) if k not in ("at_bound", "parameters")]
         return frame({k: [row[k] for row in rows] for k in known})
 
     def to_json(self) -> str:
-        """Return ``diagnosis.json``: the same data and the same seed give the same bytes."""
+        """Return the text of ``diagnosis.json``.
+
+        Returns
+        -------
+        str
+            JSON; the same data and the same seed give the same bytes.
+        """
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder."""
+        """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder.
+
+        Parameters
+        ----------
+        folder : str or Path
+            The folder; made where it does not exist.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        TsmError
+            Where the folder is a file, or has the name of one.
+        """
         return view("report", self, folder=Path(folder))
 
     def plot(self, ax: Any = None) -> Any:
-        """A figure of how the gap shrank and where model and data disagree. Needs matplotlib."""
+        """Plot the errors before and after, the signals, and the residual along its main coordinate. Needs matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            Where to plot. Default: a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure; with ``ax`` it shows the errors only.
+        """
         return view("plot", self, ax=ax)
 
     def __repr__(self) -> str:
@@ -378,7 +456,7 @@ def _json_value(value: Any) -> Any:
 
 
 def _rounded(value: float | None) -> float | None:
-    """Six digits, which more than covers what the data tell; None for what is no number."""
+    """A number with six digits, more than any interval supports; None for NaN and infinity."""
     if value is None or not np.isfinite(value):
         return None
     return float(f"{float(value):.6g}")

@@ -1,4 +1,4 @@
-"""The catalogue of effects: those that come with the toolbox, and those that users register."""
+"""The catalogue of effects: those of the toolbox, and those that users register."""
 
 from __future__ import annotations
 
@@ -14,20 +14,41 @@ _OWN: list[Effect] = []
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """Every effect, the toolbox's own first, in a fixed order; variants of one name follow each other."""
+    """Return every effect of the catalogue.
+
+    Returns
+    -------
+    tuple of Effect
+        The effects of the toolbox in a fixed order, then the registered ones; variants of one name are neighbours.
+    """
     shipped = (friction, loop, delay, maps, time_varying)
     return (*(effect for module in shipped for effect in module.EFFECTS), *_OWN)
 
 
 def register(effect: Effect) -> Effect:
-    """Let an effect take part in every diagnosis from now on.
+    """Add an effect to the catalogue.
 
-    Where its block has been defined anew (a notebook's cell, a module loaded again), the effect replaces the one of
-    the block before. Raises ParameterError for one that is there already.
+    Where its block has been redefined (in a notebook, or a reloaded module), the effect replaces that of the earlier
+    block.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+
+    Returns
+    -------
+    Effect
+        The same effect.
+
+    Raises
+    ------
+    ParameterError
+        For an effect that is in the catalogue already.
     """
     if not isinstance(effect, Effect):
         raise ParameterError(f"register takes an Effect, got {in_words(effect)}.")
-    _OWN[:] = [one for one in _OWN if not _outlived(one, effect)]
+    _OWN[:] = [one for one in _OWN if not _is_redefined(one, effect)]
     if any(_key(e) == _key(effect) for e in catalogue()):
         raise ParameterError(
             f"there is an effect '{effect.name}' at the place '{effect.place}' already; give this one "
@@ -37,8 +58,8 @@ def register(effect: Effect) -> Effect:
     return effect
 
 
-def _outlived(old: Effect, new: Effect) -> bool:
-    """Whether an effect is the same as a new one, but of a block that no longer is what its name means."""
+def _is_redefined(old: Effect, new: Effect) -> bool:
+    """Whether an effect is the same as a new one, but of a block that has been redefined."""
     kind, known = type(old.block), REGISTRY.get(type(old.block).__name__)
     return _key(old) == _key(new) and type(new.block) is known is not kind
 
@@ -49,7 +70,23 @@ def _key(effect: Effect) -> tuple[str, str, str]:
 
 @contextmanager
 def registered(*effects: Effect) -> Iterator[None]:
-    """Effects that take part within a ``with`` block. Raises what ``register`` raises, and then none takes part."""
+    """Add effects to the catalogue within a ``with`` block.
+
+    Parameters
+    ----------
+    *effects : Effect
+        The effects.
+
+    Yields
+    ------
+    None
+        Nothing.
+
+    Raises
+    ------
+    ParameterError
+        As ``register`` does; none of the effects is then added.
+    """
     count = len(_OWN)
     try:
         for effect in effects:

@@ -1,4 +1,4 @@
-"""Effects of time on the way: dead time, lag, resonance, transmission that depends on the speed."""
+"""Effects of delay: dead time, lag, resonance, transmission that depends on the speed."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
-"""Times worth trying [s], where samples are up to ``COARSE_SAMPLING`` apart; longer ones where they are farther
-apart."""
+"""Trial delays and time constants [s] for sampling steps up to ``COARSE_SAMPLING``; longer in proportion for longer
+ones. Chosen: the range of drives and sensors, a factor of three to five apart."""
 COARSE_SAMPLING = 0.05
-
+"""Sampling step [s] from which the trial times grow. Chosen: a third of the longest one."""
 
 TWO_LAGS = Diagram(
     title="two lags",
@@ -22,7 +22,7 @@ TWO_LAGS = Diagram(
     inputs={"u": "first"},
     outputs={"y": "second"},
 )
-"""The same lag twice: delays as a dead time does more than as one lag does, and stands for all between the two."""
+"""Two equal lags: between a dead time and one lag, as higher-order lags are."""
 
 
 def _times(name: str, scales: Scales, most: float) -> Trials:
@@ -44,7 +44,7 @@ def _ringing(scales: Scales) -> Trials:
     grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / (count - 1)) for k in range(count)]
     lines = [2 * math.pi * f for f in scales.lines if slowest < 2 * math.pi * f < fastest]
     shapes = tuple({"omega": omega, "zeta": zeta} for omega in (*lines[:4], *grid) for zeta in (0.05, 0.3))
-    # An oscillator that begins far off and hardly counts would be a source of its own: it begins near the signal.
+    # An oscillator with a large initial state and a small share would be a source of its own: it starts near the signal.
     wire = scales.wire
     begins = {"swing": (wire.low - wire.reach, wire.high + wire.reach), "rate": (-wire.fastest, wire.fastest)}
     return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})
@@ -52,7 +52,7 @@ def _ringing(scales: Scales) -> Trials:
 
 def _by_speed(scales: Scales) -> Trials | None:
     speed = scales.wire.speed
-    if not speed > 0:  # a wire that stands still
+    if not speed > 0:  # a signal at rest
         return None
     return Trials(
         {"coefficient": 0.01},

@@ -1,4 +1,4 @@
-"""What an effect is: a block that may be missing from a model, where it stands, and what it is called."""
+"""Effects: a block that a model may lack, where it is inserted, and the values to start its fit from."""
 
 from __future__ import annotations
 
@@ -16,21 +16,30 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import not_a_block
 
 PLACES = ("output", "input", "drive", "across", "load", "brake")
-"""Where an effect may stand.
+"""Where an effect may be inserted.
 
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that
-sets the measured output in motion (a force, a voltage: two integrations before it, or one where the output is a
-speed). ``load``: there too, and it reads the motion as well. ``brake``: the same where the motion that is measured is a
-speed, as its unit says. ``across``: on the wire of an output, and it reads the input as well. An effect made for one
-diagram names its wire instead, ``"pump -> tank.inflow"``; it stands there in diagrams that have this port.
-"""
+drives the measured output (a force, a voltage: two integrations before it, or one where the output is a speed).
+``load``: there too, and its input ``x`` reads the motion. ``brake``: the same where the measured motion is a speed, by
+its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. An effect made for one diagram
+names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
 TWO_SIGNAL_PLACES = ("across", "load", "brake")
-"""Places at which an effect is given a second signal, at its input ``x``."""
+"""Places at which the input ``x`` of an effect's block is connected to a second signal."""
 
 
 @attrs.frozen
 class Span:
-    """How a signal moved over all experiments: its ends, its size, and its rate, in its own unit (and per s)."""
+    """Range and rate of a signal over all experiments.
+
+    Parameters
+    ----------
+    low, high : float
+        The smallest and the largest value, in the unit of the signal.
+    rms : float
+        Root mean square of the signal.
+    speed, fastest : float
+        Root mean square and largest absolute value of its rate, in its unit per s.
+    """
 
     low: float
     high: float
@@ -40,23 +49,33 @@ class Span:
 
     @property
     def middle(self) -> float:
-        """Half way between the ends."""
+        """The middle of the range."""
         return (self.low + self.high) / 2
 
     @property
     def reach(self) -> float:
-        """Half of the way between the ends."""
+        """Half of the range."""
         return (self.high - self.low) / 2
 
 
 @attrs.frozen
 class Scales:
-    """What is known of the data before an effect is tried: how large, how fast, how long.
+    """Scales of the data, from which the trial values of an effect are chosen.
 
-    ``wire`` is the signal the effect stands on, ``other`` the signal it reads besides (the wire itself where it reads
-    none). ``start`` and ``stop`` [s] are the ends of all experiments, ``step`` [s] the time between samples,
-    ``shortest`` [s] the length of the shortest experiment. ``lines`` [Hz] are frequencies at which what the model
-    leaves has most power, strongest first.
+    Parameters
+    ----------
+    wire : Span
+        The signal on which the effect is inserted.
+    other : Span
+        The second signal that it reads; ``wire`` where it reads none.
+    start, stop : float
+        First and last instant [s] of all experiments.
+    step : float
+        The sampling step [s], the longest of all experiments.
+    shortest : float
+        Length [s] of the shortest experiment.
+    lines : tuple of float, default ()
+        Frequencies [Hz] of the strongest spectral lines of the residual, strongest first.
     """
 
     wire: Span
@@ -69,18 +88,26 @@ class Scales:
 
     @property
     def of_other(self) -> Scales:
-        """The same with the other signal in the place of the wire."""
+        """The same scales with the second signal in the place of the wire."""
         return attrs.evolve(self, wire=self.other)
 
 
 @attrs.frozen
 class Trials:
-    """What to try: numbers to begin from, and bounds that depend on the data.
+    """Trial values of an effect: starting values for its fit, and bounds that depend on the data.
 
-    ``strengths`` maps the parameters that are zero where there is no effect (or ``null`` in the effect) to a size
-    worth trying; ``shapes`` lists sets of the other parameters; ``fixed`` are numbers that are set and not fitted;
-    ``bounds`` narrows what the block allows. ``refine`` names the shape parameter that is looked for again between
-    its neighbours in ``shapes``, where a search downhill would not find the way.
+    Parameters
+    ----------
+    strengths : mapping of str to float
+        A trial size for each parameter that is at its null where there is no effect.
+    shapes : tuple of mapping of str to float, default ({},)
+        Sets of values of the other fitted parameters, each a starting point.
+    fixed : mapping of str to float, default {}
+        Values of parameters that are set and not fitted.
+    bounds : mapping of str to pair of (float or None), default {}
+        Bounds (low, high), narrower than those of the block; None for none.
+    refine : str, default ""
+        The shape parameter whose grid is refined around the best of ``shapes``, for nonsmooth parameters.
     """
 
     strengths: Mapping[str, float]
@@ -90,11 +117,33 @@ class Trials:
     refine: str = ""
 
     def with_bounds(self, more: Mapping[str, tuple[float | None, float | None]]) -> Trials:
-        """The same with further bounds."""
+        """Return the same trial values with further bounds.
+
+        Parameters
+        ----------
+        more : mapping of str to pair of (float or None)
+            Bounds (low, high) by parameter.
+
+        Returns
+        -------
+        Trials
+            The new trial values.
+        """
         return attrs.evolve(self, bounds={**self.bounds, **more})
 
     def under(self, block: str) -> Trials:
-        """The same for a block of this name inside a diagram."""
+        """Return the same trial values for a block inside a diagram.
+
+        Parameters
+        ----------
+        block : str
+            The name of the block.
+
+        Returns
+        -------
+        Trials
+            With names such as ``"block.parameter"``.
+        """
 
         def named(given: Mapping[str, Any]) -> dict[str, Any]:
             return {f"{block}.{k}": v for k, v in given.items()}
@@ -109,7 +158,7 @@ class Trials:
 
 
 def beside(name: str, block: Block) -> Diagram:
-    """Signal ``u``, and what a block that passes its input on adds to another signal ``x``, as one diagram."""
+    """A diagram that adds to signal ``u`` the change that a block makes to another signal ``x``."""
     return Diagram(
         title=f"{name} beside",
         blocks={name: block, "added": Sum(signs="+-"), "both": Sum(signs="++")},
@@ -121,20 +170,67 @@ def beside(name: str, block: Block) -> Diagram:
 
 @attrs.frozen(eq=False)
 class Effect:
-    """An effect that a model may lack, as a nested edit of its diagram.
+    """An effect that a model may lack: a block to insert, whose null parameters reproduce the model bit for bit.
 
-    ``name`` and ``family`` identify it (several effects of one name are variants of it); ``words`` is what a sentence
-    calls it. ``block`` is put on a wire at ``place``; its input ``u`` and its output ``y`` are used, and an input
-    ``x`` reads the other signal where the place has one. With the parameters in ``null`` it passes ``u`` on bit for
-    bit. ``free`` are the parameters that are fitted. ``trials`` turns the sizes of the data into starting numbers;
-    None when these data cannot show the effect. ``excites`` says what a recording needs to show it, ``confused`` which
-    effects look alike, ``separates`` which experiment tells them apart. ``settled`` are states of the block that begin
-    at the value the wire has then. ``within`` are parameters that must lie off their bounds for the name to hold: at a
-    bound the effect has turned into something else. ``contains`` are effects that are special cases of it. Raises
-    ParameterError where this does not fit together.
+    Parameters
+    ----------
+    name : str
+        Name, an identifier; effects of one name are variants of it.
+    family : str
+        Group of related effects: ``"friction"``, ``"loop"``, ``"delay"``, ``"map"``, ``"time"``, ...
+    words : str
+        The effect in a sentence: ``"a backlash gap"``.
+    place : str
+        Where it is inserted, one of ``PLACES``, or the wire of one diagram: ``"pump -> tank.inflow"``.
+    block : Block or Diagram
+        The block, at its null; its input ``u`` and its output ``y`` are connected, and its input ``x`` to the second
+        signal where the place has one.
+    null : mapping of str to float
+        Parameters with which the block passes ``u`` on unchanged.
+    free : tuple of str
+        The parameters that are fitted.
+    trials : callable
+        Function from ``Scales`` to ``Trials``; None where the data do not excite the effect.
+    excites : str, default ""
+        What a recording needs to excite it.
+    confused : tuple of str, default ()
+        Effects that are often indistinguishable from it.
+    separates : str, default ""
+        The experiment that separates it from them.
+    variant : str, default ""
+        Name of the variant.
+    settled : tuple of str, default ()
+        States of the block whose initial value is that of the wire.
+    within : tuple of str, default ()
+        Parameters that must not be at a bound for the name to hold.
+    contains : tuple of str, default ()
+        Effects that are special cases of it.
+    reads : str, default ""
+        For the wire of one diagram: the signal that drives the input ``x`` of the block.
+    adds : callable, optional
+        For the wire of one diagram: what else changes, a function from the diagram with the block in it, and the
+        block's name, to a diagram.
 
-    Where ``place`` is a wire of one diagram, ``reads`` is the signal that drives the input ``x`` of the block, and
-    ``adds`` what else changes: a function from the diagram with the block in it, and the block's name, to a diagram.
+    Raises
+    ------
+    ParameterError
+        Where these are inconsistent.
+
+    Examples
+    --------
+    >>> from tsmblocks.blocks import Bias
+    >>> from tsmblocks.effects import Effect, Trials
+    >>> Effect(
+    ...     name="offset",
+    ...     family="map",
+    ...     words="an offset",
+    ...     place="output",
+    ...     block=Bias(bias=0.0),
+    ...     null={"bias": 0.0},
+    ...     free=("bias",),
+    ...     trials=lambda scales: Trials({"bias": 0.1 * scales.wire.reach}),
+    ... ).name
+    'offset'
     """
 
     name: str
@@ -157,11 +253,22 @@ class Effect:
 
     @property
     def receiver(self) -> str:
-        """The port in front of which an effect of one diagram stands; empty for the others."""
+        """The port in front of which an effect of one diagram is inserted; empty for the others."""
         return self.place.rpartition("->")[2].strip() if isinstance(self.place, str) and "->" in self.place else ""
 
     def accepts(self, trials: Trials) -> None:
-        """Raises ParameterError where trials name what is not free to be fitted, so that they would go astray."""
+        """Check trial values against the effect.
+
+        Parameters
+        ----------
+        trials : Trials
+            What the function ``trials`` returned.
+
+        Raises
+        ------
+        ParameterError
+            Where they name parameters that are not fitted.
+        """
         _refuse(self, _trial_faults(self, trials))
 
     def __attrs_post_init__(self) -> None:
@@ -175,7 +282,7 @@ def _refuse(effect: Effect, faults: Iterator[str]) -> None:
 
 
 def _faults(effect: Effect) -> Iterator[str]:
-    """What is wrong with an effect; otherwise it would never stand on any wire, and nobody would be told."""
+    """What is wrong with an effect, which would otherwise be left out without a message."""
     if not isinstance(effect.name, str) or not effect.name.isidentifier():
         yield (
             "blocks are named after it, so its name must be letters, digits and underscores, not starting with a digit."
@@ -192,18 +299,18 @@ def _faults(effect: Effect) -> Iterator[str]:
 
 def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
     if not isinstance(trials, Trials):
-        yield f"trials must give Trials, or None where the data cannot show it, got {in_words(trials)}."
+        yield f"trials must return Trials, or None where the data do not excite it, got {in_words(trials)}."
     elif not trials.shapes:
-        yield "its trials have no shape to begin with; leave shapes out where there is none."
+        yield "its trials have no shape to start with; leave shapes out where there is none."
     else:
         odd = [one for one in trials.shapes if set(one) != set(trials.shapes[0])]
         if odd:
-            yield f"all shapes of its trials must name the same numbers, and {in_words(dict(odd[0]))} does not."
+            yield f"all shapes of its trials must name the same parameters, and {in_words(dict(odd[0]))} does not."
         yield from _strange_names(effect, trials)
 
 
 def _strange_names(effect: Effect, trials: Trials) -> Iterator[str]:
-    """Names in trials of what cannot be tried, bounded or fixed."""
+    """Names in trial values of what is not fitted, bounded or fixed."""
     free, numbers = effect.free, _known(effect.block)
     for what, given, known in (
         ("strengths", trials.strengths, free),
@@ -216,7 +323,7 @@ def _strange_names(effect: Effect, trials: Trials) -> Iterator[str]:
                 yield f"{what} of its trials name '{name}', which is not free to be fitted.{near(name, known)}"
     for name in trials.fixed:
         if name in free:
-            yield f"its trials fix '{name}', which is free to be fitted; a number is one or the other."
+            yield f"its trials fix '{name}', which is free to be fitted; a parameter is one or the other."
         elif name not in numbers:
             yield f"its trials fix '{name}', which is no parameter of its block.{near(name, numbers)}"
 
@@ -228,16 +335,16 @@ def _number_faults(effect: Effect) -> Iterator[str]:
             yield f"its block has no parameter '{name}'.{near(name, known)}"
     for name, value in effect.null.items():
         if known[name] != value:
-            yield f"its block must stand at its null, and {name} is {known[name]:g} instead of {value:g}."
+            yield f"its block must be at its null, and {name} is {known[name]:g} instead of {value:g}."
     if not effect.free:
-        yield "nothing of it is free to be fitted; name parameters of its block in free."
+        yield "none of its parameters is fitted; name parameters of its block in free."
     for name in effect.within:
         if name not in effect.free:
             yield f"within names '{name}', which is not free to be fitted.{near(name, effect.free)}"
     own = _states(effect.block)
     for name in effect.settled:
         if name not in own:
-            yield f"its block has no state '{name}' to be settled.{near(name, own)}"
+            yield f"its block has no state '{name}' to initialise.{near(name, own)}"
 
 
 def _port_faults(effect: Effect) -> Iterator[str]:
@@ -258,7 +365,7 @@ def _states(block: Block | Diagram) -> list[str]:
 
 
 def _known(block: Block | Diagram) -> Mapping[str, float]:
-    """Every number of an effect's block, by name."""
+    """Every parameter of an effect's block, by name."""
     return block.parameters if isinstance(block, Diagram) else _numbers(block)
 
 
@@ -267,7 +374,20 @@ def _numbers(block: Block) -> dict[str, float]:
 
 
 def span_of(signals: list[np.ndarray], steps: list[float]) -> Span:
-    """How signals (one array for each experiment, samples ``steps`` [s] apart) moved, all taken together."""
+    """Return range and rate of a signal over several experiments.
+
+    Parameters
+    ----------
+    signals : list of ndarray
+        The values of the signal, one array (n,) for each experiment.
+    steps : list of float
+        The sampling step [s] of each experiment.
+
+    Returns
+    -------
+    Span
+        Range and rate of all experiments together.
+    """
     rates = np.concatenate([np.abs(np.diff(y)) / h for y, h in zip(signals, steps, strict=True)])
     every = np.concatenate(signals)
     return Span(

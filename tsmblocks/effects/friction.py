@@ -1,4 +1,4 @@
-"""Effects of friction: what resists a motion, taken off the force or voltage that drives it."""
+"""Effects of friction: a force that resists the motion, subtracted from the force or voltage that drives it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
 SMOOTHING_SHARE = 0.02
-"""Speed over which the sign of a dry friction turns, as a share of the rms speed: too small to matter, large enough
-to be stepped over."""
+"""Speed over which the sign of a dry friction changes, as a share of the rms speed. Chosen: too small to matter, large
+enough for the step of the simulation."""
 FRICTION_SHARE = 0.05
-"""Friction worth trying, as a share of the rms drive."""
+"""Trial friction, as a share of the rms drive. Chosen."""
 
 
 @attrs.frozen
 class Motion:
-    """How the measured motion tells a friction its speed: by its rate, or because it is a speed itself."""
+    """How friction obtains the speed: as the derivative of a measured position, or from a measured speed."""
 
     place: str
     variant: str
@@ -28,7 +28,7 @@ class Motion:
     scales: Callable[[Scales], Scales]
 
     def resisting(self, title: str, law: dict[str, Block], wires: list[str]) -> Diagram:
-        """Drive ``u`` less a force that a chain of blocks forms from the speed of motion ``x``."""
+        """Drive ``u`` less a force that a chain of blocks computes from the speed of motion ``x``."""
         return Diagram(
             title=title,
             blocks={"rate": self.rate, **law, "left": Sum(signs="+-")},
@@ -38,24 +38,24 @@ class Motion:
         )
 
     def along(self, title: str, block: Block) -> Diagram:
-        """The same for a law that is one block, ``friction``."""
+        """The same for a law in one block, ``friction``."""
         return self.resisting(title, {"friction": block}, ["rate -> friction -> left.minus"])
 
     def begins(self, trials: Callable[[Scales], Trials]) -> Callable[[Scales], Trials]:
-        """``trials`` that see the motion as if it were a position."""
+        """``trials`` with the scales of the motion as those of a position."""
         return lambda scales: trials(self.scales(scales))
 
 
 def _of_speed(scales: Scales) -> Scales:
-    """Scales in which the other signal, a speed, is taken for the position that moves with it."""
+    """Scales with the second signal, a speed, replaced by the position that moves with it."""
     speed = scales.other
-    travel = speed.rms**2 / max(speed.speed, 1e-12)  # of a sine, its amplitude: speed squared over acceleration
+    travel = speed.rms**2 / max(speed.speed, 1e-12)  # the amplitude of a sine: speed squared over acceleration
     fastest = max(abs(speed.low), abs(speed.high))
     return attrs.evolve(scales, other=Span(-travel, travel, travel, speed.rms, fastest))
 
 
 MOTIONS = (Motion("load", "", Derivative(), lambda scales: scales), Motion("brake", "speed", Gain(), _of_speed))
-"""A position, whose exact rate is formed, and a speed."""
+"""A position, which is differentiated exactly, and a speed."""
 
 
 def _size(scales: Scales) -> float:
@@ -82,7 +82,7 @@ def _falling(scales: Scales) -> Trials:
         {"friction.static": 2 * _size(scales)},
         tuple({"friction.stribeck": share * speed} for share in (0.1, 0.3, 0.8)),
         {"friction.smoothing": SMOOTHING_SHARE * speed},
-        {"friction.stribeck": (3 * SMOOTHING_SHARE * speed, 0.8 * speed)},  # at working speed little of it is left
+        {"friction.stribeck": (3 * SMOOTHING_SHARE * speed, 0.8 * speed)},  # small at working speed
     )
 
 
@@ -96,13 +96,13 @@ def _bristles(scales: Scales) -> Trials:
 
 
 def _all(motion: Motion) -> tuple[Effect, ...]:
-    """Every friction, for one kind of motion."""
+    """Every friction effect, for one kind of motion."""
     coulomb, asymmetric, drag = _sliding(motion)
     return (coulomb, asymmetric, *_sticking(motion), drag)
 
 
 def _sliding(motion: Motion) -> tuple[Effect, ...]:
-    """Friction of what slides."""
+    """Sliding friction."""
     place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
     return (
         Effect(
@@ -155,7 +155,7 @@ def _sliding(motion: Motion) -> tuple[Effect, ...]:
 
 
 def _sticking(motion: Motion) -> tuple[Effect, ...]:
-    """Friction at low speed, and before anything slides."""
+    """Friction at low speed, and before sliding."""
     place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
     return (
         Effect(
@@ -194,4 +194,4 @@ def _sticking(motion: Motion) -> tuple[Effect, ...]:
 
 
 EFFECTS = tuple(effect for group in zip(*map(_all, MOTIONS), strict=True) for effect in group)
-"""Variants of one name follow each other."""
+"""Variants of one name are neighbours."""

@@ -1,4 +1,4 @@
-"""Effects of loops: play and hysteresis that a model lacks, or has in another shape."""
+"""Effects of hysteresis: play and loops that a model lacks, or has in another shape."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDepend
 from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
-"""Half widths of the plays that make up a memory, as shares of half the range, to begin with."""
+"""Starting half widths of the plays of a nonlocal memory, as shares of half the range. Chosen: a factor of three
+apart."""
 _PLAYS = NonlocalMemory(weights=(0.0,) * len(PLAY_WIDTHS), radii=PLAY_WIDTHS)
 
 
 def _numbered(name: str) -> tuple[str, ...]:
-    """One parameter for each play."""
+    """The parameter names of all plays."""
     return tuple(f"{name}[{k}]" for k in range(len(PLAY_WIDTHS)))
 
 

@@ -1,4 +1,4 @@
-"""Effects of position alone: slack, saturation, bent characteristics, ripple, an offset of the load."""
+"""Static effects: slack, saturation, nonlinear characteristics, ripple, an offset of the load."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
 CURVATURE_SHARE = 0.02
-"""Departure from a straight line at the ends that is worth trying, as a share of half the range."""
+"""Trial deviation from a straight line at the ends, as a share of half the range. Chosen."""
 
 MIN_PERIODS = 1.15
-"""Periods in the range of motion that a ripple has at least."""
+"""Periods of a ripple in the range of motion, at least. Chosen: less is a nonlinear characteristic."""
 
 ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
-"""Amplitudes of a ripple with one harmonic, and with two."""
+"""Names of the amplitudes of a ripple with one harmonic, and with two."""
 
 
 def _slack(side: str) -> Effect:
@@ -90,7 +90,7 @@ def _odd(scales: Scales) -> Trials:
 
 
 def _centres(scales: Scales) -> tuple[dict[str, float], ...]:
-    """Where a characteristic may be straight: half way, or at zero where the signal passes it."""
+    """Centres of a characteristic: the middle of the range, and zero where the signal passes it."""
     middle = {"centre": scales.wire.middle}
     passes = scales.wire.low < 0 < scales.wire.high and abs(scales.wire.middle) > 0.02 * scales.wire.reach
     return (middle, {"centre": 0.0}) if passes else (middle,)
@@ -109,7 +109,7 @@ def _bowed(scales: Scales) -> Trials:
 
 
 def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = "") -> Trials:
-    """More than one whole period in the range: less is a bent characteristic."""
+    """Trial values of a ripple with more than one period in the range: less is a nonlinear characteristic."""
     periods = (1.2, 1.35, 1.5, 1.75, 2.0, 2.4, 2.8, 3.3, 3.9, 4.6, 5.4, 6.3, 7.3, 8.4, 9.6, 11.0, 13.0, 15.0)
     shapes = tuple({f"{prefix}cycles": math.pi * n / reach} for n in periods)
     return Trials(
@@ -161,7 +161,7 @@ def _spring(part: str, power: int) -> Effect:
 
 
 def _acting(title: str, law: Block) -> Diagram:
-    """Drive ``u`` less what a block that passes its input on adds to motion ``x``; a gain of 1 joins their units."""
+    """Drive ``u`` less the change that a block makes to motion ``x``; a gain of 1 converts between their units."""
     return Diagram(
         title=title,
         blocks={"force": law, "added": Sum(signs="+-"), "pull": Gain(), "left": Sum(signs="+-")},

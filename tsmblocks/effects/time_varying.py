@@ -1,4 +1,4 @@
-"""Effects of the clock: drift, jumps, changes, creep, disturbances of their own frequency; and limits of speed."""
+"""Effects of time: drift, jumps, parameter changes, creep, periodic disturbances; and limits of the rate."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tsmblocks.effects.effect import Effect, Scales, Trials, beside
 
 _LOOP = "a loop that changes at one time"
 NO_LIMIT = 1e12
-"""A speed that nothing reaches; an infinite one, times no time at all, would be no number."""
+"""A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""
 INSTANT_COUNT = 48
-"""Instants at which a sudden change is looked for, at first."""
+"""Instants of the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
 
 
 def _since(scales: Scales) -> dict[str, float]:
-    """Time counted from the first sample: by a clock that began long before, a rate would be an offset as well."""
+    """Time counted from the first sample: from an earlier origin, a drift would include an offset."""
     return {"since": scales.start}
 
 
@@ -35,7 +35,7 @@ def _drift(scales: Scales) -> Trials:
 def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
     length = (scales.stop - scales.start) / (INSTANT_COUNT + 1)
     times = [scales.start + (k + 1) * length for k in range(INSTANT_COUNT)]
-    # What comes with the first samples, or goes with the last, is no change.
+    # A change within the first or the last interval is no change.
     return Trials(
         size,
         tuple({"time": time, **shape} for time in times),
@@ -64,7 +64,7 @@ def _loop(scales: Scales) -> Trials:
 
 
 def _creep(scales: Scales) -> Trials | None:
-    longest, least = scales.shortest, max(1.0, 40 * scales.step)  # what is slower only shifts each experiment
+    longest, least = scales.shortest, max(1.0, 40 * scales.step)  # slower creep is an offset of each experiment
     times = [least * times for times in (1.0, 3.0, 10.0, 30.0) if least * times < longest]
     if not times:
         return None
@@ -182,7 +182,7 @@ EFFECTS = (
         Effect(
             "periodic_disturbance",
             "time",
-            "a disturbance of its own frequency",
+            "a disturbance at a fixed frequency",
             place,
             Disturbance(),
             {"cosine": 0.0, "sine": 0.0},
@@ -199,7 +199,7 @@ EFFECTS = (
         Effect(
             "rate_limit",
             "limit",
-            "a limit of the speed",
+            "a rate limit",
             place,
             RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
             {"rising": NO_LIMIT, "falling": -NO_LIMIT},
@@ -215,7 +215,7 @@ EFFECTS = (
     Effect(
         "rate_limit",
         "limit",
-        "a limit of the speed, neared and left gradually",
+        "a soft rate limit",
         "output",
         SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
         {"rising": NO_LIMIT, "falling": -NO_LIMIT},
