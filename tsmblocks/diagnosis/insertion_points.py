@@ -44,7 +44,7 @@ class InsertionPoint:
     def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
         """The diagram with ``block`` on this wire under ``name``."""
         wires = self._wires(name, block)
-        if _several(block):  # insert takes blocks of one output, so a placeholder first
+        if _has_several_outputs(block):  # insert takes blocks of one output, so a placeholder first
             made = diagram.insert(name, Bias(), after=self.after, before=self.before)
             made = made.rewire(blocks={**made.blocks, name: block}, add=wires)
         else:
@@ -55,7 +55,7 @@ class InsertionPoint:
         """What ``put`` does, as an expression of a script with ``…`` in the place of the block."""
         place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
         wires = self._wires(name, block)
-        if _several(block):
+        if _has_several_outputs(block):
             more = f", add={wires!r}" if wires else ""
             made = f"diagram.insert({name!r}, Bias(), {place}).rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})"
         else:
@@ -80,7 +80,7 @@ class InsertionPoint:
         return f"{self.signal} -> {', '.join(dict.fromkeys(ends))}"
 
 
-def _several(block: Block | Diagram) -> bool:
+def _has_several_outputs(block: Block | Diagram) -> bool:
     return "y" in block.outports and len(block.outports) > 1
 
 

@@ -145,14 +145,14 @@ def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.G
     for name in names:
         if name not in clean or len(raw) != len(clean):
             continue
-        size = _white(raw[name] - clean[name])
+        size = _white_noise_rms(raw[name] - clean[name])
         if size > 0:
             signals[name] = clean[name] + size * draw.standard_normal(len(clean))
             found = True
     return attrs.evolve(clean, signals=signals) if found else None
 
 
-def _white(removed: np.ndarray) -> float:
+def _white_noise_rms(removed: np.ndarray) -> float:
     """Rms of white noise with the power that a filter removed, from the median of the upper half of the spectrum."""
     power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
     return float(np.sqrt(white_noise_power(power, np.log(2.0))))

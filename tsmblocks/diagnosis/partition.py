@@ -48,7 +48,7 @@ def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
 
     A closed loop is one part: its controller compensates in the position for what is then visible in the drive.
     """
-    reach = _reach(diagram)
+    reach = _downstream(diagram)
     cut: dict[str, list[Link]] = {}
     for name in measured:
         source = diagram.shown[name]
@@ -65,7 +65,7 @@ def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
     return sorted(kept, key=lambda part: min(list(measured).index(k) for k in part.outputs)) if len(kept) > 1 else kept
 
 
-def _reach(diagram: Diagram) -> dict[str, set[str]]:
+def _downstream(diagram: Diagram) -> dict[str, set[str]]:
     """Blocks that each block drives, itself included, directly or through others."""
     after: dict[str, set[str]] = {k: set() for k in diagram.blocks}
     for link in diagram.links:

@@ -28,12 +28,12 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
             problem, setup = halved(model.problem, model.setup)
         except RunError:  # more steps than fit into memory
             return model, []
-        seen = uncertainty(model.J, model.r, model.problem.segments, held=_held(model))
+        seen = uncertainty(model.J, model.r, model.problem.segments, held=_active_bounds(model))
         low, high = intervals(model.theta, seen.covariance, seen.freedom)
-        off = shifts(model.r, problem.residuals(model.theta), model.J, (high - low) / 2, held=_held(model))
+        off = shifts(model.r, problem.residuals(model.theta), model.J, (high - low) / 2, held=_active_bounds(model))
         step = model.setup.trials[0].times.h
         if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():
-            return model, [*_told(first, step), *shift_note(model.problem.unknowns.names, off, step)]
+            return model, [*_refit_note(first, step), *shift_note(model.problem.unknowns.names, off, step)]
         model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
 
 
@@ -46,7 +46,7 @@ def as_fit(model: Model) -> Fit | None:
         return None
 
 
-def _told(first: float, last: float) -> list[str]:
+def _refit_note(first: float, last: float) -> list[str]:
     if last == first:
         return []
     return [
@@ -55,6 +55,6 @@ def _told(first: float, last: float) -> list[str]:
     ]
 
 
-def _held(model: Model) -> np.ndarray | None:
+def _active_bounds(model: Model) -> np.ndarray | None:
     """Gradients (m, n) of the active bounds."""
     return np.eye(len(model.theta))[model.at_bound] if model.at_bound.any() else None

@@ -29,7 +29,7 @@ COORDINATE_TEXT = {
     "acceleration": "the error follows the acceleration",
     "distance since reversal": "the error follows the distance since the last reversal, with the sign of the direction",
     "time since reversal": "the error follows the time since the last reversal, with the sign of the direction",
-    "session time": "the error follows the clock",
+    "session time": "the error follows the session time",
     "experiment": "the error differs from experiment to experiment",
 }
 

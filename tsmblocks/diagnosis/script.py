@@ -25,7 +25,7 @@ def script_lines(diagnosis: Diagnosis) -> list[str]:
 
     They use ``recordings``, a mapping from experiments to records.
     """
-    making = [*_loaded(diagnosis), *_numbers(diagnosis), *_inserted(diagnosis)]
+    making = [*_loaded(diagnosis), *_parameters(diagnosis), *_inserted(diagnosis)]
     return [*_imports(diagnosis), "", *making, *_scored(diagnosis)]
 
 
@@ -68,7 +68,7 @@ def _loaded(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"diagram = tsm.load({name!r})" if name else "# diagram: the one that was diagnosed"
 
 
-def _numbers(diagnosis: Diagnosis) -> list[str]:
+def _parameters(diagnosis: Diagnosis) -> list[str]:
     """Parameters of the diagram that were refitted."""
     before, after = diagnosis.first.parameters, diagnosis.augmented.parameters
     changed = {name: after[name] for name, value in before.items() if after.get(name, value) != value}
@@ -124,10 +124,10 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     yield ""
     if len(diagnosis.segments) > 1:
         yield "# the errors reported are those of each part, simulated from the signals measured in front of it"
-        yield from _starts(how)
+        yield from _initial_states(how)
         return
     yield "# recordings: the diagnosed records by experiment, as tsm.read returns them"
-    yield from _starts(how)
+    yield from _initial_states(how)
     if how.pieces:
         yield from (
             ["pieces = saved['simulated']['pieces']"] if _too_many(how) else ["pieces = {", *_items(how.pieces), "}"]
@@ -142,7 +142,7 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"    print(tsm.score(diagram, {{name: made}}, {', '.join(_arguments(diagnosis, how))}))"
 
 
-def _starts(how: Simulated) -> Iterator[str]:
+def _initial_states(how: Simulated) -> Iterator[str]:
     if _too_many(how):
         yield "saved = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))"
         yield "start_states = saved['start_states']"

@@ -118,7 +118,7 @@ def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: 
     whole_losses = [mean_loss(r.experiment_losses, blocks) for r in work.rounds[: work.count + 1]]
     across = (
         (whole_losses[k] - whole_losses[k + 1]) / max(whole_losses[0] - noise_variance, 1e-12)
-        if _several(work)
+        if _has_several_experiments(work)
         else None
     )
     site = in_whole_diagram(candidate.site, work.part)
@@ -131,7 +131,7 @@ def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: 
         effect.family,
         effect.words,
         work.part.name,
-        site.words(_so_far(work, k, whole_diagram)),
+        site.words(_with_effects(work, k, whole_diagram)),
         candidate.block,
         _quantities(work.models[-1], candidate.block, candidate.free),
         float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
@@ -142,7 +142,7 @@ def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: 
     )
 
 
-def _so_far(work: PartDiagnosis, k: int, whole_diagram: Diagram) -> Diagram:
+def _with_effects(work: PartDiagnosis, k: int, whole_diagram: Diagram) -> Diagram:
     """The whole diagram with the first ``k`` effects in place."""
     made = whole_diagram
     for one in work.named[:k]:
@@ -151,7 +151,7 @@ def _so_far(work: PartDiagnosis, k: int, whole_diagram: Diagram) -> Diagram:
     return made
 
 
-def _several(work: PartDiagnosis) -> bool:
+def _has_several_experiments(work: PartDiagnosis) -> bool:
     """Whether there is more than one experiment, so that whole ones can be held out."""
     return len({experiment_of(t.name) for t in work.models[0].setup.trials}) > 1
 
@@ -241,7 +241,8 @@ class _RankingRow:
         units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
         values = {i.parameter.removeprefix(f"{c.block}."): one.model.values[i.name] for i in items}
         added = verdict.named is not None and self.number <= self.work.count
-        gone = across - mean_loss(one.experiment_losses, blocks) if _several(self.work) else float("nan")
+        several = _has_several_experiments(self.work)
+        removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
         return attrs.evolve(
             self._made(c, before - one.loss),
             t=t,
@@ -251,8 +252,8 @@ class _RankingRow:
             named=added and one is verdict.named,
             parameters=values,
             units=units,
-            across=gone,
-            new=gone / max(across - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance),
+            across=removed,
+            new=removed / max(across - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance),
         )
 
     def _made(self, c: Candidate, gain: float) -> RankedCandidate:

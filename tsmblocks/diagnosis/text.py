@@ -42,11 +42,11 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     for segment in diagnosis.segments:
         title = f"== {segment.name} =="
         parts += [title] if several else []
-        parts += [*map(gap_table, _gaps(segment)), *_where(segment), *_ranking(segment)]
+        parts += [*map(gap_table, _gaps(segment)), *_residual_location(segment), *_ranking(segment)]
     parts += _added(diagnosis)
-    parts += [text for segment in diagnosis.segments for text in (*_numbers(segment), *_beware(segment))]
+    parts += [text for segment in diagnosis.segments for text in (*_parameters(segment), *_cautions(segment))]
     parts += _script(diagnosis)
-    parts += [text for segment in diagnosis.segments for text in _confusion(segment)]
+    parts += [text for segment in diagnosis.segments for text in _indistinguishable(segment)]
     parts += [_limits(segment, several) for segment in diagnosis.segments if segment.limits]
     parts += _consequence(diagnosis)
     notes = merged_notes(diagnosis.notes, diagnosis.experiments)
@@ -101,7 +101,7 @@ def gap_table(one: tuple[Segment, Gap]) -> str:
     return columns(rows)
 
 
-def _where(segment: Segment) -> list[str]:
+def _residual_location(segment: Segment) -> list[str]:
     if not segment.where:
         return []
     lines = [_bullet(f"{percent(w.share)} of the excess: {w.words}.") for w in segment.where]
@@ -185,12 +185,12 @@ def parameter_rows(segment: Segment) -> list[tuple[str, ...]]:
     return estimate_rows(segment.fit, own) if own else []
 
 
-def _numbers(segment: Segment) -> list[str]:
+def _parameters(segment: Segment) -> list[str]:
     rows = parameter_rows(segment)
     return [f"parameters of the diagram, fitted with it:\n{columns(rows, left=(0, 4, 6))}"] if rows else []
 
 
-def _beware(segment: Segment) -> list[str]:
+def _cautions(segment: Segment) -> list[str]:
     return ["\n".join(["beware:", *map(_bullet, segment.cautions)])] if segment.cautions else []
 
 
@@ -212,7 +212,7 @@ def _script(diagnosis: Diagnosis) -> list[str]:
     return [*([_filled(words)] if words else []), "\n".join(lines)]
 
 
-def _confusion(segment: Segment) -> list[str]:
+def _indistinguishable(segment: Segment) -> list[str]:
     said = [
         _bullet(
             f"{e.name} is indistinguishable from {listed(e.also_possible, 9)} with these data. To separate them: "

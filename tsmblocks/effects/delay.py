@@ -44,7 +44,7 @@ def _ringing(scales: Scales) -> Trials:
     grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / (count - 1)) for k in range(count)]
     lines = [2 * math.pi * f for f in scales.lines if slowest < 2 * math.pi * f < fastest]
     shapes = tuple({"omega": omega, "zeta": zeta} for omega in (*lines[:4], *grid) for zeta in (0.05, 0.3))
-    # An oscillator with a large initial state and a small share would be a source of its own: it starts near the signal.
+    # An oscillator with a large initial state and a small share would be a source of its own: it starts at the signal.
     wire = scales.wire
     begins = {"swing": (wire.low - wire.reach, wire.high + wire.reach), "rate": (-wire.fastest, wire.fastest)}
     return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})
