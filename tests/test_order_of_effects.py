@@ -95,9 +95,7 @@ def test_a_floor_that_is_looked_for_is_that_of_the_sensor():
 def test_a_floor_above_what_the_model_leaves_is_doubted():
     said = found(f"{NOISE} rad")
     assert said.verdict == "none"
-    assert said.sentence.endswith(
-        "But the noise floor given for x_out cannot be right: the model leaves less than that."
-    )
+    assert said.sentence.endswith("But the noise floor given for x_out is implausible: the residual is smaller.")
     (note,) = [n for n in said.notes if "noise floor" in n]
     assert note.startswith("the noise floor given for x_out (3.44 deg) is above the residual of the base (0.3")
     assert note.endswith("deg rms), so nothing can be found: is it in the right unit (rad)?")
@@ -106,7 +104,7 @@ def test_a_floor_above_what_the_model_leaves_is_doubted():
 def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     """Whatever says so, noise that the model explains is none."""
     from tsmblocks.data import Noise
-    from tsmblocks.fitting import noise as noise_module
+    from tsmblocks.data import noise_floor as noise_module
 
     fooled = Noise("x_out", "deg", 1.16, None, "repeated periods", 1000, 900)
     monkeypatch.setattr(noise_module, "noise", lambda *_, **__: fooled)

@@ -1,7 +1,6 @@
-"""Screening: the predicted fall of the sum of squares of each candidate before it is fitted, base parameters projected
-out.
+"""Screening: the predicted fall of the sum of squares of each candidate before it is fitted.
 
-Source: Frisch and Waugh, Econometrica 1 (1933), 387-401.
+Base parameters are projected out. Source: Frisch and Waugh, Econometrica 1 (1933), 387-401.
 """
 
 from __future__ import annotations
@@ -111,21 +110,11 @@ def screening_score(
     base: BaseSubspace,
     detectable: float,
 ) -> ScreeningScore:
-    """Simulate a candidate's shapes and sizes in one batch; ``detectable`` is the smallest detectable sum of
-    squares.
-    """
-    trials = candidate.trials
-    problem, setup = pose_extended(
-        model,
-        candidate.diagram,
-        candidate.free,
-        records,
-        settings,
-        _bounds(candidate, settings),
-        candidate.initialised_states,
-    )
-    starting_values = _starting_values(problem, model, candidate, wires)
-    screening = _Screening(candidate, problem, model, base, starting_values)
+    """Simulate a candidate's shapes and sizes in one batch; ``detectable`` is the least detectable sum of squares."""
+    trials, states = candidate.trials, candidate.initialised_states
+    bounds = _bounds(candidate, settings)
+    problem, setup = pose_extended(model, candidate.diagram, candidate.free, records, settings, bounds, states)
+    screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
     shape_trials = screening.evaluated(trials.shapes)
     detection_limit = _detection_limit(candidate, shape_trials, detectable)
     for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
@@ -135,26 +124,12 @@ def screening_score(
     shape_trials.sort(key=lambda one: -one.gain)
     best = shape_trials[0]
     if trials.refine:
-        return ScreeningScore(
-            candidate,
-            _with_narrow_bounds(problem, candidate, best),
-            setup,
-            best.gain,
-            (best.theta,),
-            base.project_out(best.output_change[:, None])[:, 0],
-            detection_limit,
-        )
-    chosen = [best, *(one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))][:2]
-    starts = [_better_start(problem, one) for one in chosen]
-    return ScreeningScore(
-        candidate,
-        problem,
-        setup,
-        best.gain,
-        tuple(starts),
-        base.project_out(best.output_change[:, None])[:, 0],
-        detection_limit,
-    )
+        problem, starts = _with_narrow_bounds(problem, candidate, best), [best.theta]
+    else:
+        distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
+        starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
+    z = base.project_out(best.output_change[:, None])[:, 0]
+    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), z, detection_limit)
 
 
 def _detection_limit(candidate: Candidate, shape_trials: Sequence[_ShapeTrial], detectable: float) -> float | None:

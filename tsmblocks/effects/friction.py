@@ -68,7 +68,7 @@ def _dry(scales: Scales) -> Trials:
     return Trials({"friction.level": _size(scales)}, shapes, bounds={"friction.smoothing": (1e-3 * speed, 0.1 * speed)})
 
 
-def _drag(scales: Scales) -> Trials:
+def _drag_trials(scales: Scales) -> Trials:
     return Trials({"friction.coefficient": _size(scales) / max(scales.other.speed, 1e-12) ** 2})
 
 
@@ -97,60 +97,64 @@ def _bristles(scales: Scales) -> Trials:
 
 def _all(motion: Motion) -> tuple[Effect, ...]:
     """Every friction effect, for one kind of motion."""
-    coulomb, asymmetric, drag = _sliding(motion)
-    return (coulomb, asymmetric, *_sticking(motion), drag)
+    return (_coulomb(motion), _asymmetric(motion), *_sticking(motion), _drag(motion))
 
 
-def _sliding(motion: Motion) -> tuple[Effect, ...]:
-    """Sliding friction."""
-    place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
-    return (
-        Effect(
-            "coulomb_friction",
-            "friction",
-            "Coulomb friction",
-            place,
-            along("Coulomb friction", CoulombFriction(level=0.0)),
-            {"friction.level": 0.0},
-            ("friction.level", "friction.smoothing"),
-            begins(_dry),
-            excites="reversals of the motion",
-            confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
-            separates="slow triangles in both directions at two speeds",
-            variant=variant,
+def _coulomb(motion: Motion) -> Effect:
+    """Coulomb friction."""
+    return Effect(
+        "coulomb_friction",
+        "friction",
+        "Coulomb friction",
+        motion.place,
+        motion.along("Coulomb friction", CoulombFriction(level=0.0)),
+        {"friction.level": 0.0},
+        ("friction.level", "friction.smoothing"),
+        motion.begins(_dry),
+        excites="reversals of the motion",
+        confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
+        separates="slow triangles in both directions at two speeds",
+        variant=motion.variant,
+    )
+
+
+def _asymmetric(motion: Motion) -> Effect:
+    """Viscous friction that differs with the direction."""
+    return Effect(
+        "asymmetric_friction",
+        "friction",
+        "viscous friction that differs with the direction",
+        motion.place,
+        motion.resisting(
+            "asymmetric friction",
+            {"size": Abs(), "difference": Gain(gain=0.0)},
+            ["rate -> size -> difference -> left.minus"],
         ),
-        Effect(
-            "asymmetric_friction",
-            "friction",
-            "viscous friction that differs with the direction",
-            place,
-            motion.resisting(
-                "asymmetric friction",
-                {"size": Abs(), "difference": Gain(gain=0.0)},
-                ["rate -> size -> difference -> left.minus"],
-            ),
-            {"difference.gain": 0.0},
-            ("difference.gain",),
-            begins(_one_sided),
-            excites="two speeds or more in each direction",
-            confused=("load_offset", "drift", "even_nonlinearity"),
-            separates="two speeds in each direction: an offset does not grow with the speed",
-            variant=variant,
-        ),
-        Effect(
-            "quadratic_drag",
-            "friction",
-            "drag that grows with the square of the speed",
-            place,
-            along("quadratic drag", QuadraticDrag(coefficient=0.0)),
-            {"friction.coefficient": 0.0},
-            ("friction.coefficient",),
-            begins(_drag),
-            excites="slow and fast motion",
-            confused=("coulomb_friction", "odd_nonlinearity"),
-            separates="constant speeds at three levels or more",
-            variant=variant,
-        ),
+        {"difference.gain": 0.0},
+        ("difference.gain",),
+        motion.begins(_one_sided),
+        excites="two speeds or more in each direction",
+        confused=("load_offset", "drift", "even_nonlinearity"),
+        separates="two speeds in each direction: an offset does not grow with the speed",
+        variant=motion.variant,
+    )
+
+
+def _drag(motion: Motion) -> Effect:
+    """Quadratic drag."""
+    return Effect(
+        "quadratic_drag",
+        "friction",
+        "drag that grows with the square of the speed",
+        motion.place,
+        motion.along("quadratic drag", QuadraticDrag(coefficient=0.0)),
+        {"friction.coefficient": 0.0},
+        ("friction.coefficient",),
+        motion.begins(_drag_trials),
+        excites="slow and fast motion",
+        confused=("coulomb_friction", "odd_nonlinearity"),
+        separates="constant speeds at three levels or more",
+        variant=motion.variant,
     )
 
 
