@@ -60,7 +60,7 @@ def _check_path(path: Path) -> None:
 
 
 def _import_file(path: Path, shown: str) -> None:
-    import tsmblocks.blocks  # noqa: F401 - the package's own come first, so that what is new is the file's
+    import tsmblocks.blocks  # noqa: F401 - registered first, so that all later ones are of the file
     from tsmblocks.effects import catalogue
     from tsmblocks.model.block import REGISTRY
 
