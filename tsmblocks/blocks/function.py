@@ -1,14 +1,11 @@
-"""A block out of a plain Python function, for what no block here does.
+"""A block of a plain Python function, for what no block of the toolbox does.
 
-    @function_block(units={"u": "rad", "y": "rad"})
-    def cubic(u, k=0.3):
-        '''Stiffening: the output grows with the cube of the input.'''
-        return k * u**3
+@function_block(units={"u": "rad", "y": "rad"})
+def cubic(u, k=0.3):
+    '''Stiffening: the output grows with the cube of the input.'''
+    return k * u**3
 
-    Diagram(title="…", blocks=dict(spring=cubic(k=0.5)), …)
-
-Arguments without a default are input ports, arguments with one are parameters. A first argument
-named ``t`` receives the time. Inside, only operators and ``casadi`` functions will do.
+Diagram(title="…", blocks=dict(spring=cubic(k=0.5)), …)
 """
 
 from __future__ import annotations
@@ -31,11 +28,43 @@ def function_block(
     about: Mapping[str, str] | None = None,
     register: bool = True,
 ) -> Any:
-    """Make a function a block class of its name; usable with or without arguments.
+    """Make a block of a Python function.
 
-    ``outputs`` names what the function returns (a tuple when there are several), ``units`` and
-    ``about`` say the unit and the meaning of inputs, parameters and outputs by name. Raises
-    BlockError for a signature that cannot be ports and parameters.
+    A decorator, with or without arguments; the block class has the name of the function. Arguments without a default
+    are input ports, arguments with one are parameters; a first argument ``t`` is the time [s]. The function uses
+    operators and ``casadi`` functions only.
+
+    Parameters
+    ----------
+    function : callable or None, default None
+        The function; None where the decorator is used with arguments.
+    outputs : tuple of str, default ("y",)
+        Names of the values that the function returns (a tuple where there are several).
+    units : mapping of str to str, optional
+        Units of inputs, parameters and outputs by name.
+    about : mapping of str to str, optional
+        Meaning of inputs, parameters and outputs by name.
+    register : bool, default True
+        Whether files may name the block.
+
+    Returns
+    -------
+    type or callable
+        The block class, or a decorator where ``function`` is None.
+
+    Raises
+    ------
+    BlockError
+        For arguments that cannot be ports and parameters.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> @tsm.function_block(units={"u": "rad", "y": "rad"}, register=False)
+    ... def cubic(u, k=0.3):
+    ...     return k * u**3
+    >>> cubic(k=0.5)
+    cubic(k=0.5)
     """
     if function is None:
         return functools.partial(function_block, outputs=outputs, units=units, about=about, register=register)
@@ -123,7 +152,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _check_names(name: str, names: list[str]) -> None:
-    """Raise BlockError for a name used twice, or that a block has a meaning for already."""
+    """Raise BlockError for a name that is used twice, or that is an attribute of every block."""
     for key in names:
         if not key.isidentifier() or key.startswith("_") or hasattr(Block, key) or key in ("function", "t"):
             raise BlockError(f"{name}: '{key}' cannot name an input, a parameter or an output. Choose another name.")

@@ -1,4 +1,4 @@
-"""Linear blocks of any order: transfer function, zero-pole-gain, state space, and those of python-control."""
+"""Linear blocks of any order: transfer function, zero-pole-gain, state space, and systems of python-control."""
 
 from __future__ import annotations
 
@@ -175,14 +175,36 @@ class StateSpace(Block):
 
 
 def from_control(system: Any) -> Block:
-    """Turn a linear system of python-control (transfer function, zpk, state space) into a block.
+    """Return a linear system of python-control as a block.
 
-    A system with a sample time (``dt`` > 0) becomes a sampled block with that period. What its inputs, outputs and
-    states are called is taken over, units included where they are said in brackets:
-    ``control.ss(A, B, C, D, inputs="u [V]", outputs=["angle [rad]", "speed [rad/s]"])``. A transfer function keeps its
-    ports ``u`` and ``y`` and takes the units; what is no name becomes one, with an underscore for anything but letters
-    and digits, and a second ``x`` is ``x_2``. Raises BlockError for anything else, for ``dt=True``, and for a transfer
-    function that is not proper; ParameterError for a unit that is none.
+    A system with a sample time (``dt`` > 0) becomes a sampled block with that period. Names of inputs, outputs and
+    states are kept, and units where they are given in brackets: ``control.ss(A, B, C, D, inputs="u [V]",
+    outputs=["angle [rad]", "speed [rad/s]"])``. A transfer function keeps its ports ``u`` and ``y`` and takes the
+    units. Characters other than letters and digits become underscores, and a second ``x`` becomes ``x_2``.
+
+    Parameters
+    ----------
+    system : control.TransferFunction or control.StateSpace
+        The system; a zpk model of python-control is a transfer function.
+
+    Returns
+    -------
+    Block
+        ``TransferFunction``, ``StateSpace``, ``DiscreteTransferFunction`` or ``DiscreteStateSpace``.
+
+    Raises
+    ------
+    BlockError
+        For anything else, for ``dt=True``, and for a transfer function that is not proper.
+    ParameterError
+        For an unknown unit.
+
+    Examples
+    --------
+    >>> import control
+    >>> import tsmblocks as tsm
+    >>> tsm.from_control(control.tf([1.0], [0.1, 1.0]))
+    TransferFunction(num=(1.0,), den=(0.1, 1.0), x0=(), unit='', unit_in='')
     """
     import control
 
@@ -220,7 +242,7 @@ def _from_fraction(system: Any, period: float) -> Block:
 
 
 def _heading(label: str) -> tuple[str, str]:
-    """Name and unit of a label of python-control; no name where it is one that python-control gave itself."""
+    """Name and unit of a label of python-control; no name where python-control generated the label."""
     if re.fullmatch(r"[uyx]\[\d+\]", label):
         return "", ""
     text, unit = split_heading(label)
@@ -229,9 +251,9 @@ def _heading(label: str) -> tuple[str, str]:
 
 
 def _names(system: Any) -> dict[str, Any]:
-    """Names of inputs, outputs and states from the labels of python-control; none where it gave them itself.
+    """Names of inputs, outputs and states from the labels of python-control, where it did not generate them.
 
-    python-control lets a state and an output have one name, which here means one signal: the state's gets a number.
+    python-control allows a state and an output of one name, which here is one signal: the state gets a number.
     """
     labels = {
         "input_names": system.input_labels,
@@ -248,7 +270,7 @@ def _names(system: Any) -> dict[str, Any]:
 
 
 def _trimmed(coefficients: Any) -> tuple[float, ...]:
-    """Coefficients without leading zeros, which would pass for a direct path."""
+    """Coefficients without leading zeros, which would count as a direct path."""
     numbers = [float(c) for c in coefficients]
     while len(numbers) > 1 and numbers[0] == 0:
         del numbers[0]

@@ -1,17 +1,17 @@
-"""Every exception the package raises on purpose, and the helpers that word them.
+"""Every exception the package raises on purpose, and the functions that word them.
 
     TsmError
-    ├── BlockError          a block, taken alone
+    ├── BlockError          one block
     │   ├── ParameterError      a value outside its bounds, of the wrong kind, or of an unknown name
     │   └── EquationError       equations that do not cover what the block declares
     ├── DiagramError        blocks and wires that do not fit together (all faults at once)
     │   └── AlgebraicLoop       a signal that depends on itself at one instant
     ├── FileError           a diagram or data file that cannot be understood
     ├── DataError           measured data that cannot be used as they are
-    └── RunError            something that happened while time was running
-        └── NotFinite           NaN or infinity, with the block where it was born
+    └── RunError            a failure during a simulation
+        └── NotFinite           NaN or infinity, with the block in which it appeared first
 
-Every message says where, what, what was expected, and suggests the near miss.
+Every message says where, what, what was expected, and suggests the nearest known name.
 """
 
 from __future__ import annotations
@@ -21,9 +21,22 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
+__all__ = [
+    "AlgebraicLoop",
+    "BlockError",
+    "DataError",
+    "DiagramError",
+    "EquationError",
+    "FileError",
+    "NotFinite",
+    "ParameterError",
+    "RunError",
+    "TsmError",
+]
+
 
 class TsmError(Exception):
-    """Anything this package refuses on purpose. Its text is meant for the user as it stands."""
+    """Base of every exception that this package raises on purpose. Its text is meant for the user."""
 
 
 class BlockError(TsmError):
@@ -41,8 +54,14 @@ class EquationError(BlockError):
 class DiagramError(TsmError):
     """Blocks and wires that do not fit together.
 
-    ``diagram`` is the diagram's title, ``problems`` one sentence per fault, ``where`` the
-    file (and line) it was written in.
+    Parameters
+    ----------
+    diagram : str
+        Title of the diagram.
+    problems : sequence of str
+        One sentence for each fault.
+    where : str, default ""
+        ``file:line`` where the diagram was written.
     """
 
     def __init__(self, diagram: str, problems: Sequence[str], where: str = "") -> None:
@@ -57,7 +76,16 @@ class DiagramError(TsmError):
 class AlgebraicLoop(DiagramError):
     """A signal whose value at one instant depends on itself.
 
-    ``path`` lists the signals around the loop, first and last being the same.
+    Parameters
+    ----------
+    diagram : str
+        Title of the diagram.
+    problems : sequence of str
+        One sentence for each fault.
+    where : str, default ""
+        ``file:line`` where the diagram was written.
+    path : sequence of str, default ()
+        Signals around the loop; the first and the last are the same.
     """
 
     def __init__(self, diagram: str, problems: Sequence[str], where: str = "", path: Sequence[str] = ()) -> None:
@@ -66,7 +94,15 @@ class AlgebraicLoop(DiagramError):
 
 
 class FileError(TsmError):
-    """A file that cannot be understood. ``path`` names it, ``problems`` lists the faults."""
+    """A file that cannot be understood.
+
+    Parameters
+    ----------
+    path : str
+        Name of the file.
+    problems : sequence of str
+        One sentence for each fault.
+    """
 
     def __init__(self, path: str, problems: Sequence[str]) -> None:
         self.path, self.problems = path, tuple(problems)
@@ -81,20 +117,20 @@ class DataError(TsmError):
 
 
 class RunError(TsmError):
-    """Something went wrong while time was running. ``run`` holds the result up to there, if any."""
+    """A failure during a simulation. ``run`` holds the result up to there, if any."""
 
     run: Any = None
 
 
 class NotFinite(RunError):
-    """NaN or infinity, with the ``block`` it was born in and the ``time`` [s] it happened at."""
+    """NaN or infinity in a signal, with the ``block`` in which it appeared first and the ``time`` [s]."""
 
     block: str = ""
     time: float = float("nan")
 
 
 def numbered(problems: Sequence[str]) -> str:
-    """``2 problems:`` and the list, each on lines of its own."""
+    """``2 problems:`` and the list, each problem on lines of its own."""
     count = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}"
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
@@ -104,22 +140,21 @@ def numbered(problems: Sequence[str]) -> str:
 
 
 def _printable(text: str) -> str:
-    """Return a text that cannot steer the terminal it is shown on, whatever a file put into it."""
+    """A text without control characters, which could steer the terminal."""
     return "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
 
 
 MOST_PROBLEMS = 20
-"""A broken file of ten thousand wires should not print ten thousand lines."""
+"""Problems of one message that are printed; the others are counted. Chosen: a screen of text."""
 LONGEST = 1500
-"""Characters of one problem that are shown; a loop of a thousand blocks need not be read in full."""
+"""Characters of one problem that are printed (a loop may have thousands of blocks). Chosen: a screen of text."""
 
 
 def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "") -> str:
-    """`` Did you mean 'x'?`` when a known name is close, otherwise the choices.
+    """`` Did you mean 'x'?`` when a known name is close, otherwise the known names, followed by ``otherwise``.
 
-    Close is what differs in a letter or two; then the one choice that holds the name as a word of its own (``play``
-    is ``tendon_sheath_play``); then what is spelt much alike; then the only one that begins so, or that ends nearly so.
-    ``otherwise`` is said after the choices.
+    Close is, in this order: a difference of a letter or two; the only name that contains the word (``play`` is
+    ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end that differs by a letter or two.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
@@ -136,19 +171,19 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
 
 
 def _with_end(plain: str, choices: list[str]) -> list[str]:
-    """The choice whose words at its end are a letter or two off: ``lineer`` is near ``tendon_sheath_linear``."""
+    """The name whose last words differ by a letter or two: ``lineer`` is near ``tendon_sheath_linear``."""
     ends = {k[m.end() :].casefold(): k for k in choices for m in re.finditer("_", k)} if len(plain) > 3 else {}
     return [ends[end] for end in get_close_matches(plain, ends, 1, 0.8)]
 
 
 def _with_word(plain: str, choices: list[str]) -> list[str]:
-    """The choice that has a name in small letters among its words, where there is just one and it is no letter."""
+    """The name that contains ``plain`` as a word, where there is exactly one and ``plain`` is no single letter."""
     found = [k for k in choices if f"_{plain}_" in f"_{k.casefold()}_".replace(".", "_").replace("/", "_")]
     return found if len(found) == 1 and len(plain) > 1 else []
 
 
 def _likely(name: str, choices: list[str]) -> list[str]:
-    """The choices worth comparing: comparing a long text, or with thousands, would take seconds."""
+    """Names worth comparing: a long text, or thousands of names, would take seconds."""
     if len(name) > 100:
         return []
     if len(choices) <= 1000:
@@ -157,12 +192,12 @@ def _likely(name: str, choices: list[str]) -> list[str]:
 
 
 def clip(text: str, limit: int = 100) -> str:
-    """A text as a message may show it: no longer than ``limit``."""
+    """A text for a message: no longer than ``limit`` characters."""
     return text if len(text) <= limit else text[: limit - 1] + "…"
 
 
 def in_words(value: object, limit: int = 60) -> str:
-    """A value as a message may show it: short, on one line."""
+    """A value for a message: short, on one line."""
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, type):

@@ -1,4 +1,4 @@
-"""Where the ready-made diagrams are. It knows folders and file names, nothing of what is in them."""
+"""Folder and names of the ready-made diagrams. It does not know their content."""
 
 from __future__ import annotations
 

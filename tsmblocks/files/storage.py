@@ -1,7 +1,7 @@
 """Diagrams as TOML files: ``load``, ``loads``, ``dumps`` and ``save``.
 
-Format 1 has ``title``, ``source``, ``wires``, ``[blocks]``, ``[inputs]``, ``[outputs]`` and
-``[values]``. Loading runs nothing that a file says, and reports every fault of a file with its line.
+Format 1 has ``title``, ``source``, ``wires``, ``[blocks]``, ``[inputs]``, ``[outputs]`` and ``[values]``. Loading
+executes nothing from a file, and reports every fault of a file with its line.
 """
 
 from __future__ import annotations
@@ -16,10 +16,31 @@ from tsmblocks.model.diagram import Diagram
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Diagram:
-    """Return the diagram in a file, or the ready-made one of that name (``"fig16_feedforward_feedback"``).
+    """Return the diagram in a file, or a ready-made one.
 
-    What exists as a file, ends in ``.toml`` or holds a separator is a path. Raises FileError with
-    every fault of the file, or DiagramError when all of them are of the wiring.
+    Parameters
+    ----------
+    name_or_path : str or path
+        A path, where a file of that name exists, or the text ends in ``.toml`` or contains a separator; else the name
+        of a ready-made diagram (``"fig16_feedforward_feedback"``).
+
+    Returns
+    -------
+    Diagram
+        The diagram.
+
+    Raises
+    ------
+    FileError
+        With every fault of the file.
+    DiagramError
+        Where all faults are of the wiring.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> tsm.load("tendon_sheath_linear")
+    Diagram('Tendon sheath: a gain and an offset', 2 blocks, inputs x_in [rad], outputs x_out [rad])
     """
     from tsmblocks.files.reader import diagram_from
     from tsmblocks.files.toml_text import read
@@ -30,7 +51,7 @@ def load(name_or_path: str | os.PathLike[str]) -> Diagram:
 
 
 def load_beside(folder: Path, name: str) -> Diagram:
-    """Return the diagram that a file in a folder names: one beside it, else as ``load``. Raises as ``load`` does."""
+    """The diagram in the file ``name`` of a folder, where there is one, else as ``load``. Raises as ``load``."""
     beside = folder / name
     return load(beside if beside.is_file() else name)
 
@@ -38,8 +59,33 @@ def load_beside(folder: Path, name: str) -> Diagram:
 def loads(text: str, where: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Diagram:
     """Return the diagram that a text describes.
 
-    ``where`` is what messages call the text; ``folder`` is where the diagrams it uses may lie, in
-    addition to the ready-made ones. Raises as ``load`` does.
+    Parameters
+    ----------
+    text : str
+        The text of a diagram file.
+    where : str, default "<text>"
+        Name of the text in messages.
+    folder : str or path, optional
+        Folder of the diagrams that the text uses, beside the ready-made ones.
+
+    Returns
+    -------
+    Diagram
+        The diagram.
+
+    Raises
+    ------
+    FileError
+        With every fault of the text.
+    DiagramError
+        Where all faults are of the wiring.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> diagram = tsm.load("tendon_sheath_linear")
+    >>> tsm.loads(tsm.dumps(diagram)) == diagram
+    True
     """
     from tsmblocks.files.reader import diagram_from
 
@@ -50,10 +96,31 @@ def loads(text: str, where: str = "<text>", folder: str | os.PathLike[str] | Non
 
 
 def dumps(diagram: Diagram) -> str:
-    """Return a diagram as the text of a file; ``loads`` of it gives an equal diagram.
+    """Return a diagram as the text of a file.
 
-    Values that are a block's default are left out, and a diagram inside is written in place. Raises
-    FileError for what a file cannot hold, such as a block that is not registered.
+    Values that are a block's default are left out, and a diagram inside is written in place; ``loads`` of the text
+    gives an equal diagram.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+
+    Returns
+    -------
+    str
+        Text in TOML.
+
+    Raises
+    ------
+    FileError
+        For what a file cannot hold, such as a block that is not registered.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> print(tsm.dumps(tsm.load("tendon_sheath_linear")).splitlines()[0])
+    format = 1
     """
     from tsmblocks.files.writer import text_of
 
@@ -63,9 +130,27 @@ def dumps(diagram: Diagram) -> str:
 
 
 def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
-    """Write a diagram to a file, which is at any moment the old one or the new one, never a part.
+    """Write a diagram to a file.
 
-    Raises FileError when the diagram cannot be written down, or the file cannot be written.
+    An existing file is replaced in one step, so that a reader finds the old or the new file, never a part of one.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    path : str or path
+        The file.
+
+    Raises
+    ------
+    FileError
+        For what a file cannot hold, and where the file cannot be written.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> diagram = tsm.load("motor_linear")
+    >>> tsm.save(diagram, "motor.toml")  # doctest: +SKIP
     """
     text = dumps(diagram)
     if not isinstance(path, (str, os.PathLike)):
@@ -78,7 +163,7 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
 
 
 def _path_of(given: str | os.PathLike[str]) -> Path:
-    """Return the file that a name or path means."""
+    """The file that a name or path means."""
     try:
         text = os.fspath(given)
     except TypeError:
@@ -108,5 +193,5 @@ def _is_file(path: Path) -> bool:
 
 
 def _fill_registry() -> None:
-    """Have every block of the toolbox registered; a file may name those and the user's own."""
+    """Register every block of the toolbox; a file may name these and the user's own."""
     import tsmblocks.blocks  # noqa: F401 - imported for what it registers

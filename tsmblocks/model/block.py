@@ -1,6 +1,6 @@
 """What a block is: a frozen value with ports, states, parameters and pure equations.
 
-It knows nothing of diagrams, of CasADi or of running; those read what is declared here.
+This module knows neither diagrams, nor CasADi, nor simulation; these read what is declared here.
 """
 
 from __future__ import annotations
@@ -38,35 +38,65 @@ from tsmblocks.model.fields import (
 
 @functools.cache
 def _signal_type(names: tuple[str, ...]) -> Any:
+    """A named tuple with these names."""
     return namedtuple("Signals", names)  # type: ignore[misc]
 
 
 def signals(names: tuple[str, ...] | list[str], values: Any) -> Any:
-    """Values by name and by position, as equations receive their states and inputs."""
+    """Return values by name and by position, as equations receive their states and inputs.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the signals.
+    values : iterable
+        Their values, in the same order.
+
+    Returns
+    -------
+    namedtuple
+        The values.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> x = tsm.signals(["position", "speed"], [0.5, 2.0])
+    >>> x.speed, x[0]
+    (2.0, 0.5)
+    """
     return _signal_type(tuple(names))(*values)
 
 
 # ---- the block --------------------------------------------------------------------------------
 
 REGISTRY: dict[str, type[Block]] = {}
-"""Every block that files may name, by class name."""
+"""Blocks that files may name, by class name."""
 
 
 class Block:
     """Base of all blocks, and the only one: no block inherits from another.
 
-    A block declares fields (``parameter``, ``option``, ``state``) and ports (``Input``, ``Output``,
-    ``Tape``, ``Past``), and gives its equations with CasADi operations:
+    A block declares fields (``parameter``, ``option``, ``state``) and ports (``Input``, ``Output``, ``Tape``,
+    ``Past``), and gives its equations with CasADi operations:
 
     - ``outputs(t, x, u)``: the outputs, by name;
-    - ``derivatives(t, x, u)``: rates of the continuous states;
-    - ``updates(t, x, u)``: new values of the memory states. A block with ``sampled = True`` (and an
-      option ``period``) is updated as the run starts and every period after, its outputs held in between;
-      any other block is updated once at the start of each step. A continuous state named by
-      ``updates`` is set to that value there (a reset).
+    - ``derivatives(t, x, u)``: time derivatives of the continuous states;
+    - ``updates(t, x, u)``: new values of the memory states. A block with ``sampled = True`` (and an option ``period``)
+      is updated as the run starts and every period after, its outputs held in between; any other block is updated once
+      at the start of each step. A continuous state named by ``updates`` is set to that value there (a reset).
 
-    ``t`` is the time in s; ``x`` and ``u`` hold states and inputs (with tapes and past values) by name.
-    ``source`` names the equation, paper or book; ``symbol`` is what the picture shows.
+    ``t`` is the time [s]; ``x`` and ``u`` hold states and inputs (with tapes and past values) by name. ``source`` names
+    the origin of the equations (paper, book, "definition"); ``symbol`` is the text in drawings.
+
+    Parameters
+    ----------
+    *_, **__ : object
+        Not used here: a class made by ``block`` has a constructor of its own, which takes its fields by keyword.
+
+    Raises
+    ------
+    BlockError
+        For a class that was not made by ``block``.
     """
 
     source: ClassVar[str] = ""
@@ -83,7 +113,22 @@ class Block:
     # -- equations, to be written by the block
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        """Outputs by name."""
+        """Return the outputs.
+
+        Parameters
+        ----------
+        t : SX or float
+            Time [s].
+        x : namedtuple
+            States by name.
+        u : namedtuple
+            Inputs, tapes and past values by name.
+
+        Returns
+        -------
+        dict of str to SX or float
+            Outputs by name.
+        """
         if self.outports:
             raise EquationError(
                 f"{type(self).__name__} has no method outputs(self, t, x, u), which should give "
@@ -92,24 +137,64 @@ class Block:
         return {}
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        """Rates of the continuous states by name, per second."""
+        """Return the time derivatives of the continuous states.
+
+        Parameters
+        ----------
+        t : SX or float
+            Time [s].
+        x : namedtuple
+            States by name.
+        u : namedtuple
+            Inputs, tapes and past values by name.
+
+        Returns
+        -------
+        dict of str to SX or float
+            Derivatives by name of the state, in its unit per second.
+        """
         return {}
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        """New values of the memory states by name."""
+        """Return the new values of the memory states, and of continuous states that are reset.
+
+        Parameters
+        ----------
+        t : SX or float
+            Time [s].
+        x : namedtuple
+            States by name, before the update.
+        u : namedtuple
+            Inputs, tapes and past values by name.
+
+        Returns
+        -------
+        dict of str to SX or float
+            Values by name of the state.
+        """
         return {}
 
     def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
-        """Samples of each Tape that cover ``start`` to ``stop`` [s].
+        """Return the samples of each ``Tape``.
 
-        ``name`` is the block's name in its diagram, so that two noises with one seed differ.
+        Parameters
+        ----------
+        start, stop : float
+            Times [s] that the samples must cover.
+        name : str, default ""
+            Name of the block in its diagram, so that two noise blocks with one seed differ.
+
+        Returns
+        -------
+        dict of str to Samples
+            Samples by name of the tape.
         """
         return {}
 
     def check(self) -> None:
-        """Raise ParameterError when parameters do not go together. Never called with symbols."""
+        """Raise ParameterError when parameters are inconsistent. Never called with symbols."""
 
-    # -- what is declared, for readers of blocks
+    # -- declarations, read by compiler, files and pages
 
     @property
     def inports(self) -> dict[str, Input]:
@@ -122,38 +207,38 @@ class Block:
         return {k: self._in_unit(p) for k, p in self._declared.items() if isinstance(p, Output)}
 
     def _in_unit(self, port: Any) -> Any:
-        """A port in the unit that an option says, where one does."""
+        """A port with the unit that its option gives, if it does."""
         unit = getattr(self, port.unit_option) if port.unit_option else ""
         return attrs.evolve(port, unit=unit) if unit else port
 
     @property
     def states(self) -> dict[str, State]:
-        """States by name, in order, with their start values."""
+        """States by name, in order, with their initial values."""
         return {k: State(getattr(self, k), f.about, f.unit) for k, f in self._fields.items() if f.kind == "state"}
 
     @property
     def tape_ports(self) -> dict[str, Tape]:
-        """Signals supplied by ``tapes``."""
+        """Signals that ``tapes`` supplies."""
         return {k: p for k, p in self._declared.items() if isinstance(p, Tape)}
 
     @property
     def past_ports(self) -> dict[str, Past]:
-        """Delayed values that the equations read."""
+        """Past values that the equations read."""
         return {k: p for k, p in self._declared.items() if isinstance(p, Past)}
 
     @property
     def read_names(self) -> tuple[str, ...]:
-        """Names of everything ``u`` holds, in order: inputs, tapes, past values."""
+        """Names of everything in ``u``, in order: inputs, tapes, past values."""
         return (*self.inports, *self.tape_ports, *self.past_ports)
 
     @classmethod
     def fields(cls) -> Mapping[str, Field]:
-        """What is declared of each field: meaning, unit, bounds, default."""
+        """The declaration of each field: meaning, unit, bounds, default."""
         return cls._fields
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Values that stay symbols until the run: parameters and start values."""
+        """Values that stay symbols until the run: parameters and initial values of states."""
         return {k: getattr(self, k) for k, f in self._fields.items() if f.kind != "option"}
 
     @property
@@ -162,12 +247,39 @@ class Block:
         return {k: getattr(self, k) for k, f in self._fields.items() if f.kind == "option"}
 
     def replace(self, **changes: Any) -> Block:
-        """The same block with some fields changed; raises ParameterError for an unknown name."""
+        """Return the same block with some fields changed.
+
+        Parameters
+        ----------
+        **changes : object
+            New values by name.
+
+        Returns
+        -------
+        Block
+            The changed block.
+
+        Raises
+        ------
+        ParameterError
+            For an unknown name, and for a value that the block refuses.
+        """
         values = {k: getattr(self, k) for k in self._fields}
         return type(self)(**{**values, **changes})
 
     def with_symbols(self, symbol: Callable[[str, Any], Any]) -> Block:
-        """The same block with each parameter's numbers replaced by ``symbol(name, value)``."""
+        """Return the same block with symbols in the place of its numbers.
+
+        Parameters
+        ----------
+        symbol : callable
+            ``symbol(name, value)`` gives the symbol of one number; ``name`` is ``"den[1]"`` for an element of a list.
+
+        Returns
+        -------
+        Block
+            A block whose equations are expressions of these symbols. It is not checked.
+        """
         other = object.__new__(type(self))
         for k, f in self._fields.items():
             value = getattr(self, k)
@@ -192,7 +304,7 @@ class Block:
             self.check()
 
     def _check_units(self) -> None:
-        """Raise ParameterError where an option that says the unit of a port is no unit."""
+        """Raise ParameterError where an option that gives the unit of a port is no unit."""
         for name in (port.unit_option for port in self._declared.values() if isinstance(port, (Input, Output))):
             try:
                 parse(getattr(self, name) if name else "")
@@ -201,7 +313,7 @@ class Block:
 
 
 def _short(value: Any) -> str:
-    """A value as it is typed, of a long list its begin."""
+    """A value as Python text; the first elements of a long list."""
     if isinstance(value, tuple) and len(value) > 8:
         return f"({', '.join(map(repr, value[:3]))}, … {len(value)} in all)"
     return repr(value)
@@ -211,22 +323,56 @@ B = TypeVar("B", bound=type[Block])
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(parameter, option, state))
-def block(cls: B | None = None, *, register: bool = True) -> Any:
+def block(target: B | None = None, *, register: bool = True) -> Any:
     """Make a class a block: frozen, compared by value, checked, and known to files by its name.
 
-    ``register=False`` keeps it out of the registry (a block for one script). Raises BlockError when
-    the class does not derive from Block itself, or when its name is taken by another block.
+    A decorator of a class that derives from ``Block``, with or without arguments.
+
+    Parameters
+    ----------
+    target : type or None, default None
+        The class; None where the decorator is used with arguments.
+    register : bool, default True
+        Whether files may name the block. ``False`` is for a block of one script.
+
+    Returns
+    -------
+    type or callable
+        The class, or a decorator where ``target`` is None.
+
+    Raises
+    ------
+    BlockError
+        When the class does not derive from ``Block`` directly, declares what a block cannot have, or has the name of
+        another block.
+    ParameterError
+        When a default is out of its bounds.
+
+    Examples
+    --------
+    >>> from tsmblocks.block import Block, Input, Output, block, parameter
+    >>> @block(register=False)
+    ... class Doubled(Block):
+    ...     source, symbol = "definition", "2u"
+    ...     factor: float = parameter(default=2.0, about="factor on the input")
+    ...     u = Input("any signal", unit="?u")
+    ...     y = Output("the signal times the factor", unit="?u")
+    ...
+    ...     def outputs(self, t, x, u):
+    ...         return dict(y=self.factor * u.u)
+    >>> Doubled(factor=3.0)
+    Doubled(factor=3.0)
     """
-    if cls is None:
+    if target is None:
         return functools.partial(block, register=register)
-    if cls.__bases__ != (Block,):
-        base = cls.__bases__[0].__name__
+    if target.__bases__ != (Block,):
+        base = target.__bases__[0].__name__
         raise BlockError(
-            f"{cls.__name__} must derive from Block itself, not from {base}. Write class {cls.__name__}(Block)."
+            f"{target.__name__} must derive from Block itself, not from {base}. Write class {target.__name__}(Block)."
         )
-    own = frozenset(vars(cls))
-    specs = {k: v for k, v in vars(cls).items() if isinstance(v, (Input, Output, Tape, Past))}
-    made: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(cls)
+    own = frozenset(vars(target))
+    specs = {k: v for k, v in vars(target).items() if isinstance(v, (Input, Output, Tape, Past))}
+    made: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(target)
     made._declared = specs
     made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
     _check_declarations(made, own)
@@ -238,9 +384,9 @@ def block(cls: B | None = None, *, register: bool = True) -> Any:
 
 
 def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
-    """Raise BlockError for a name no block can use, ParameterError for a default out of its bounds.
+    """Raise BlockError for a name that no block can use, ParameterError for a default out of its bounds.
 
-    ``own`` are the names that the class was written with.
+    ``own`` are the names in the body of the class.
     """
     owner = cls.__name__
     if "__init__" in own:
@@ -264,7 +410,7 @@ def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
 
 
 def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]:
-    """The constructor with this package's message for a name or a position it does not know."""
+    """The constructor, with this package's message for an unknown name or a positional argument."""
 
     @functools.wraps(init)
     def made(self: Block, *args: Any, **values: Any) -> None:
@@ -280,11 +426,11 @@ def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]
 
 
 class Unchanging(AttributeError):
-    """An attribute of a block was to be set."""
+    """An attempt to set an attribute of a block."""
 
 
 def _unchanging(self: Block, name: str, value: Any) -> None:
-    """What setting an attribute of a block does: say how a changed block, or diagram, is had."""
+    """Raise Unchanging, with the way to a changed block or diagram."""
     raise Unchanging(
         f"a block does not change. A {type(self).__name__} with another {name} is block.replace({name}="
         f"{in_words(value)}); a diagram with it is diagram.with_parameters({{'NAME.{name}': {in_words(value)}}}), NAME "
@@ -294,6 +440,7 @@ def _unchanging(self: Block, name: str, value: Any) -> None:
 
 
 def _register(cls: type[Block]) -> None:
+    """Enter a class in the registry. Raises BlockError where the name is taken."""
     known = REGISTRY.get(cls.__name__)
     if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
         raise BlockError(

@@ -1,7 +1,7 @@
 """What a diagram is: named blocks, wires, inputs and outputs, as one value. Editing gives a new diagram.
 
-It knows ports, names and units; nothing of equations or of running. A diagram may stand inside
-another as a block, to any depth; a dot reaches into it (``"motor.drive.high"``).
+It knows ports, names and units; nothing of equations or of simulation. A diagram may be a block of another, to any
+depth; a dotted name refers to what is inside (``"motor.drive.high"``).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tsmblocks.model.wires import Link, chains, kind, not_a_block, short
 
 _HERE = str(Path(__file__).parent.parent)
 DEEPEST = 64
-"""Levels of diagrams inside diagrams; more is a mistake or an attack."""
+"""Largest number of levels of diagrams inside diagrams. Chosen: far above any real diagram, and safe for recursion."""
 
 
 def _ports(given: Any) -> tuple[str, ...]:
@@ -33,7 +33,17 @@ def _ports(given: Any) -> tuple[str, ...]:
 
 @attrs.frozen
 class Inlet:
-    """An input of a diagram: the ports it drives, its unit and meaning."""
+    """An input of a diagram.
+
+    Parameters
+    ----------
+    ports : str or sequence of str
+        The input ports that it drives (``"motor.u"``).
+    unit : str, default ""
+        Its unit; ``""`` takes the unit of these ports.
+    about : str, default ""
+        Meaning of the signal.
+    """
 
     ports: tuple[str, ...] = attrs.field(converter=_ports, eq=frozenset)
     unit: str = ""
@@ -41,7 +51,7 @@ class Inlet:
 
 
 def _frozen(given: Any) -> Any:
-    """A mapping that stays as it is; anything else as it came, to be refused with a message."""
+    """A read-only copy of a mapping; anything else unchanged, to be refused with a message."""
     return MappingProxyType(dict(given)) if isinstance(given, Mapping) else given
 
 
@@ -60,7 +70,7 @@ def _listed(wires: Any) -> Any:
 
 
 def _caller() -> str:
-    """``file:line`` of the first frame outside this package: where the user wrote the diagram."""
+    """``file:line`` of the first frame outside this package: the line of a script that made the diagram."""
     frame: Any = sys._getframe(1)
     while frame and (frame.f_code.co_filename.startswith((_HERE, "<attrs"))):
         frame = frame.f_back
@@ -69,20 +79,47 @@ def _caller() -> str:
 
 @attrs.frozen(kw_only=True)
 class Diagram:
-    """Named blocks and the wires between them.
+    """Named blocks and the wires between them: a value, compared whatever the order of the wires.
 
-    ``blocks`` maps names to blocks (or diagrams); ``wires`` lists chains such as
-    ``"error -> pid -> drive"``; ``inputs`` maps names to the port (or ports) they drive, or to an
-    ``Inlet`` with a unit; ``outputs`` maps names to signals (``"tsm.y"``); ``values`` holds numbers
-    used more than once, to which a block's parameter refers as ``"$theta"``.
+    Beside its arguments it holds what these mean, found once; an end is a pair (block, port). ``links`` are the wires
+    from end to end, ``inlets`` the ends that each input drives, ``shown`` the end of each output, ``port_units`` the
+    unit of each end where one is known, ``interface`` which inputs and outputs share a unit.
 
-    What these mean is found once, an end being (block, port): ``links`` from end to end, ``inlets`` the
-    ends that each input drives, ``shown`` the end that each output shows, ``port_units`` the unit of each
-    end where one is known, ``interface`` which inputs and outputs share a unit. ``where`` is the file and
-    line in which the diagram was made, for messages.
+    Parameters
+    ----------
+    title, source : str, default ""
+        Title, and origin of the diagram (a paper, a data sheet).
+    blocks : mapping of str to Block or Diagram
+        Blocks by name.
+    wires : sequence of str, default ()
+        Chains such as ``"error -> pid -> drive"``. A port is written ``block.port``, and left out where the block has
+        only one; several receivers are separated by commas.
+    inputs : mapping of str to str, sequence of str or Inlet, default {}
+        Port (or ports) that each input drives.
+    outputs : mapping of str to str, default {}
+        Signal of each output (``"tsm.y"``).
+    values : mapping of str to float, default {}
+        Numbers that several parameters refer to, as ``"$theta"``.
+    where : str, optional
+        ``file:line`` for messages, by default that of the caller.
 
-    Raises DiagramError with all faults at once. Equal diagrams compare equal whatever the order of
-    their wires.
+    Raises
+    ------
+    DiagramError
+        For blocks and wires that do not fit together, with every fault.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> from tsmblocks.blocks import FirstOrderLag, Gain
+    >>> tsm.Diagram(
+    ...     title="an amplifier",
+    ...     blocks={"gain": Gain(gain=3.0), "lag": FirstOrderLag(time_constant=0.1)},
+    ...     wires=["gain -> lag"],
+    ...     inputs={"u": "gain"},
+    ...     outputs={"y": "lag"},
+    ... )
+    Diagram('an amplifier', 2 blocks, inputs u, outputs y)
     """
 
     title: str = ""
@@ -113,7 +150,7 @@ class Diagram:
         object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()}))
 
     def _checked(self) -> validation.Checked:
-        """What the wires, inputs and outputs mean; raises DiagramError with every fault found."""
+        """The meaning of wires, inputs and outputs. Raises DiagramError with every fault."""
         blocks = self.blocks
         wrong = [*validation.kind_faults({a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init})]
         if not wrong:
@@ -127,7 +164,7 @@ class Diagram:
             raise DiagramError(self.title, found.faults, self.where)
         return found
 
-    # ---- standing as a block in another diagram
+    # ---- as a block of another diagram
 
     @property
     def depth(self) -> int:
@@ -136,19 +173,30 @@ class Diagram:
 
     @property
     def inports(self) -> dict[str, Input]:
-        """Its inputs, as ports; an undeclared unit is the one found inside."""
+        """Its inputs as ports; an undeclared unit is inferred from the ports that they drive."""
         return {k: Input(v.about, v.unit or self._unit_of(*self.inlets[k])) for k, v in self.inputs.items()}
 
     @property
     def outports(self) -> dict[str, Output]:
-        """Its outputs, as ports."""
+        """Its outputs as ports."""
         return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
 
     def _unit_of(self, *ends: tuple[str, str]) -> str:
         return next((unit_inference.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
 
     def unit(self, signal: str) -> str:
-        """The unit of an output, or of a signal ``"block.port"``; ``""`` where none is known."""
+        """Return the unit of a signal.
+
+        Parameters
+        ----------
+        signal : str
+            An output or input of the diagram, or ``"block.port"``.
+
+        Returns
+        -------
+        str
+            Its unit, ``""`` where none is known.
+        """
         if signal in self.shown:
             return self._unit_of(self.shown[signal])
         if signal in self.inputs:
@@ -165,8 +213,8 @@ class Diagram:
     def parameters(self) -> dict[str, float]:
         """Every number that may be swept, fitted or overridden, by its full name.
 
-        Numbers of the ``values`` table stand under their own name, once, not under the blocks
-        that refer to them.
+        Entries of the ``values`` table are listed under their own name, once, and not under the blocks that refer to
+        them.
         """
         return dict(self._leaves())
 
@@ -183,7 +231,18 @@ class Diagram:
                         yield leaf, number
 
     def parameter_names(self, prefix: str = "") -> Iterator[str]:
-        """Every name ``with_parameters`` understands, options and whole lists included."""
+        """Yield every name that ``with_parameters`` takes, options and whole lists included.
+
+        Parameters
+        ----------
+        prefix : str, default ""
+            Text before each name.
+
+        Yields
+        ------
+        str
+            A full name (``"pid.kp"``, ``"filter.den[1]"``).
+        """
         yield from (prefix + k for k in self.values)
         for name, block in self.blocks.items():
             if isinstance(block, Diagram):
@@ -195,22 +254,48 @@ class Diagram:
                     yield from (leaf for leaf, _ in leaves(getattr(block, key), f"{prefix}{name}.{key}"))
 
     def with_parameters(self, changes: Mapping[str, Any]) -> Diagram:
-        """The diagram with other numbers: ``{"pid.kp": 2.0, "motor.drive.high": 12.0, "theta": 5.0}``.
+        """Return the diagram with other parameters.
 
-        A name of the ``values`` table changes every block that refers to it; naming one block's
-        parameter changes that block alone. Raises ParameterError for a name it does not know.
+        An entry of the ``values`` table changes every block that refers to it; a parameter of one block changes that
+        alone.
+
+        Parameters
+        ----------
+        changes : mapping of str to float
+            Values by full name: ``{"pid.kp": 2.0, "motor.drive.high": 12.0, "theta": 5.0}``.
+
+        Returns
+        -------
+        Diagram
+            The changed diagram.
+
+        Raises
+        ------
+        ParameterError
+            For an unknown name, and for a value that a block refuses.
         """
         if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
             raise ParameterError(f"parameters must map names to numbers, got {in_words(changes)}.")
         return edits.overridden(self, changes, self, "")
 
     def untied(self, names: Iterable[str]) -> Diagram:
-        """The diagram in which each named parameter has its own number, equal to what it refers to now."""
+        """Return the diagram in which parameters have numbers of their own in the place of references.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Parameters that refer to the ``values`` table; each gets the present value of its entry.
+
+        Returns
+        -------
+        Diagram
+            The changed diagram.
+        """
         changes = {name: value for name in names if (value := self._referred(name)) is not None}
         return self.with_parameters(changes) if changes else self
 
     def _referred(self, name: str) -> float | None:
-        """The number behind a parameter that refers to the values table; None for any other name."""
+        """The number that a parameter refers to; None for a parameter that is no reference."""
         head, _, rest = name.partition(".")
         block = self.blocks.get(head)
         if isinstance(block, Diagram):
@@ -232,7 +317,7 @@ class Diagram:
         return Diagram(**{**fields, **changes})
 
     def _inside(self, name: str, edit: str, *args: Any, **options: Any) -> Diagram | None:
-        """Apply an edit whose name has a dot to the diagram it points into; None for a name without one."""
+        """Apply an edit with a dotted name to the diagram inside; None for a name without a dot."""
         head, _, rest = name.partition(".")
         if not rest:
             return None
@@ -258,14 +343,36 @@ class Diagram:
     def insert(
         self, name: str, block: Block | Diagram, *, after: str = "", before: str = "", wires: Iterable[str] = ()
     ) -> Diagram:
-        """The diagram with a block put on a wire.
+        """Return the diagram with a block put on a wire.
 
-        ``after="motor"`` (or ``"motor.y"``, or an input's name) puts it on that signal: everything
-        that listened, outputs included, now listens to the new block. ``before="tsm.x"`` (or an
-        output's name) puts it in front of that one receiver. The block's usual input (of several, the one
-        named ``u``) and output are used; ``wires`` connects any others, from inputs of the diagram too.
-        A dotted ``name`` (``"motor.slack"``) edits the diagram inside block ``motor``, where ``after``,
-        ``before`` and ``wires`` are then read.
+        The input of the block that is wired is its only one, or of several the one named ``u``. With a dotted ``name``
+        (``"motor.slack"``) the diagram inside block ``motor`` is edited, and ``after``, ``before`` and ``wires`` refer
+        to it.
+
+        Parameters
+        ----------
+        name : str
+            Name of the new block.
+        block : Block or Diagram
+            The new block.
+        after : str, default ""
+            Signal that the block is put on (``"motor"``, ``"motor.y"``, an input): all its receivers, outputs of the
+            diagram included, are then driven by the block.
+        before : str, default ""
+            Receiver that the block is put in front of (``"tsm.x"``, an output). Either ``after`` or ``before`` is
+            needed.
+        wires : iterable of str, default ()
+            Chains to other ports of the block, from inputs of the diagram too.
+
+        Returns
+        -------
+        Diagram
+            The changed diagram.
+
+        Raises
+        ------
+        DiagramError
+            When the name is taken, or the block does not fit.
         """
         inner = self._inside(name, "insert", block, after=after, before=before, wires=wires)
         if inner is not None:
@@ -278,10 +385,26 @@ class Diagram:
         return edits.inserted(self, name, block, after, before, edits.wires_in(self, "wires", wires))
 
     def replace(self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None) -> Diagram:
-        """The diagram with another block in the place of ``name``, wired the same way.
+        """Return the diagram with another block in the place of one, wired the same way.
 
-        ``ports`` maps old port names to new ones where they differ. Raises DiagramError when a port
-        in use does not exist on the new block.
+        Parameters
+        ----------
+        name : str
+            The block that is replaced.
+        block : Block or Diagram
+            The new block.
+        ports : mapping of str to str, optional
+            Port of the new block for each port of the old one whose name differs.
+
+        Returns
+        -------
+        Diagram
+            The changed diagram.
+
+        Raises
+        ------
+        DiagramError
+            When a port in use does not exist on the new block.
         """
         inner = self._inside(name, "replace", block, ports=ports)
         if inner is not None:
@@ -290,10 +413,23 @@ class Diagram:
         return edits.replaced(self, name, block, ports or {})
 
     def remove(self, name: str) -> Diagram:
-        """The diagram without a block; what drove its only input then drives its listeners.
+        """Return the diagram without a block; the signal at its only input then drives its receivers.
 
-        Raises DiagramError when the block has several inputs or outputs in use, for then what should take its place
-        is not known, and when its input is a rate ``v`` (friction, an observer), which cannot.
+        Parameters
+        ----------
+        name : str
+            The block that is removed.
+
+        Returns
+        -------
+        Diagram
+            The changed diagram.
+
+        Raises
+        ------
+        DiagramError
+            When the block has several inputs or outputs in use, so that the signal that should replace it is not known,
+            or when its input is a rate ``v`` (friction, an observer), which cannot replace it.
         """
         inner = self._inside(name, "remove")
         if inner is not None:
@@ -313,7 +449,29 @@ class Diagram:
         title: str | None = None,
         source: str | None = None,
     ) -> Diagram:
-        """The diagram with wires cut (``"a.y -> b.u"``) and added, and other fields where they are given."""
+        """Return the diagram with wires cut and added, and other fields where they are given.
+
+        Parameters
+        ----------
+        cut : iterable of str, default ()
+            Wires to remove (``"a.y -> b.u"``).
+        add : iterable of str, default ()
+            Chains to add.
+        blocks, inputs, outputs, values : mapping, optional
+            Whole fields that replace those of the diagram.
+        title, source : str, optional
+            As for ``Diagram``.
+
+        Returns
+        -------
+        Diagram
+            The changed diagram.
+
+        Raises
+        ------
+        DiagramError
+            When a wire to cut does not exist, or the result does not fit together.
+        """
         fields = {
             "blocks": blocks,
             "inputs": inputs,
@@ -329,7 +487,7 @@ class Diagram:
             {k: v for k, v in fields.items() if v is not None},
         )
 
-    def __hash__(self) -> int:  # of what tells most diagrams apart
+    def __hash__(self) -> int:  # of parts in which most diagrams differ
         return hash((self.title, frozenset(self.blocks), frozenset(self.links)))
 
     def __str__(self) -> str:
@@ -350,11 +508,22 @@ class Diagram:
         return f"Diagram({', '.join([repr(self.title), count, *said])})"
 
     def short(self, end: tuple[str, str]) -> str:
-        """``block`` or ``block.port`` for an output port, as short as it can be said."""
+        """Return the shortest name of an output port.
+
+        Parameters
+        ----------
+        end : tuple of (str, str)
+            Block and port.
+
+        Returns
+        -------
+        str
+            ``block`` where the port is its only one, else ``block.port``.
+        """
         return short(end, self.blocks, "output")
 
     def _repr_svg_(self) -> str:
-        """What notebooks show."""
+        """The drawing, for notebooks."""
         return view("svg", self)
 
     def __reduce__(self) -> Any:  # mapping proxies do not pickle
@@ -372,7 +541,7 @@ class Diagram:
 
 
 def needed(given: Any, use: str, error: type[TsmError]) -> Diagram:
-    """``given``, if it is a diagram. Raises ``error``: only a diagram can be ``use`` ("run", "drawn")."""
+    """``given``, if it is a diagram. Raises ``error`` otherwise: only a diagram can be ``use`` ("run", "drawn")."""
     if isinstance(given, Diagram):
         return given
     hint = f" Load it first: tsmblocks.load({given!r})." if isinstance(given, str) else ""

@@ -1,7 +1,7 @@
-"""What a block may declare: ports, states, and numbers with meaning, unit and bounds.
+"""What a block may declare: ports, states, and parameters with meaning, unit and bounds.
 
-One declaration serves the message, the fit's default bounds, the file format, the axis label
-and the generated bad-value test, so a fact about a block stands in its class and nowhere else.
+One declaration serves the error message, the default bounds of a fit, the file format, the axis label and the
+generated test of bad values, so a fact about a block is stated in its class and nowhere else.
 """
 
 from __future__ import annotations
@@ -18,13 +18,20 @@ from tsmblocks.common.errors import ParameterError, in_words, near
 
 @attrs.frozen
 class Input:
-    """A port a signal comes in by.
+    """An input port of a block.
 
-    ``unit`` may be a label (``"rad/s"``), ``""`` for anything, or hold a unit of the block's own
-    (``"?u"``, ``"?u/s"``): ports with the same letter must then agree, whatever they carry.
-    With ``rate_of`` the port is the time derivative of that port and may stay unconnected: it is
-    then formed exactly, by differentiating the expression of the driving signal. A rate may have a rate.
-    ``unit_option`` is the option of the block that says another unit, where it is not empty.
+    Parameters
+    ----------
+    about : str
+        Meaning of the signal.
+    unit : str, default ""
+        A label (``"rad/s"``); ``""`` for any unit; or a unit that ports of the block share (``"?u"``, ``"?u/s"``):
+        ports with the same letter must agree.
+    rate_of : str, default ""
+        Another input of the block, of which this one is the time derivative. Such a port may stay unconnected: the
+        derivative is then formed exactly, from the expression of the driving signal. A rate may have a rate.
+    unit_option : str, default ""
+        Option of the block that overrides ``unit`` where it is not empty.
     """
 
     about: str
@@ -35,7 +42,17 @@ class Input:
 
 @attrs.frozen
 class Output:
-    """A port a signal goes out by. ``unit`` and ``unit_option`` as for Input."""
+    """An output port of a block.
+
+    Parameters
+    ----------
+    about : str
+        Meaning of the signal.
+    unit : str, default ""
+        Its unit, as for ``Input``.
+    unit_option : str, default ""
+        Option of the block that overrides ``unit`` where it is not empty.
+    """
 
     about: str
     unit: str = ""
@@ -44,18 +61,36 @@ class Output:
 
 @attrs.frozen
 class Tape:
-    """A signal that the equations read and that ``tapes`` supplies as samples (noise, a recording)."""
+    """A signal that the equations read and that ``Block.tapes`` supplies as samples (noise, a recording).
+
+    Parameters
+    ----------
+    about : str
+        Meaning of the signal.
+    """
 
     about: str
 
 
 @attrs.frozen
 class Past:
-    """The value that port ``of`` had, ``by`` seconds ago (``by`` names a parameter).
+    """A past value of an input port, which the equations read as a delayed signal.
 
-    Before the run began the port is taken to have had the value of the parameter ``initial``, or with
-    ``first`` its first value. ``by`` may not be shorter than a step, unless ``now``: then the present value
-    takes part, any time from 0 on will do, and the block passes the port on at the same instant.
+    Parameters
+    ----------
+    about : str
+        Meaning of the signal.
+    of : str
+        The input port that is delayed.
+    by : str
+        Parameter that holds the delay [s]. It may not be shorter than a step, unless ``now``.
+    initial : str
+        Parameter that holds the value of the port before the run.
+    now : bool, default False
+        Whether the present value takes part in the interpolation. Any delay from 0 on is then allowed, and the block
+        has direct feedthrough from the port.
+    first : bool, default False
+        Whether the value before the run is the first value of the port, in the place of ``initial``.
     """
 
     about: str
@@ -68,7 +103,17 @@ class Past:
 
 @attrs.frozen
 class State:
-    """A state: its start value (a number, or a symbol in the twin), meaning and unit."""
+    """A state of a block.
+
+    Parameters
+    ----------
+    start : float
+        Initial value; a symbol in a block with symbols.
+    about : str
+        Meaning of the state.
+    unit : str, default ""
+        Its unit.
+    """
 
     start: Any
     about: str
@@ -77,10 +122,18 @@ class State:
 
 @attrs.frozen(eq=False)
 class Samples:
-    """A signal known at instants ``t`` [s] only; ``hold`` says what it is in between.
+    """A signal known at instants only.
 
-    ``hold`` is ``"zero"``, ``"linear"`` or ``"cubic"``. A run may not reach beyond the instants, save
-    that a zero-order hold keeps its last value.
+    A run may not reach beyond the instants, except that a zero-order hold keeps its last value.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Increasing times [s].
+    y : ndarray, shape (N,)
+        Values at these times.
+    hold : {"zero", "linear", "cubic"}, default "linear"
+        Interpolation between the samples.
     """
 
     t: np.ndarray
@@ -90,7 +143,7 @@ class Samples:
 
 @attrs.frozen
 class Field:
-    """What is known of one field of a block besides its value."""
+    """The declaration of one field of a block: its kind, meaning, unit, bounds and default."""
 
     kind: str  # "parameter", "option" or "state"
     about: str
@@ -106,12 +159,12 @@ class Field:
 
     @property
     def low(self) -> float:
-        """Lower bound, whether or not it may be reached itself."""
+        """Lower bound, whether or not it is included."""
         return max(self.above, self.at_least)
 
     @property
     def high(self) -> float:
-        """Upper bound, whether or not it may be reached itself."""
+        """Upper bound, whether or not it is included."""
         return min(self.below, self.at_most)
 
     def allows(self, value: float) -> bool:
@@ -144,13 +197,37 @@ def parameter(
     finite: bool = True,
     known: bool = False,
 ) -> Any:
-    """A number (or a tuple of numbers, or of rows) that stays a symbol until the run.
+    """Declare a parameter: a number, or a tuple of numbers or of rows, that stays a symbol until the run.
 
-    It can therefore be swept, fitted and differentiated. ``above``/``below`` exclude the bound
-    itself, ``at_least``/``at_most`` include it; they apply to each element of a tuple.
-    ``finite=False`` admits an infinity where no bound stands in its way (a limit that never acts).
-    ``known`` is for what is read off a data sheet, or is a matter of choice: a fit leaves it as it is unless it is
-    named.
+    It can therefore be swept, fitted and differentiated.
+
+    Parameters
+    ----------
+    default : float or tuple
+        Default value. Its kind (number, list of numbers, list of rows) is the kind that values must have.
+    about : str
+        Meaning of the parameter.
+    unit : str, default ""
+        Its unit, as for ``Input``.
+    above, below : float, default -inf and inf
+        Bounds that are excluded; for a tuple they hold for each element.
+    at_least, at_most : float, default -inf and inf
+        Bounds that are included.
+    finite : bool, default True
+        Whether infinity is refused. With ``False`` it is allowed where no bound excludes it (a limit that never acts).
+    known : bool, default False
+        Whether the value is read off a data sheet or is a matter of choice: a fit keeps it fixed unless it is named.
+
+    Returns
+    -------
+    attrs field
+        The declaration, for the class body of a block.
+
+    Examples
+    --------
+    In the class body of a block::
+
+        gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
     return _field(default, Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known))
 
@@ -165,14 +242,62 @@ def option(
     at_least: float = -math.inf,
     at_most: float = math.inf,
 ) -> Any:
-    """A choice that shapes the equations (a sign string, an order, a period); never a symbol."""
+    """Declare an option: a choice that shapes the equations (a sign string, an order, a period); never a symbol.
+
+    Parameters
+    ----------
+    default : bool, int, float, str or tuple
+        Default value. Its type is the type that values must have.
+    about : str
+        Meaning of the option.
+    unit : str, default ""
+        Its unit, of an option that is a number.
+    choices : tuple, default ()
+        Allowed values; any where it is empty.
+    above : float, default -inf
+        Lower bound that is excluded, of an option that is a number.
+    at_least, at_most : float, default -inf and inf
+        Bounds that are included.
+
+    Returns
+    -------
+    attrs field
+        The declaration, for the class body of a block.
+
+    Examples
+    --------
+    In the class body of a block::
+
+        signs: str = tsm.option(default="+-", about="sign of each input")
+    """
     return _field(
         default, Field("option", about, unit, above=above, at_least=at_least, at_most=at_most, choices=choices)
     )
 
 
 def state(*, default: float, about: str, unit: str = "") -> Any:
-    """A state; the field's value is where it starts. It may be fitted like a parameter."""
+    """Declare a state. Its initial value may be fitted like a parameter.
+
+    Parameters
+    ----------
+    default : float
+        Default of the initial value.
+    about : str
+        Meaning of the state.
+    unit : str, default ""
+        Its unit.
+
+    Returns
+    -------
+    attrs field
+        The declaration, for the class body of a block.
+
+    Examples
+    --------
+    In the class body of a block::
+
+        z: tsm.State = tsm.state(default=0.0, about="deflection", unit="rad")
+    """
     return _field(default, Field("state", about, unit))
 
 
@@ -180,7 +305,7 @@ def state(*, default: float, about: str, unit: str = "") -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Numbers as float, sequences and arrays as tuples; anything else as it came."""
+    """Numbers as float, sequences and arrays as tuples; anything else unchanged."""
     if isinstance(value, np.ndarray):
         value = value.tolist()  # of an array without a dimension, the number
     if isinstance(value, (bool, np.bool_)):
@@ -196,7 +321,7 @@ def plain(value: Any) -> Any:
 
 
 def is_reference(value: Any) -> bool:
-    """Whether a parameter stands for a number of the diagram's ``values`` table (``"$theta"``)."""
+    """Whether a parameter refers to an entry of the ``values`` table of its diagram (``"$theta"``)."""
     return isinstance(value, str) and value.startswith("$")
 
 
@@ -210,7 +335,7 @@ def leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def map_leaves(f: Callable[[str, Any], Any], value: Any, name: str = "") -> Any:
-    """The same nesting with ``f(name, leaf)`` in the place of each leaf."""
+    """The same nesting, with each leaf replaced by ``f(name, leaf)``."""
     if isinstance(value, tuple):
         return tuple(map_leaves(f, v, f"{name}[{k}]") for k, v in enumerate(value))
     return f(name, value)
@@ -249,6 +374,7 @@ def _fault(name: str, field: Field, value: Any) -> str:
 
 
 def _number_fault(name: str, field: Field, number: Any) -> str:
+    """What is wrong with a single number, ``""`` where it is allowed."""
     if not isinstance(number, float) or math.isnan(number):
         return f"{name} must be a number, got {in_words(number)}."
     if field.allows(number):
