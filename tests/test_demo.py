@@ -145,9 +145,9 @@ def test_nothing_is_told_of_a_model_that_there_is_not():
         page(cases(), tale),
     ]
     for text in map(" ".join, map(str.split, chapters)):
-        for words in ("both models", AUGMENTED, "it in place", "Something is in it", "no place for it"):
+        for words in ("both models", AUGMENTED, "it in place", "Something is in it", "error of the model’s structure"):
             assert words not in text
-    assert "With it in place the model’s other numbers come right too" in page(cases(), story("backlash"))
+    assert "With it in place the model’s other parameters come right too" in page(cases(), story("backlash"))
 
 
 def test_a_chart_runs_over_two_periods_and_a_loop_over_one():

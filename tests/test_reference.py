@@ -28,7 +28,7 @@ from tsmblocks.html.plain_formulas import LETTERS, plain
 from tsmblocks.model.block import leaves
 from tsmblocks.reference import blocks, examples, python, uses
 from tsmblocks.reference import trace as tracing
-from tsmblocks.reference.trace import ATOM, COMPARE, LOOSE, PLUS, POWER, TIMES, Tongue, listing
+from tsmblocks.reference.trace import ATOM, COMPARE, LOOSE, PLUS, POWER, TIMES, Notation, listing
 
 CONCEPTS = Path(blocks.__file__).parent / "pages" / "concepts"
 BLOCKS = {name: cls for family in blocks.families().values() for name, cls in family.items()}
@@ -43,7 +43,7 @@ def called(name):
     return (f"{name}(«0»)", ATOM, (LOOSE,))
 
 
-PYTHON = Tongue(
+PYTHON = Notation(
     {
         "ADD": ("«0» + «1»", PLUS, (PLUS, PLUS)),
         "SUB": ("«0» - «1»", PLUS, (PLUS, TIMES)),

@@ -185,7 +185,7 @@ def test_a_compensator_that_does_no_better_is_explained():
     assert "<p>It cannot jump.</p>" in page(worse)
     none = attrs.evolve(found, consequence=None, no_consequence="It was not tracked.")
     assert "\n\nConsequence for control: It was not tracked.\n" in str(none)
-    assert "<h2>What it means for control</h2><p>It was not tracked.</p>" in page(none)
+    assert "<h2>Consequence for control</h2><p>It was not tracked.</p>" in page(none)
 
 
 def test_what_is_left_after_all_that_was_named_is_told():
@@ -366,25 +366,25 @@ def test_a_page_is_whole_and_fetches_nothing(name):
 
 def test_a_page_has_its_parts_in_this_order():
     assert Page(page(diagnosis())).heads == [
-        "How the gap shrinks",
+        "Error before and after",
         "Where model and data disagree",
-        "What was tried",
+        "Candidate effects",
         "The diagram, before and after",
         "In a script",
-        "What may be confused",
-        "What could have been seen",
-        "What it means for control",
-        "What this rests on",
+        "Indistinguishable effects",
+        "Detection limits",
+        "Consequence for control",
+        "Provenance",
         "Notes",
     ]
     assert Page(page(EVERY["none"])).heads == [
-        "How the gap shrinks",
+        "Error before and after",
         "Where model and data disagree",
-        "What was tried",
+        "Candidate effects",
         "The diagram",
         "In a script",
-        "What could have been seen",
-        "What this rests on",
+        "Detection limits",
+        "Provenance",
         "Notes",
     ]
 
@@ -392,13 +392,15 @@ def test_a_page_has_its_parts_in_this_order():
 def test_the_page_begins_with_the_verdict():
     text = page(diagnosis())
     body = text[text.index("<body>") :]
-    assert body.index("half_width") < body.index("<svg") < body.index("What was tried")
+    assert body.index("half_width") < body.index("<svg") < body.index("Candidate effects")
     assert '<div class="verdict named"><p><b class="word">Found.</b> Unmodelled effect between x_in and x_out' in body
 
 
 def test_the_page_says_what_it_rests_on():
     text = page(diagnosis())
-    rows = re.findall(r"<tr><td class=\"l\">(.*?)</td><td class=\"l\">(.*?)</td></tr>", text[text.index("rests on") :])
+    rows = re.findall(
+        r"<tr><td class=\"l\">(.*?)</td><td class=\"l\">(.*?)</td></tr>", text[text.index("Provenance") :]
+    )
     assert rows == [
         ("tsmblocks", "0.1.0"),
         ("diagram", "tendon_sheath_linear, Tendon sheath: a gain and an offset"),
@@ -415,7 +417,7 @@ def test_nothing_is_drawn_of_a_model_that_there_is_not():
     assert 'class="line before"' in text
     assert 'class="line after' not in text
     assert 'class="fill after"' not in text
-    assert "with what was named" not in text
+    assert "with the reported effects" not in text
 
 
 def test_what_was_added_is_highlighted_in_the_second_diagram():
@@ -485,7 +487,7 @@ def test_what_was_measured_shows_on_both_sides_of_the_models_drawn_over_it():
         float(re.search(rf"{kind}{{[^}}]*stroke-width:([.\d]+)", CSS)[1]) for kind in (".line.measured", ".line")
     )
     assert wide > 2 * model
-    drawn = re.findall(r'class="line (\w+)', figures.history(trace("slow", 0.8), 100))
+    drawn = re.findall(r'class="line (\w+)', figures.signals_over_time(trace("slow", 0.8), 100))
     assert drawn == ["measured", "before", "after"]  # what is drawn later lies on top
 
 
@@ -519,7 +521,7 @@ def test_a_loop_is_drawn_within_a_pixel_of_itself(seed, length):
             ends = [(frame.across(x[i]), frame.up(y[i])) for i in (a, b, k)]
             (ax, ay), (bx, by), (px, py) = ((float(u), float(v)) for u, v in ends)
             share = np.clip(((px - ax) * (bx - ax) + (py - ay) * (by - ay)) / ((bx - ax) ** 2 + (by - ay) ** 2), 0, 1)
-            assert np.hypot(px - ax - share * (bx - ax), py - ay - share * (by - ay)) <= charts.OFF + 1e-9
+            assert np.hypot(px - ax - share * (bx - ax), py - ay - share * (by - ay)) <= charts.TOLERANCE + 1e-9
     few = charts.traced(frame, x, y, 20)[0]
     assert 2 <= len(few) <= 20
 
@@ -617,7 +619,7 @@ def test_bars_of_the_gap_are_drawn_in_degrees_on_axes_of_ones_own(plots):
     assert widths == pytest.approx([0.52, 0.53, 0.51])
     (noise,) = (line.get_xdata()[0] for line in own.lines)
     assert noise == pytest.approx(0.1)
-    assert own.get_xlabel() == "rms of x_out held out [deg]"
+    assert own.get_xlabel() == "rms of x_out on validation data [deg]"
 
 
 def test_what_is_left_can_be_drawn_for_any_experiment(plots):
@@ -643,5 +645,5 @@ def test_the_loop_shows_the_stretch_that_was_worst_and_no_legend_lies_on_the_res
 
 def test_the_error_along_a_coordinate_says_when_there_is_none(plots):
     figure = plots.plot_coordinate(EVERY["none"])
-    assert [text.get_text() for text in figure.axes[0].texts] == ["no coordinate foretells the error"]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["no coordinate predicts the residual"]
     assert plots.plot_coordinate(diagnosis()).axes[0].get_xlabel() == "direction"

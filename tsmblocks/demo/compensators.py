@@ -1,4 +1,4 @@
-"""Compensators for the mechanism, built on a model of it, and what is left when the real one is driven by them."""
+"""Compensators built on a model of the mechanism, and the tracking error of the true mechanism behind them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from tsmblocks.simulation.simulate import simulate
 REFERENCE = "large"
 """The experiment whose reference is tracked."""
 GAIN = 200.0
-"""Of the loop around a model [1/s]."""
+"""Gain of the loop around a model [1/s]. Chosen: well below the inverse of the step."""
 SPEED = 3.0
 """Limit of the planned command's rate [rad/s]."""
 PERIOD, GRID = 5.0, 0.02
-"""Of the reference, and between samples of a plan [s]."""
+"""Period of the reference, and interval between samples of a plan [s]."""
 ROUNDED = {"alpha_x": 1.0, "rho": 1.0, "roundness": 0.1, "growth_up": 0.0, "growth_down": 0.0}
 """With these an ElasticBacklash is a gap whose corners are rounded a little: a plan needs states that move smoothly."""
 SETTLED = STOP / 2
@@ -31,7 +31,7 @@ SETTLED = STOP / 2
 
 @attrs.frozen(eq=False)
 class Tracked:
-    """The mechanism behind one compensator: the run, and what is left of the reference."""
+    """The mechanism behind one compensator: the run, and its tracking error."""
 
     words: str
     model: str
@@ -49,7 +49,7 @@ def uncompensated(sheath: Diagram) -> Tracked:
 
 
 def feedforward(sheath: Diagram, model: Diagram, words: str) -> Tracked:
-    """The paper's (11) with the numbers of a model, which has no place for anything else that is in it."""
+    """The paper's (11) with the parameters of a model, of which it takes those of the Bouc-Wen block only."""
     numbers = {k: model.parameters[f"tsm.{k}"] for k in ("alpha1", "alpha2", "A", "theta", "delta")}
     loop = _loop(sheath).insert("compensator", FeedforwardCompensator(**numbers), before="error.plus")
     return _tracked("feedforward (11)", words, loop)
@@ -63,7 +63,7 @@ def around(sheath: Diagram, model: Diagram, words: str) -> Tracked:
 
 
 def planned(sheath: Diagram, model: Diagram, words: str) -> Tracked | None:
-    """The best command there is for a model, all of the reference known; None where the search found none."""
+    """The optimal command for a model that knows the whole reference; None where the search found none."""
     t = np.arange(0.0, PERIOD + GRID / 2, GRID)
     x_ref = np.asarray(simulate(_loop(sheath), stop=PERIOD, step=GRID / 4, log="outputs")["x_ref"])[::4]
     try:

@@ -1,4 +1,4 @@
-"""A mechanism to be found out about: a tendon sheath behind a motor loop, in which something is hidden, measured."""
+"""A mechanism to be identified: a tendon sheath behind a motor loop, with a hidden effect, and its recordings."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tsmblocks.simulation.simulate import simulate
 
 DEG = math.pi / 180
 NUMBERS = {"alpha1": 0.91, "alpha2": 0.94, "A": -0.82, "theta": 4.6, "delta": 0.08}
-"""What the sheath's parameters really are; the paper's, which a model begins from, are others."""
+"""True parameters of the sheath; the paper's, from which a model starts, are others."""
 STEP, SAMPLE, STOP = 1e-3, 0.01, 20.0
-"""Of the simulation, between samples, and of an experiment's end [s]."""
+"""Step of the simulation, interval between samples, and duration of an experiment [s]."""
 COUNTS = 14 * 4096
-"""Of the encoder in a turn of the sheath's input: 1024 lines, counted four times, before a gear of 14:1."""
+"""Encoder counts in a turn of the sheath's input: 1024 lines, counted four times, before a gear of 14:1."""
 NOISE, INTERVAL = 0.1 * DEG, 0.05 * DEG
-"""Rms noise and interval of the sensor at the tip [rad]."""
+"""Rms noise and quantisation interval of the sensor at the tip [rad]."""
 
 
 @attrs.frozen
@@ -49,11 +49,11 @@ HIDDEN = {
     ),
     "none": Hidden("nothing: the model has the sheath's own form"),
 }
-"""What may be hidden, by the name a diagnosis should give it."""
+"""Effects that may be hidden, by the name that a diagnosis should report."""
 
 
 def model() -> Diagram:
-    """What the engineer believes the sheath to be: the paper's proposed model with the paper's numbers."""
+    """The engineer's model of the sheath: the paper's proposed model with the paper's parameters."""
     return Diagram(
         title="Tendon sheath, proposed model",
         source="Paper, Eqs (8)-(9), set 1",
@@ -64,7 +64,7 @@ def model() -> Diagram:
 
 
 def truth(hidden: Hidden) -> Diagram:
-    """What the sheath is: the same equations with numbers of its own, and what is hidden."""
+    """The true sheath: the same equations with parameters of its own, and the hidden effect."""
     sheath = model().with_parameters({f"tsm.{k}": v for k, v in NUMBERS.items()})
     return sheath if hidden.block is None else sheath.insert("hidden", hidden.block, before=hidden.before)
 
@@ -76,7 +76,7 @@ def behind_the_motor(sheath: Diagram, reference: Block) -> Diagram:
 
 
 def references() -> dict[str, Block]:
-    """What the motor is told to follow in the experiments, each with its name."""
+    """The references of the experiments, by name."""
 
     def pair(sizes: tuple[float, float], f: tuple[float, float]) -> Any:
         return MultiSine(amplitudes=tuple(DEG * a for a in sizes), frequencies=f, phases=(0.0, 0.0), unit="rad")
@@ -89,7 +89,7 @@ def references() -> dict[str, Block]:
 
 
 def measured(sheath: Diagram, seed: int) -> dict[str, Record]:
-    """What the sensors tell of each experiment: encoder counts at the motor, noise and an interval at the tip."""
+    """Recordings of each experiment: encoder counts at the motor, noise and quantisation at the tip."""
     noise = np.random.default_rng(seed)
     every = round(SAMPLE / STEP)
     found = {}

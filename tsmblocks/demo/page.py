@@ -1,4 +1,4 @@
-"""The story as one page: what the template ``demo.html`` shows of it, and its pictures."""
+"""The demonstration as one page: the values of the template ``demo.html``, and its charts."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from tsmblocks.diagnosis.verdict_text import verdict_sentence, worst_gap
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
 from tsmblocks.html import charts, figures
-from tsmblocks.html.charts import WIDTH, Frame
+from tsmblocks.html.charts import LEFT, RIGHT, Frame
 from tsmblocks.html.pages import part, rendered
 from tsmblocks.html.report import WORDS
 
 POINTS = 600
-"""Of one line at most."""
-LEFT, RIGHT, TOP = 46, WIDTH - 10, 22
+"""Points of one line at most."""
 KINDS = ("before", "between", "after")
 """Classes of lines that are compared, and so their colours; what they are compared with is ``measured``."""
 
@@ -119,9 +118,9 @@ def _diagnosed(found: Diagnosis) -> dict[str, Any]:
         "colours": [one for one in colours if found.effects or one[0] != "after"],
         "charts": [
             figures.gap_bars(segment, gap),
-            *(figures.along(one, explained=bool(found.effects)) for one in along),
-            figures.history(worst, POINTS),
-            figures.left_over(worst, gap.noise_floor, POINTS),
+            *(figures.residual_over_coordinate(one, explained=bool(found.effects)) for one in along),
+            figures.signals_over_time(worst, POINTS),
+            figures.residual_over_time(worst, gap.noise_floor, POINTS),
         ],
     }
 
@@ -155,11 +154,11 @@ def _revealed(story: Story) -> dict[str, Any]:
     }
 
 
-# ---- what the chapters are made of ---------------------------------------------------------------
+# ---- charts and comparisons ----------------------------------------------------------------------
 
 
 def best(story: Story, on: str) -> Tracked:
-    """The compensator on a model with which least is left."""
+    """The compensator on a model with the smallest error."""
     return min(story.on(on).values(), key=lambda one: one.error.peak_to_peak)
 
 
@@ -170,13 +169,13 @@ def _ends(story: Story) -> list[tuple[Tracked, str]]:
 
 
 def _steps(story: Story) -> list[tuple[Tracked, str]]:
-    """No compensation, the paper's, and the best there is."""
+    """No compensation, the paper's compensator, and the best one."""
     on = [story.tracked[0], story.on(IDENTIFIED)["feedforward (11)"], best(story, story.models[-1])]
     return list(zip(on, KINDS, strict=True))
 
 
 def _keyed(on: Sequence[tuple[Tracked, str]], drawn: Markup) -> Markup:
-    """A chart of runs under what its colours mean."""
+    """A chart of runs below the key of its colours."""
     return part("key", [(kind, ", ".join(filter(None, (one.words, one.model)))) for one, kind in on]) + drawn
 
 
@@ -205,7 +204,7 @@ def _recording(name: str, record: Record) -> Markup:
 
 
 def _chart(lines: Sequence[Line], x_label: str, y_label: str, words: str) -> Markup:
-    frame = Frame(LEFT, TOP, RIGHT, 170, _span(*(x for x, _, _ in lines)), charts.spread(*(y for _, y, _ in lines)))
+    frame = Frame(LEFT, 22, RIGHT, 170, _span(*(x for x, _, _ in lines)), charts.spread(*(y for _, y, _ in lines)))
     parts = [charts.axes(frame, x_label, y_label), *(charts.line(frame, *line) for line in lines)]
     return charts.chart(parts, 204, words)
 

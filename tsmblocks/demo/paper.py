@@ -19,9 +19,9 @@ DIAGRAMS = {
     "fig09b_feedforward": "feedforward",
     "fig16_feedforward_feedback": "feedforward + PID",
 }
-"""Diagrams that are run, and what they are called."""
+"""Diagrams that are run, and their names in tables."""
 STEP, STOP = 1e-3, 40.0
-"""Of the simulation, and its end [s]: 8 periods of the slowest sine, the second half of them past the start."""
+"""Step and duration of the simulation [s]: 8 periods of the slowest sine, the second half of them settled."""
 WHY = (
     "Even with a perfect model and an ideal motor (11) leaves 13 deg: by (14) it takes the state and "
     "the slope at the reference, but those of the plant follow the motor, which around a reversal moves much "
@@ -43,7 +43,7 @@ class Case:
 
     @property
     def settled(self) -> float:
-        """From when on the start is over and the error counts [s]."""
+        """Instant from which on the error counts [s]."""
         return self.stop / 2
 
     def error(self, diagram: str) -> TrackingError | None:
@@ -82,13 +82,13 @@ def measured_case(record: Record, name: str, unit: str) -> Case:
     return Case("measured", f"{name} as measured, {stop:.4g} s", source, stop=stop)
 
 
-def run(chosen: Sequence[Case], tell: Callable[[float], None] | None = None) -> bool:
+def run(chosen: Sequence[Case], progress: Callable[[float], None] | None = None) -> bool:
     """Run every diagram on every signal; False when Ctrl-C came in between."""
     plans = [(case, name) for case in chosen for name in DIAGRAMS]
     diagrams = {name: load(name) for name in DIAGRAMS}
     for k, (case, name) in enumerate(plans):
-        if tell:
-            tell(k / len(plans))
+        if progress:
+            progress(k / len(plans))
         made = simulate(diagrams[name].replace("ref", case.source), stop=case.stop, step=STEP, log="outputs")
         if not made.complete:
             return False

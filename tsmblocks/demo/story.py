@@ -1,4 +1,4 @@
-"""The whole story of one mechanism: measured, identified, diagnosed, its compensators rebuilt."""
+"""The demonstration on one mechanism: measured, identified, diagnosed, its compensators rebuilt."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tsmblocks.fitting.result import Fit
 from tsmblocks.model.diagram import Diagram
 
 FLOOR = math.hypot(NOISE, INTERVAL / math.sqrt(12))
-"""Rms of the noise and the rounding of the sensor at the tip [rad], as its data sheet would give it."""
+"""Rms of noise and quantisation of the sensor at the tip [rad], as its data sheet would give it."""
 FINE = 0.0025
-"""Step of the models that are compared [s]: a gap in front of one closes between two samples."""
+"""Step of the models that are compared [s]. Chosen: a gap in front of one closes between two samples."""
 IDENTIFIED, AUGMENTED = "identified", "with what was found"
 """The two models compensators are built on."""
 
 
 @attrs.frozen(eq=False)
 class Story:
-    """What was measured of a mechanism, what was made of it, and what had been hidden.
+    """The recordings of a mechanism, the models identified from them, and the hidden effect.
 
     ``tracked`` are runs of the mechanism itself: first without compensation, then behind compensators on the model
     identified, and on that which the diagnosis gave.
@@ -42,7 +42,7 @@ class Story:
     tracked: tuple[Tracked, ...] = attrs.field(repr=False)
 
     def on(self, model: str) -> dict[str, Tracked]:
-        """The runs behind compensators on one of the models, by what they are called."""
+        """The runs behind compensators on one of the models, by the name of the compensator."""
         return {one.words: one for one in self.tracked if one.model == model}
 
     @property
@@ -52,17 +52,20 @@ class Story:
 
     @property
     def revealed(self) -> list[tuple[str, float, *tuple[float, ...]]]:
-        """Each of the sheath's numbers: its name, what it is, and what it is in each of the ``models``."""
+        """Each parameter of the sheath: its name, its true value, and its value in each of the ``models``."""
         found = [self.fit.diagram.parameters, self.diagnosis.augmented.parameters][: len(self.models)]
         return [(k, v, *(numbers[f"tsm.{k}"] for numbers in found)) for k, v in NUMBERS.items()]
 
 
-def build_story(name: str, seed: int, tell: Callable[[str, float], None] | None = None) -> Story:
-    """Hide ``name`` (of ``HIDDEN``), measure, identify, diagnose, rebuild. ``tell`` is given words and a share done."""
+def build_story(name: str, seed: int, progress: Callable[[str, float], None] | None = None) -> Story:
+    """Hide ``name`` (of ``HIDDEN``), measure, identify, diagnose, rebuild.
+
+    ``progress`` is called with the stage and the share done.
+    """
 
     def at(words: str, share: float) -> None:
-        if tell:
-            tell(words, share)
+        if progress:
+            progress(words, share)
 
     at("measuring", 0.0)
     sheath = truth(HIDDEN[name])

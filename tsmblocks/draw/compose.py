@@ -1,4 +1,4 @@
-"""From a diagram to a picture: the steps in order, and the frame around them."""
+"""From a diagram to a picture: graph, order, placement, routing, and the frame around the drawing."""
 
 from __future__ import annotations
 

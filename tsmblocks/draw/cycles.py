@@ -1,4 +1,4 @@
-"""Which connections are feedback, and in which column each block stands. It knows names and edges only."""
+"""Which connections are feedback, and in which column each block stands. It has names and edges only."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 
 Edge = tuple[str, str]
 Ranks = Mapping[str, tuple[int, bool, int]]
-"""Steps from the nearest source, whether it is no sum, place in the list: the smallest is entered first."""
+"""Steps from the nearest source, whether it is not a sum, index in the list: the smallest is entered first."""
 MOST_TRIED = 12
-"""Places tried at which a group of loops may be entered; the picture changes little beyond."""
+"""Entries of a group of loops that are tried. Chosen: beyond these the picture hardly changes."""
 
 
 def feedback(nodes: list[str], edges: list[Edge], joins: Collection[str], shown: Collection[str]) -> set[Edge]:

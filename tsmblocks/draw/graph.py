@@ -1,4 +1,4 @@
-"""A diagram as a graph to be drawn: nodes, signals, columns and feedback. It knows no coordinates."""
+"""A diagram as a graph to be drawn: nodes, signals, columns and feedback. It has no coordinates."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Net:
 
 @attrs.define(eq=False)
 class Loop:
-    """One feedback: the signals it runs over, from right to left, and the blocks that stand between them."""
+    """One feedback: its signals, from right to left, and the blocks between them."""
 
     nets: tuple[Net, ...]
     blocks: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ class Loop:
 
 @attrs.define(eq=False)
 class Graph:
-    """What is drawn, with the column of every node that is not in a feedback path."""
+    """Nodes, signals and feedbacks, with the column of every node that is not in a feedback path."""
 
     nodes: dict[str, Node]
     nets: list[Net]
@@ -131,7 +131,7 @@ def _shape(block: Any, ins: tuple[str, ...], outs: tuple[str, ...]) -> str:
 
 
 def symbol_of(block: Any) -> str:
-    """What stands in the box: the block's symbol, else its class name."""
+    """The text in the box: the block's symbol, else its class name."""
     return str(getattr(block, "symbol", "") or type(block).__name__)
 
 
@@ -157,7 +157,7 @@ def _split(nodes: Mapping[str, Node], nets: list[Net]) -> None:
 
 
 def _loops(nodes: Mapping[str, Node], nets: list[Net]) -> list[Loop]:
-    """The feedbacks; blocks that do nothing but return a signal are taken out of the columns."""
+    """The feedback loops; blocks that only return a signal are taken out of the columns."""
     driver = {end: net for net in nets for end in (*net.ahead, *net.back)}
     receivers = {net.source: len(net.ahead) + len(net.back) + len(net.outputs) for net in nets}
     sources = [net.source[0] for net in nets]
@@ -183,7 +183,7 @@ def _loops(nodes: Mapping[str, Node], nets: list[Net]) -> list[Loop]:
 
 
 def _returns(node: Node, path: list[Net], receivers: Mapping[End, int], sources: list[str]) -> bool:
-    """Whether a block stands in a feedback path: one way in, one way out, one receiver."""
+    """Whether a block is in a feedback path: one input, one output, one receiver."""
     return (
         not node.round
         and len(node.ins) == 1

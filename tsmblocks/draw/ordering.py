@@ -1,4 +1,4 @@
-"""The order of blocks and passing wires in each column, with few crossings. It knows no coordinates."""
+"""The order of blocks and passing wires in each column, with few crossings. It has no coordinates."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import attrs
 from tsmblocks.draw.graph import End, Graph, Net
 
 FLOOR = "_"
-"""Stands for the feedback channels below all blocks, as the end of a link."""
+"""Key of the feedback channels below all blocks, as the end of a link."""
 LOW = 1e9
-"""A place below all others."""
+"""Position below all others."""
 SWEEPS = 8
-"""Passes to the right and to the left in which the columns are sorted."""
+"""Passes to the right and to the left in which the columns are sorted. Chosen: more seldom save a crossing."""
 LARGE = 400
 """Links beyond which fewer sweeps are made, so that a huge diagram is still drawn in seconds."""
 
@@ -114,7 +114,7 @@ def _rows(graph: Graph) -> Rows:
 
 
 def _rank(graph: Graph, end: End, side: str) -> float:
-    """Where a port stands on its box, between 0 and 1; the ports of a circle are free."""
+    """Relative height of a port on its box, between 0 and 1; the ports of a circle are free."""
     node = graph.nodes.get(end[0])
     free = node is None or node.shape in ("round", "tall")
     ports = () if free or node is None else node.ins if side == "in" else node.outs

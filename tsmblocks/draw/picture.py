@@ -14,12 +14,12 @@ Point = tuple[float, float]
 
 GRID = 10
 PITCH = 20
-"""Distance of neighbouring ports, parallel wires and feedback channels."""
+"""Distance of neighbouring ports, parallel wires and feedback channels [pixels]."""
 RADIUS = 15
-"""Of the circle that stands for a sum or a product."""
+"""Radius of the circle of a sum or a product [pixels]."""
 
 NAME, SYMBOL, SMALL, TITLE = 12, 15, 10, 16
-"""Sizes of the texts: names, symbols, ports and signals, the title."""
+"""Font sizes of names, symbols, ports and signals, and the title [pixels]."""
 
 _WIDTHS = {
     "'ijlI": 0.3,
@@ -36,7 +36,7 @@ _WIDTH = {c: width for chars, width in _WIDTHS.items() for c in chars}
 
 
 def text_width(text: str, size: float) -> float:
-    """An upper estimate of the width of a text, without asking any font."""
+    """An upper estimate of the width of a text that needs no font."""
     return size * sum(_char_width(c) for c in text)
 
 
@@ -170,7 +170,7 @@ class Wire:
 
 @attrs.frozen
 class Picture:
-    """A drawing as a value: what ``to_svg``, ``to_png`` and ``to_pdf`` put on paper."""
+    """A drawing as a value, which ``to_svg``, ``to_png`` and ``to_pdf`` render."""
 
     title: str
     width: float

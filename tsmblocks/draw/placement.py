@@ -1,4 +1,4 @@
-"""Heights: which side of a circle a wire enters, and how high each block stands. It knows no widths."""
+"""Heights: which side of a circle a wire enters, and how high each block is placed. It has no widths."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tsmblocks.draw.picture import GRID
 from tsmblocks.draw.shapes import port_offset, size
 
 MAIN, PASSING, ALONE, BRANCH = 64, 24, 12, 4
-"""Cost of a step: in the main chain, in a wire past blocks, in a wire without branches, in a branch."""
+"""Cost of a step in the main chain, a wire past blocks, a wire without branches, a branch. Chosen by eye."""
 MOST = 2_000_000
 """Work spent on heights, in rules times exchanges: one or two seconds; only huge diagrams need more."""
 
 
 def placed(graph: Graph, found: Rows) -> tuple[dict[End, str], dict[str, int]]:
-    """Sides and heights. The heights found first tell from where the circles are best entered."""
+    """Sides and heights. A first pass of heights determines from which side the circles are entered."""
     chosen = sides(graph, found, {})
     better = sides(graph, found, heights(graph, found, chosen))
     return better, heights(graph, found, better)

@@ -1,4 +1,4 @@
-"""Wires as lines: pieces put together, corners kept, branch points found. It knows coordinates only."""
+"""Wires as lines: pieces put together, corners kept, branch points found. It has coordinates only."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from tsmblocks.draw.shapes import port_offset, size
 from tsmblocks.draw.tracks import Trunk, arrange
 
 BEFORE, AFTER, TRACK, PLAIN = 14, 22, 12, 40
-"""Room left of the vertical wires of a gap, right of them, between two; width of a gap without any."""
+"""Room left of the vertical wires of a gap, right of them, between two; width of a gap without any [pixels]."""
 
 
 @attrs.define(eq=False)
@@ -39,7 +39,7 @@ class Channel:
 
 @attrs.define(eq=False)
 class Plan:
-    """Everything about a drawing that is decided step by step. Heights come first, then tracks, then x."""
+    """The state of the routing of a drawing: heights come first, then tracks, then x."""
 
     graph: Graph
     rows: Rows
@@ -112,7 +112,7 @@ def _between(plan: Plan, channel: Channel, lowest: float) -> list[float]:
 
 
 def _fits(channel: Channel, y: float, spans: list[tuple[float, float]]) -> bool:
-    """Whether a feedback at a height keeps clear of what is taken."""
+    """Whether a feedback at a height keeps clear of the heights that are taken."""
     up, down = max(GRID, channel.above), GRID + channel.below
     return all(high <= y - up or y + down <= low for low, high in spans)
 
@@ -191,7 +191,7 @@ def _is_clear(plan: Plan, column: int, key: str, reach: tuple[float, float]) -> 
 
 
 def _trunks(plan: Plan, gap: int) -> list[Trunk]:
-    """What each signal asks of a gap."""
+    """The vertical wires that the signals need in a gap."""
     found: dict[Net, Trunk] = {}
     for link in plan.rows.gaps[gap]:
         if link.right in plan.rising and link.left[0] == FLOOR:
@@ -214,13 +214,13 @@ def _trunks(plan: Plan, gap: int) -> list[Trunk]:
 
 
 def _label_room(net: Net) -> float:
-    """Width of what is written on a wire behind its source."""
+    """Width of the text on a wire behind its source."""
     text = note(net)
     return text_width(text, SMALL) + (20 if net.tapped else 12) if text else 0.0
 
 
 def note(net: Net) -> str:
-    """What is written on a wire: the outputs read off it, and its value."""
+    """The text on a wire: the outputs read off it, and its value."""
     names = ", ".join(net.outputs) if net.tapped else ""
     return " = ".join(filter(None, (names, net.note)))
 
@@ -339,5 +339,5 @@ def _lead_back(plan: Plan, channel: Channel) -> None:
 
 
 def stub(net: Net) -> float:
-    """Length of the wire of a signal that nothing receives but that has something written on it."""
+    """Length of the wire of a signal without receivers that has a text."""
     return text_width(note(net), SMALL) + 8

@@ -1,4 +1,4 @@
-"""How large a block is, where its ports are, and what is written in it."""
+"""Size, ports and texts of a block in the drawing."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from tsmblocks.draw.picture import GRID, NAME, PITCH, RADIUS, SMALL, SYMBOL, Box
 from tsmblocks.model.diagram import Diagram
 
 LONGEST = 170
-"""Width at which a name is cut; the whole name is in the tooltip."""
+"""Width at which a name is cut [pixels]; the whole name is in the tooltip."""
 LINE = 14
-"""Distance of lines of text in a box."""
+"""Distance of lines of text in a box [pixels]."""
 
 
 @attrs.frozen
@@ -198,7 +198,7 @@ def _ports(node: Node, left: float, right: float, y: float, sides: Mapping[End, 
 
 
 def about(node: Node) -> str:
-    """The tooltip: what the block is, and its numbers."""
+    """The tooltip: the block's class, summary and parameters."""
     block: Any = node.block
     if block is None:
         return f"{'input' if node.key.startswith('>') else 'output'} {node.name}"

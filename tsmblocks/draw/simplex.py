@@ -1,7 +1,7 @@
 """Integer positions that keep given distances and make the weighted sum of lengths smallest.
 
 The network simplex of Gansner, Koutsofios, North and Vo, "A technique for drawing directed graphs"
-(1993). It knows only numbers.
+(1993). It works on numbers only.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def positions(count: int, rules: list[Rule], start: list[int], pivots: int = 400
     """Positions that keep all rules at the smallest total cost, from a ``start`` that keeps them.
 
     Every node must be tied to node 0 by rules. After ``pivots`` exchanges the positions reached so
-    far are returned; they keep the rules, and are only less good.
+    far are returned; they keep the rules, and are not optimal.
     """
     y = list(start)
     hung: list[set[int]] = [set() for _ in range(count)]

@@ -1,4 +1,4 @@
-"""Colours and fonts, shared by the two ways to put a picture on paper."""
+"""Colours and fonts, shared by the renderers of a picture."""
 
 from __future__ import annotations
 

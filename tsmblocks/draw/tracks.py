@@ -1,6 +1,6 @@
-"""Vertical wires between two columns: who stands left of whom, so that no two share a line and few cross.
+"""Vertical wires between two columns: their order, so that no two share a line and few cross.
 
-It knows heights of pins only.
+It has heights of pins only.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def arrange(trunks: list[Trunk], taken: Iterable[float] = ()) -> list[Trunk]:
     """The trunks with their tracks, counted from the left; some may have been split in two.
 
     Where one signal comes in from the left at the height at which another leaves to the right, the
-    first must turn off before the other begins. If that is asked both ways round, one of them is
+    first must turn off before the other begins. If two signals demand that of each other, one of them is
     led over a free height in between, not one of those ``taken`` by wires that pass.
     """
     levels = {*taken, *(y for t in trunks for y in t.left + t.right)}

@@ -1,4 +1,4 @@
-"""The small texts on wires: which signal has which value. It knows names, numbers and units."""
+"""The texts on wires: values of signals with their units."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Notes:
 
 
 def notes(diagram: Diagram, values: Mapping[str, Any] | None) -> Notes:
-    """What ``values`` says of the signals that can be seen; numbers get the unit of their port.
+    """The texts that ``values`` gives for signals; numbers get the unit of their port.
 
     A name may be an output or input of the diagram, ``"block.port"``, or ``"block"`` where it has one
     output. Signals inside a block that is a diagram are passed over. Raises TsmError for any other.

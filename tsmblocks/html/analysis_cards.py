@@ -13,7 +13,7 @@ view = functools.singledispatch(no_view)
 
 @view.register
 def frequency_card(found: FrequencyResponse) -> str:
-    """Answers to sines: gain, phase and distortion at each frequency, for each amplitude."""
+    """A frequency response: gain, phase and distortion at each frequency, for each amplitude."""
     cells = [
         (
             table_number(a),

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 FAMILIES = {"lti": "linear"}
-"""Modules whose blocks belong to the family of another."""
+"""Module -> family of its blocks, where that is the name of another module."""
 ORDER = [
     "sources",
     "arithmetic",
@@ -30,7 +30,7 @@ def family(cls: type) -> str:
 
 
 def by_family(registry: Mapping[str, type]) -> dict[str, dict[str, type]]:
-    """Blocks by family and name; the families from sources to sensors, then those that other modules make up."""
+    """Blocks by family and name; the families from sources to sensors, then those of other modules."""
     found: dict[str, dict[str, type]] = {}
     for name, cls in sorted(registry.items()):
         found.setdefault(family(cls), {})[name] = cls
@@ -38,7 +38,7 @@ def by_family(registry: Mapping[str, type]) -> dict[str, dict[str, type]]:
 
 
 def words(cls: type) -> tuple[str, str, str]:
-    """First sentence, equation and remarks of a block, out of its docstring."""
+    """First sentence, equation and remarks of a block's docstring."""
     sentence, equations, remarks = "", list[str](), list[str]()
     parts = inspect.cleandoc(cls.__doc__ or "").split("\n\n")
     in_math = False

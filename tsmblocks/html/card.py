@@ -10,7 +10,7 @@ from markupsafe import Markup
 from tsmblocks.common import units
 from tsmblocks.data import heading
 from tsmblocks.html import charts
-from tsmblocks.html.charts import WIDTH, Frame
+from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
 from tsmblocks.html.pages import part, rendered
 
 MOST_LINES, MOST_CHARTS, MOST_ROWS = 6, 4, 12
@@ -18,8 +18,7 @@ MOST_LINES, MOST_CHARTS, MOST_ROWS = 6, 4, 12
 POINTS = 500
 """Points of one line at most."""
 ROUNDED = 1e-12
-"""Share of a signal's size that is nothing but rounding."""
-LEFT, RIGHT = 46, WIDTH - 10
+"""Share of a signal's size that is rounding. Chosen: some thousand units in the last place."""
 
 
 def card(title: str, about: str, *parts: str) -> Markup:
@@ -43,7 +42,7 @@ def rows(
 
 
 def table_of(cells: Sequence[Sequence[str]], left: Collection[int], most: int = MOST_ROWS) -> Markup:
-    """The rows of a printed table, the heading first; columns in which nothing stands are left out."""
+    """The rows of a printed table, the heading first; empty columns are left out."""
     kept = [k for k in range(len(cells[0])) if any(row[k] for row in cells[1:])]
     head = [f"l:{cells[0][k]}" if k in left else cells[0][k] for k in kept]
     return rows(head, [[row[k] for k in kept] for row in cells[1:]], most=most)
@@ -91,12 +90,6 @@ def _chart(t: np.ndarray, lines: Sequence[tuple[str, np.ndarray]], unit: str, wo
     return part("chart", charts.chart(parts, 152, said), names, more)
 
 
-def ends(t: np.ndarray) -> tuple[float, float]:
-    """First and last instant, apart from each other."""
-    first, last = (float(t[0]), float(t[-1])) if len(t) else (0.0, 1.0)
-    return first, last if last > first else first + 1.0
-
-
 def table_number(value: float, size: float = 0.0) -> str:
-    """A number of a table; zero where it is nothing beside ``size``."""
+    """A number of a table; zero where it is rounding error beside ``size``."""
     return f"{0.0 if abs(value) < ROUNDED * size else value:.4g}"

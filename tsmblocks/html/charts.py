@@ -15,12 +15,14 @@ from tsmblocks.draw.picture import fitted, text_width
 
 WIDTH = 360
 """Width of a chart, which is that of a phone; on wider screens charts stand beside each other."""
+LEFT, RIGHT = 46, WIDTH - 10
+"""Usual edges of the part in which data are drawn [pixels]; left of it are the numbers of the y axis."""
 TEXT = 11
 """Size of the texts."""
-OFF = 0.3
-"""Pixels by which a curve may be drawn beside itself."""
+TOLERANCE = 0.3
+"""Tolerance of a simplified curve [pixels]."""
 TICKS = 6
-"""Ticks of an axis at most, about."""
+"""Ticks of an axis, at most and about."""
 
 
 @attrs.frozen
@@ -46,7 +48,7 @@ class Frame:
 
 
 TINY = 1e-300
-"""Range below which a chart is drawn as if nothing moved."""
+"""Range below which a signal is drawn as a constant."""
 
 
 def spread(*signals: np.ndarray, zero: bool = False, room: float = 0.05) -> tuple[float, float]:
@@ -60,6 +62,12 @@ def spread(*signals: np.ndarray, zero: bool = False, room: float = 0.05) -> tupl
     if not size >= TINY:  # room would be lost in rounding
         size = 1.0
     return low - room * size, high + room * size
+
+
+def ends(t: np.ndarray) -> tuple[float, float]:
+    """First and last instant, apart from each other."""
+    first, last = (float(t[0]), float(t[-1])) if len(t) else (0.0, 1.0)
+    return first, last if last > first else first + 1.0
 
 
 def ticks(low: float, high: float, most: int = TICKS) -> list[float]:
@@ -176,7 +184,7 @@ def width_of(words: str) -> float:
 
 
 def thinned(t: np.ndarray, y: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """About ``count`` samples that look alike: of each stretch the lowest and the highest, in their order."""
+    """About ``count`` samples for a line of the same look: of each interval the lowest and the highest, in order."""
     if len(t) <= count:
         return t, y
     edges = np.linspace(0, len(t), max(count // 2, 1) + 1).astype(int)
@@ -189,14 +197,14 @@ def thinned(t: np.ndarray, y: np.ndarray, count: int) -> tuple[np.ndarray, np.nd
 
 
 def traced(frame: Frame, x: np.ndarray, y: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of a curve that may go anywhere, no more of them than ``count``: it stays within pixels of itself.
+    """The corners of any curve, at most ``count``, so that it is drawn within a few pixels of itself.
 
-    What is left out lies off the line drawn by less than ``OFF`` pixels, or twice that as often as it takes.
+    Points that are omitted lie within ``TOLERANCE`` pixels of the line drawn, which is doubled until few are left.
     """
     points = np.column_stack([frame.across(x), frame.up(y)])
     if not np.isfinite(points).all():
         return x, y
-    off = OFF
+    off = TOLERANCE
     kept = _corners(points, off)
     while len(kept) > max(count, 2):
         off *= 2
@@ -205,7 +213,7 @@ def traced(frame: Frame, x: np.ndarray, y: np.ndarray, count: int) -> tuple[np.n
 
 
 def _corners(points: np.ndarray, off: float) -> np.ndarray:
-    """Which of some points (n, 2) a line through few of them keeps: Ramer's method, the farthest one first."""
+    """Indices of the points (n, 2) that a simplified line keeps: the method of Ramer, Douglas and Peucker."""
     kept = np.zeros(len(points), dtype=bool)
     kept[[0, -1]] = True
     todo = [(0, len(points) - 1)]

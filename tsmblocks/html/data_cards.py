@@ -13,7 +13,7 @@ view = functools.singledispatch(no_view)
 
 @view.register
 def record_card(record: Record) -> str:
-    """A recording: its signals over time, what they range over, and what was repaired."""
+    """A recording: its signals over time, their ranges, and the repairs."""
     span = f"{record.t[0]:g} to {record.t[-1]:g} s" if len(record) else "no sample"
     even = f"every {record.step:.4g} s" if len(record) > 1 else ""
     uneven = f", uneven by {100 * record.jitter:.2g} %" if even and not record.uniform else ""

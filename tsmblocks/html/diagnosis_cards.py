@@ -1,4 +1,4 @@
-"""The card of a diagnosis: the verdict, what was named, and how the gap shrinks; the report has the rest."""
+"""The card of a diagnosis: verdict, reported effects, and errors before and after; the report has the rest."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ view = functools.singledispatch(no_view)
 
 @view.register
 def diagnosis_card(found: Diagnosis) -> str:
-    """A diagnosis: verdict, effects with their numbers, gaps before and after; ``save`` writes the whole report."""
+    """A diagnosis: verdict, effects with their parameters, errors before and after; ``save`` writes the report."""
     boxes = [
         part("verdict", s.verdict, WORDS.get(s.verdict, s.verdict), verdict_sentence(s))
         for s in segments_by_verdict(found)
@@ -35,13 +35,13 @@ def diagnosis_card(found: Diagnosis) -> str:
         )
         for e in found.effects
     ]
-    head = ("effect", "on the wire", "numbers", "of the excess", "cannot be told from")
+    head = ("effect", "insertion point", "parameters", "removes", "indistinguishable from")
     named = table_of([head, *effects], {0, 1, 2, 4}) if effects else ""
     gaps = [gap_bars(s, g) for s in found.segments for g in s.gaps][:MOST_CHARTS]
     colours = [
         ("before", "before"),
-        ("after", "with all that was named"),
-        ("hollow", "hollow: fitted to these data too"),
+        ("after", "with all reported effects"),
+        ("hollow", "hollow: on the data it was fitted to"),
     ]
     stopped = "" if found.status == "done" else f"; {STATUS.get(found.status, found.status)}"
     count = len(found.experiments)

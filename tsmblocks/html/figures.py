@@ -1,4 +1,4 @@
-"""The figures of a report: gap bars, what was measured and simulated, what is left over time and along a coordinate."""
+"""The figures of a report: errors as bars, measured and simulated signals, residuals over time and a coordinate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tsmblocks.diagnosis.presentation import Profile, digits, fitted_rms, for_pe
 from tsmblocks.diagnosis.result import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.html import charts
-from tsmblocks.html.charts import WIDTH, Frame
+from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
 from tsmblocks.model.diagram import Diagram
 
 BAR, SPACE = 9, 9
@@ -18,17 +18,16 @@ BAR, SPACE = 9, 9
 DARKEST = 4.0
 """Excess, in variances of the noise, at which a strip is as dark as it gets."""
 KINDS = ("measured", "before", "after")
-"""What lines show, which is also their colour."""
+"""Classes of lines, which give their colours."""
 CORNERS = 4
 """Corners of a loop for each point that a line over time has."""
-LEFT, RIGHT = 46, WIDTH - 10
 
 
-# ---- the gap -------------------------------------------------------------------------------------
+# ---- errors ---------------------------------------------------------------------------------------
 
 
 def gap_bars(segment: Segment, gap: Gap) -> Markup:
-    """Rms held out of each experiment before and after each effect, fitted as hollow bars, the noise as a line."""
+    """Rms error of each experiment on validation data before and after each effect; hollow bars: on fitted data."""
     k, unit = for_people(gap.unit)
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
@@ -52,7 +51,7 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     x = float(frame.across(np.array(k * gap.noise_floor)))
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
     parts.append(charts.text(x, top - 9, f"noise {digits(k * gap.noise_floor)}", "middle", "floor"))
-    words = f"rms of {gap.output} on data held out, {' then '.join(column_titles(segment))}"
+    words = f"rms error of {gap.output} on validation data, {' then '.join(column_titles(segment))}"
     return charts.chart(parts, bottom + 34, words)
 
 
@@ -90,32 +89,32 @@ def _grid(frame: Frame, label: str) -> str:
 # ---- one experiment ------------------------------------------------------------------------------
 
 
-def history(trace: Trace, count: int) -> Markup:
-    """What was measured and what the base and the final model make of it, over time."""
+def signals_over_time(trace: Trace, count: int) -> Markup:
+    """The measured signal and those of the base and the final model, over time."""
     k, unit = for_people(trace.unit)
     signals = [k * trace.measured, *(k * y for y in _models(trace))]
-    frame = Frame(LEFT, 22, RIGHT, 150, _ends(trace.t), charts.spread(*signals))
+    frame = Frame(LEFT, 22, RIGHT, 150, ends(trace.t), charts.spread(*signals))
     parts = [charts.axes(frame, "t [s]", heading(trace.output, unit))]
     for kind, y in zip(KINDS, signals, strict=False):
         parts.append(charts.line(frame, *charts.thinned(trace.t, y, count), kind))
     return charts.chart(parts, 184, f"{trace.output} of {trace.experiment} over time, measured and simulated")
 
 
-def left_over(trace: Trace, noise: float, count: int) -> Markup:
-    """What is left over time before and after, within the noise or not, and the excess of each block as a strip."""
+def residual_over_time(trace: Trace, noise: float, count: int) -> Markup:
+    """The residual over time before and after, the noise as a band, and the excess of each block as a strip."""
     k, unit = for_people(trace.unit)
-    left = [k * (trace.measured - y) for y in _models(trace)]
-    frame = Frame(LEFT, 46, RIGHT, 150, _ends(trace.t), charts.spread(*left, zero=True))
+    residuals = [k * (trace.measured - y) for y in _models(trace)]
+    frame = Frame(LEFT, 46, RIGHT, 150, ends(trace.t), charts.spread(*residuals, zero=True))
     parts = [charts.axes(frame, "t [s]", ""), charts.band(frame, -2 * k * noise, 2 * k * noise, "noise")]
-    parts.append(charts.text(2, 12, heading(f"{trace.output} measured less simulated", unit)))
-    for kind, y in zip(KINDS[1:], left, strict=False):
+    parts.append(charts.text(2, 12, heading(f"residual of {trace.output}", unit)))
+    for kind, y in zip(KINDS[1:], residuals, strict=False):
         parts.append(charts.line(frame, *charts.thinned(trace.t, y, count), f"{kind} thin"))
     parts += _strip(trace, frame)
-    return charts.chart(parts, 184, f"what is left of {trace.output} in {trace.experiment} over time")
+    return charts.chart(parts, 184, f"residual of {trace.output} in {trace.experiment} over time")
 
 
 def _strip(trace: Trace, frame: Frame) -> list[str]:
-    """A row of blocks before, and one after if anything was named: the darker, the further above the noise."""
+    """A row of blocks before, and one after if an effect is reported: the darker, the further above the noise."""
     parts, rows = [], list(zip((20, 31), KINDS[1:], _models(trace), strict=False))
     for start, stop, *squares in strips(trace):
         x, end = (float(v) for v in np.clip(frame.across(np.array([start, stop])), frame.left, frame.right))
@@ -128,7 +127,7 @@ def _strip(trace: Trace, frame: Frame) -> list[str]:
     return parts
 
 
-def loop(trace: Trace, diagram: Diagram, count: int) -> Markup:
+def output_over_input(trace: Trace, diagram: Diagram, count: int) -> Markup:
     """The output over the input, measured and simulated."""
     k, unit = for_people(trace.unit)
     k_in, unit_in = for_people(diagram.unit(trace.drive_name))
@@ -140,44 +139,40 @@ def loop(trace: Trace, diagram: Diagram, count: int) -> Markup:
     return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}")
 
 
-def left_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) -> Markup:
-    """What is left over the input, before and after: a loop here is a loop that the model lacks."""
+def residual_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) -> Markup:
+    """The residual over the input, before and after: a loop here is a loop that the model lacks."""
     k, unit = for_people(trace.unit)
     k_in, unit_in = for_people(diagram.unit(trace.drive_name))
-    x, left = k_in * trace.drive, [k * (trace.measured - y) for y in _models(trace)]
-    frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*left, zero=True))
+    x, residuals = k_in * trace.drive, [k * (trace.measured - y) for y in _models(trace)]
+    frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*residuals, zero=True))
     parts = [
         charts.axes(frame, heading(trace.drive_name, unit_in), ""),
         charts.band(frame, -2 * k * noise, 2 * k * noise, "noise"),
-        charts.text(2, 12, heading(f"{trace.output} measured less simulated", unit)),
+        charts.text(2, 12, heading(f"residual of {trace.output}", unit)),
     ]
     parts += [
         charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), f"{kind} thin")
-        for kind, y in zip(KINDS[1:], left, strict=False)
+        for kind, y in zip(KINDS[1:], residuals, strict=False)
     ]
-    return charts.chart(parts, 184, f"what is left of {trace.output} over {trace.drive_name} in {trace.experiment}")
+    return charts.chart(parts, 184, f"residual of {trace.output} over {trace.drive_name} in {trace.experiment}")
 
 
 def _models(trace: Trace) -> list[np.ndarray]:
-    """What the base makes of an experiment, and the final model where it is another."""
+    """The output of the base model, and that of the final model where it is another."""
     return [trace.before] if np.array_equal(trace.before, trace.after) else [trace.before, trace.after]
-
-
-def _ends(t: np.ndarray) -> tuple[float, float]:
-    return float(t[0]), float(t[-1]) if t[-1] > t[0] else float(t[0]) + 1.0
 
 
 # ---- along a coordinate --------------------------------------------------------------------------
 
 
-def along(found: Profile, *, explained: bool) -> Markup:
-    """The error in bins of a coordinate with standard errors, before and after, and what the effects explain."""
+def residual_over_coordinate(found: Profile, *, explained: bool) -> Markup:
+    """Mean residual in bins of a coordinate with standard errors, before and after, and the effects' contribution."""
     k, unit = for_people(found.error_unit)
     k_in, unit_in = for_people(found.unit)
     x, before, after = k_in * found.x, k * found.before, k * found.after
     wide = [before, before - k * found.error_before, before + k * found.error_before]
     frame = Frame(LEFT, 22, RIGHT, 170, charts.spread(x), charts.spread(*wide, after, zero=True))
-    parts = [charts.axes(frame, heading(found.coordinate, unit_in), heading("mean error", unit))]
+    parts = [charts.axes(frame, heading(found.coordinate, unit_in), heading("mean residual", unit))]
     zero = float(frame.up(np.array(0.0)))
     parts.append(charts.rule(LEFT, zero, RIGHT, zero, "zero"))
     if explained:
@@ -185,4 +180,4 @@ def along(found: Profile, *, explained: bool) -> Markup:
     parts.append(charts.points(frame, x, before, k * found.error_before, "before"))
     if explained:
         parts.append(charts.points(frame, x, after, k * found.error_after, "after"))
-    return charts.chart(parts, 204, f"mean error along {found.coordinate}")
+    return charts.chart(parts, 204, f"mean residual over {found.coordinate}")

@@ -1,4 +1,4 @@
-"""Cards of fits: numbers with their intervals, what is left between simulation and measurement, models ranked."""
+"""Cards of fits: parameters with their intervals, residuals, models ranked."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from tsmblocks.fitting.result import STATUS, Fit
 from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.text import cautions, estimate_rows, left_rows, ranking_rows, row_doubts
 from tsmblocks.html import charts
-from tsmblocks.html.card import LEFT, POINTS, RIGHT, card, ends, listed, table_of
-from tsmblocks.html.charts import Frame
+from tsmblocks.html.card import POINTS, card, listed, table_of
+from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
 from tsmblocks.html.pages import part
 
 view = functools.singledispatch(no_view)
 MOST = 40
-"""Estimates that are shown."""
+"""Rows of a table at most."""
 
 
 @view.register
 def fit_card(fit: Fit) -> str:
-    """A fit: the numbers with intervals, the experiment that is left most of, and what to beware of."""
+    """A fit: the parameters with intervals, the experiment with the largest residual, and cautions."""
     tried = len(fit.searches)
     agree = f"; {fit.agreeing} of {tried} starts ended at this optimum" if tried > 1 else ""
     return card(
@@ -39,13 +39,13 @@ def fit_card(fit: Fit) -> str:
 
 @view.register
 def differences_card(differences: Differences) -> str:
-    """What is left between one diagram and some recordings."""
+    """The residuals of one diagram on some recordings."""
     return card(differences.title, "", *_left(differences))
 
 
 @view.register
 def comparison_card(found: Comparison) -> str:
-    """Models from best to worst, what could not be fitted, and what the best one leaves."""
+    """Models from best to worst, those that could not be fitted, and the largest residual of the best one."""
     faults = [f"{row.name}: {row.fault}" for row in found if row.fit is None]
     warnings = [f"{row.name}: {text}" for row in found for text in row_doubts(row)]
     best = found.best.held_out or found.best.train
@@ -72,7 +72,7 @@ def _worst(differences: Differences) -> Difference:
 
 
 def _chart(one: Difference, before: str = "") -> str:
-    """Measured and simulated over time, and what is left, of one output of one experiment."""
+    """One output of one experiment over time: measured, simulated, and the residual."""
     k, unit = units.for_people(one.unit)
     measured, simulated, left = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
     above = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(measured, simulated))
@@ -83,11 +83,11 @@ def _chart(one: Difference, before: str = "") -> str:
         charts.line(above, *charts.thinned(one.t, simulated, POINTS), "c0"),
     ]
     second = [
-        charts.axes(below, "t [s]", heading("measured less simulated", unit)),
+        charts.axes(below, "t [s]", heading("residual", unit)),
         charts.line(below, *charts.thinned(one.t, left, POINTS), "c1"),
     ]
     both = (
         charts.chart(first, 152, f"{one.output} of {one.experiment} over time, measured and simulated"),
-        charts.chart(second, 152, f"what is left of {one.output} in {one.experiment} over time"),
+        charts.chart(second, 152, f"residual of {one.output} in {one.experiment} over time"),
     )
     return part("charts", both) + part("key", [("measured", "measured"), ("c0", "simulated")])

@@ -1,4 +1,4 @@
-"""Formulas in a page without scripts and without network: LaTeX turned to MathML, which browsers typeset themselves.
+"""Formulas in a page without scripts and without network: LaTeX converted to MathML, which browsers typeset.
 
 It is an extension of Sphinx that offers the renderer ``mathml``.
 """

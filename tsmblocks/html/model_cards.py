@@ -1,4 +1,4 @@
-"""The card of a block: what it is, its equation, its ports and its numbers."""
+"""The card of a block: its summary, equation, ports and parameters."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tsmblocks.model.block import Block
 
 view = functools.singledispatch(no_view)
 NAMESPACE = ' xmlns="http://www.w3.org/1998/Math/MathML"'
-"""What a page of HTML need not be told of a formula."""
+"""Namespace of a formula, which HTML does not need."""
 LONGEST = 60
 """Characters of a value at most."""
 
 
 @view.register
 def block_card(block: Block) -> str:
-    """A block: its first sentence, equation, ports, and the numbers it has, those of its own in bold."""
+    """A block: its first sentence, equation, ports and parameters, those that differ from their defaults in bold."""
     ports = [("in", k, p.unit or "any", p.about) for k, p in block.inports.items()]
     ports += [("out", k, p.unit or "any", p.about) for k, p in block.outports.items()]
     fields = type(block).fields()
@@ -38,7 +38,7 @@ def block_card(block: Block) -> str:
 
 
 def _formula(latex: str) -> Markup:
-    """A formula as the browser typesets it by itself, or as it is written where nothing is there to convert it."""
+    """A formula that the browser typesets, or its LaTeX where latex2mathml is not installed."""
     try:
         from tsmblocks.html.mathml import mathml
 

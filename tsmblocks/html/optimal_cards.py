@@ -13,7 +13,7 @@ view = functools.singledispatch(no_view)
 
 @view.register
 def control_card(found: OptimalControl) -> str:
-    """Commands found: what they leave of the error, and the run with them."""
+    """Commands found: the error with them, and the run."""
     run = found.run
     names = list(dict.fromkeys([*run.aliases, *(name for name in found.commands if name in run)]))
     signals = {name: (run[name], run.unit(name)) for name in names}

@@ -1,6 +1,6 @@
-"""Pages, cards and parts of them, made from the templates beside this module, without scripts and without network.
+"""Pages, cards and parts of them, rendered from templates (Jinja2), without scripts and without network.
 
-What stands in a page is text and is escaped, unless it is ``Markup``: what a template or ``charts`` has made.
+Values are text and are escaped, unless they are ``Markup``: parts made by a template, and charts.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-LEFT = "l:"
-"""What the name of a column begins with that is flush left."""
+FLUSH_LEFT = "l:"
+"""Prefix of the name of a column that is flush left."""
 
 
 @functools.cache
@@ -29,7 +29,7 @@ def _templates() -> Environment:
     )
     found.globals["style"] = style
     found.filters["sentence"] = sentence
-    found.tests["flush_left"] = lambda name: name.startswith(LEFT)
+    found.tests["flush_left"] = lambda name: name.startswith(FLUSH_LEFT)
     return found
 
 
@@ -39,7 +39,7 @@ def rendered(template: str, values: Mapping[str, Any]) -> str:
 
 
 def part(name: str, *arguments: Any) -> Markup:
-    """What a macro of ``parts.html`` makes."""
+    """The HTML that a macro of ``parts.html`` makes."""
     return getattr(_templates().get_template("parts.html").module, name)(*arguments)
 
 

@@ -83,7 +83,7 @@ def page(diagnosis: Diagnosis) -> str:
     return rendered("report.html", values)
 
 
-# ---- gap, and where they disagree ----------------------------------------------------------------
+# ---- errors and residuals -------------------------------------------------------------------------
 
 
 def _gap(segment: Segment, gap: Gap) -> dict[str, Any]:
@@ -110,7 +110,9 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
         ]
         yield {
             "name": gap.output,
-            "profiles": [figures.along(one, explained=bool(segment.effects)) for one in profiles if one is not None],
+            "profiles": [
+                figures.residual_over_coordinate(one, explained=bool(segment.effects)) for one in profiles if one
+            ],
             "worst": worst,
             "others": others,
         }
@@ -119,11 +121,11 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
 def _experiment(diagnosis: Diagnosis, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
     k, unit = for_people(trace.unit)
     before, after = (digits(k * v) for v in fitted_rms(trace))
-    charts = [figures.history(trace, points), figures.left_over(trace, gap.noise_floor, points)]
+    charts = [figures.signals_over_time(trace, points), figures.residual_over_time(trace, gap.noise_floor, points)]
     if len(trace.drive):
         charts += [
-            figures.loop(trace, diagnosis.base, points),
-            figures.left_over_input(trace, diagnosis.base, gap.noise_floor, points),
+            figures.output_over_input(trace, diagnosis.base, points),
+            figures.residual_over_input(trace, diagnosis.base, gap.noise_floor, points),
         ]
     change = f"rms {before} → {after} {unit}" if before != after else f"rms {before} {unit}"
     return {"experiment": trace.experiment, "output": trace.output, "rms": change, "charts": charts}
@@ -154,7 +156,7 @@ def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
         )
         for name, value in r.parameters.items()
     ]
-    said = "named" if r.named else "cannot be told from it" if r.in_set else ""
+    said = "named" if r.named else "indistinguishable from it" if r.in_set else ""
     where = (candidate_title(r), r.family, r.wire.strip())
     return (
         *where,
@@ -174,12 +176,12 @@ def _lines(texts: Iterable[str]) -> Markup:
 def _marked(diagnosis: Diagnosis) -> str:
     try:
         return to_svg(diagnosis.augmented, highlight=[e.block for e in diagnosis.effects])
-    except TsmError:  # a block of one's own that an effect puts elsewhere
+    except TsmError:  # a user's effect may put its block elsewhere
         return to_svg(diagnosis.augmented)
 
 
 def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:
-    """What was fitted of an effect's block, with intervals, and its other numbers."""
+    """The fitted parameters of an effect's block, with intervals, and its other ones."""
     shown = [Markup("{} {}").format(name, with_interval(q)) for name, q in effect.parameters.items()]
     known, parameters = numbers(diagnosis.augmented), diagnosis.augmented.parameters
     for full, value in parameters.items():
@@ -191,7 +193,7 @@ def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:
 
 
 def _own_numbers(segment: Segment) -> dict[str, Any]:
-    """The diagram's own numbers with intervals, and what a fit would warn of."""
+    """The diagram's own parameters with intervals, and the cautions of a fit."""
     head, *rows = parameter_rows(segment) or [()]
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
     return {
@@ -201,7 +203,7 @@ def _own_numbers(segment: Segment) -> dict[str, Any]:
     }
 
 
-# ---- what else there is to know ------------------------------------------------------------------
+# ---- limits, control, provenance --------------------------------------------------------------------
 
 
 def _limits(segment: Segment) -> dict[str, Any]:
@@ -220,7 +222,7 @@ def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
     k, unit = for_people(found.unit)
     runs = {
         "no compensation": found.none,
-        "compensator on the base": found.base,
+        "compensator on the base model": found.base,
         "compensator on the new model": found.augmented,
     }
     rows = [(words, digits(k * peak), digits(k * rms)) for words, (peak, rms) in runs.items()]
@@ -228,7 +230,7 @@ def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 
 def _origin(diagnosis: Diagnosis) -> Sequence[tuple[str, str]]:
-    """What the page rests on: version, diagram, recordings, options."""
+    """Version, diagram, recordings and options."""
     rests = diagnosis.provenance
     if rests is None:
         return ()

@@ -15,11 +15,11 @@ from tsmblocks.html.report import page
 NAMES = ("diagnosis.json", "augmented.toml", "report.html")
 """The files that are written, in this order."""
 FILES = (".html", ".htm", ".json", ".toml", ".pdf", ".txt", ".md", ".csv")
-"""Endings of what is no folder."""
+"""File name endings that a folder is unlikely to have."""
 
 
 def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
-    """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder, which is made; the folder.
+    """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder, which is made; return its path.
 
     Raises TsmError where the folder is a file, or has the name of one.
     """

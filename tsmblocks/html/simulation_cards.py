@@ -15,7 +15,7 @@ view = functools.singledispatch(no_view)
 
 @view.register
 def run_card(run: Run) -> str:
-    """A run: its outputs over time, and what they range over."""
+    """A run: its outputs over time, and their ranges."""
     names = list(run.aliases) or run.keys()[:MOST_ROWS]
     span = f"{run.t[0]:g} to {run.t[-1]:g} s" if len(run.t) else "no instant"
     about = f"{span} in steps of {run.step:g} s ({run.method}), {len(run.t)} instants"
@@ -29,7 +29,7 @@ def run_card(run: Run) -> str:
 
 @view.register
 def batch_card(batch: Batch) -> str:
-    """A batch: sets of parameters, and what came out where it is a number."""
+    """A batch: sets of parameters, and the results that are numbers."""
     count = len(next(iter(batch.parameters.values())))
     single = {k: v for k, v in batch.results.items() if v.ndim == 1}
     columns = {**batch.parameters, **single}

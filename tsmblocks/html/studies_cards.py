@@ -13,8 +13,8 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
 from tsmblocks.data import heading
 from tsmblocks.html import charts
-from tsmblocks.html.card import LEFT, MOST_CHARTS, MOST_ROWS, RIGHT, card, ends, listed, rows, table_number
-from tsmblocks.html.charts import Frame
+from tsmblocks.html.card import MOST_CHARTS, MOST_ROWS, card, listed, rows, table_number
+from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
 from tsmblocks.html.pages import part
 from tsmblocks.studies.responses import Responses
 from tsmblocks.studies.results import QUANTILES, Results
@@ -30,7 +30,7 @@ INSTANTS = 200
 
 @view.register
 def study_card(found: Results) -> str:
-    """The results of a study: quantiles of each metric, the run where it is lowest, how it is spread."""
+    """The results of a study: quantiles of each metric, the run where it is lowest, its distribution."""
     done = f"{len(found)} of {found.count} runs" if len(found) < found.count else f"{found.count} runs"
     cells = []
     for name in found.metrics:
@@ -39,7 +39,7 @@ def study_card(found: Results) -> str:
         where = ", ".join(f"{one} {_value(best[one])}" for one in found.parameters if one in best)
         cells.append([heading(name, unit), *(table_number(k * v) for v in found.quantiles(name).values()), where])
     failed = int(found.failed.sum())
-    said = [f"{failed} runs have a metric that is no number (an unstable loop, say)."] if failed else []
+    said = [f"{failed} runs have a metric that is not a number (an unstable loop, say)."] if failed else []
     drawn = [_spread(found, name) for name in list(found.metrics)[:MOST_CHARTS]]
     return card(
         f"{found.title}: {found.kind}, {done}",
@@ -52,7 +52,7 @@ def study_card(found: Results) -> str:
 
 @view.register
 def responses_card(found: Responses) -> str:
-    """Responses of many runs: where each signal lies."""
+    """Responses of many runs: median and quantiles of each signal over time."""
     count = len(next(iter(found.signals.values()), ()))
     drawn = [_envelope(found, name) for name in list(found.signals)[:MOST_ROWS]]
     bands = part("key", [("c0", "median"), ("band", "5 to 95 %, and 25 to 75 %")])
@@ -60,7 +60,7 @@ def responses_card(found: Responses) -> str:
 
 
 def _spread(found: Results, name: str) -> str:
-    """How often a metric takes which values, as bars."""
+    """The distribution of a metric, as bars."""
     k, unit = units.for_people(found.units[name])
     values = k * found[name][np.isfinite(found[name])]
     if len(values) < 2:
@@ -73,7 +73,7 @@ def _spread(found: Results, name: str) -> str:
         charts.box(x, y, end - x - 1, frame.bottom - y, "bar")
         for x, end, y in zip(across, across[1:], up, strict=False)
     ]
-    return charts.chart([charts.axes(frame, heading(name, unit), "runs"), *bars], 132, f"how {name} is spread")
+    return charts.chart([charts.axes(frame, heading(name, unit), "runs"), *bars], 132, f"distribution of {name}")
 
 
 def _value(value: Any) -> str:

@@ -15,7 +15,7 @@ view = functools.singledispatch(no_view)
 
 @view.register
 def tuned_card(found: Tuned) -> str:
-    """What tuning found: the parameters, and each metric in each case before and after."""
+    """The result of a tuning: the parameters, and each metric in each case before and after."""
     at = found.at_bounds
     values = rows(
         ["l:parameter", "before", "tuned", "from", "to", "l:"],

@@ -1,4 +1,4 @@
-"""Figures of analysis: how a diagram answers sines of different frequency and size.
+"""Figures of analysis: the frequency response of a diagram to sines of several amplitudes.
 
 Needs matplotlib, imported when a figure is made.
 """
@@ -17,7 +17,7 @@ from tsmblocks.plots.panels import COLOURS, axes, decimal, dress, shown
 def plot_frequency_response(found: FrequencyResponse, ax: Any = None) -> Any:
     """Gain, phase and distortion over frequency, a line for each amplitude (angles in deg).
 
-    Where the output stands still, or never becomes periodic, there is a cross below the gain. ``ax`` may be three axes.
+    Where the output is constant, or never becomes periodic, there is a cross below the gain. ``ax`` may be three axes.
     Returns the figure.
     """
     panels = axes(ax, 3, height=2.2)

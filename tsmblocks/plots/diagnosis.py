@@ -1,4 +1,4 @@
-"""Figures of diagnoses: how the gap shrank, and where model and data disagree, before and after.
+"""Figures of diagnoses: errors and residuals before and after.
 
 A whole diagnosis is one figure; each panel can also be drawn alone, on axes of one's own:
 
@@ -27,7 +27,7 @@ DARKEST = 4.0
 
 
 def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
-    """Gap bars, the traces of the worst experiment, its loop, and what is left along the best coordinate.
+    """Errors as bars, residuals of the worst experiment, its loop, and the residual over the best coordinate.
 
     A row of panels for each segment, drawn for its output that is furthest above its noise; ``ax`` may be four axes
     for each, row by row. Returns the figure.
@@ -50,7 +50,7 @@ def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
 
 
 def plot_gap(diagnosis: Diagnosis, ax: Any = None) -> Any:
-    """Rms of each experiment held out, before and after; fitted as hollow bars; the noise as a line.
+    """Rms error of each experiment on validation data, before and after; hollow bars: on fitted data; line: noise.
 
     Of the segment that the verdict is about.
     """
@@ -61,7 +61,7 @@ def plot_gap(diagnosis: Diagnosis, ax: Any = None) -> Any:
 
 
 def plot_disagreement(diagnosis: Diagnosis, experiment: str = "", ax: Any = None) -> Any:
-    """What is left over time before and after, and the blocks of time as a strip: the darker, the more was left.
+    """The residual over time before and after, and blocks of time as a strip: the darker, the larger it is.
 
     Of the experiment that is worst, or the one named. Raises TsmError for a name that is none.
     """
@@ -73,7 +73,7 @@ def plot_disagreement(diagnosis: Diagnosis, experiment: str = "", ax: Any = None
 
 
 def plot_coordinate(diagnosis: Diagnosis, ax: Any = None) -> Any:
-    """The error in bins of the coordinate that foretells it best, with standard errors, before and after."""
+    """Mean residual in bins of the coordinate that predicts it best, with standard errors, before and after."""
     segment = diagnosis.worst
     (panel,) = axes(ax, 1, height=3.2)
     _along(panel, segment, worst_gap(segment), diagnosis)
@@ -115,7 +115,7 @@ def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
     panel.set_yticks(range(len(rows)), [name for name, _, _ in rows])
     panel.invert_yaxis()
     panel.locator_params(axis="x", nbins=4)
-    panel.set_xlabel(heading(f"rms of {gap.output} held out", unit))
+    panel.set_xlabel(heading(f"rms of {gap.output} on validation data", unit))
     dress(panel, legend=False)
     panel.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=2)
 
@@ -134,7 +134,7 @@ def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
             dark = float(np.clip((square - 1) / (DARKEST - 1), 0.0, 1.0))
             low = reach * (1.22 - 0.1 * row)
             panel.fill_between([start, stop], low, low + 0.09 * reach, color=colour, alpha=dark, lw=0)
-    panel.set_ylabel(heading(f"{trace.output} less simulated", unit))
+    panel.set_ylabel(heading(f"residual of {trace.output}", unit))
     panel.set_xlabel("t [s]")
     dress(panel, legend=False)
     panel.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=3)
@@ -163,7 +163,7 @@ def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
 
 
 def _worst_stretch(trace: Trace) -> slice:
-    """The samples of the block of time that was worst, and of those beside it: all cycles at once are a tangle."""
+    """The samples of the block of time that was worst, and of those beside it: all cycles at once cannot be read."""
     rows = trace.excess
     if len(rows) < 3:
         return slice(None)
@@ -175,18 +175,18 @@ def _worst_stretch(trace: Trace) -> slice:
 def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None:
     found = profile(segment, gap.output, segment.where[0].coordinate, diagnosis.base) if segment.where else None
     if found is None:
-        panel.text(0.5, 0.5, "no coordinate foretells the error", ha="center", color=INK, transform=panel.transAxes)
+        panel.text(0.5, 0.5, "no coordinate predicts the residual", ha="center", color=INK, transform=panel.transAxes)
         panel.set_axis_off()
         return
     k, unit = for_people(found.error_unit)
     k_in, unit_in = for_people(found.unit)
     x = k_in * found.x
     if segment.effects:
-        panel.plot(x, k * found.explained, color=AFTER, ls="--", lw=1.2, label="what was named")
+        panel.plot(x, k * found.explained, color=AFTER, ls="--", lw=1.2, label="reported effects")
         panel.errorbar(x, k * found.after, k * found.error_after, fmt="o", ms=3, color=AFTER, lw=1, label="after")
     panel.errorbar(x, k * found.before, k * found.error_before, fmt="o", ms=3, color=BEFORE, lw=1, label="before")
     panel.axhline(0.0, color=INK, lw=0.6)
     panel.set_xlabel(heading(found.coordinate, unit_in))
-    panel.set_ylabel(heading("mean error", unit))
+    panel.set_ylabel(heading("mean residual", unit))
     dress(panel, legend=False)
     panel.legend(fontsize=8, frameon=False)

@@ -1,4 +1,4 @@
-"""Figures of fits: how close the simulation comes, where it does not, and what the rest looks like.
+"""Figures of fits: measured and simulated signals, residuals and their autocorrelation, models compared.
 
 A whole fit is one figure; each of its four panels can also be drawn alone, on axes of one's own:
 
@@ -34,7 +34,7 @@ ABOVE: dict[str, Any] = {"loc": "outside upper right", "frameon": False, "fontsi
 
 
 def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
-    """What was measured and simulated over time, what is left, the loop over the input, and the residual's colour.
+    """Measured and simulated signals over time, the residual, the loop over the input, and the autocorrelation.
 
     One row per experiment and output, the first ``MOST`` of them; ``ax`` may be four axes for each, row by row.
     Returns the figure.
@@ -43,7 +43,7 @@ def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
     rows = list(differences)[:MOST]
     figure, panels = sheet(ax, len(rows), 4, width=15.0, height=2.8, widths=(1.5, 1.3, 1.0, 0.8))
     for row, one in zip(panels, rows, strict=True):
-        for panel, draw in zip(row, (_history, _residual, _loop, _colour), strict=True):
+        for panel, draw in zip(row, (_history, _residual, _loop, _autocorrelation), strict=True):
             draw(panel, one)
         row[0].set_title(f"{one.experiment}, {one.output}", loc="left", fontsize=10, fontweight="bold")
         row[1].set_title(f"residual: {_in_figures(one)}", loc="left", fontsize=10)
@@ -65,9 +65,9 @@ def plot_history(difference: Difference, ax: Any = None) -> Any:
 
 
 def plot_residual(difference: Difference, ax: Any = None) -> Any:
-    """What is left over time, with the band of twice the measured signal's noise. Returns the figure.
+    """The residual over time, with the band of twice the measured signal's noise. Returns the figure.
 
-    The noise is that of ``tsm.noise``: a residual inside the band holds nothing a better model could explain.
+    The noise is that of ``tsm.noise``: a residual inside the band cannot be reduced by a better model.
     """
     return _alone(_residual, difference, ax)
 
@@ -78,8 +78,8 @@ def plot_fitted_loop(difference: Difference, ax: Any = None) -> Any:
 
 
 def plot_autocorrelation(difference: Difference, ax: Any = None) -> Any:
-    """Autocorrelation of what is left over the lag in s; 19 of 20 lags of white noise stay in the band."""
-    return _alone(_colour, difference, ax)
+    """Autocorrelation of the residual over the lag in s; 95 % of the lags of white noise lie in the band."""
+    return _alone(_autocorrelation, difference, ax)
 
 
 def _alone(draw: Any, one: Difference, ax: Any) -> Any:
@@ -91,7 +91,7 @@ def _alone(draw: Any, one: Difference, ax: Any) -> Any:
 
 
 def _legend(figure: Any, panels: Any, *, own: bool) -> None:
-    """One legend for all panels, what several of them show named once; on a figure of others one in each panel."""
+    """One legend for all panels, each label once; on a figure of the caller one in each panel."""
     if not own:
         for panel in panels:
             if any(panel.get_legend_handles_labels()[1]):
@@ -132,7 +132,7 @@ def _residual(panel: Any, one: Difference) -> None:
 
 
 def _floor(one: Difference) -> float | None:
-    """The noise of what was measured, in its unit; None where it cannot be told."""
+    """The noise of the measured signal, in its unit; None where it cannot be estimated."""
     signals = {one.output: one.measured, **{name: values for name, (values, _) in one.inputs.items()}}
     try:
         return noise(Record(one.experiment, one.t, signals, {one.output: one.unit}), one.output).floor
@@ -158,7 +158,7 @@ def _loop(panel: Any, one: Difference) -> None:
     dress(panel, legend=False)
 
 
-def _colour(panel: Any, one: Difference) -> None:
+def _autocorrelation(panel: Any, one: Difference) -> None:
     (found,) = whiteness(one.residual, lags=LAGS)
     lag = float(np.median(np.diff(one.t))) * np.arange(len(found.autocorrelation))
     panel.axhspan(-found.band, found.band, color=PALE, lw=0, label="white noise")
@@ -192,7 +192,7 @@ def plot_comparison(comparison: Comparison, ax: Any = None) -> Any:
 
 
 def _errors(panel: Any, comparison: Comparison) -> None:
-    """A dot for each model, and an open one where the part that was fitted lies."""
+    """A dot for each model, and an open one for its error on fitted data."""
     rows = [row for row in comparison if row.train is not None][::-1]
     k, unit = shown(np.ones(1), comparison.unit)
     figures = k * np.array([row.figure for row in rows])
@@ -212,7 +212,7 @@ def _errors(panel: Any, comparison: Comparison) -> None:
 
 
 def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None) -> Any:
-    """What each model leaves of every file, when it is fitted to each by itself. Returns the figure.
+    """The rms error of each model on every file, fitted to each file separately. Returns the figure.
 
     ``comparisons`` has one for each file, by name. Models stand from best to worst over all files, each with a
     mark per file and a line at the root mean square.
@@ -237,7 +237,7 @@ def _held_out(comparisons: Iterable[Comparison]) -> bool:
 
 
 def _over_models(panel: Any, unit: str, comparisons: Iterable[Comparison]) -> None:
-    """Errors across: on a scale on which the best models stay apart where the worst are ten times worse."""
+    """Errors on the x axis, logarithmic where the largest is ten times the smallest."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     dress(panel, legend=False)

@@ -16,7 +16,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 INK, PALE = "#222222", "#d9d9d9"
 
 QUANTITY = {"deg": "angle", "deg/s": "speed", "V": "voltage", "s": "time", "N": "force", "A": "current"}
-"""What an axis shared by several signals of a unit is called."""
+"""Label of an axis shared by several signals of a unit."""
 FEW, MANY = 20.0, 2000.0
 """Ranges of a logarithmic axis: below, more ticks between powers of ten are needed; above, they would be too many."""
 LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False, "fontsize": 9}
@@ -73,7 +73,7 @@ def _figure(size: tuple[float, float]) -> Any:
 
 
 def dress(panel: Any, *, legend: bool) -> None:
-    """Give a panel its grid, without a frame, and a legend beside it where asked."""
+    """Give a panel its grid, without a frame, and a legend beside it if ``legend``."""
     panel.spines[["top", "right"]].set_visible(False)
     panel.grid(color=PALE, lw=0.5)
     panel.set_axisbelow(True)

@@ -23,13 +23,13 @@ MOST = 12
 BESIDE = 4
 """Numbers over which a metric is shown beside its distribution; ``plot_scatter`` shows any."""
 BINS = 10
-"""Stretches of a parameter of which each gives a median."""
+"""Intervals of a parameter with a median each."""
 BANDS = ((0.0, 1.0, "all"), (0.05, 0.95, "5 to 95 %"), (0.25, 0.75, "25 to 75 %"))
 """Shares of the runs that an envelope shows, the palest first."""
 
 
 def plot_study(results: Results, metrics: Sequence[str] = (), ax: Any = None) -> Any:
-    """What suits the plan, for the metrics named, or all: a panel for each.
+    """The usual figure of the plan, a panel for each of the metrics (all by default).
 
     A heat map of a grid of two numbers, a curve of one number, a tornado of a sweep, else distributions, and beside
     each the metric over every number that varies (the first ``BESIDE``). ``ax`` may be one axes for each metric; a
@@ -80,7 +80,7 @@ def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
     """
     found = list(results.influence(metric).items())[:MOST]
     (panel,) = axes(ax, 1, height=0.8 + 0.35 * len(found))
-    factor, unit = _people(results, metric)
+    factor, unit = _display_unit(results, metric)
     middle = factor * base_value(results, metric)
     for k, (name, ends) in enumerate(reversed(found)):
         for end, colour, up in zip(ends, (COLOURS[5], COLOURS[0]), (0.18, -0.18), strict=True):
@@ -98,7 +98,7 @@ def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
 def plot_scatter(results: Results, metric: str, parameters: Sequence[str] = (), ax: Any = None) -> Any:
     """A metric over each of some parameters (all numbers unless named), a point per run: one axes for each.
 
-    The line is the median of the metric in each of ``BINS`` stretches of equally many runs: where it is flat, the
+    The line is the median of the metric in each of ``BINS`` intervals with equally many runs: where it is flat, the
     parameter does nothing to the metric. Returns the figure. Raises RunError for an unknown name.
     """
     names = list(parameters) or [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
@@ -170,9 +170,9 @@ def plot_heat_map(results: Results, metric: str, x: str | None = None, y: str | 
 
 
 def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
-    """How a metric is spread over the runs, with its median and 5 and 95 % quantiles. Returns the figure."""
+    """The distribution of a metric over the runs, with median and 5 and 95 % quantiles. Returns the figure."""
     (panel,) = axes(ax, 1, height=2.6)
-    factor, unit = _people(results, metric)
+    factor, unit = _display_unit(results, metric)
     values = factor * results[metric][np.isfinite(results[metric])]
     if len(values):
         panel.hist(values, bins=min(60, max(8, int(np.sqrt(len(values))))), color=COLOURS[5], alpha=0.8)
@@ -188,7 +188,7 @@ def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
 
 
 def plot_envelope(responses: Any, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
-    """Where a signal lies in the runs of ``studies.responses``: all of them, 5 to 95 %, 25 to 75 %, and the median.
+    """Range, 5 to 95 %, 25 to 75 % and median of a signal over the runs of ``studies.responses``.
 
     ``reference`` is another signal of them, drawn once. Returns the figure. Raises RunError for an unknown signal.
     """
@@ -230,11 +230,11 @@ def _head(results: Results) -> str:
     return f"{results.title}: {results.kind} of {len(results)} runs"
 
 
-def _people(results: Results, name: str) -> tuple[float, str]:
-    """Factor and unit in which people read a metric: angles in degrees; parameters as they are."""
+def _display_unit(results: Results, name: str) -> tuple[float, str]:
+    """Factor and unit in which a metric is displayed: angles in degrees; parameters as they are."""
     return units.for_people(results.units.get(name, ""))
 
 
 def _shown(results: Results, name: str) -> tuple[np.ndarray, str]:
-    factor, unit = _people(results, name)
+    factor, unit = _display_unit(results, name)
     return (results[name] if factor == 1 else factor * results[name]), unit

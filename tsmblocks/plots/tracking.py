@@ -1,4 +1,4 @@
-"""Figures of what moved between a baseline and now. Needs matplotlib, imported when a figure is made."""
+"""Figures of differences between a baseline and a new run. Needs matplotlib, imported when a figure is made."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ ROUNDED = 1e-5
 
 
 def plot_tracking_changes(before: Any, now: Any, title: str, ax: Any = None) -> Any:
-    """Signals of a baseline and of now that part, over time, each with its difference below.
+    """Signals that differ between a baseline and a new run, over time, each with its difference below.
 
     ``before`` and ``now`` have ``t`` [s], ``signals`` and ``signal_units``. Returns the figure.
     """
     both = [name for name in now.signals if name in before.signals]
-    names = [name for name in both if _parts(before, now, name)] or both
+    names = [name for name in both if _differs(before, now, name)] or both
     panels = axes(ax, 2 * len(names), height=1.7)
     for k, name in enumerate(names):
         above, below = panels[2 * k : 2 * k + 2]
@@ -36,6 +36,6 @@ def plot_tracking_changes(before: Any, now: Any, title: str, ax: Any = None) -> 
     return panels[0].figure
 
 
-def _parts(before: Any, now: Any, name: str) -> bool:
+def _differs(before: Any, now: Any, name: str) -> bool:
     old = np.interp(now.t, before.t, before.signals[name])
     return not np.allclose(now.signals[name], old, rtol=0.0, atol=ROUNDED * float(np.abs(old).max(initial=1e-12)))

@@ -1,4 +1,4 @@
-"""The figure of a tuning: each metric in each case, with the diagrams' own numbers and with those found."""
+"""The figure of a tuning: each metric in each case, with the parameters before and after."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tsmblocks.plots.panels import COLOURS, INK, dress, sheet, shown
 from tsmblocks.tuning.result import Tuned
 
 MOST = 12
-"""Cases that have bars of their own; of more it is shown how they are spread."""
+"""Cases with bars of their own; of more there is a histogram."""
 
 
 def plot_tuned(tuned: Tuned, metrics: Sequence[str] = (), ax: Any = None) -> Any:
     """Each metric in each case, before (pale) and tuned (dark), with the limits it is to keep; one axes per metric.
 
-    ``metrics`` are all unless named. Of more than ``MOST`` cases it is shown how they are spread. Returns the figure.
+    ``metrics`` are all unless named. Of more than ``MOST`` cases there is a histogram. Returns the figure.
     Raises RunError for an unknown metric.
     """
     known = list(next(iter(tuned.after.values())))

@@ -1,4 +1,4 @@
 """The reference as pages of HTML: generated from blocks, diagrams, effects and docstrings, with pages on concepts.
 
-Only ``site`` needs Sphinx; ``cards`` serves the terminal as well.
+Only ``site`` needs Sphinx.
 """

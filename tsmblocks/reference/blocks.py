@@ -18,23 +18,23 @@ from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
 
 LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
 ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "delays", "arithmetic", "sensors")
-"""Families whose answer is drawn over the input too, unless that only jumps."""
+"""Families whose output is drawn over the input too, unless the input only jumps."""
 LEVELS = 8
-"""Values up to which a signal is taken to jump between them."""
+"""Distinct values up to which a signal is taken to jump between them."""
 FAMILY_WORDS = {
-    "sources": "Signals that are made, or were recorded.",
-    "arithmetic": "What is done to signals at one instant.",
+    "sources": "Generated and recorded signals.",
+    "arithmetic": "Operations on signals at one instant.",
     "linear": "Lags, integrators, delays and transfer functions in continuous time.",
     "limits": "Limits, dead zones, relays, rounding and tables.",
-    "friction": "What resists a motion, as a function of its rate and of what went before.",
-    "hysteresis": "Transmissions that remember: the paper's models, play, and their relatives.",
+    "friction": "Forces that resist a motion, as functions of its rate and its history.",
+    "hysteresis": "Transmissions with memory: the paper's models, play, and similar ones.",
     "control": "Controllers, and the paper's observer and compensator.",
     "motor": "Motors.",
     "discrete": "Blocks that act at multiples of a period and hold in between.",
-    "sensors": "What a measurement does to a signal.",
-    "delays": "Delays and lags that may be zero, for fits that are to find out.",
-    "loops": "Loops added to a signal that passes through; with their defaults they pass it on as it is.",
-    "transmission": "Departures added to a signal that passes through; with their defaults they pass it on as it is.",
+    "sensors": "Errors of measurement: bias, quantisation, noise.",
+    "delays": "Delays and lags that may be zero, for fits that estimate them.",
+    "loops": "Hysteresis loops added to a signal; with their defaults they pass it on unchanged.",
+    "transmission": "Deviations added to a signal; with their defaults they pass it on unchanged.",
     "hydraulics": "Vessels of liquids.",
 }
 
@@ -96,7 +96,7 @@ def page(cls: type[Block], family: list[str]) -> str:
         _numbers(block, label),
         _states(shown),
         _behaviour(shown),
-        _computed(shown, _apart(block, shown)),
+        _computed(shown, _validity(block, shown)),
         _shown(cls),
         _related(cls.__name__, family),
     )
@@ -174,7 +174,7 @@ def default_text(value: Any) -> str:
 
 
 def bounds(field: Any) -> str:
-    """What a field may be."""
+    """The admissible values of a field."""
     if field.choices:
         return "one of " + ", ".join(f"``{c}``" for c in field.choices)
     made = field.bounds()
@@ -191,12 +191,12 @@ def _states(block: Block) -> str:
     ]
     return rst.page(
         rst.heading("States", 1),
-        rst.table(("State", "Kind", "Starts at", "Unit", "Meaning"), rows, (16, 20, 12, 10, 42)),
+        rst.table(("State", "Kind", "Initial value", "Unit", "Meaning"), rows, (16, 20, 12, 10, 42)),
     )
 
 
 def _start(state: State) -> str:
-    """A start value; a time long before all runs is said in words."""
+    """The initial value of a state, in words where it is a time long before all runs."""
     return "before the run" if isinstance(state.start, float) and state.start < -1e8 else default_text(state.start)
 
 
@@ -208,7 +208,7 @@ def _kind(block: Block, shape: Structure, name: str) -> str:
     return "memory, set at each sample" if block.sampled else "memory, set at each step"
 
 
-# ---- what it does ---------------------------------------------------------------------------------
+# ---- behaviour -----------------------------------------------------------------------------------
 
 
 def _behaviour(block: Block) -> str:
@@ -228,7 +228,7 @@ def _time(block: Block) -> str:
     if shape.continuous:
         return "**Time**: continuous; its states are integrated by the method of the run."
     if block.past_ports:
-        return "**Time**: continuous; it has no state, and reads what its input was at earlier instants of the run."
+        return "**Time**: continuous; it has no state, and reads its input at earlier instants of the run."
     return "**Time**: none; it has no state, and its output is a function of the same instant."
 
 
@@ -261,12 +261,12 @@ def _switches(made: Listing) -> str:
 
 def _in_c(block: Block) -> str:
     if block.tape_ports:
-        return "**Export to C**: not possible, for its signal is made for a whole run at once."
+        return "**Export to C**: not possible, since its signal is made for a whole run at once."
     return "**Export to C**: possible (``tsmblocks export``)."
 
 
-def _apart(block: Block, shown: Block) -> str:
-    """What the equations that are shown hold for, where options or lengths of lists give others."""
+def _validity(block: Block, shown: Block) -> str:
+    """The options and lengths of lists for which the equations shown hold."""
     other = [k for k in block.options if getattr(block, k) != getattr(shown, k)]
     lists = [k for k, v in block.parameters.items() if isinstance(v, tuple)]
     if not block.options and not lists:
@@ -283,7 +283,7 @@ def _computed(block: Block, apart: str) -> str:
     lines = [*made.shared, *made.equations]
     text = "\\\\\n".join(f"{left} &= {spaced(right)}" for left, right in lines)
     rows = [
-        "What is simulated, fitted, differentiated and exported, written out of the expressions themselves. Names "
+        "The equations that are simulated, fitted, differentiated and exported, written from the expressions. Names "
         "in upright letters are those of the tables above; a dot is a rate, a plus the value after the next "
         f"{'sample' if block.sampled else 'step'}.{apart}"
     ]
@@ -319,7 +319,7 @@ def _shown(cls: type[Block]) -> str:
     made = examples.example(cls)
     return rst.page(
         rst.heading("Example", 1),
-        "What is drawn and run at the top of this page, as a script and as a file.",
+        "The diagram at the top of this page, as a script and as a file.",
         rst.block(examples.script(made, examples.stop_of(cls)), "python"),
         rst.block(dumps(made), "toml"),
     )

@@ -1,4 +1,4 @@
-"""Pages of the ready-made diagrams: picture, blocks and numbers, what they answer, the file."""
+"""Pages of the shipped diagrams: picture, blocks and parameters, response, the file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DRIVE = {
     "V": MultiSine(amplitudes=(1.5, 1.5), unit="V"),
     "rad/s": MultiSine(unit="rad/s"),
 }
-"""What drives the input of an open diagram on its page, by unit."""
+"""Source at the input of an open diagram on its page, by unit."""
 STOP, STEP = 20.0, 1e-3
 PLOTTED = ("x_ref", "x_in", "x_out")
 """Outputs that belong into one chart, where a diagram has them."""
@@ -112,10 +112,10 @@ def _blocks(diagram: Diagram) -> str:
         ]
         kind = type(block).__name__
         rows.append((rst.code(name), rst.link(f"/blocks/{kind}", kind), ", ".join(said)))
-    parts = [rst.heading("Blocks and numbers", 1), rst.table(("Name", "Block", "Numbers"), rows, (18, 26, 56))]
+    parts = [rst.heading("Blocks and parameters", 1), rst.table(("Name", "Block", "Parameters"), rows, (18, 26, 56))]
     if diagram.values:
         shared = ", ".join(f"``${k}`` = {v:.6g}" for k, v in diagram.values.items())
-        parts.append(f"Numbers that several blocks share: {shared}.")
+        parts.append(f"Values that several blocks share: {shared}.")
     return rst.page(*parts)
 
 
@@ -128,7 +128,7 @@ def _unit(label: str) -> str:
 
 
 def _structure(diagram: Diagram) -> str:
-    """What the equations of the whole are made of."""
+    """Numbers of parameters, signals, states and memories of the whole."""
     from tsmblocks.simulation.compiled import equations
 
     eq = equations(diagram)
@@ -142,12 +142,12 @@ def _structure(diagram: Diagram) -> str:
         items.append(f"Sampled every {', '.join(f'{p:g} s' for p in eq.periods)}.")
     return rst.page(
         rst.heading("The equations", 1),
-        "How they are formed is told in " + rst.link("/concepts/equations") + ".",
+        "How they are formed: " + rst.link("/concepts/equations") + ".",
         rst.listed(items),
     )
 
 
 def _count(number: int, what: str) -> str:
-    """So many of a thing."""
+    """A number with its noun, in the plural where it is not one."""
     many = what if number == 1 else f"{what[:-1]}ies" if what.endswith("y") else f"{what}s"
     return f"{number} {many}"

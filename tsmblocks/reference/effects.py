@@ -1,4 +1,4 @@
-"""Pages of effects: what each is, where it may stand, its numbers, and what it leaves in the residuals."""
+"""Pages of effects: what each is, its insertion points, its parameters, and its residual."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ PLACES = {
     "brake": "on the wire that sets the output in motion, where that is a speed, which it reads as well",
 }
 FAMILIES = {
-    "friction": "What resists a motion, taken off the force or voltage that drives it.",
-    "loop": "Play and hysteresis that a model lacks, or has in another shape.",
-    "delay": "Time on the way: dead time, lag, resonance, transmission that depends on the speed.",
-    "map": "Characteristics of position alone: slack, limits, bends, ripple.",
+    "friction": "Forces that resist a motion, subtracted from the force or voltage that drives it.",
+    "loop": "Play and hysteresis that a model lacks, or has in another form.",
+    "delay": "Dynamics of the transmission: dead time, lag, resonance, dependence on the speed.",
+    "map": "Static characteristics of position: slack, limits, bends, ripple.",
     "load": "An offset of the load.",
-    "time": "Changes with the clock.",
+    "time": "Changes over time.",
     "limit": "Limits of speed.",
 }
 PLANTS = {"output": "tendon_sheath_asymmetric", **dict.fromkeys(("drive", "load", "brake"), "motor_linear")}
-"""Shipped diagrams into which the pages put effects: for those on signals, and for those on drives."""
+"""Shipped diagrams into which the pages insert effects: for those on signals, and for those on drives."""
 SPEED = {"v": "motor.v"}
-"""What is measured of the motor where a speed is."""
+"""The measured output of the motor where that is a speed."""
 INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
     "u": MultiSine(
@@ -46,7 +46,7 @@ INPUTS = {
     ),
 }
 LINE = 0.7
-"""Frequency [Hz] at which the pages let a disturbance run."""
+"""Frequency of a disturbance on the pages [Hz]."""
 
 
 def pages() -> dict[str, str]:
@@ -54,8 +54,8 @@ def pages() -> dict[str, str]:
     found = uses.effects()
     parts = [
         rst.heading("Effects"),
-        "What a model may miss. ``tsm.diagnose`` puts each of these on every wire where "
-        "it can stand and fits it together with the model; how it decides is told in "
+        "What a model may lack. ``tsm.diagnose`` inserts each of these at every admissible "
+        "signal and fits it together with the model; how it decides: "
         + rst.link("/concepts/diagnosis")
         + ". An effect of your own takes part when it is registered: "
         + rst.link("/python/diagnosis")
@@ -82,14 +82,14 @@ def pages() -> dict[str, str]:
 
 
 def _wires() -> str:
-    """The wires of the ready-made plants on which effects are looked for."""
+    """The admissible signals of the shipped plants."""
     rows = []
     for name, diagram in uses.shipped().items():
         if diagram.inputs:
             found = [f"{site.place} ``{site.words(diagram)}``" for site in _sites(diagram)]
             rows.append((rst.link(f"/diagrams/{name}", name), ", ".join(found)))
     return rst.page(
-        "In the ready-made diagrams that recordings can drive:",
+        "In the shipped diagrams that recordings can drive:",
         rst.table(("Diagram", "Places and their wires"), rows, (34, 66)),
     )
 
@@ -101,9 +101,9 @@ def page(name: str, some: list[Effect]) -> str:
     contains = list(dict.fromkeys(k for e in some for k in e.contains))
     facts = [
         f":Family: {first.family}",
-        f":A recording shows it with: {rst.words(first.excites)}",
+        f":Excited by: {rst.words(first.excites)}",
         f":Looks like: {', '.join(rst.link(f'/effects/{k}', k) for k in confused) or 'nothing else here'}",
-        f":Told apart by: {rst.words(first.separates)}",
+        f":Distinguished by: {rst.words(first.separates)}",
         *([f":Contains: {', '.join(rst.link(f'/effects/{k}', k) for k in contains)}"] if contains else []),
     ]
     opening = "; ".join(dict.fromkeys(e.words for e in some))
@@ -121,7 +121,7 @@ def _variant(effect: Effect) -> str:
     made = placed(effect)
     parts = [
         rst.heading(title, 1),
-        f"It stands {PLACES[effect.place]}. It is made of {', '.join(rst.link(f'/blocks/{k}', k) for k in kinds)}.",
+        f"Its place is {PLACES[effect.place]}. It is made of {', '.join(rst.link(f'/blocks/{k}', k) for k in kinds)}.",
         rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
         _numbers(effect, made.trials),
         _residual(made),
@@ -148,19 +148,19 @@ def _numbers(effect: Effect, trials: Trials) -> str:
             )
         )
     within = (
-        f" It must not end at a bound of {' or '.join(map(rst.code, effect.within))}: there it has turned into "
-        "something else."
+        f" Its estimate must not end at a bound of {' or '.join(map(rst.code, effect.within))}: there it is "
+        "another effect."
         if effect.within
         else ""
     )
     return rst.page(
-        rst.table(("Fitted", "Unit", "None at", "Bounds", "Looked for here", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
-        f"With the value under *None at* the effect passes its signal on bit for bit.{within}",
+        rst.table(("Fitted", "Unit", "Null", "Bounds", "Searched here", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
+        f"With the values under *Null* the effect passes its signal on bit for bit.{within}",
     )
 
 
 def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
-    """What is declared of each number of an effect's block, by the name the effect uses."""
+    """The declaration of each parameter of an effect's block, by the name that the effect uses."""
     if isinstance(block, Block):
         return {
             prefix + leaf: block.fields()[key]
@@ -170,7 +170,7 @@ def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, inner in block.blocks.items():
         found |= _fields(inner, f"{prefix}{name}.")
-    for name in block.values:  # a shared number is what the blocks that use it say it is
+    for name in block.values:  # a shared value is declared by the block that uses it
         user = next(
             k for b in block.blocks.values() if isinstance(b, Block) for k, v in b.parameters.items() if v == f"${name}"
         )
@@ -179,12 +179,12 @@ def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
     return found
 
 
-# ---- what it leaves -------------------------------------------------------------------------------
+# ---- residuals -------------------------------------------------------------------------------------
 
 
 @attrs.frozen(eq=False)
 class Placed:
-    """An effect in a shipped diagram, as large as a diagnosis would first try it; ``base`` is that without it."""
+    """An effect in a shipped diagram, at the size from which a diagnosis starts; ``base`` is the diagram without it."""
 
     effect: Effect
     plant: str
@@ -233,7 +233,7 @@ def _run(diagram: Diagram) -> Any:
 
 
 def _scales(plant: Diagram, site: InsertionPoint) -> Scales:
-    """The sizes an effect would see on a wire of a plant."""
+    """The scales of the signals at an insertion point of a plant."""
     run = _run(plant)
     wire, other = (span_of([np.asarray(run[k])], [STEP]) for k in (site.signal, site.other or site.signal))
     return Scales(wire, other, 0.0, STOP, STEP, STOP, (LINE,))
@@ -241,7 +241,7 @@ def _scales(plant: Diagram, site: InsertionPoint) -> Scales:
 
 @attrs.frozen(eq=False)
 class Traces:
-    """What an effect leaves: the output of the plant without it, and the difference with it, as people read them."""
+    """The output of the plant without an effect, and the residual of a model without it, in display units."""
 
     t: np.ndarray
     output: np.ndarray
@@ -272,13 +272,13 @@ def traces(made: Placed) -> Traces:
 
 
 def _residual(made: Placed) -> str:
-    """Charts of what the effect adds to the plant's output, over time and over position."""
+    """Charts of the effect's contribution to the plant's output, over time and over position."""
     found = traces(made)
     numbers = {**made.trials.shapes[len(made.trials.shapes) // 2], **made.trials.strengths}
     said = ", ".join(f"``{k}`` = {v:.3g}" for k, v in numbers.items())
     drawn = [found.over_time(), found.over_position()]
     return rst.page(
-        f"What a model without it leaves, in {rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
+        f"The residual of a model without it, in {rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
         f"``{made.site.words(made.base)}``, with {said}:",
         rst.html(figures.side_by_side(drawn, list(found.labels))),
     )

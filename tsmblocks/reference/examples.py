@@ -1,4 +1,4 @@
-"""One small diagram for each block: what is drawn on its page, run for its chart, and shown as file and script."""
+"""One small diagram for each block: drawn on its page, run for its chart, and listed as file and script."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tsmblocks.simulation.run import Run
 
 STOP, STEP = 10.0, 1e-3
 SINE = {"": 1.0, "rad": 0.96, "rad/s": 2.0, "V": 6.0}
-"""Amplitude of the sine that drives a port of a unit, where nothing else is said."""
+"""Amplitude of the sine that drives a port, by the port's unit, where ``DRIVE`` has no other source."""
 TWO = MultiSine(amplitudes=(0.6, 0.36), frequencies=(0.2, 0.5))
 """Large and small reversals, for blocks that remember them."""
 SLOW = MultiSine(amplitudes=(0.6, 0.36), frequencies=(0.2, 0.5), unit="rad")
@@ -70,7 +70,7 @@ SET: dict[str, dict[str, Any]] = {
     "Ramp": dict(start=2.0, slope=0.5),
     "PrandtlIshlinskii": {},
 }
-"""Numbers that show what a block does where its defaults do not (an effect of no size, a limit that is not reached)."""
+"""Parameters that make a block's effect visible where its defaults do not (an unreached limit, a zero size)."""
 
 
 def _all(port: str, source: Block, names: str) -> dict[str, dict[str, Block]]:
@@ -187,7 +187,7 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
 
 
 def _made(block: Block) -> str:
-    """A block as it is written: what differs from the defaults."""
+    """A block as code: its class and the arguments that differ from their defaults."""
     given = {k: getattr(block, k) for k, f in block.fields().items() if getattr(block, k) != f.default}
     return f"{type(block).__name__}({', '.join(f'{k}={_value(v)}' for k, v in given.items())})"
 

@@ -7,14 +7,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from tsmblocks.html import charts
-from tsmblocks.html.charts import WIDTH, Frame
+from tsmblocks.html.charts import LEFT, RIGHT, Frame
 from tsmblocks.html.pages import part
 
 LINES = ("measured", "after", "before", "between")
 """Classes of the lines, in the order in which signals are named: inputs first."""
 POINTS = 500
 """Samples of a line."""
-LEFT, RIGHT, TALL = 46, WIDTH - 10, 150
+TALL = 150
+"""Height of the part of a chart in which data are drawn [pixels]."""
 ALIKE = 8.0
 """Ratio of two ranges up to which signals share an axis."""
 

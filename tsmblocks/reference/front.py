@@ -1,4 +1,4 @@
-"""The first page: what there is, with pictures that lead there."""
+"""The first page: an overview, with pictures that link to the parts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _index() -> str:
     return rst.page(
         rst.heading("tsmblocks"),
         "Block diagrams for mechanisms with friction, backlash and hysteresis: assemble a model and its controller "
-        "from blocks, run it at a fixed step, fit it to recordings, find what it misses, and design against it.",
+        "from blocks, run it at a fixed step, fit it to recordings, find effects that it lacks, compensate them.",
         rst.html(uses.linked_picture(uses.shipped()[FIRST], up="")),
         f"The paper's Fig. 16 (:doc:`diagrams/{FIRST}`); each block leads to its page.",
         rst.html(_cards()),
@@ -35,7 +35,7 @@ def _cards() -> str:
         (
             "effects/index",
             "Effects",
-            f"{len(uses.effects())} things a model may miss, where they stand, and what they leave in the residuals.",
+            f"{len(uses.effects())} effects that a model may lack, their insertion points and their residuals.",
             gap.over_position(),
         ),
         (
@@ -51,8 +51,8 @@ def _cards() -> str:
             "and diagnoses decide, and when not to believe them.",
             "",
         ),
-        ("python/index", "Python", "Every public name, by what one wants to do.", ""),
-        ("commands/index", "Commands", "What can be done at a terminal.", ""),
+        ("python/index", "Python", "Every public name, by task.", ""),
+        ("commands/index", "Commands", "The commands of the terminal.", ""),
     ]
     drawn = [f"<figure>{picture}</figure>" if picture else "" for *_, picture in cards]
     made = [

@@ -1,4 +1,4 @@
-"""How the pages look beyond their theme: drawings, charts, formulas, in light and dark, wide and narrow."""
+"""The style sheet of the pages beyond their theme: drawings, charts, formulas, light and dark, wide and narrow."""
 
 LIGHT = "--measured:#757575;--before:#b84a06;--after:#0067a5;--between:#7a5195;--rule:#d5d5d5;--soft:#5b5b5b"
 DARK = "--measured:#9a9a9a;--before:#ff9a57;--after:#62b5f2;--between:#c39be0;--rule:#3b3d3f;--soft:#a9a9a9"
@@ -43,4 +43,3 @@ article h1{font-size:2em}
 @media (max-width:46em){article h1{font-size:1.5em;overflow-wrap:anywhere}
 article h2{font-size:1.25em}table.docutils{min-width:36em}}
 """.replace("LIGHT", LIGHT).replace("DARK", DARK)
-"""The style sheet."""

@@ -1,4 +1,4 @@
-"""Pages of the Python interface, by what one wants to do, and of the commands."""
+"""Pages of the Python interface, by task, and of the commands."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from tsmblocks.reference import rst
 GROUPS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "diagrams": ("Diagrams", "Assembled by script, read from files, drawn.", (
         "Diagram", "Inlet", "load", "loads", "save", "dumps", "to_svg", "to_png", "to_pdf", "to_mermaid")),
-    "blocks": ("Blocks of your own", "What a block declares, and blocks out of functions.", (
+    "blocks": ("Blocks of your own", "The declarations of a block, and blocks made of functions.", (
         "Block", "block", "parameter", "option", "state", "Input", "Output", "State", "Tape", "Past", "Samples",
         "signals", "function_block", "from_control")),
     "running": ("Running", "One run, many side by side, or step by step.", (
         "simulate", "Run", "Stepper", "equations", "simulate_batch", "Batch", "sensitivities")),
-    "measures": ("Measures", "What a run is reduced to.", ("measure", "rms", "peak_to_peak", "tracking_error")),
-    "data": ("Recordings", "Read, repaired, and how noisy they are.", (
+    "measures": ("Measures", "Metrics of a run.", ("measure", "rms", "peak_to_peak", "tracking_error")),
+    "data": ("Recordings", "Reading, repairs, and noise.", (
         "read", "from_pandas", "Record", "noise", "Noise", "cautions")),
-    "fits": ("Fits", "Numbers from recordings, and which model is best.", (
+    "fits": ("Fits", "Parameters estimated from recordings, and models compared.", (
         "fit", "Fit", "compare", "Comparison", "score", "Differences")),
-    "diagnosis": ("Diagnosis", "What a model misses.", ("diagnose", "Diagnosis", "Effect")),
-    "design": ("Studies and design", "Sweeps, tuning, and what is possible at best.", (
+    "diagnosis": ("Diagnosis", "Effects that a model lacks.", ("diagnose", "Diagnosis", "Effect")),
+    "design": ("Studies and design", "Sweeps, tuning, and optimal control.", (
         "study", "read_study", "tune", "optimal_control", "OptimalControl", "receding_horizon", "RecedingHorizon")),
-    "linear": ("Linear analysis", "Points of rest and linear models.", ("trim", "linearize")),
+    "linear": ("Linear analysis", "Operating points and linear models.", ("trim", "linearize")),
     "errors": ("Errors", "Every error of the package derives from this one.", ("TsmError",)),
 }  # fmt: skip
-"""Page: its heading, what it is about, the names of the package on it."""
+"""Page: its heading, its subject, the names of the package on it."""
 MODULES = {
     "diagrams": ("export",),
     "blocks": ("testing",),

@@ -44,7 +44,7 @@ SETTINGS: dict[str, Any] = {
     "pygments_dark_style": "github-dark",
     "highlight_language": "none",
 }
-"""Settings of Sphinx; nothing in a page comes from elsewhere."""
+"""Settings of Sphinx; the pages load nothing from elsewhere."""
 
 
 class PagesError(TsmError):
@@ -63,23 +63,25 @@ def need_sphinx() -> None:
         ) from None
 
 
-def build(out: Path, commands: Mapping[str, tuple[str, str]], tell: Callable[[str, float], None] | None = None) -> int:
-    """Write all pages as HTML into ``out``; how many there are.
+def build(
+    out: Path, commands: Mapping[str, tuple[str, str]], progress: Callable[[str, float], None] | None = None
+) -> int:
+    """Write all pages as HTML into ``out``; return their number.
 
-    ``commands`` maps each command to what it does and what its help prints. ``tell`` is told what is done, and which
-    share of it. Raises TsmError where Sphinx is missing, and PagesError with every warning of Sphinx.
+    ``commands`` maps each command to its summary and its help. ``progress`` is called with the stage and the share
+    done. Raises TsmError where Sphinx is missing, and PagesError with every warning of Sphinx.
     """
     need_sphinx()
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "source"
-        pages = _write(source, commands, tell)
-        if tell:
-            tell("building pages", 0.0)
+        pages = _write(source, commands, progress)
+        if progress:
+            progress("building pages", 0.0)
         _sphinx(source, out, Path(folder) / "doctrees")
     return pages
 
 
-def _write(source: Path, commands: Mapping[str, tuple[str, str]], tell: Any) -> int:
+def _write(source: Path, commands: Mapping[str, tuple[str, str]], progress: Any) -> int:
     makers = (
         front.pages,
         blocks.pages,
@@ -95,8 +97,8 @@ def _write(source: Path, commands: Mapping[str, tuple[str, str]], tell: Any) -> 
     (source / "_static" / "tsmblocks.css").write_text(CSS, encoding="utf-8", newline="\n")
     count = len(list(source.rglob("*.rst")))
     for place, maker in enumerate(makers):
-        if tell:
-            tell("writing pages", place / len(makers))
+        if progress:
+            progress("writing pages", place / len(makers))
         for name, text in maker().items():
             path = source / f"{name}.rst"
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -109,15 +111,15 @@ def _sphinx(source: Path, out: Path, doctrees: Path) -> None:
     from sphinx.application import Sphinx
     from sphinx.util.docutils import docutils_namespace, patch_docutils
 
-    heard = io.StringIO()
+    warnings = io.StringIO()
     with patch_docutils(), docutils_namespace():
         app = Sphinx(
-            str(source), str(source), str(out), str(doctrees), "html", status=None, warning=heard, freshenv=True
+            str(source), str(source), str(out), str(doctrees), "html", status=None, warning=warnings, freshenv=True
         )
         app.build(force_all=True)
-    said = re.sub(r"\x1b\[[0-9;]*m", "", heard.getvalue()).strip()
+    said = re.sub(r"\x1b\[[0-9;]*m", "", warnings.getvalue()).strip()
     if said:
-        raise PagesError(f"the pages are in {out}, but not all is well:\n{said}")
+        raise PagesError(f"the pages are in {out}, with warnings of Sphinx:\n{said}")
     for name in ("objects.inv", ".buildinfo"):
         (out / name).unlink(missing_ok=True)
     shutil.rmtree(out / "_sources", ignore_errors=True)

@@ -1,6 +1,6 @@
-"""The equations of a block as they are computed: its expressions, walked and written out, in LaTeX or another tongue.
+"""The equations of a block as they are computed: its expressions, written out in LaTeX or another notation.
 
-Nothing here is written twice: what is shown is what is simulated, fitted, differentiated and exported.
+They are the expressions that are simulated, fitted, differentiated and exported.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ LONGEST = 150
 SHARED = 3
 """Operations from which a part that occurs twice gets a letter of its own."""
 ATOM, UNARY, POWER, TIMES, PLUS, COMPARE, LOOSE = range(7)
-"""How tightly a piece of text holds together."""
+"""Precedence of a piece of text: the lower, the tighter it binds."""
 
 Piece = tuple[str, int]
 
 
 def filled(text: str, *parts: str) -> str:
-    """A text with its places ``«0»``, ``«1»``, … filled."""
+    """A text with ``«0»``, ``«1»``, … replaced by the parts."""
     return re.sub("«([0-9])»", lambda found: parts[int(found[1])], text)
 
 
 @attrs.frozen
-class Tongue:
-    """How operations are written: texts with ``«0»``, ``«1»`` for the parts, how tightly they hold, and the parts must.
+class Notation:
+    """A notation: for each operation its text with ``«0»``, ``«1»`` for the arguments, its precedence, and theirs.
 
     ``constant`` writes a number; ``cases`` a choice, from pairs of a condition and what holds then, and what holds
     otherwise; ``result`` the left side of an equation of a kind (``y``, ``dx``, ``next``).
@@ -47,16 +47,16 @@ class Tongue:
     result: Callable[[str, str], str]
 
     def bracketed(self, piece: Piece, most: int) -> str:
-        """The text, in brackets where it holds less tightly than ``most``."""
+        """The text, in brackets where its precedence is looser than ``most``."""
         return piece[0] if piece[1] <= most else filled(self.brackets, piece[0])
 
 
 ROUND = ((2, r"2 \pi"), (1, r"\pi"), (180 / math.pi**2, r"\frac{180}{\pi}"), (1 / 180, r"\frac{\pi}{180}"))
-"""Multiples of the circle's number, and how they are written."""
+"""Multiples of pi, and how they are written."""
 
 
 def _constant(value: float) -> Piece:
-    """A number, with the circle's where it is a simple multiple of it."""
+    """A number, as a multiple of pi where it is a simple one."""
     for times, text in ROUND:
         if math.isclose(value, times * math.pi, rel_tol=1e-14):
             return text, TIMES
@@ -80,7 +80,7 @@ def _call(name: str) -> tuple[str, int, tuple[int, ...]]:
     return (rf"\operatorname{{{name}}}\left(«0»\right)", ATOM, (LOOSE,))
 
 
-LATEX = Tongue(
+LATEX = Notation(
     {
         "ADD": ("«0» + «1»", PLUS, (PLUS, PLUS)),
         "SUB": ("«0» - «1»", PLUS, (PLUS, TIMES)),
@@ -176,15 +176,15 @@ class Listing:
     size: int
 
 
-def listing(block: Block, tongue: Tongue = LATEX, names: Mapping[str, str] | None = None) -> Listing:
-    """A block's equations in a tongue. ``names`` gives the text of each port, state and parameter (by default LaTeX's).
+def listing(block: Block, notation: Notation = LATEX, names: Mapping[str, str] | None = None) -> Listing:
+    """A block's equations in a notation; ``names`` has the text of each port, state and parameter (LaTeX by default).
 
     Raises EquationError for equations that do not fit what the block declares.
     """
     function, labels, results = _function(block)
     written = [names[k] if names else symbol(k) for k in labels]
     labelled = [(kind, names[k] if names and k in names else symbol(k)) for kind, k in results]
-    return _Walk(Program(function), written, tongue).listing(labelled)
+    return _Walk(Program(function), written, notation).listing(labelled)
 
 
 def _function(block: Block) -> tuple[ca.Function, list[str], list[tuple[str, str]]]:
@@ -199,8 +199,8 @@ def _function(block: Block) -> tuple[ca.Function, list[str], list[tuple[str, str
 class _Walk:
     """Nodes of a program turned to text, each once."""
 
-    def __init__(self, program: Program, names: Sequence[str], tongue: Tongue) -> None:
-        self.program, self.names, self.tongue = program, names, tongue
+    def __init__(self, program: Program, names: Sequence[str], notation: Notation) -> None:
+        self.program, self.names, self.notation = program, names, notation
         self.letter = next(k for k in "wqgh" if not any(name.startswith(k) for name in names))
         self.uses = [0] * len(program.nodes)
         for node in (*program.outputs.values(), *(k for n in range(len(program.nodes)) for k in program.arguments(n))):
@@ -216,7 +216,7 @@ class _Walk:
         """Each result as an equation; what equals an earlier one is written as that."""
         made, goals = [], []
         for place, (kind, name) in enumerate(results):
-            node, side = self.program.outputs.get((0, place)), self.tongue.result(kind, name)
+            node, side = self.program.outputs.get((0, place)), self.notation.result(kind, name)
             if node is None:
                 made.append((side, "0"))
                 continue
@@ -235,7 +235,7 @@ class _Walk:
         if node not in self.pieces:
             made = self._written(node)
             if self._is_shared(node):
-                name = filled(self.tongue.shared, self.letter, str(len(self.shared) + 1))
+                name = filled(self.notation.shared, self.letter, str(len(self.shared) + 1))
                 self.shared.append((name, made[0]))
                 made = (name, ATOM)
             self.pieces[node] = made
@@ -250,11 +250,11 @@ class _Walk:
         if name == "INPUT":
             return self.names[args[1]], ATOM
         if name == "CONST":
-            return self.tongue.constant(args[0])
+            return self.notation.constant(args[0])
         if self._choice(node):
             return self._cases(node), ATOM
-        text, holds, wanted = self.tongue.operations[name]
-        parts = [self.tongue.bracketed(self.piece(k), most) for k, most in zip(args, wanted, strict=True)]
+        text, holds, wanted = self.notation.operations[name]
+        parts = [self.notation.bracketed(self.piece(k), most) for k, most in zip(args, wanted, strict=True)]
         return filled(text, *parts), holds
 
     def _choice(self, node: int) -> tuple[int, int, int | None] | None:
@@ -281,7 +281,7 @@ class _Walk:
                 break
             rows.append((self.piece(found[0])[0], self.piece(found[1])[0]))
             here = found[2]
-        return self.tongue.cases(rows, "0" if here is None else self.piece(here)[0])
+        return self.notation.cases(rows, "0" if here is None else self.piece(here)[0])
 
     def _switch(self, node: int) -> str:
         name, args = self.program.nodes[node]
