@@ -1,4 +1,4 @@
-"""Searches without derivatives: places to begin, the genetic algorithm, Nelder-Mead, and both on a diagram."""
+"""Searches without derivatives: search ranges, differential evolution, Nelder-Mead, and both on a diagram."""
 
 import math
 
@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
 import tsmblocks as tsm
 from tsmblocks.common.errors import ParameterError, RunError
-from tsmblocks.fitting.genetic import evolve
-from tsmblocks.fitting.merit import Judge, ordered
+from tsmblocks.fitting.global_search import evolve, polish
 from tsmblocks.fitting.multistart import Box, Range, search_range, spread
-from tsmblocks.fitting.nelder_mead import factors, polish
 
 
 def sphere(x):
@@ -201,37 +198,16 @@ def test_shares_and_places_are_each_others_inverse(shares):
     assert box.shares(theta) == pytest.approx(shares, abs=1e-12)
 
 
-# ---- which place is better
-
-
-def test_feasible_beats_infeasible_and_a_missing_cost_is_worst():
-    table = {
-        0: (5.0, 0),
-        1: (1.0, 0),
-        2: (-9.0, 2),
-        3: (-8.0, 1),
-        4: (math.nan, 0),
-        5: (math.inf, 0),
-        6: (0.0, math.nan),
-    }
-    judge = Judge(
-        Box((Range(0, 1),)),
-        lambda x: np.array([c for c, _ in table.values()]),
-        lambda x: np.array([[m, -3.0] for _, m in table.values()]),
-    )
-    assert list(ordered(judge.merits(np.zeros((7, 1))))) == [1, 0, 3, 2, 6, 4, 5]
+# ---- differential evolution, then Nelder-Mead
 
 
 def test_a_cost_of_another_shape_is_refused():
     with pytest.raises(RunError) as caught:
         evolve(lambda x: x, [Range(0, 1)] * 2, seed=1)
-    assert str(caught.value) == "the cost must give one number per set, shape (256,), got shape (256, 2)."
+    assert str(caught.value) == "the cost must give one number per set, shape (64,), got shape (64, 2)."
     with pytest.raises(RunError) as caught:
         polish(sphere, [0.5, 0.5], [Range(0, 1)] * 2, constraints=sphere)
-    assert str(caught.value) == "the constraints must give one row per set, shape (3, constraints), got shape (3,)."
-
-
-# ---- the genetic algorithm, then Nelder-Mead
+    assert str(caught.value) == "the constraints must give one row per set, shape (1, constraints), got shape (1,)."
 
 
 @pytest.mark.parametrize(
@@ -272,7 +248,7 @@ def test_the_least_cost_under_constraints(name):
     for seed in range(10):
         evolved = evolve(cost, ranges, seed=seed, constraints=missed)
         found = polish(cost, evolved.theta, ranges, constraints=missed, restarts=2)
-        assert evolved.missed == found.missed == 0
+        assert evolved.violation == found.violation == 0
         assert missed(found.theta[None]).max() <= 0
         assert found.cost == pytest.approx(least, rel=1e-4)
 
@@ -282,7 +258,7 @@ def test_constraints_that_cannot_be_met_are_missed_by_as_little_as_can_be():
         return np.column_stack([x[:, 0] + 0.5, 2 * (0.5 - x[:, 0])])  # least sum at 0.5, where it is 1
 
     found = evolve(sphere, [Range(-1, 1)] * 2, seed=1, constraints=missed)
-    assert found.missed == pytest.approx(1.0, abs=1e-3)
+    assert found.violation == pytest.approx(1.0, abs=1e-3)
     assert np.isinf(found.history).all()
     assert found.status == "limit"
 
@@ -313,7 +289,7 @@ def test_a_flat_cost_ends_early():
         return np.full(len(x), 4.0)
 
     evolved = evolve(cost, [Range(0, 1)] * 2, seed=1, patience=7)
-    assert (evolved.status, evolved.generations, evolved.cost) == ("stalled", 7, 4.0)
+    assert (evolved.status, evolved.iterations, evolved.cost) == ("stalled", 7, 4.0)
     found = polish(cost, evolved.theta, [Range(0, 1)] * 2)
     assert (found.status, found.cost) == ("converged", 4.0)
     assert np.array_equal(found.theta, evolved.theta)
@@ -326,13 +302,12 @@ def test_no_finite_cost_at_all_is_told():
     with pytest.raises(RunError) as caught:
         evolve(cost, [Range(0, 1)], seed=1, generations=2)
     assert str(caught.value) == (
-        "none of 384 places tried has a finite cost. Narrow the search ranges, or start where the simulation is stable."
+        "none of 320 parameter sets has a finite cost. Narrow the search ranges, or start where the simulation is "
+        "stable."
     )
     with pytest.raises(RunError) as caught:
         polish(cost, [0.5, 0.5], [Range(0, 1)] * 2)
-    assert str(caught.value) == (
-        "none of the 3 places around the start has a finite cost. Begin where the simulation is stable."
-    )
+    assert str(caught.value) == ("the start of Nelder-Mead has no finite cost. Begin where the simulation is stable.")
 
 
 @pytest.mark.parametrize(
@@ -363,16 +338,6 @@ def test_a_population_that_leaves_lanes_empty_is_refused(population):
         evolve(sphere, RANGES, seed=1, population=population)
     assert str(caught.value) == (
         f"the population must be a multiple of 32, the sets that run side by side, got {population}."
-    )
-
-
-@pytest.mark.parametrize("size", [0.0, 0.6, math.nan, [0.1, 0.1, 0.1]])
-def test_a_simplex_that_does_not_fit_is_refused(size):
-    with pytest.raises(ParameterError) as caught:
-        polish(sphere, [0.0, 0.0], RANGES, size=size)
-    assert str(caught.value).startswith(
-        "the size of the first simplex must be a share of the ranges, above 0 and up to 0.5, one for all or one for "
-        "each of the 2 unknowns, got "
     )
 
 
@@ -436,17 +401,11 @@ def test_generations_evaluations_and_progress_are_counted():
         return rosenbrock(x)
 
     found = evolve(cost, [Range(-2, 2)] * 2, seed=4, population=32, generations=5, progress=lambda *a: told.append(a))
-    assert asked == [128, 32, 32, 32, 32, 32]
-    assert (found.generations, found.evaluations, found.status) == (5, 288, "limit")
-    assert [n for n, _ in told] == [128, 160, 192, 224, 256, 288]
+    assert asked == [32, 32, 32, 32, 32, 32]
+    assert (found.iterations, found.evaluations, found.status) == (5, 192, "limit")
+    assert [n for n, _ in told] == [32, 64, 96, 128, 160, 192]
     assert [c for _, c in told] == list(found.history)
     assert found.population.shape == (32, 2)
-
-
-@pytest.mark.parametrize(("budget", "spent"), [(10, 32), (32, 32), (100, 100), (199, 192), (1000, 992)])
-def test_a_budget_is_not_exceeded_once_there_is_a_generation(budget, spent):
-    found = evolve(rosenbrock, [Range(-2, 2)] * 2, seed=4, population=32, budget=budget, patience=99)
-    assert (found.evaluations, found.status) == (spent, "limit")
 
 
 def test_places_to_include_are_included():
@@ -454,7 +413,7 @@ def test_places_to_include_are_included():
     found = evolve(sphere, [Range(-5, 5)] * 3, seed=1, start=best, generations=0)
     assert found.theta == pytest.approx(best[0])
     assert found.population[1] == pytest.approx(best[1])
-    assert found.evaluations == 256
+    assert found.evaluations == 64
     first = evolve(rosenbrock, [Range(-2, 2)] * 3, seed=1, generations=10)
     more = evolve(rosenbrock, [Range(-2, 2)] * 3, seed=2, generations=10, start=first.population)
     assert more.cost < first.cost
@@ -463,7 +422,7 @@ def test_places_to_include_are_included():
 def test_a_generation_that_shrank_to_a_point_ends_the_search():
     found = evolve(sphere, [Range(-5, 5)] * 3, seed=1, generations=1000, patience=1000)
     assert found.status == "converged"
-    assert found.generations < 1000
+    assert found.iterations < 1000
     assert np.ptp(found.population, axis=0).max() < 1.1e-5
 
 
@@ -473,11 +432,11 @@ def test_a_generation_that_shrank_to_a_point_ends_the_search():
 def test_ctrl_c_keeps_the_best_so_far():
     cost = Interrupting(rosenbrock, 6)
     found = evolve(cost, [Range(-2, 2)] * 2, seed=1)
-    assert (found.interrupted, found.generations) == (True, 5)
+    assert (found.status, found.iterations) == ("interrupted", 5)
     assert found.cost == min(cost.seen)
     cost = Interrupting(rosenbrock, 30)
     found = polish(cost, [-1.0, 1.0], [Range(-2, 2)] * 2)
-    assert (found.interrupted, found.calls) == (True, 30)
+    assert (found.status, found.evaluations) == ("interrupted", 30)
     assert found.cost == min(cost.seen)
     assert rosenbrock(found.theta[None])[0] == pytest.approx(found.cost)
 
@@ -492,57 +451,13 @@ def test_ctrl_c_before_there_is_anything_to_keep():
 # ---- Nelder-Mead
 
 
-@pytest.mark.parametrize("unknowns", [1, 2, 3, 4, 5, 7])
-@pytest.mark.parametrize("cost", [rugged, rosenbrock, rastrigin, sphere], ids=lambda f: f.__name__)
-def test_iterates_are_those_of_the_sequential_algorithm(cost, unknowns):
-    """SciPy's Nelder-Mead asks for one place at a time; ranges of 0 to 1 make both compute the same numbers."""
-    if cost is rosenbrock and unknowns == 1:
-        cost = sphere
-    start = np.linspace(0.2, 0.7, unknowns)
-    corners = np.vstack([start, start + 0.05 * np.eye(unknowns)])
-    options = dict(initial_simplex=corners, adaptive=unknowns > 4, maxiter=200, return_all=True, xatol=0, fatol=0)
-    expected = minimize(
-        lambda x: cost(x[None])[0], start, method="Nelder-Mead", bounds=[(0, 1)] * unknowns, options=options
-    )
-    found = polish(cost, start, [Range(0, 1)] * unknowns, xtol=0, ftol=0, iterations=150, restarts=0)
-    shared = min(len(found.path), len(expected.allvecs))  # a simplex can end in one point before that
-    assert shared > 30
-    assert np.array_equal(found.path[1:shared], np.array(expected.allvecs)[1:shared])
-
-
-def test_one_call_prices_what_an_iteration_may_need():
-    asked = []
-
-    def cost(x):
-        asked.append(len(x))
-        return rugged(x)
-
-    found = polish(cost, [0.2] * 5, [Range(0, 1)] * 5, restarts=0)
-    assert asked[0] == 6
-    assert set(asked[1:]) == {4, 5}  # a shrunk simplex of five corners is a call of its own
-    assert asked.count(4) == found.iterations
-    assert (found.calls, found.evaluations) == (len(asked), sum(asked))
-
-
-@pytest.mark.parametrize("name", ["sphere", "rosenbrock"])
+@pytest.mark.parametrize(("name", "optimum"), [("sphere", 0.3), ("rosenbrock", 1.0)])
 @pytest.mark.parametrize("unknowns", [2, 5])
-def test_the_least_cost_agrees_with_another_program(name, unknowns):
+def test_the_optimum_is_reached(name, optimum, unknowns):
     cost, one = FUNCTIONS[name]
-    start = np.full(unknowns, 0.6)
-    expected = minimize(
-        lambda x: cost(x[None])[0],
-        start,
-        method="Nelder-Mead",
-        options=dict(adaptive=True, xatol=1e-8, fatol=1e-10, maxiter=4000),
-    )
-    found = polish(cost, start, [one] * unknowns, xtol=1e-8)
+    found = polish(cost, np.full(unknowns, 0.6), [one] * unknowns, xtol=1e-8)
     assert found.status == "converged"
-    assert found.theta == pytest.approx(expected.x, abs=1e-5)
-
-
-def test_factors_adapt_above_four_unknowns():
-    assert factors(4) == factors(1)
-    assert (factors(5).expand, factors(5).contract, factors(5).shrink) == pytest.approx((1.4, 0.65, 0.8))
+    assert found.theta == pytest.approx(np.full(unknowns, optimum), abs=1e-5)
 
 
 @pytest.mark.parametrize("corner", [0.0, 1.0])
@@ -572,13 +487,13 @@ def test_a_simplex_gone_flat_is_built_anew():
     def sheared(x):  # so that edges along the ranges make McKinnon's simplex
         a, b = x[:, 0], x[:, 1]
         lam = (1 + math.sqrt(33)) / 8
-        return mckinnon(np.column_stack([a + lam * b, a + shape * b]))
+        return 1 + mckinnon(np.column_stack([a + lam * b, a + shape * b]))  # above 0: spreads are relative
 
     stuck = polish(sheared, start, ranges, size=0.25, restarts=0)
     found = polish(sheared, start, ranges, size=0.25)
-    assert stuck.cost > -0.01
+    assert stuck.cost > 1 - 0.01
     assert found.restarts > 0
-    assert found.cost == pytest.approx(-0.25, abs=1e-5)
+    assert found.cost == pytest.approx(1 - 0.25, abs=1e-5)
 
 
 def test_iterations_are_limited():

@@ -192,7 +192,7 @@ def _method(method: str, seed: int, segments: int) -> Callable[..., Found]:
 
         return gauss_newton
     if method == "ga":
-        from tsmblocks.fitting.route import genetic_route
+        from tsmblocks.fitting.global_search import genetic_route
 
         return lambda problem, start, **most: genetic_route(problem, start, ranges(problem), seed=seed, **most)
     if segments == 1:
