@@ -50,9 +50,11 @@ class Request:
     @property
     def notes(self) -> list[str]:
         """What to know of the recordings before anything is fitted."""
-        made = without_units(self.records, self.diagram, self.measured)
-        made += [f"{name}: {text}" for name, r in self.records.items() for text in r.notes]
-        return made + [f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in self.spans.items()]
+        result = without_units(self.records, self.diagram, self.measured)
+        result += [f"{name}: {text}" for name, r in self.records.items() for text in r.notes]
+        return result + [
+            f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in self.spans.items()
+        ]
 
 
 def checked(

@@ -57,17 +57,17 @@ def assembled(request: Request, parts: Sequence[PartDiagnosis], notes: Sequence[
 
 def _whole_diagram(diagram: Diagram, parts: Sequence[PartDiagnosis], *, with_effects: bool) -> Diagram:
     """The whole diagram with the fitted parameters, and with the blocks of the named effects."""
-    made = diagram
+    result = diagram
     for part in parts:
         last = part.models[-1 if with_effects else 0]
         for one in part.named if with_effects else ():
             c = one.candidate
-            made = in_whole_diagram(c.site, part.part).put(made, c.block, last.fitted_diagram.blocks[c.block])
+            result = in_whole_diagram(c.site, part.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
         items = last.problem.unknowns.items
         own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
-        made = made.untied(own).with_parameters(own)
+        result = result.untied(own).with_parameters(own)
     named = [one.candidate.block for part in parts for one in part.named] if with_effects else []
-    return made.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else made
+    return result.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else result
 
 
 def _consequence(parts: Sequence[PartDiagnosis], segments: Sequence[Segment]) -> Consequence | str:

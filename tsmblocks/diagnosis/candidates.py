@@ -127,8 +127,8 @@ def spectral_lines(model: Model) -> tuple[float, ...]:
     """Frequencies [Hz] of the strongest lines in the residual, over the whole session, strongest first."""
     trials, segments = model.setup.trials, model.problem.segments
     count, step = trials[0].measured.shape[1], min(trial.record.step for trial in trials)
-    begin, end = min(float(t.t[0]) for t in trials), max(float(t.t[-1]) for t in trials)
-    size = int((end - begin) / step) + 1
+    start, end = min(float(t.t[0]) for t in trials), max(float(t.t[-1]) for t in trials)
+    size = int((end - start) / step) + 1
     if size > MAX_SPECTRUM_SAMPLES:
         return ()
     power = np.zeros(1)
@@ -136,18 +136,18 @@ def spectral_lines(model: Model) -> tuple[float, ...]:
         row = np.zeros(size)
         for e, trial in enumerate(trials):
             part = model.r[segments[e * count + k]]
-            row[np.minimum(((trial.t - begin) / step + 0.5).astype(int), size - 1)] = part - part.mean()
+            row[np.minimum(((trial.t - start) / step + 0.5).astype(int), size - 1)] = part - part.mean()
         padded = 1 << int(4 * size - 1).bit_length()
         power = power + np.abs(np.fft.rfft(row, padded)) ** 2
     frequency = np.arange(len(power)) / (padded * step)
     inside = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
     peaks = np.flatnonzero(inside) + 1
-    peaks = peaks[(frequency[peaks] > 2 / (end - begin)) & (frequency[peaks] < 0.4 / step)]
+    peaks = peaks[(frequency[peaks] > 2 / (end - start)) & (frequency[peaks] < 0.4 / step)]
     best = peaks[np.argsort(-power[peaks], kind="stable")]
     chosen: list[float] = []
     for k in best:
         f = float(frequency[k])
-        if all(abs(f - other) > 2 / (end - begin) for other in chosen):
+        if all(abs(f - other) > 2 / (end - start) for other in chosen):
             chosen.append(f)
         if len(chosen) == SPECTRAL_LINE_COUNT:
             break
@@ -171,9 +171,9 @@ def candidates(
             if trials is None:
                 continue
             effect.accepts(trials)
-            made = _with_effect(base, effect, site, trials, order)
-            if made is not None:
-                found.append(Candidate(effect, site, _unused_name(base, effect.name), made, trials))
+            edited = _with_effect(base, effect, site, trials, order)
+            if edited is not None:
+                found.append(Candidate(effect, site, _unused_name(base, effect.name), edited, trials))
     return found
 
 
@@ -196,13 +196,13 @@ def _unused_name(diagram: Diagram, wanted: str) -> str:
     return name
 
 
-def _clipped_to_bounds(made: Diagram, name: str, effect: Effect, trials: Trials) -> dict[str, float]:
+def _clipped_to_bounds(edited: Diagram, name: str, effect: Effect, trials: Trials) -> dict[str, float]:
     """Parameters of an effect outside its bounds, moved to the nearest bound, such as an initial state of zero where
     the signal never is zero. The null stays.
     """
     moved = {}
     for key, (low, high) in trials.bounds.items():
-        value = made.parameters[f"{name}.{key}"]
+        value = edited.parameters[f"{name}.{key}"]
         nearest = min(max(value, -math.inf if low is None else low), math.inf if high is None else high)
         if key not in effect.null and nearest != value:
             moved[f"{name}.{key}"] = nearest
@@ -213,13 +213,13 @@ def _with_effect(base: Diagram, effect: Effect, site: InsertionPoint, trials: Tr
     """The base with an effect; None where it is not admissible, or takes derivatives of inputs above ``order``."""
     name = _unused_name(base, effect.name)
     try:
-        made = site.put(base, name, effect.block)
+        edited = site.put(base, name, effect.block)
         numbers = {**trials.fixed, **trials.shapes[0]}  # shapes that have no strength are fitted from here
-        made = made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
-        made = made.with_parameters(_clipped_to_bounds(made, name, effect, trials))
-        eq = equations(made)
+        edited = edited.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
+        edited = edited.with_parameters(_clipped_to_bounds(edited, name, effect, trials))
+        eq = equations(edited)
     except (AlgebraicLoop, DiagramError):  # this block is not admissible on this wire
         return None
-    same = all(made.unit(k) == base.unit(k) for k in (*base.inputs, *base.outputs))
+    same = all(edited.unit(k) == base.unit(k) for k in (*base.inputs, *base.outputs))
     had = all(feed.order <= order for feed in eq.u if not feed.block)
-    return made if same and had else None  # a block for angles would change the unit of a voltage
+    return edited if same and had else None  # a block for angles would change the unit of a voltage

@@ -126,15 +126,15 @@ def mean_loss(losses: np.ndarray, blocks: TimeBlocks) -> float:
 def shrinkage_of(candidate: Candidate) -> Shrinkage:
     """Null values and typical sizes of an effect's fitted parameters."""
     trials, effect = candidate.trials, candidate.effect
-    made = {}
+    result = {}
     for name in effect.free:
         shape = [abs(s[name]) for s in trials.shapes if name in s]
         size = trials.strengths.get(name) or (float(np.mean(shape)) if shape else 1.0)
         if name == trials.refine:  # found by a grid search: it must stay when its few samples are held out
             size = candidate.transition_time
         null = effect.null.get(name, np.nan)
-        made[f"{candidate.block}.{name}"] = (null if abs(null) < MAX_FINITE_NULL else np.nan, abs(size))
-    return made
+        result[f"{candidate.block}.{name}"] = (null if abs(null) < MAX_FINITE_NULL else np.nan, abs(size))
+    return result
 
 
 def ridge_weights(shrinkage: Shrinkage, model: Model) -> tuple[np.ndarray, np.ndarray]:

@@ -126,15 +126,15 @@ def separation(model: Model, known: np.ndarray, predicted: Mapping[str, Record],
 def _predicted(model: Model, template: Mapping[str, Record], settings: ModelSettings) -> dict[str, Record] | None:
     """Recordings as the model predicts them; None where it diverges."""
     problem, _ = pose_extended(model, model.fitted_diagram, (), template, settings)
-    theta, made = _initial_unknowns(model, problem.unknowns), {}
+    theta, result = _initial_unknowns(model, problem.unknowns), {}
     for e, (name, record) in enumerate(template.items()):
         y = problem.outputs([theta], e)[:, :, 0]
         if not np.isfinite(y).all():
             return None
         for i, output in enumerate(settings.outputs):
             record = record.with_signal(output, y[:, i], model.diagram.unit(output))
-        made[name] = record
-    return made
+        result[name] = record
+    return result
 
 
 def _initial_unknowns(model: Model, unknowns: Unknowns) -> np.ndarray:
@@ -237,8 +237,8 @@ def _holds(t: np.ndarray, long: float, takes: float) -> np.ndarray:
     """Steps up, down and half way, each held; a change over the whole range takes ``takes`` [s]."""
     places, values, now = [0.0], [0.0], 0.0
     for k, level in enumerate((1.0, -1.0, 0.5, -0.5, 1.0, 0.0)):
-        begin = k * long / 6
-        places += [begin + 1e-9 * long, begin + takes * abs(level - now) / 2 + 2e-9 * long]
+        start = k * long / 6
+        places += [start + 1e-9 * long, start + takes * abs(level - now) / 2 + 2e-9 * long]
         values += [now, level]
         now = level
     return np.interp(t, places, values)

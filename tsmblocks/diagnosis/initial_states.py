@@ -107,8 +107,8 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
     """
     unknowns = model.problem.unknowns
     sizes = [
-        max(abs(value), abs(begin))
-        for item, value, begin in zip(unknowns.items, model.theta, unknowns.start, strict=True)
+        max(abs(value), abs(start))
+        for item, value, start in zip(unknowns.items, model.theta, unknowns.start, strict=True)
         if item.parameter == name
     ]
     far = REACH_FACTOR * (max(sizes) or 1.0)
@@ -124,12 +124,12 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
         return _by_experiment(model, model.problem.residuals(theta))
 
     ends = math.asinh(1 / LINEAR_REACH) * np.array([-1.0, 1.0])
-    beyond = [np.full(len(model.problem.trials), end) for end in ends]
-    plateaus = [costs(values(end)) for end in beyond]
+    outside = [np.full(len(model.problem.trials), end) for end in ends]
+    plateaus = [costs(values(end)) for end in outside]
     matters = np.abs(plateaus[0] - plateaus[1]) > COST_TOLERANCE**2 * plateaus[0]
     edges: list[np.ndarray] = []
     for side in (0, 1):
-        outer, inner = beyond[side], beyond[1 - side]
+        outer, inner = outside[side], outside[1 - side]
         for _ in range(BISECTIONS):
             middle = (outer + inner) / 2
             unchanged = np.abs(costs(values(middle)) - plateaus[side]) <= COST_TOLERANCE**2 * plateaus[side]
@@ -145,9 +145,9 @@ def _idle(model: Model) -> np.ndarray:
 
 def _moved(model: Model) -> np.ndarray:
     """Which initial states, shape (n,), the optimisation moved to where they have next to no influence."""
-    begin = model.problem.unknowns.start
-    influence = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(begin))
-    return model.is_local & (model.theta != begin) & (influence <= np.sqrt(COST_TOLERANCE) * np.linalg.norm(model.r))
+    start = model.problem.unknowns.start
+    influence = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(start))
+    return model.is_local & (model.theta != start) & (influence <= np.sqrt(COST_TOLERANCE) * np.linalg.norm(model.r))
 
 
 def _by_experiment(model: Model, r: np.ndarray) -> np.ndarray:

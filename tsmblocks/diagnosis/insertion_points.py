@@ -45,11 +45,11 @@ class InsertionPoint:
         """The diagram with ``block`` on this wire under ``name``."""
         wires = self._wires(name, block)
         if _has_several_outputs(block):  # insert takes blocks of one output, so a placeholder first
-            made = diagram.insert(name, Bias(), after=self.after, before=self.before)
-            made = made.rewire(blocks={**made.blocks, name: block}, add=wires)
+            edited = diagram.insert(name, Bias(), after=self.after, before=self.before)
+            edited = edited.rewire(blocks={**edited.blocks, name: block}, add=wires)
         else:
-            made = diagram.insert(name, block, after=self.after, before=self.before, wires=wires)
-        return made if self.adds is None else self.adds(made, name)
+            edited = diagram.insert(name, block, after=self.after, before=self.before, wires=wires)
+        return edited if self.adds is None else self.adds(edited, name)
 
     def code(self, name: str, block: Block | Diagram) -> str:
         """What ``put`` does, as an expression of a script with ``…`` in the place of the block."""
@@ -57,11 +57,11 @@ class InsertionPoint:
         wires = self._wires(name, block)
         if _has_several_outputs(block):
             more = f", add={wires!r}" if wires else ""
-            made = f"diagram.insert({name!r}, Bias(), {place}).rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})"
+            edited = f"diagram.insert({name!r}, Bias(), {place}).rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})"
         else:
             more = f", wires={wires!r}" if wires else ""
-            made = f"diagram.insert({name!r}, …, {place}{more})"
-        return made if self.adds is None else f"{getattr(self.adds, '__name__', 'adds')}({made}, {name!r})"
+            edited = f"diagram.insert({name!r}, …, {place}{more})"
+        return edited if self.adds is None else f"{getattr(self.adds, '__name__', 'adds')}({edited}, {name!r})"
 
     def _wires(self, name: str, block: Block | Diagram) -> list[str]:
         return [f"{self.other} -> {name}.x"] if "x" in block.inports else []
@@ -235,8 +235,8 @@ def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:
     """For each signal, derivative and memory: the parameters, states and memories it depends on directly."""
     found: dict[tuple[str, int], set[tuple[str, int]]] = {}
     reads = {"x": 1, "d": 2, "p": 5}
-    made = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
-    for kind, function, result in made:
+    edited = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
+    for kind, function, result in edited:
         for name, argument in reads.items():
             rows, columns = function.jac_sparsity(result, argument).get_triplet()
             for i in range(function.size1_out(result)):

@@ -20,15 +20,15 @@ def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
         own = bool(colon) and name in experiments
         key = _NUMBER.sub(PLACEHOLDER, text) if own else note
         groups.setdefault(key, []).append((name if own else "", _NUMBER.findall(text) if own else []))
-    made = []
+    result = []
     for key, found in groups.items():
         names = [name for name, _ in found if name]
         if not names:
-            made.append(key)
+            result.append(key)
             continue
         parts = iter([_range(column) for column in zip(*(numbers for _, numbers in found), strict=True)])
-        made.append(f"{_of(names, experiments)}: {''.join(_filled_in(key, parts))}")
-    return made
+        result.append(f"{_of(names, experiments)}: {''.join(_filled_in(key, parts))}")
+    return result
 
 
 def _filled_in(key: str, numbers: Iterator[str]) -> Iterator[str]:

@@ -121,17 +121,19 @@ class Model:
         return self.diagram.with_parameters(own)
 
 
-def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings, tell: Any = None) -> Model:
+def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings, progress: Any = None) -> Model:
     """The base model, fitted from several starting points. Raises what ``tsm.fit`` raises."""
     problem, setup = pose_model(diagram, records, settings, settings.free)
-    begin = feasible_start(problem, problem.unknowns.start)
+    feasible = feasible_start(problem, problem.unknowns.start)
     ends = [
-        gauss_newton(problem, one, iterations=MAX_ITERATIONS, enough=COARSE_TOLERANCE, tell=tell)
-        for one in begins(problem, setup, begin, settings.starts, settings.seed)
+        gauss_newton(problem, one, iterations=MAX_ITERATIONS, enough=COARSE_TOLERANCE, tell=progress)
+        for one in begins(problem, setup, feasible, settings.starts, settings.seed)
     ]
     best = min(ends, key=lambda found: found.cost)
     return model_at(
-        problem, setup, gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, enough=FINE_TOLERANCE, tell=tell)
+        problem,
+        setup,
+        gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, enough=FINE_TOLERANCE, tell=progress),
     )
 
 
@@ -195,9 +197,9 @@ def optimized(
     problem: Problem, setup: Setup, start: np.ndarray, enough: float = COARSE_TOLERANCE, coarse: bool = True
 ) -> Model:
     """The model at the end of a Gauss-Newton optimisation from ``start``; ``coarse`` allows finite differences."""
-    begin = held(problem, start)
+    feasible = held(problem, start)
     return model_at(
-        problem, setup, gauss_newton(problem, begin, iterations=MAX_ITERATIONS, enough=enough, coarse=coarse)
+        problem, setup, gauss_newton(problem, feasible, iterations=MAX_ITERATIONS, enough=enough, coarse=coarse)
     )
 
 

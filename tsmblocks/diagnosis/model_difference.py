@@ -92,7 +92,7 @@ def _literal(value: object) -> str:
 
 def _all_wires(diagram: Diagram) -> list[str]:
     """Every single wire, those from inputs and to outputs included."""
-    made = [f"{name} -> {'.'.join(end)}" for name, ends in diagram.inlets.items() for end in ends]
-    made += [f"{diagram.short(link.source)} -> {'.'.join(link.target)}" for link in diagram.links]
-    made += [f"{diagram.short(end) if end[0] else end[1]} => {name}" for name, end in diagram.shown.items()]
-    return made
+    result = [f"{name} -> {'.'.join(end)}" for name, ends in diagram.inlets.items() for end in ends]
+    result += [f"{diagram.short(link.source)} -> {'.'.join(link.target)}" for link in diagram.links]
+    result += [f"{diagram.short(end) if end[0] else end[1]} => {name}" for name, end in diagram.shown.items()]
+    return result

@@ -60,8 +60,8 @@ def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
             cut[name] = away
     gone = {x for links in cut.values() for x in links}
     links = [x for x in diagram.links if x not in gone]
-    made = [_part(diagram, group, links, cut, measured) for group in _groups(diagram, links)]
-    kept = [part for part in made if part.outputs]
+    result = [_part(diagram, group, links, cut, measured) for group in _groups(diagram, links)]
+    kept = [part for part in result if part.outputs]
     return sorted(kept, key=lambda part: min(list(measured).index(k) for k in part.outputs)) if len(kept) > 1 else kept
 
 
@@ -92,10 +92,10 @@ def _groups(diagram: Diagram, links: Sequence[Link]) -> list[list[str]]:
 
     for link in links:
         group[head(link.source[0])] = head(link.target[0])
-    made: dict[str, list[str]] = {}
+    result: dict[str, list[str]] = {}
     for name in diagram.blocks:
-        made.setdefault(head(name), []).append(name)
-    return list(made.values())
+        result.setdefault(head(name), []).append(name)
+    return list(result.values())
 
 
 def _part(
@@ -178,19 +178,19 @@ def split_into_pieces(records: Mapping[str, Record], delay: float = 0.0) -> tupl
     About ``PIECE_LENGTH`` seconds of each are compared. Its simulation starts earlier, within the piece before it, by a
     share of its length or by more than the delays of the diagram (``delay`` [s]), whichever is longer.
     """
-    made: dict[str, Record] = {}
+    result: dict[str, Record] = {}
     windows: dict[str, Window] = {}
     for name, record in records.items():
-        begin, end = float(record.t[0]), float(record.t[-1])
+        start, end = float(record.t[0]), float(record.t[-1])
         length = max(PIECE_LENGTH, MIN_PIECE_SAMPLES * record.step)
-        lead = min(max(LEAD_SHARE * min(length, end - begin), DELAY_MARGIN * delay), (end - begin) / 2)
-        count = max(1, round((end - begin - lead) / length))
-        edges = np.linspace(begin + lead, end, count + 1).tolist()
+        lead = min(max(LEAD_SHARE * min(length, end - start), DELAY_MARGIN * delay), (end - start) / 2)
+        count = max(1, round((end - start - lead) / length))
+        edges = np.linspace(start + lead, end, count + 1).tolist()
         for k, (first, last) in enumerate(itertools.pairwise(edges)):
             stop = last - (record.step / 2 if k + 1 < count else 0.0)
             one = f"{name}{PIECE_SEPARATOR}{k + 1}"
-            made[one], windows[one] = record.part(first - lead, stop), (first, None)
-    return made, windows
+            result[one], windows[one] = record.part(first - lead, stop), (first, None)
+    return result, windows
 
 
 def experiment_of(name: str) -> str:

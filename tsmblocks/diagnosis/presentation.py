@@ -141,7 +141,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     ``diagram`` has the units of the inputs.
     """
     traces = output_traces(segment, output)
-    along, block, left, rest, made = [], [], [], [], list[np.ndarray]()
+    along, block, before, after, explained = [], [], [], [], list[np.ndarray]()
     count = 0
     for number, one in enumerate(traces):
         motion = one.drive if len(one.drive) else one.measured
@@ -149,14 +149,14 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
         place = np.searchsorted(one.excess[:, 0], one.t, side="right")
         block.append(count + place)
         count += len(one.excess) + 1
-        left.append(one.measured - one.before)
-        rest.append(one.measured - one.after)
-        made.append(one.after - one.before)
+        before.append(one.measured - one.before)
+        after.append(one.measured - one.after)
+        explained.append(one.after - one.before)
     if not traces:
         return None
     x, blocks = np.concatenate(along), np.concatenate(block)
     place = binned(x, BIN_COUNT)
-    columns = [np.concatenate(c) for c in (left, rest, made)]
+    columns = [np.concatenate(c) for c in (before, after, explained)]
     rows = []
     for k in range(int(place.max()) + 1):
         here = place == k

@@ -28,8 +28,8 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
             problem, setup = halved(model.problem, model.setup)
         except RunError:  # more steps than fit into memory
             return model, []
-        seen = uncertainty(model.J, model.r, model.problem.segments, held=_active_bounds(model))
-        low, high = intervals(model.theta, seen.covariance, seen.freedom)
+        estimate = uncertainty(model.J, model.r, model.problem.segments, held=_active_bounds(model))
+        low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
         off = shifts(model.r, problem.residuals(model.theta), model.J, (high - low) / 2, held=_active_bounds(model))
         step = model.setup.trials[0].times.h
         if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():

@@ -44,15 +44,15 @@ def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.n
     if len(moving):  # at rest the direction of the last motion remains
         last = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), -1))
         side = np.where(last >= 0, side[np.maximum(last, 0)], side[moving[0]])
-    begin = np.maximum.accumulate(np.where(np.diff(side, prepend=side[0]) != 0, np.arange(len(side)), 0))
+    last_reversal = np.maximum.accumulate(np.where(np.diff(side, prepend=side[0]) != 0, np.arange(len(side)), 0))
     return {
         "position": x,
         "direction": side,
         "direction x position": side * x,
         "speed": v,
         "acceleration": a,
-        "distance since reversal": side * np.abs(x - x[begin]),
-        "time since reversal": side * (t - t[begin]),
+        "distance since reversal": side * np.abs(x - x[last_reversal]),
+        "time since reversal": side * (t - t[last_reversal]),
         "session time": t,
         "experiment": np.full(len(t), float(experiment)),
     }
@@ -105,5 +105,5 @@ def _share(r: np.ndarray, bins: np.ndarray, fold: np.ndarray, excess: float) -> 
     number = np.bincount(place, minlength=count * folds).reshape(count, folds)
     others = number.sum(axis=1, keepdims=True) - number
     mean = (total.sum(axis=1, keepdims=True) - total) / np.maximum(others, 1)
-    left = r - np.where(others > MIN_BIN_SAMPLES, mean, 0.0).ravel()[place]
-    return float((np.mean(r**2) - np.mean(left**2)) / excess)
+    remaining = r - np.where(others > MIN_BIN_SAMPLES, mean, 0.0).ravel()[place]
+    return float((np.mean(r**2) - np.mean(remaining**2)) / excess)

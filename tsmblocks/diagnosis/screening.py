@@ -159,15 +159,15 @@ def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires
     wire.
     """
     known, first, settled = model.values, wires.initial_values(candidate.site.signal), candidate.initialised_states
-    made = []
+    results = []
     for item in problem.unknowns.items:
         if item.name in known:
-            made.append(known[item.name])
+            results.append(known[item.name])
         elif item.parameter in settled:
-            made.append(first[problem.unknowns.experiments.index(item.experiment)])
+            results.append(first[problem.unknowns.experiments.index(item.experiment)])
         else:
-            made.append(item.start)
-    return np.array(made)
+            results.append(item.start)
+    return np.array(results)
 
 
 @attrs.frozen(eq=False)
@@ -202,12 +202,12 @@ class _Screening:
         inside = product(np.ascontiguousarray(self.base.basis.T), changes)
         gradient = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
         gradient = gradient - inside.T @ (self.base.basis.T @ self.model.r)
-        each, made = max(len(strengths), 1), []
+        each, results = max(len(strengths), 1), []
         for k, shape in enumerate(shapes):
             mine = slice(k * each, (k + 1) * each)
             m = product(wide[mine], changes[:, mine]) - inside[:, mine].T @ inside[:, mine]
-            made.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine]))
-        return made
+            results.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine]))
+        return results
 
     def _unknowns_at(self, numbers: Mapping[str, float]) -> np.ndarray:
         theta = self.starting_values.copy()
@@ -218,17 +218,17 @@ class _Screening:
 
     def _changes(self, sets: list[np.ndarray]) -> np.ndarray:
         """Change of the weighted outputs against the base, shape (N, sets)."""
-        made = np.empty((self.problem.samples, len(sets)))
+        results = np.empty((self.problem.samples, len(sets)))
         first = 0
         for e, trial in enumerate(self.problem.trials):
             y = self.problem.outputs(sets, e)
             for i, weight in enumerate(self.problem.weights):
                 rows = slice(first, first + len(trial.t))
-                made[rows] = weight * (y[:, i] - trial.measured[:, i, None]) - self.model.r[rows, None]
+                results[rows] = weight * (y[:, i] - trial.measured[:, i, None]) - self.model.r[rows, None]
                 first = rows.stop
-        diverged = ~(np.abs(made) < DIVERGENCE_THRESHOLD).all(axis=0)
-        made[:, diverged] = 0.0  # a diverged simulation has no gain
-        return made
+        diverged = ~(np.abs(results) < DIVERGENCE_THRESHOLD).all(axis=0)
+        results[:, diverged] = 0.0  # a diverged simulation has no gain
+        return results
 
     def _sized(
         self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray

@@ -72,9 +72,9 @@ class Provenance:
 
 def recorded(records: Mapping[str, Record], used: Sequence[str]) -> tuple[Recording, ...]:
     """The recordings, with the signals that the diagram uses."""
-    made = []
+    result = []
     for name, r in records.items():
         file = r.origin.replace("\\", "/").rpartition("/")[2]
         signals = tuple(heading(k, r.unit(k)) for k in r.names if k in used)
-        made.append(Recording(name, file, signals, len(r), r.step))
-    return tuple(made)
+        result.append(Recording(name, file, signals, len(r), r.step))
+    return tuple(result)

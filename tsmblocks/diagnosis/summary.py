@@ -76,7 +76,7 @@ def segment_summary(work: PartDiagnosis, whole_diagram: Diagram) -> Segment:
     effects = tuple(_named(work, k, losses, whole_diagram) for k in range(work.count))
     gaps = tuple(_gap(work, i, held) for i in range(len(base.setup.outputs)))
     limits = _limits(work)
-    made = Segment(
+    result = Segment(
         work.part.name,
         tuple(work.part.diagram.inputs),
         work.part.outputs,
@@ -93,7 +93,7 @@ def segment_summary(work: PartDiagnosis, whole_diagram: Diagram) -> Segment:
         "",
         as_fit(work.final),
     )
-    return attrs.evolve(made, sentence=verdict_sentence(made))
+    return attrs.evolve(result, sentence=verdict_sentence(result))
 
 
 def _shrinkage(work: PartDiagnosis, k: int) -> dict[str, tuple[float, float]]:
@@ -103,11 +103,11 @@ def _shrinkage(work: PartDiagnosis, k: int) -> dict[str, tuple[float, float]]:
 
 def _held_out(work: PartDiagnosis) -> list[np.ndarray]:
     """Held-out residuals (N,) of each model."""
-    made = []
+    result = []
     for k, model in enumerate(work.models):
         ridge, null = ridge_weights(_shrinkage(work, k), model)
-        made.append(held_out_residuals(model, work.search.blocks.fold, ridge, null))
-    return made
+        result.append(held_out_residuals(model, work.search.blocks.fold, ridge, null))
+    return result
 
 
 def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
@@ -144,11 +144,11 @@ def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: 
 
 def _with_effects(work: PartDiagnosis, k: int, whole_diagram: Diagram) -> Diagram:
     """The whole diagram with the first ``k`` effects in place."""
-    made = whole_diagram
+    result = whole_diagram
     for one in work.named[:k]:
         c = one.candidate
-        made = in_whole_diagram(c.site, work.part).put(made, c.block, c.effect.block)
-    return made
+        result = in_whole_diagram(c.site, work.part).put(result, c.block, c.effect.block)
+    return result
 
 
 def _has_several_experiments(work: PartDiagnosis) -> bool:
@@ -159,14 +159,14 @@ def _has_several_experiments(work: PartDiagnosis) -> bool:
 def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quantity]:
     """The parameters of an effect with confidence intervals that allow for autocorrelated residuals."""
     unknowns = model.problem.unknowns
-    seen = uncertainty(model.J, model.r, model.problem.segments)
-    low, high = intervals(model.theta, seen.covariance, seen.freedom)
-    made = {}
+    estimate = uncertainty(model.J, model.r, model.problem.segments)
+    low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
+    result = {}
     for k, item in enumerate(unknowns.items):
         if item.parameter in free:
             short = item.parameter.removeprefix(f"{block}.")
-            made[short] = Quantity(float(model.theta[k]), float(low[k]), float(high[k]), item.unit)
-    return made
+            result[short] = Quantity(float(model.theta[k]), float(low[k]), float(high[k]), item.unit)
+    return result
 
 
 def _gap(work: PartDiagnosis, i: int, held: Sequence[np.ndarray]) -> Gap:
@@ -204,19 +204,19 @@ def _given(work: PartDiagnosis, output: str) -> str:
 
 def _ranking(work: PartDiagnosis) -> tuple[RankedCandidate, ...]:
     """Every candidate of every accepted round, and of the one after."""
-    made: list[RankedCandidate] = []
+    result: list[RankedCandidate] = []
     for number, one in enumerate((r.most_complete for r in work.rounds[: work.count + 1]), 1):
         blocks, noise_variance = work.search.blocks, work.search.noise_variance
         before = mean_loss(one.losses, blocks)
         # A base at the noise floor has no excess, and a share of it has no meaning: the least one counts instead.
         row = _RankingRow(number, one, work, max(before - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance))
-        seen = {tried.candidate.key for tried in one.verdict.ranking}
-        made += [
+        fitted = {tried.candidate.key for tried in one.verdict.ranking}
+        result += [
             row.fitted(tried, float(t), before, mean_loss(one.experiment_losses, blocks), noise_variance)
             for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)
         ]
-        made += [row.screened(p) for p in one.screening_scores if p.candidate.key not in seen]
-    return tuple(made)
+        result += [row.screened(p) for p in one.screening_scores if p.candidate.key not in fitted]
+    return tuple(result)
 
 
 @attrs.frozen(eq=False)
@@ -299,12 +299,12 @@ def _coordinates(model: Model, part: Part) -> dict[str, np.ndarray]:
     """Coordinates of the motion at every residual: of the first input, or of the output where there is none."""
     trials, inputs = model.setup.trials, list(part.diagram.inputs)
     number = {name: k for k, name in enumerate(dict.fromkeys(experiment_of(t.name) for t in trials))}
-    made: dict[str, list[np.ndarray]] = {}
+    result: dict[str, list[np.ndarray]] = {}
     for trial in trials:
         x = _drive(trial, model, inputs[0]) if inputs else trial.measured[:, 0]
         for name, values in coordinates(trial.t, x, number[experiment_of(trial.name)]).items():
-            made.setdefault(name, []).extend([values] * trial.measured.shape[1])
-    return {name: np.concatenate(values) for name, values in made.items()}
+            result.setdefault(name, []).extend([values] * trial.measured.shape[1])
+    return {name: np.concatenate(values) for name, values in result.items()}
 
 
 def _drive(trial: Trial, model: Model, name: str) -> np.ndarray:
@@ -315,12 +315,12 @@ def _drive(trial: Trial, model: Model, name: str) -> np.ndarray:
 def _traces(work: PartDiagnosis) -> tuple[Trace, ...]:
     """Measured and simulated signals for figures."""
     base, final, inputs = work.models[0], work.models[-1], list(work.part.diagram.inputs)
-    count, made = len(base.setup.outputs), list[Trace]()
+    count, result = len(base.setup.outputs), list[Trace]()
     for e, trial in enumerate(base.setup.trials):
         for i, name in enumerate(base.setup.outputs):
             rows, sigma = base.problem.segments[e * count + i], work.floors.sigma[name]
             drive = _drive(trial, base, inputs[0]) if inputs else np.empty(0)
-            made.append(
+            result.append(
                 Trace(
                     trial.name,
                     name,
@@ -334,7 +334,7 @@ def _traces(work: PartDiagnosis) -> tuple[Trace, ...]:
                     _blocks(base.r[rows], work.search.blocks.block[rows], trial.t),
                 )
             )
-    return tuple(made)
+    return tuple(result)
 
 
 def _blocks(r: np.ndarray, block: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -110,7 +110,7 @@ def _residual_location(segment: Segment) -> list[str]:
 
 def _ranking(segment: Segment) -> list[str]:
     """The candidates that were fitted, by round, and how many were screened out."""
-    made, several = list[str](), len(segment.gaps[0].experiments)
+    parts, several = list[str](), len(segment.gaps[0].experiments)
     for number in sorted({r.round for r in segment.ranking}):
         here = [r for r in segment.ranking if r.round == number]
         fitted = [r for r in here if r.fitted]
@@ -136,8 +136,8 @@ def _ranking(segment: Segment) -> list[str]:
         rest = len(here) - len(shown)
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
-        made.append(f"candidates, round {number} ({key}):\n{columns(rows, left=(0, 1))}{more}")
-    return [*made, _filled(columns_explained(several > 1))] if made else []
+        parts.append(f"candidates, round {number} ({key}):\n{columns(rows, left=(0, 1))}{more}")
+    return [*parts, _filled(columns_explained(several > 1))] if parts else []
 
 
 def columns_explained(several: bool) -> str:
@@ -213,7 +213,7 @@ def _script(diagnosis: Diagnosis) -> list[str]:
 
 
 def _indistinguishable(segment: Segment) -> list[str]:
-    said = [
+    lines = [
         _bullet(
             f"{e.name} is indistinguishable from {listed(e.also_possible, 9)} with these data. To separate them: "
             f"{e.separating_experiment or 'another experiment'}."
@@ -221,7 +221,7 @@ def _indistinguishable(segment: Segment) -> list[str]:
         for e in segment.effects
         if e.also_possible
     ]
-    return ["\n".join(["indistinguishable effects:", *said])] if said else []
+    return ["\n".join(["indistinguishable effects:", *lines])] if lines else []
 
 
 def limit_text(one: DetectionLimit) -> str:
@@ -232,16 +232,17 @@ def limit_text(one: DetectionLimit) -> str:
 
 
 def _limits(segment: Segment, several: bool) -> str:
-    seen = [m for m in segment.limits if m.value is not None]
-    blind = [m for m in segment.limits if m.value is None]
+    detectable = [m for m in segment.limits if m.value is not None]
+    undetectable = [m for m in segment.limits if m.value is None]
     where = f" in {segment.name}" if several else ""
     parts = []
-    if seen:
+    if detectable:
         parts.append(
-            f"smallest detectable sizes{where}:\n" + columns([[m.name, limit_text(m)] for m in seen], "  ", left=(0, 1))
+            f"smallest detectable sizes{where}:\n"
+            + columns([[m.name, limit_text(m)] for m in detectable], "  ", left=(0, 1))
         )
-    if blind:
-        names = ", ".join(m.name for m in blind)
+    if undetectable:
+        names = ", ".join(m.name for m in undetectable)
         parts.append(
             textwrap.fill(
                 f"not detectable at any size{where}, since these experiments do not excite them or the "

@@ -46,8 +46,10 @@ def _implausible_floor(segment: Segment) -> str:
 def _ahead(segment: Segment) -> str:
     """A warning of an output that leads the input, from the first experiment where it does."""
     traces = (trace for output in segment.outputs for trace in output_traces(segment, output))
-    said = (runs_ahead((t.drive_name, t.output), t.t, t.drive, t.measured, t.before) for t in traces if t.drive_name)
-    words = next(filter(None, said), "")
+    warnings = (
+        runs_ahead((t.drive_name, t.output), t.t, t.drive, t.measured, t.before) for t in traces if t.drive_name
+    )
+    words = next(filter(None, warnings), "")
     return f" But {words}" if words else ""
 
 

@@ -22,8 +22,8 @@ ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", 
 def _slack(side: str) -> Effect:
     def trials(scales: Scales) -> Trials:
         low, reach, sign = scales.wire.low, scales.wire.reach, 1 if side == "low" else -1
-        begin = low if side == "low" else scales.wire.high
-        edges = tuple({"edge": begin + sign * share * reach} for share in (0.2, 0.5, 0.8, 1.1, 1.5))
+        end = low if side == "low" else scales.wire.high
+        edges = tuple({"edge": end + sign * share * reach} for share in (0.2, 0.5, 0.8, 1.1, 1.5))
         return Trials({"share": 0.1}, edges, bounds={"edge": (low, scales.wire.high)})
 
     return Effect(
@@ -50,11 +50,11 @@ def _zone(scales: Scales) -> Trials:
 
 def _limits(scales: Scales) -> Trials:
     wire = scales.wire
-    beyond = 0.02 * wire.reach
+    margin = 0.02 * wire.reach
     sides = [(a, b) for share in (0.98, 0.9, 0.75, 0.55) for a, b in ((share, share), (share, 1.02), (1.02, share))]
     shapes = tuple({"low": wire.middle - a * wire.reach, "high": wire.middle + b * wire.reach} for a, b in sides)
     return Trials(
-        {}, shapes, bounds={"low": (wire.low - 2 * beyond, wire.middle), "high": (wire.middle, wire.high + 2 * beyond)}
+        {}, shapes, bounds={"low": (wire.low - 2 * margin, wire.middle), "high": (wire.middle, wire.high + 2 * margin)}
     )
 
 

@@ -59,8 +59,8 @@ def _steadily(scales: Scales) -> Trials:
 
 def _loop(scales: Scales) -> Trials:
     size = {"change": 0.03 * scales.wire.reach, "gain": 0.03}
-    made = _instants(scales, size, {"distance": 0.15 * scales.wire.reach})
-    return made.with_bounds({"distance": (0.01 * scales.wire.reach, scales.wire.reach), "z": (-1.0, 1.0)})
+    result = _instants(scales, size, {"distance": 0.15 * scales.wire.reach})
+    return result.with_bounds({"distance": (0.01 * scales.wire.reach, scales.wire.reach), "z": (-1.0, 1.0)})
 
 
 def _creep(scales: Scales) -> Trials | None:
