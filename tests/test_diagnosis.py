@@ -16,6 +16,7 @@ from tsmblocks.common.errors import DataError, ParameterError
 from tsmblocks.data.conditioning import conditioned
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 
+SLOW_NEEDS = ["diagnosis", "diagrams/tendon_sheath_*"]
 EVERY = 3
 """Every third sample is kept: a third of the time, and the same verdicts."""
 STEP = 2e-3
@@ -36,7 +37,10 @@ SPECS = {
     "motor": Spec("motor_closed", "coulomb_friction", amplitude=0.05, seed=3),
     "chain": Spec("chain", "sheath:backlash", amplitude=0.4, seed=3),
 }
-SOME = ("backlash", "hysteresis", "dead_time", "jump", "position_ripple", "coulomb_friction", "resonance")
+SOME = (
+    *("backlash", "hysteresis", "dead_time", "jump", "position_ripple", "coulomb_friction", "resonance"),
+    "first_order_lag",
+)
 """Effects looked for where the whole catalogue would take too long."""
 
 
@@ -64,19 +68,29 @@ def names(diagnosis):
 # ---- what is hidden is named
 
 
+ONE_EFFECT = {
+    "backlash": ("backlash", "loop"),
+    "lag": ("first_order_lag", "delay"),
+    "jump": ("jump", "time"),
+    "ripple": ("position_ripple", "map"),
+    "line": ("hysteresis", "loop"),
+    "another line": ("hysteresis", "loop"),
+}
+WHOLE = ("jump", "ripple", "another line")
+"""Those that are looked for in the whole catalogue by default; other tests read what was said of two of them."""
+
+
 @pytest.mark.parametrize(
-    ("name", "effect", "family"),
+    ("name", "more"),
     [
-        ("backlash", "backlash", "loop"),
-        ("lag", "first_order_lag", "delay"),
-        ("jump", "jump", "time"),
-        ("ripple", "position_ripple", "map"),
-        ("line", "hysteresis", "loop"),
-        ("another line", "hysteresis", "loop"),
+        *((name, {}) for name in WHOLE),
+        *((name, {"effects": SOME}) for name in ONE_EFFECT if name not in WHOLE),
+        *(pytest.param(name, {}, marks=pytest.mark.slow) for name in ONE_EFFECT if name not in WHOLE),
     ],
 )
-def test_one_effect_is_named(name, effect, family):
-    said = found(name)
+def test_one_effect_is_named(name, more):
+    effect, family = ONE_EFFECT[name]
+    said = found(name, **more)
     assert said.verdict == "named"
     assert names(said) == [effect]
     assert said.effects[0].family == family
@@ -122,8 +136,9 @@ def test_what_is_in_no_catalogue_is_not_given_a_name():
     assert "that no block of the catalogue explains" in said.sentence
 
 
-def test_two_effects_are_both_named():
-    assert sorted(names(found("two"))) == ["backlash", "jump"]
+@pytest.mark.parametrize("more", [{"effects": SOME}, pytest.param({}, marks=pytest.mark.slow)])
+def test_two_effects_are_both_named(more):
+    assert sorted(names(found("two", **more))) == ["backlash", "jump"]
 
 
 def test_friction_in_a_position_loop_is_told_from_position_and_voltage():
@@ -145,7 +160,7 @@ def test_in_a_chain_the_segment_is_found():
 
 
 def test_names_order_and_units_of_the_recordings_change_nothing():
-    plain = found("backlash")
+    plain = found("backlash", effects=SOME)
     case = hidden("backlash")
     order = dict(zip(("b7", "zz", "a"), (2, 0, 1), strict=True))
     given = list(recordings(case).values())
@@ -155,7 +170,7 @@ def test_names_order_and_units_of_the_recordings_change_nothing():
         turned[name] = tsm.Record(
             name, r.t, {s: np.deg2rad(r[s]) for s in ("x_out", "x_in")}, {"x_in": "rad", "x_out": "rad"}
         )
-    said = tsm.diagnose(base_of(case), turned, noise_floor=floor_of(case))
+    said = tsm.diagnose(base_of(case), turned, noise_floor=floor_of(case), effects=SOME)
     assert said.verdict == plain.verdict
     assert names(said) == names(plain)
     assert said.effects[0].also_possible == plain.effects[0].also_possible
@@ -166,13 +181,13 @@ def test_names_order_and_units_of_the_recordings_change_nothing():
 
 
 def test_same_data_same_seed_same_bytes():
-    again = diagnosed(hidden("jump"))
-    assert again.to_json() == found("jump").to_json()
-    assert again.augmented == found("jump").augmented
+    one, again = found("jump", effects=SOME), diagnosed(hidden("jump"), effects=SOME)
+    assert again.to_json() == one.to_json()
+    assert again.augmented == one.augmented
 
 
 def test_other_seeds_name_the_same():
-    said = found("jump", seed=5)
+    said = found("jump", seed=5, effects=SOME)
     assert said.seed == 5
     assert names(said) == ["jump"]
 
@@ -206,7 +221,7 @@ def test_the_augmented_diagram_loads_runs_and_has_the_errors_that_were_told(tmp_
 def test_the_gap_shrinks_on_an_experiment_that_was_never_seen():
     case = hidden("ripple")
     *seen, unseen = recordings(case).values()
-    said = tsm.diagnose(base_of(case), seen, noise_floor=floor_of(case))
+    said = tsm.diagnose(base_of(case), seen, noise_floor=floor_of(case), effects=SOME)
     assert names(said) == ["position_ripple"]
     quiet = {unseen.name: conditioned(unseen, ["x_in"])}
     base, augmented = (after(tsm.score(d, quiet, hold="cubic"), 5.0) for d in (said.base, said.augmented))

@@ -1,19 +1,29 @@
 """A ball-screw axis made by a plain loop: it integrates, its play is larger than what it misses, its sensor is late."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Play
 
+SLOW_NEEDS = ["diagnosis"]
 STEP, FINE, NOISE = 0.005, 10, 0.02
 SLOPE, LAG, PITCH, GAP, LATE = 18.15, 0.146, 0.8, 1.0, 0.012
 
 
-def measured(seed, late=LATE):
+@pytest.fixture(params=[1200, pytest.param(2400, marks=pytest.mark.slow)])
+def samples(request):
+    """Length of each recording."""
+    return request.param
+
+
+@cache
+def measured(samples, seed, late=LATE):
     """Volts and position [mm]: Euler steps of ``STEP / FINE``, from which on the sensor sends what it saw."""
     draw = np.random.default_rng(seed)
-    t, h = STEP * np.arange(2400), STEP / FINE
+    t, h = STEP * np.arange(samples), STEP / FINE
     tones = zip((3.0, 2.0, 1.5), (0.21, 0.63, 1.4), draw.uniform(0, 6, 3), strict=True)
     u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
     speed = angle = nut = 0.0
@@ -26,10 +36,7 @@ def measured(seed, late=LATE):
     return tsm.Record(f"run_{seed}", t, {"u": u, "x": x}, {"u": "V", "x": "mm"})
 
 
-RUNS = [measured(1), measured(2)]
-
-
-def diagnosed(more, free, runs=None, **how):
+def diagnosed(more, free, runs, **how):
     blocks = dict(motor=FirstOrderLag(gain=18.0, time_constant=0.15), turn=Integrator(), screw=Gain(gain=PITCH), **more)
     axis = tsm.Diagram(
         title="axis",
@@ -38,18 +45,16 @@ def diagnosed(more, free, runs=None, **how):
         inputs={"u": tsm.Inlet("motor.u", unit="V")},
         outputs={"x": list(blocks)[-1]},
     )
-    return tsm.diagnose(
-        axis, runs or RUNS, free=["motor.*", *free], noise_floor=NOISE, hold="zero", condition=False, **how
-    )
+    return tsm.diagnose(axis, runs, free=["motor.*", *free], noise_floor=NOISE, hold="zero", condition=False, **how)
 
 
 @pytest.mark.parametrize("late", [LATE, 0.3])
-def test_nothing_is_missing_in_the_true_model(late):
+def test_nothing_is_missing_in_the_true_model(late, samples):
     """What is on its way in the delay when a piece begins is no error, however long it is."""
     found = diagnosed(
         dict(gear=Play(half_width=1.0), late=Delay(time=late)),
         ["gear.half_width", "late.time"],
-        [measured(1, late), measured(2, late)],
+        [measured(samples, 1, late), measured(samples, 2, late)],
         effects=["resonance", "coulomb_friction", "dead_time"],
     )
     assert (found.verdict, found.effects) == ("none", ())
@@ -59,11 +64,11 @@ def test_nothing_is_missing_in_the_true_model(late):
     assert values["late.time"] == pytest.approx(late, abs=0.0007)
 
 
-def test_the_delay_that_is_missing_is_named():
+def test_the_delay_that_is_missing_is_named(samples):
     found = diagnosed(
         dict(gear=Play(half_width=1.0)),
         ["gear.half_width"],
-        RUNS[:1],
+        [measured(samples, 1)],
         effects=["dead_time", "resonance", "first_order_lag", "coulomb_friction"],
     )
     (effect,) = found.effects
@@ -72,9 +77,9 @@ def test_the_delay_that_is_missing_is_named():
     assert "ahead of" not in found.sentence
 
 
-def test_play_and_delay_that_are_missing_are_named_with_their_sizes():
+def test_play_and_delay_that_are_missing_are_named_with_their_sizes(samples):
     """Each piece begins on one side of the play or the other, which no step downhill changes."""
-    found = diagnosed({}, [], RUNS[1:], effects=["backlash", "dead_time", "resonance", "first_order_lag"])
+    found = diagnosed({}, [], [measured(samples, 2)], effects=["backlash", "dead_time", "resonance", "first_order_lag"])
     first, second = found.effects
     assert (first.name, second.name) == ("backlash", "dead_time")
     assert first.parameters["half_width"].value == pytest.approx(GAP, rel=0.003)

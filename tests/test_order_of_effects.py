@@ -9,6 +9,7 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Play
 from tsmblocks.diagnosis.insertion_points import insertion_points
 
+SLOW_NEEDS = ["diagnosis", "diagrams/tendon_sheath_symmetric.toml"]
 DEG = np.pi / 180
 HALF, SLOPES, BENDS, NOISE = 1.2, (0.905, 0.93), 0.1, 0.06
 """The gap [deg], the slopes while loading and unloading, the speed [rad/s] at which they change, the noise [deg]."""
@@ -73,6 +74,7 @@ def test_what_stands_in_front_of_a_gap_is_placed_there_and_no_gap_of_nothing_is_
     assert held.held_out[-1] == pytest.approx(NOISE * DEG, rel=0.05)
 
 
+@pytest.mark.slow
 def test_what_stands_behind_a_gap_reads_what_comes_out_of_it():
     base, effects = tsm.load("tendon_sheath_symmetric"), ["backlash", "asymmetric_hysteresis"]
     said = tsm.diagnose(base, records(first="gap"), noise_floor=f"{NOISE} deg", effects=effects)
