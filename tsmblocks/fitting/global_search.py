@@ -163,7 +163,7 @@ class _Objective:
         violation, cost = self.best
         steps = max(len(history) - 1, 0)
         return SearchResult(
-            self.theta, cost, violation, steps, self.evaluations, self.restarts, status, history, path, **more
+            self.theta, cost, violation, steps, self.evaluations, self.restarts, self.status, history, path, **more
         )
 
 
