@@ -13,7 +13,7 @@ import pytest
 import tsmblocks.blocks
 from tsmblocks.cli import console, main
 from tsmblocks.cli.entry import COMMANDS
-from tsmblocks.common.tables import columns, in_parts
+from tsmblocks.common.tables import columns, split_columns
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.model.block import REGISTRY
 
@@ -104,11 +104,11 @@ def test_a_name_that_leaves_the_rest_no_room_stands_above_its_row():
 
 def test_columns_that_are_too_many_stand_in_several_tables():
     rows = [("case", "first", "tuned", "second", "tuned"), ("a", "1", "2", "3", "4")]
-    assert in_parts(rows, together=2) == columns(rows)
-    first, second = in_parts(rows, together=2, width=22).split("\n\n")
+    assert split_columns(rows, together=2) == columns(rows)
+    first, second = split_columns(rows, together=2, width=22).split("\n\n")
     assert first == columns([row[:3] for row in rows])
     assert second == columns([(row[0], *row[3:]) for row in rows])
-    assert in_parts(rows, width=3).count("\n\n") == 3, "what fits nowhere stands alone"
+    assert split_columns(rows, width=3).count("\n\n") == 3, "what fits nowhere stands alone"
 
 
 @pytest.mark.parametrize("name", shipped_names())

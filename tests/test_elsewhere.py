@@ -4,14 +4,14 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.common.errors import TsmError
-from tsmblocks.model.aliases import CALLED, HERE
+from tsmblocks.model.aliases import BLOCK_NAMES, OTHER_NAMES
 from tsmblocks.model.block import REGISTRY
 
 
 def test_every_name_leads_to_a_block_and_is_none_itself():
-    assert set(CALLED) <= set(tsm.blocks.__all__) & set(REGISTRY)
-    assert len(HERE) == sum(map(len, CALLED.values()))
-    assert not {name.casefold() for name in REGISTRY} & set(HERE)
+    assert set(OTHER_NAMES) <= set(tsm.blocks.__all__) & set(REGISTRY)
+    assert len(BLOCK_NAMES) == sum(map(len, OTHER_NAMES.values()))
+    assert not {name.casefold() for name in REGISTRY} & set(BLOCK_NAMES)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, TsmError
 from tsmblocks.files import dumps, load, loads
 from tsmblocks.files.shipped import shipped_folder, shipped_names
-from tsmblocks.files.toml_text import LARGEST
+from tsmblocks.files.toml_text import MOST_BYTES
 
 SLOW_NEEDS = ["files"]
 HANGS = 120
@@ -533,7 +533,7 @@ MANY = {
     "references": lambda n: (
         "format = 1\n[blocks]\n" + "".join(f"a{k} = {{ type = 'Gain', gain = '$b{k}' }}\n" for k in range(n(20_000)))
     ),
-    "more than may be": lambda _: "#" * (LARGEST + 1),
+    "more than may be": lambda _: "#" * (MOST_BYTES + 1),
 }
 """Texts with ``n`` of what is much in them."""
 

@@ -10,7 +10,7 @@ import pytest
 
 import tsmblocks
 from tsmblocks.cli import common, entry, main
-from tsmblocks.common.tables import unlike
+from tsmblocks.common.tables import unique_names
 from tsmblocks.effects import catalogue
 from tsmblocks.engine import jit
 from tsmblocks.files.shipped import shipped_names
@@ -107,7 +107,7 @@ def test_files_of_several_experiments_stay_apart_and_have_names_that_every_syste
     ]
     assert len({name.casefold() for name in made}) == len(made)
     assert {path.parent for path in paths.values()} == {Path("out")}
-    assert unlike(["x", "X", "x"]) == ["x", "X", "x_2"]
+    assert unique_names(["x", "X", "x"]) == ["x", "X", "x_2"]
 
 
 def test_fits_of_experiments_that_differ_in_capitals_are_all_there(tmp_path, monkeypatch, capsys):

@@ -15,9 +15,9 @@ from tsmblocks.analysis.discrete_time import HELD_SUFFIX
 from tsmblocks.blocks import Sine
 from tsmblocks.common.arguments import as_integer, as_number, as_positive
 from tsmblocks.common.errors import RunError, in_words, near
-from tsmblocks.common.frames import dataset, frame, need
+from tsmblocks.common.frames import dataset, frame, optional_library
 from tsmblocks.common.tables import few, listed
-from tsmblocks.common.units import for_people
+from tsmblocks.common.units import display_unit
 from tsmblocks.common.views import view
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
@@ -115,7 +115,7 @@ class FrequencyResponse:
             Gain, phase [deg] and distortion. Needs pandas.
         """
         axes = [self.amplitudes, self.frequencies]
-        index = need("pandas").MultiIndex.from_product(axes, names=["amplitude", "frequency"])
+        index = optional_library("pandas").MultiIndex.from_product(axes, names=["amplitude", "frequency"])
         columns = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
         return frame({name: v.ravel() for name, v in columns.items()}, index, units={"phase": "deg"})
 
@@ -287,7 +287,7 @@ def frequency_response(
 def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarray, unit: str) -> None:
     if not where.any():
         return
-    factor, label = for_people(unit)
+    factor, label = display_unit(unit)
     points = [f"{factor * a[i]:.3g} {label}".rstrip() + f" at {f[k]:.3g} Hz" for i, k in np.argwhere(where)]
     warnings.warn(
         f"the answer of '{shown}' to {len(points)} of {where.size} sines never becomes periodic: {listed(points, 3)}. "

@@ -15,10 +15,10 @@ from tsmblocks.analysis.operating_point import LocalEquations, Point, evaluated,
 from tsmblocks.blocks import Encoder, Gain, Quantiser
 from tsmblocks.common.arguments import as_integer, as_number
 from tsmblocks.common.errors import RunError, in_words, near
-from tsmblocks.common.tables import unlike
+from tsmblocks.common.tables import unique_names
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram, Inlet
-from tsmblocks.model.wires import Fault, Link, parse, resolve, sentence
+from tsmblocks.model.wires import Fault, Link, fault_sentence, parse_chain, resolve
 from tsmblocks.simulation.arguments import as_diagram
 
 CUT_INPUT, CUT_OUTPUT = "cut", "back"
@@ -273,7 +273,7 @@ def _links(diagram: Diagram, at: str) -> list[Link]:
     if not isinstance(at, str):
         raise RunError(f"at is a wire such as 'controller -> drive', or a signal, got {in_words(at)}.")
     if "->" in at:
-        links, faults = parse(at, diagram.blocks)
+        links, faults = parse_chain(at, diagram.blocks)
         missing = [str(link) for link in links if link not in diagram.links]
         if missing:
             raise RunError(f"at='{at}': there is no wire '{missing[0]}'.{near(missing[0], map(str, diagram.links))}")
@@ -283,7 +283,7 @@ def _links(diagram: Diagram, at: str) -> list[Link]:
     try:
         source = resolve(at, diagram.blocks, "output")
     except Fault as fault:
-        raise RunError(sentence(f"at='{at}'", fault)) from None
+        raise RunError(fault_sentence(f"at='{at}'", fault)) from None
     links = [link for link in diagram.links if link.source == source]
     if not links:
         raise RunError(f"at='{at}': no wire begins there, so there is nothing to open.")
@@ -424,4 +424,4 @@ def _states(here: LocalEquations, A: np.ndarray) -> list[str]:
 
 def _labels(names: Sequence[str]) -> list[str]:
     """Names as python-control takes them: without dots, all different."""
-    return unlike(name.replace(".", "_") for name in names)
+    return unique_names(name.replace(".", "_") for name in names)

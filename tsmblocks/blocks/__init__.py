@@ -187,6 +187,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    from tsmblocks.model.aliases import called
+    from tsmblocks.model.aliases import block_hint
 
-    raise AttributeError(f"tsmblocks.blocks has no '{name}'.{called(name, __all__)}")
+    raise AttributeError(f"tsmblocks.blocks has no '{name}'.{block_hint(name, __all__)}")

@@ -10,7 +10,7 @@ from tsmblocks.blocks import linear_systems as systems
 from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
 from tsmblocks.blocks.ports import UNIT, UNIT_IN
 from tsmblocks.common.errors import BlockError, ParameterError, in_words
-from tsmblocks.common.tables import unlike
+from tsmblocks.common.tables import unique_names
 from tsmblocks.common.units import heading, split_heading
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter
 
@@ -262,7 +262,7 @@ def _names(system: Any) -> dict[str, Any]:
     }
     found = {kind: [_heading(label) for label in own] for kind, own in labels.items()}
     found = {kind: own for kind, own in found.items() if all(name for name, _ in own)}
-    plain = iter(unlike(name for own in found.values() for name, _ in own))
+    plain = iter(unique_names(name for own in found.values() for name, _ in own))
     return {
         kind: tuple(heading(name, unit) for (_, unit), name in zip(own, plain, strict=False))
         for kind, own in found.items()

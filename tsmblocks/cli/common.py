@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 from tsmblocks.cli.console import print_error, print_json, wrap
 from tsmblocks.common.errors import TsmError, near
-from tsmblocks.common.tables import unlike
+from tsmblocks.common.tables import unique_names
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C: 128 plus the number of SIGINT, as in POSIX shells."""
@@ -176,7 +176,7 @@ def paths_by_name(path: Path, names: Iterable[str]) -> dict[str, Path]:
     All differ, also on file systems that ignore case.
     """
     listed = list(names)
-    plain = unlike((re.sub(r"[^a-zA-Z0-9_.-]+", "_", name).strip("_") for name in listed), case=False)
+    plain = unique_names((re.sub(r"[^a-zA-Z0-9_.-]+", "_", name).strip("_") for name in listed), case=False)
     return {name: path.with_name(f"{path.stem}_{one}{path.suffix}") for name, one in zip(listed, plain, strict=True)}
 
 

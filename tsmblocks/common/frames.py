@@ -20,7 +20,7 @@ Column = tuple[Sequence[str], Any, str]
 """Dimensions, values and unit of a variable; the unit is ``""`` where none is known."""
 
 
-def need(library: str) -> Any:
+def optional_library(library: str) -> Any:
     """The library, or TsmError with the way to have it."""
     try:
         return import_module(library)
@@ -36,7 +36,7 @@ def frame(
 
     Raises TsmError where there is no pandas.
     """
-    pd = need("pandas")
+    pd = optional_library("pandas")
     labels = None if index is None else index if isinstance(index, pd.Index) else pd.Index(index, name=name)
     made = pd.DataFrame(dict(columns), index=labels)
     made.attrs["units"] = {k: u for k, u in (units or {}).items() if u and (k in made.columns or k == name)}
@@ -48,7 +48,7 @@ def dataset(variables: Mapping[str, Column], coords: Mapping[str, Column], facts
 
     Raises TsmError where there is no xarray.
     """
-    xr = need("xarray")
+    xr = optional_library("xarray")
     made = {k: (tuple(dims), _values(v), {"units": u} if u else {}) for k, (dims, v, u) in variables.items()}
     axes = {k: (tuple(dims), _values(v), {"units": u} if u else {}) for k, (dims, v, u) in coords.items()}
     return xr.Dataset(made, axes, {k: int(v) if isinstance(v, bool) else v for k, v in facts.items() if v is not None})

@@ -12,7 +12,7 @@ import attrs
 
 
 @attrs.define
-class Asked:
+class InterruptFlag:
     """Whether Ctrl-C was pressed."""
 
     stop: bool = False
@@ -24,13 +24,13 @@ class Asked:
 
 
 @contextmanager
-def kept() -> Iterator[Asked]:
+def defer_interrupt() -> Iterator[InterruptFlag]:
     """Keep Ctrl-C for ``Asked.check``; pressed twice, it ends everything at once.
 
     An exception out of nowhere would surprise libraries in the middle of their work. A program that has a
     handler of its own keeps it.
     """
-    asked = Asked()
+    asked = InterruptFlag()
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield asked

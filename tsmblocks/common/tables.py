@@ -54,7 +54,7 @@ def _folded(words: str, width: int, indent: str) -> list[str]:
     return [indent + line for line in lines]
 
 
-def in_parts(rows: Iterable[Sequence[str]], together: int = 1, width: int = WIDTH) -> str:
+def split_columns(rows: Iterable[Sequence[str]], together: int = 1, width: int = WIDTH) -> str:
     """Columns of numbers as ``columns`` shows them, as several tables below each other where one would be too wide.
 
     Each has the first column, and of the others some times ``together``.
@@ -83,7 +83,7 @@ def few(names: Iterable[str], most: int = 6) -> str:
     return ", ".join(shown)
 
 
-def unlike(names: Iterable[str], *, case: bool = True) -> list[str]:
+def unique_names(names: Iterable[str], *, case: bool = True) -> list[str]:
     """Names of which no two are alike: a second ``x`` is ``x_2``. Without ``case`` an ``X`` is like an ``x``."""
     made: dict[str, str] = {}
     for name in names:

@@ -141,13 +141,13 @@ def same(a: str, b: str) -> bool:
     return x.dimension == y.dimension and math.isclose(x.factor, y.factor, rel_tol=1e-12)
 
 
-PEOPLE = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
+DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
 """Units as people read them."""
 
 
-def for_people(label: str) -> tuple[float, str]:
+def display_unit(label: str) -> tuple[float, str]:
     """Factor and unit in which people read a number: angles and their rates in degrees, anything else as it is."""
-    wanted = PEOPLE.get(label, label)
+    wanted = DISPLAY_UNITS.get(label, label)
     return (factor(label, wanted) if wanted != label else 1.0), wanted
 
 
@@ -183,7 +183,7 @@ def heading(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def unmistakable(name: str, unit: str) -> str:
+def unambiguous_heading(name: str, unit: str) -> str:
     """The heading with empty brackets where a name alone would be split: ``f(x) []``, which is not ``f`` in ``x``."""
     plain = heading(name, unit)
     return plain if split_heading(plain) == (name, unit) else f"{name} [{unit}]"

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.compiler.evaluate import Evaluator
-from tsmblocks.compiler.flatten import Flat, flatten
+from tsmblocks.compiler.flatten import FlatDiagram, flatten
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
 
@@ -53,14 +53,14 @@ def compile_diagram(diagram: Diagram) -> Equations:
     )
 
 
-def _reads(flat: Flat, evaluator: Evaluator) -> list[Any]:
+def _reads(flat: FlatDiagram, evaluator: Evaluator) -> list[Any]:
     """What every function of the equations reads: t, x, d, u, q, p."""
     e = evaluator
     parts = (e.x_symbols(), e.d_symbols(), e.u_symbols(), e.q_symbols(), flat.p)
     return [flat.t, *map(_column, parts)]
 
 
-def _update(flat: Flat, between: Evaluator) -> Any:
+def _update(flat: FlatDiagram, between: Evaluator) -> Any:
     """Memory and states after a sample instant, as a function; None when nothing is updated."""
     if not (flat.d or flat.resets):
         return None
@@ -80,7 +80,7 @@ def _column(elements: list[Any]) -> Any:
     return ca.vertcat(*elements) if elements else ca.SX(0, 1)
 
 
-def _signals(flat: Flat, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
+def _signals(flat: FlatDiagram, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
     """Everything worth logging, in evaluation order: inputs, outputs of blocks, then states."""
     names = list(flat.inputs)
     values = [evaluator.value[("u", k)] for k in flat.inputs]
@@ -97,7 +97,7 @@ def _signals(flat: Flat, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
     return names, values
 
 
-def _units(diagram: Diagram, flat: Flat, names: list[str]) -> dict[str, str]:
+def _units(diagram: Diagram, flat: FlatDiagram, names: list[str]) -> dict[str, str]:
     found = {name: diagram.unit(name) for name in names}
     for key, block in flat.blocks.items():
         for name, state in block.states.items():

@@ -37,15 +37,15 @@ class Structure:
     moving: frozenset[str]
 
 
-_KNOWN: dict[Any, Structure] = {}
+_CACHE: dict[Any, Structure] = {}
 
 
 def structure_of(block: Block) -> Structure:
     """The structure of a block's equations. Raises EquationError when they do not fit what it declares."""
     key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
-    found = _KNOWN.get(key)
+    found = _CACHE.get(key)
     if found is None:
-        found = _KNOWN[key] = _read(block)
+        found = _CACHE[key] = _read(block)
     return found
 
 
@@ -99,7 +99,7 @@ def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> d
     except Exception as error:
         if error.__traceback__ is None or error.__traceback__.tb_next is None:  # it was never entered
             raise EquationError(f"{owner}.{equation} must take (self, t, x, u).") from None
-        why, known = _why(block, error, x, u)
+        why, known = _failure_reason(block, error, x, u)
         raise EquationError(f"{owner}.{equation} {why} See {_line(error)}.") from (None if known else error)
     if not isinstance(result, dict):
         kinds = {type(None): "nothing (is there a return?)", ca.SX: "one expression"}
@@ -117,7 +117,7 @@ def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> d
     return made
 
 
-def _why(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
+def _failure_reason(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
     """What an equation did wrong, and whether that is a mistake of which nothing else need be known."""
     text = " ".join(str(error).split()).rstrip(".")
     if any(sign in text for sign in ("truth value", "__bool__", "Only scalars")):

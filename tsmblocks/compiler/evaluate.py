@@ -15,8 +15,8 @@ import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
 from tsmblocks.compiler.dependencies import EQUATIONS, call
-from tsmblocks.compiler.flatten import Flat, Node
-from tsmblocks.compiler.past_values import recalled, recalled_steps
+from tsmblocks.compiler.flatten import FlatDiagram, Node
+from tsmblocks.compiler.past_values import held_past, interpolated_past
 from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
 
@@ -30,7 +30,7 @@ class Evaluator:
     ``q`` of what is kept of delayed signals, ``hit`` whether each rate group acts; ``owner`` says whose a symbol is.
     """
 
-    def __init__(self, flat: Flat, *, held: bool, share: Evaluator | None = None) -> None:
+    def __init__(self, flat: FlatDiagram, *, held: bool, share: Evaluator | None = None) -> None:
         self.flat, self.held = flat, held
         self.value: dict[Node, Any] = {}
         if share is None:
@@ -193,9 +193,9 @@ class Evaluator:
             return (source,)
         first = None if past.first else flat.first_past[k]
         if past.now:
-            self.value[node] = recalled(self.q[k], flat.t, flat.delays[k], first, self.value[source])
+            self.value[node] = interpolated_past(self.q[k], flat.t, flat.delays[k], first, self.value[source])
         else:
-            made = recalled_steps if self._holds(source) else recalled
+            made = held_past if self._holds(source) else interpolated_past
             self.value[node] = made(self.q[k], flat.t, flat.delays[k], first)
         return ()
 

@@ -25,7 +25,7 @@ time derivative of a signal, ``("past", block, name)`` a signal as it was.
 """
 
 
-class Flat:
+class FlatDiagram:
     """One level of blocks with symbols. Built once by ``flatten`` and only read afterwards.
 
     A block's path is its name with the names of the diagrams around it. ``driver`` says what drives each input port,
@@ -184,6 +184,6 @@ class Flat:
         }
 
 
-def flatten(diagram: Diagram) -> Flat:
+def flatten(diagram: Diagram) -> FlatDiagram:
     """One level of blocks with symbols. Raises AlgebraicLoop for a ring of empty inner diagrams."""
-    return Flat(diagram)
+    return FlatDiagram(diagram)

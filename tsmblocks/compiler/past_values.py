@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 
-def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
+def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
     """The value a signal had ``delay`` s before ``t``: along the cubic through four instants, fewer at the start.
 
     ``kept`` holds what the engine keeps of the signal (``DELAY_NUMBERS`` numbers). ``first`` is the value before
@@ -38,8 +38,8 @@ def recalled(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -
     return ca.if_else(passed < 0, before, value)
 
 
-def recalled_steps(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
-    """As ``recalled``, of a signal that stands still within steps: its jumps stay jumps."""
+def held_past(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
+    """As ``interpolated_past``, of a signal that stands still within steps: its jumps stay jumps."""
     y0, y1, y2, y3, newest, per_second, count = kept
     back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
     value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))

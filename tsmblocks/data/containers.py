@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError, near
-from tsmblocks.common.units import split_heading, unmistakable
+from tsmblocks.common.units import split_heading, unambiguous_heading
 from tsmblocks.data import structures
 from tsmblocks.data.table import Rows, within
 
@@ -63,7 +63,7 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     of = clock or next(iter(kept))
     lengths_of_others = ", ".join(f"{k} ({len(series[k])})" for k in others)
     notes = (f"Left out, being of another length than {of} ({length}): {lengths_of_others}.",) if others else ()
-    headings = [unmistakable(k, units[k]) if k in units else k for k in kept]
+    headings = [unambiguous_heading(k, units[k]) if k in units else k for k in kept]
     return Arrays(origin, headings, list(kept.values()), notes)
 
 
@@ -211,5 +211,5 @@ def frame_arrays(name: str, frame: Any) -> Arrays:
     units = {
         str(k): str(u) for k, u in dict(getattr(frame, "attrs", {}).get("units", {})).items()
     }  # as to_pandas has it
-    headings = [k if units.get(k, "") in ("", split_heading(k)[1]) else unmistakable(k, units[k]) for k in given]
+    headings = [k if units.get(k, "") in ("", split_heading(k)[1]) else unambiguous_heading(k, units[k]) for k in given]
     return Arrays(name, headings, [np.asarray(v, dtype=float) for v in given.values()])

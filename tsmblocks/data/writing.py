@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tsmblocks.common.errors import DataError, in_words
-from tsmblocks.common.units import split_heading, unmistakable
+from tsmblocks.common.units import split_heading, unambiguous_heading
 
 ENDINGS = (".csv", ".npz", ".mat")
 """Endings of files that are written."""
@@ -52,7 +52,7 @@ def _title(name: str, unit: str, kind: str) -> tuple[str, str]:
     if kind == ".mat":
         title = _matlab_name(name)
         return title, "" if _MATLAB.fullmatch(title) else "MATLAB has no variables of such names"
-    title = unmistakable(name, unit)
+    title = unambiguous_heading(name, unit)
     kept = name and split_heading(title) == (name, unit) and not _CONTROL.search(title)
     if kept and (kind == ".csv" or "=" not in unit):
         return title if kind == ".csv" else name, ""

@@ -11,7 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.interrupt import kept
+from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request, checked
@@ -147,7 +147,10 @@ def diagnose(
         progress=progress,
     )
     done, interrupted, notes = list[PartDiagnosis](), False, request.notes
-    with kept() as stop, np.errstate(over="ignore", invalid="ignore"):  # simulations that diverge are left out
+    with (
+        defer_interrupt() as stop,
+        np.errstate(over="ignore", invalid="ignore"),
+    ):  # simulations that diverge are left out
 
         def report(stage: str, count: int, of: int) -> None:
             stop.check()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.common.units import for_people
+from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, binned, coordinates
 from tsmblocks.diagnosis.result import NamedEffect, Quantity, Segment, Trace
@@ -32,7 +32,7 @@ COORDINATE_UNITS = {
 
 def with_interval(q: Quantity) -> str:
     """A number with half its interval, in as many digits: ``0.157 ± 0.011 deg``; marked where it has no interval."""
-    k, unit = for_people(q.unit)
+    k, unit = display_unit(q.unit)
     value, low, high = k * q.value, k * q.low, k * q.high
     half = (high - low) / 2
     if not np.isfinite(half):
@@ -52,7 +52,7 @@ def digits(value: float) -> str:
 
 def in_display_units(value: float, unit: str) -> str:
     """A number with its unit for display: three digits, angles in degrees."""
-    k, shown = for_people(unit)
+    k, shown = display_unit(unit)
     return f"{k * value:.3g} {shown}".rstrip()
 
 

@@ -11,8 +11,8 @@ from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
     digits,
+    display_unit,
     fitted_rms,
-    for_people,
     in_display_units,
     output_traces,
     with_interval,
@@ -74,7 +74,7 @@ def _gaps(segment: Segment) -> list[tuple[Segment, Gap]]:
 def gap_table(one: tuple[Segment, Gap]) -> str:
     """The errors of one output by experiment: held out, and in the last columns as fitted."""
     segment, gap = one
-    k, unit = for_people(gap.unit)
+    k, unit = display_unit(gap.unit)
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
     rows = [
@@ -258,7 +258,7 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
     found = diagnosis.consequence
     if found is None:
         return [_filled(f"Consequence for control: {diagnosis.no_consequence}")] if diagnosis.no_consequence else []
-    k, unit = for_people(found.unit)
+    k, unit = display_unit(found.unit)
     rows = [[f"tracking {_cut(found.reference)} [{unit}]", "peak to peak", "rms"]]
     for words, (peak, rms) in (
         ("without compensation", found.none),

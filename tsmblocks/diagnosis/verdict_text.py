@@ -6,7 +6,7 @@ import numpy as np
 
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
-from tsmblocks.diagnosis.presentation import digits, for_people, main_parameter, output_traces, with_interval
+from tsmblocks.diagnosis.presentation import digits, display_unit, main_parameter, output_traces, with_interval
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, Segment
 from tsmblocks.fitting.input_checks import runs_ahead
 
@@ -71,7 +71,7 @@ def worst_gap(segment: Segment) -> Gap:
 
 def _reduction(segment: Segment) -> str:
     gap = worst_gap(segment)
-    k, unit = for_people(gap.unit)
+    k, unit = display_unit(gap.unit)
     share = percent(min(sum(e.share_removed for e in segment.effects), 1.0))
     them = "it" if len(segment.effects) == 1 else "them"
     return (
@@ -102,7 +102,7 @@ def _also(segment: Segment) -> str:
 
 def _error(segment: Segment) -> str:
     gap = worst_gap(segment)
-    k, unit = for_people(gap.unit)
+    k, unit = display_unit(gap.unit)
     return (
         f"The error of {gap.output} on held-out data is {_rms(k * gap.held_out[0], unit)}, "
         f"its noise floor {digits(k * gap.noise_floor)}."

@@ -6,7 +6,7 @@ import json
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.graph import PRODUCTS, SUMS, symbol_of
-from tsmblocks.model.diagram import Diagram, needed
+from tsmblocks.model.diagram import Diagram, required_diagram
 
 
 def to_mermaid(diagram: Diagram) -> str:
@@ -46,7 +46,7 @@ def to_mermaid(diagram: Diagram) -> str:
       b_motor -->|"y"| out_x
     <BLANKLINE>
     """
-    diagram = needed(diagram, "drawn", TsmError)
+    diagram = required_diagram(diagram, "drawn", TsmError)
     lines = ["---", f"title: {json.dumps(diagram.title, ensure_ascii=False)}", "---"] if diagram.title else []
     lines.append("flowchart LR")
     lines += [f"  in_{name}([{_quoted(name)}])" for name in diagram.inputs]

@@ -10,7 +10,7 @@ from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Box, Label, Picture, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FRAME, INK, PAPER, colour, marked, weight
-from tsmblocks.model.diagram import Diagram, needed
+from tsmblocks.model.diagram import Diagram, required_diagram
 
 DPI = 100
 POINT = 72 / DPI
@@ -117,7 +117,7 @@ def _figure(diagram: Diagram, highlight: Iterable[str], values: Mapping[str, Any
     except ImportError as error:
         how = 'pip install "tsmblocks[plots]"'
         raise TsmError(f"a PNG or PDF file needs matplotlib; install it with: {how}") from error
-    accent = marked(needed(diagram, "drawn", TsmError), highlight)
+    accent = marked(required_diagram(diagram, "drawn", TsmError), highlight)
     picture = layout(diagram, values=values)
     figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=dpi, facecolor=PAPER)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))

@@ -10,7 +10,7 @@ from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import Arrow, Box, Label, Point, Wire
 from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FONT, FRAME, INK, PAPER, colour, marked, weight
-from tsmblocks.model.diagram import Diagram, needed
+from tsmblocks.model.diagram import Diagram, required_diagram
 
 
 def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:
@@ -49,7 +49,7 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
     >>> tsm.to_svg(tsm.load("motor_linear"), highlight=["motor"], values={"x": 0.5}).count("<rect")
     2
     """
-    accent = marked(needed(diagram, "drawn", TsmError), highlight)
+    accent = marked(required_diagram(diagram, "drawn", TsmError), highlight)
     picture = layout(diagram, values=values)
     width, height = _n(picture.width), _n(picture.height)
     lines = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from tsmblocks.common.tables import unlike
+from tsmblocks.common.tables import unique_names
 
 SPARE = 8
 """Samples of a delayed signal in its buffer beyond its delay. Chosen: more than the interpolation needs (4)."""
@@ -75,7 +75,7 @@ def used(name: str, text: str) -> bool:
 
 def identifiers(names: Iterable[str]) -> list[str]:
     """Names as distinct identifiers of C."""
-    return unlike(map(_identifier, names))
+    return unique_names(map(_identifier, names))
 
 
 def _identifier(name: str) -> str:

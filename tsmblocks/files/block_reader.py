@@ -11,10 +11,19 @@ from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 
 from tsmblocks.common.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
-from tsmblocks.files.faults import KEYS, REFUSED, SURPRISES, KeyPath, Page, Part, meant, spoken
+from tsmblocks.files.faults import (
+    DIAGRAM_KEYS,
+    REFUSED,
+    UNEXPECTED_ERRORS,
+    KeyPath,
+    Page,
+    Part,
+    dotted_name,
+    misspelling_hint,
+)
 from tsmblocks.files.shipped import shipped_folder, shipped_names
-from tsmblocks.files.toml_text import read, tables
-from tsmblocks.model.aliases import called
+from tsmblocks.files.toml_text import parse_tables, read_text
+from tsmblocks.model.aliases import block_hint
 from tsmblocks.model.block import REGISTRY, Block, plain, validate
 from tsmblocks.model.diagram import DEEPEST, Diagram
 
@@ -22,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 FAULTY = Part(None, 1)
-OWN = " A block of your own is known once its module is imported (by a command: --with FILE.py)."
+OWN_BLOCKS_HINT = " A block of your own is known once its module is imported (by a command: --with FILE.py)."
 """What is said of a type that is near no other."""
 LONGEST_TEXT = 10_000
 """Characters of one option; a sum with as many signs has as many inputs."""
@@ -33,15 +42,17 @@ def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> P
     if not isinstance(spec, dict):
         above = f" To give the diagram's {name}, move the line above the first [section]."
         expected = f"block '{clip(name)}' must be a table such as {{ type = \"Gain\" }}"
-        page.wrong(path, expected, spec, above if name in KEYS else "")
+        page.wrong(path, expected, spec, above if name in DIAGRAM_KEYS else "")
         return FAULTY
     if "type" in spec:
         return Part(_typed(page, spec, path), 1)
     if "use" in spec:
         return _used(page, spec, path, level)
-    if not spec.keys() & set(KEYS):
+    if not spec.keys() & set(DIAGRAM_KEYS):
         expected = 'Write { type = "Gain" }, or use = another diagram.'
-        page.fault(path, f"block '{spoken(path)}' has no type. {expected}{meant(spec, ('type', 'use'))}")
+        page.fault(
+            path, f"block '{dotted_name(path)}' has no type. {expected}{misspelling_hint(spec, ('type', 'use'))}"
+        )
         return FAULTY
     if level >= DEEPEST:
         page.fault(path, f"diagrams stand inside diagrams more than {DEEPEST} deep.")
@@ -53,13 +64,13 @@ def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> P
 
 
 def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
-    said, kind = f"block '{spoken(path)}'", spec["type"]
+    said, kind = f"block '{dotted_name(path)}'", spec["type"]
     if not isinstance(kind, str):
         page.wrong((*path, "type"), f'{said}: the type must be text such as "Gain"', kind)
         return None
     cls = REGISTRY.get(kind)
     if cls is None:
-        hint = called(kind, REGISTRY, OWN)
+        hint = block_hint(kind, REGISTRY, OWN_BLOCKS_HINT)
         page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}")
         return None
     values = {k: v for k, v in spec.items() if k != "type"}
@@ -98,9 +109,11 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
         block = cls(**values)
         _ = block.inports, block.outports, block.states  # these may read options that check() did not see
     except TsmError as error:
-        page.fault(path, f"block '{spoken(path)}': {error}")
-    except SURPRISES as error:
-        page.fault(path, f"block '{spoken(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}.")
+        page.fault(path, f"block '{dotted_name(path)}': {error}")
+    except UNEXPECTED_ERRORS as error:
+        page.fault(
+            path, f"block '{dotted_name(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}."
+        )
     else:
         return block
     return None
@@ -110,26 +123,26 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
 
 
 def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
-    page.known_keys(spec, ("use", "set"), path, f"block '{spoken(path)}', which uses another diagram")
+    page.known_keys(spec, ("use", "set"), path, f"block '{dotted_name(path)}', which uses another diagram")
     name = spec["use"]
     if not isinstance(name, str):
-        page.wrong((*path, "use"), f"block '{spoken(path)}': use must name a diagram", name)
+        page.wrong((*path, "use"), f"block '{dotted_name(path)}': use must name a diagram", name)
         return FAULTY
     file = _find(page, name, path)
     part = FAULTY if file is None else _read_other(page, file, path, level)
     changes = spec.get("set", {})
     if not isinstance(changes, dict):
         expected = 'set must be a table such as { "drive.high" = 12.0 }'
-        page.wrong((*path, "set"), f"block '{spoken(path)}': {expected}", changes)
+        page.wrong((*path, "set"), f"block '{dotted_name(path)}': {expected}", changes)
         return FAULTY
     if not isinstance(part.block, Diagram) or not changes:
         return part
-    return Part(_with_changes(page, part.block, dict(_flat(changes)), path), part.size)
+    return Part(_with_changes(page, part.block, dict(_flattened(changes)), path), part.size)
 
 
 def _find(page: Page, name: str, path: KeyPath) -> Path | None:
     """Return the file that ``use`` means: next to this one, or below, or among the ready-made diagrams."""
-    said = f"block '{spoken(path)}': use = '{clip(name)}'"
+    said = f"block '{dotted_name(path)}': use = '{clip(name)}'"
     windows = PureWindowsPath(name)
     if not name.strip() or name != name.strip() or "\\" in name or not name.isprintable():
         page.fault((*path, "use"), f"{said} is not the name of a diagram.")
@@ -158,7 +171,7 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
         ring = [*reading.open[reading.open.index(key) :], key]
         page.fault(
             (*path, "use"),
-            f"block '{spoken(path)}': the files use each other in a ring: {' -> '.join(p.name for p in ring)}.",
+            f"block '{dotted_name(path)}': the files use each other in a ring: {' -> '.join(p.name for p in ring)}.",
         )
         return FAULTY
     if key in reading.done:
@@ -169,7 +182,7 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
     reading.open.append(key)
     part = FAULTY
     try:
-        table, places = tables(read(file), str(file))
+        table, places = parse_tables(read_text(file), str(file))
         part = type(page)(reading, str(file), places, file.parent).whole(table, level + 1)
     except FileError as error:
         for problem in error.problems:
@@ -179,18 +192,18 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
     return part
 
 
-def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield ``drive.high`` and its value, whether written with dots, quotes or tables."""
     for key, value in table.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
+            yield from _flattened(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value
 
 
 def _with_changes(page: Page, diagram: Diagram, changes: dict[str, Any], path: KeyPath) -> Diagram | None:
     """Return a diagram with the numbers that ``set`` gives it."""
-    at, said = (*path, "set"), f"block '{spoken(path)}': set"
+    at, said = (*path, "set"), f"block '{dotted_name(path)}': set"
     known = set(diagram.parameter_names())
     strange = [name for name in changes if name not in known]
     for name in strange:
@@ -202,6 +215,6 @@ def _with_changes(page: Page, diagram: Diagram, changes: dict[str, Any], path: K
     except DiagramError as error:
         for problem in error.problems:
             page.fault(at, f"{said}: {problem}")
-    except (TsmError, *SURPRISES) as error:
+    except (TsmError, *UNEXPECTED_ERRORS) as error:
         page.fault(at, f"{said}: {clip(str(error), 300)}")
     return None

@@ -13,13 +13,13 @@ from tsmblocks.files.positions import Places
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
-KEYS = ("title", "source", "wires", "blocks", "inputs", "outputs", "values")
+DIAGRAM_KEYS = ("title", "source", "wires", "blocks", "inputs", "outputs", "values")
 """Keys of a diagram's table."""
 MOST_FAULTS = 200
 """Faults after which the rest of a file is not looked at."""
 REFUSED: Any = type("Refused", (), {"__repr__": lambda _: "REFUSED"})()
 """Stands for a value that has been refused already, so that nothing more is said about it."""
-SURPRISES = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+UNEXPECTED_ERRORS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What a block's own check may raise on values that its author did not think of."""
 
 KeyPath = tuple[str, ...]
@@ -32,7 +32,7 @@ class Part(NamedTuple):
     size: int
 
 
-class Enough(Exception):
+class TooManyFaults(Exception):
     """So many faults that looking for more is of no use."""
 
 
@@ -51,7 +51,7 @@ class Reading:
             self.problems.append(problem)
         self.only_wiring = self.only_wiring and wiring
         if len(self.problems) >= MOST_FAULTS:
-            raise Enough
+            raise TooManyFaults
 
     def in_order(self) -> list[str]:
         """Return the faults file by file and line by line; those without a line come last."""
@@ -94,7 +94,7 @@ class Page:
         for key in table:
             if key not in known:
                 self.fault((*path, key), f"'{clip(key)}' is not a key of {owner}.{near(key, known)}")
-        return set(meant_keys(table, known).values()) - set(table)
+        return set(misspelt_keys(table, known).values()) - set(table)
 
     def table(self, table: dict[str, Any], key: str, path: KeyPath) -> dict[str, Any]:
         """Return the table under ``key``; an empty one where there is none or it is something else."""
@@ -124,7 +124,7 @@ class Page:
 # ---- words --------------------------------------------------------------------------------------
 
 
-def spoken(path: tuple[str | int, ...]) -> str:
+def dotted_name(path: tuple[str | int, ...]) -> str:
     """Return a path as a name is said: ``blocks.motor.blocks.drive.high`` is ``motor.drive.high``."""
     said: list[str] = []
     while len(path) > 1 and path[0] == "blocks":
@@ -142,13 +142,13 @@ def plain_value(value: Any) -> Any:
     return "a huge number" if isinstance(value, int) and abs(value) > 2**53 else value
 
 
-def meant_keys(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+def misspelt_keys(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     """Return the keys that look like a misspelt known one, with that one."""
     strange = [key for key in given if key not in known and len(key) < 50][:100]
     close = {key: get_close_matches(key, known, n=1) for key in strange}
     return {key: match[0] for key, match in close.items() if match}
 
 
-def meant(spec: Iterable[str], wanted: tuple[str, ...]) -> str:
+def misspelling_hint(spec: Iterable[str], wanted: tuple[str, ...]) -> str:
     """Return a sentence that asks whether a key was meant to be one of ``wanted``, if that may be."""
-    return next((f" Is '{key}' meant to be '{word}'?" for key, word in meant_keys(spec, wanted).items()), "")
+    return next((f" Is '{key}' meant to be '{word}'?" for key, word in misspelt_keys(spec, wanted).items()), "")

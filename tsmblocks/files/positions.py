@@ -12,9 +12,9 @@ import tomllib
 
 Path = tuple[str | int, ...]
 
-DEEPEST = 160
+DEEPEST_KEY = 160
 """Parts of a key, counted through tables; 64 diagrams inside each other need 130."""
-MOST = 250_000
+MOST_KEYS = 250_000
 """Keys and texts in one file; a hundred times the largest diagram anybody has drawn by hand."""
 
 _TOKEN = re.compile(
@@ -117,13 +117,16 @@ class Places:
 
     def _record(self, path: Path) -> None:
         self.lines.setdefault(path, self._line)
-        if len(self.lines) > MOST:
-            self.trouble = (self._line, f"the file holds more than {MOST:,} keys and texts; it is not read further.")
+        if len(self.lines) > MOST_KEYS:
+            self.trouble = (
+                self._line,
+                f"the file holds more than {MOST_KEYS:,} keys and texts; it is not read further.",
+            )
 
     def _check_depth(self, more: int) -> None:
         around = self._open[-1][0] if self._open else self._table
-        if len(around) + more > DEEPEST:
-            self.trouble = self._line, f"keys and brackets stand inside each other more than {DEEPEST} deep."
+        if len(around) + more > DEEPEST_KEY:
+            self.trouble = self._line, f"keys and brackets stand inside each other more than {DEEPEST_KEY} deep."
 
     # ---- marks
 

@@ -16,23 +16,23 @@ from typing import Any, TypeVar
 from tsmblocks.common.errors import DiagramError, FileError, TsmError, clip, in_words
 from tsmblocks.files.block_reader import read_block
 from tsmblocks.files.faults import (
-    KEYS,
+    DIAGRAM_KEYS,
     REFUSED,
-    SURPRISES,
-    Enough,
+    UNEXPECTED_ERRORS,
     KeyPath,
     Page,
     Part,
     Reading,
-    meant_keys,
+    TooManyFaults,
+    dotted_name,
+    misspelt_keys,
     plain_value,
-    spoken,
 )
-from tsmblocks.files.toml_text import tables
+from tsmblocks.files.toml_text import parse_tables
 from tsmblocks.model.block import Block, Input, is_reference, leaves
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.validation import examine
-from tsmblocks.model.wires import Located
+from tsmblocks.model.wires import PlacedText
 
 FORMAT = 1
 INLET_KEYS = ("ports", "unit", "about")
@@ -53,10 +53,10 @@ def diagram_from(text: str, where: str, folder: Path | None = None, own: Path | 
     reading, part, title = Reading(), Part(None, 0), ""
     reading.open += [own] if own else []
     try:
-        table, places = tables(text, where)
+        table, places = parse_tables(text, where)
         title = table["title"] if isinstance(table.get("title"), str) else ""
         part = DiagramPage(reading, where, places, folder).whole(table, 1)
-    except Enough:
+    except TooManyFaults:
         pass
     except RecursionError:
         reading.add(f"{where}: tables stand inside each other too deep.")
@@ -84,7 +84,7 @@ class DiagramPage(Page):
             self.fault(("format",), f"{found}; this version reads format = {FORMAT}, at the top of the file.")
             return Part(None, 0)
         rest = {k: v for k, v in table.items() if k != "format"}
-        if "blocks" not in rest and "blocks" not in meant_keys(rest, KEYS).values():
+        if "blocks" not in rest and "blocks" not in misspelt_keys(rest, DIAGRAM_KEYS).values():
             self.fault((), "there are no [blocks].")
         return self.diagram(self._clean(rest, ()), (), level)
 
@@ -97,17 +97,17 @@ class DiagramPage(Page):
         if isinstance(value, list):
             items = [self._clean(v, path) for v in value]
             return REFUSED if any(v is REFUSED for v in items) else items
-        wrong = _unfit(value)
+        wrong = _refusal(value)
         if not wrong:
             return value
-        self.fault(path, f"{spoken(path)} is {wrong}.")
+        self.fault(path, f"{dotted_name(path)} is {wrong}.")
         return REFUSED
 
     # ---- one diagram
 
     def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
         """Read a table with wires, blocks, inputs, outputs and values."""
-        lost = self.known_keys(table, KEYS, path, "a diagram")
+        lost = self.known_keys(table, DIAGRAM_KEYS, path, "a diagram")
         blocks, size, certain = self._blocks(table, path, level)
         wires, sure_wires = self._wires(table, path)
         inputs, sure_inputs = self._inputs(table, path)
@@ -116,7 +116,7 @@ class DiagramPage(Page):
         words: dict[str, Any] = {key: self.text(table, key, path) for key in ("title", "source")}
         if not certain or "blocks" in lost:
             return Part(None, 0)
-        unsure += [k for k, v in blocks.items() if isinstance(v, Unknown)]
+        unsure += [k for k, v in blocks.items() if isinstance(v, UnreadableBlock)]
         unsure += _references(blocks) if "values" in lost else []
         silent = not (sure_wires and sure_inputs) or bool({"wires", "inputs"} & lost)
         parts: dict[str, Any] = dict(blocks=blocks, wires=wires, inputs=inputs, outputs=outputs, values=values)
@@ -132,7 +132,7 @@ class DiagramPage(Page):
             return make()
         except DiagramError as error:
             self._wiring(path, error.problems)
-        except (TsmError, *SURPRISES) as error:
+        except (TsmError, *UNEXPECTED_ERRORS) as error:
             self.fault(path, f"the blocks cannot be put together: {clip(str(error), 300)}")
         return None
 
@@ -153,7 +153,7 @@ class DiagramPage(Page):
                 self.fault((*path, "blocks", name), f"{many}, {most}")
                 return blocks, size, False
             size += part.size
-            blocks[self._name(name, path, "blocks")] = Unknown() if part.block is None else part.block
+            blocks[self._name(name, path, "blocks")] = UnreadableBlock() if part.block is None else part.block
         return blocks, size, isinstance(table.get("blocks", {}), dict)
 
     def _wires(self, table: dict[str, Any], path: KeyPath) -> tuple[list[str], bool]:
@@ -161,7 +161,7 @@ class DiagramPage(Page):
         if not isinstance(given, list):
             self.wrong((*path, "wires"), 'wires must be a list such as ["error -> pid -> drive"]', given)
             return [], False
-        texts = [Located.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)]
+        texts = [PlacedText.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)]
         for value in given:
             if not isinstance(value, str):
                 self.wrong((*path, "wires"), "a wire must be text such as 'error -> pid'", value)
@@ -186,7 +186,7 @@ class DiagramPage(Page):
                 sure, ports = False, []
             inner_at = (*at, "ports") if isinstance(spec, dict) else at
             inputs[self._name(name, path, "inputs")] = Inlet(
-                ports=[Located.at(port, self.place(*inner_at, k)) for k, port in enumerate(ports)],
+                ports=[PlacedText.at(port, self.place(*inner_at, k)) for k, port in enumerate(ports)],
                 unit=self.text(inner, "unit", at),
                 about=self.text(inner, "about", at),
             )
@@ -198,7 +198,7 @@ class DiagramPage(Page):
         for name, value in self.table(table, "outputs", path).items():
             at = (*path, "outputs", name)
             if isinstance(value, str):
-                outputs[self._name(name, path, "outputs")] = Located.at(value, self.place(*at))
+                outputs[self._name(name, path, "outputs")] = PlacedText.at(value, self.place(*at))
             else:
                 self.wrong(at, f"output '{clip(name)}' must name one signal, such as \"motor.y\"", value)
                 sure = False
@@ -218,13 +218,13 @@ class DiagramPage(Page):
     # ---- pieces
 
     def _name(self, name: str, path: KeyPath, section: str) -> str:
-        return Located.at(name, self.place(*path, section, name))
+        return PlacedText.at(name, self.place(*path, section, name))
 
 
 # ---- stand-ins and words ----------------------------------------------------------------------
 
 
-class Unknown:
+class UnreadableBlock:
     """Stands for a block that could not be read: it has whatever port is asked for."""
 
     def __init__(self) -> None:
@@ -249,7 +249,7 @@ class _AnyPort(Mapping[str, Any]):
         return 1
 
 
-def _unfit(value: Any) -> str:
+def _refusal(value: Any) -> str:
     """Return what is wrong with a single TOML value, ``""`` if a diagram could hold it."""
     if isinstance(value, float):
         return "nan, which is not a number"

@@ -13,11 +13,11 @@ from typing import Any
 from tsmblocks.common.errors import FileError, clip, near
 from tsmblocks.files.positions import Places
 
-LARGEST = 20_000_000
+MOST_BYTES = 20_000_000
 """Bytes of one file. Recordings that need more belong in data files, not in a diagram."""
 
 
-def read(path: Path) -> str:
+def read_text(path: Path) -> str:
     """Return the text of a file; raises FileError where it cannot be had."""
     try:
         if path.is_dir():
@@ -29,7 +29,7 @@ def read(path: Path) -> str:
                 [f"{clip(str(path))}: there is no such file.{near(path.name, beside) if beside else ''}"],
             )
         with path.open("rb") as file:
-            data = file.read(LARGEST + 1)
+            data = file.read(MOST_BYTES + 1)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise FileError(clip(str(path)), [f"{clip(str(path))}: cannot be read: {reason}."]) from None
@@ -49,13 +49,13 @@ def decoded(data: bytes, where: str) -> str:
 
 
 def _check_size(size: int, where: str) -> None:
-    if size > LARGEST:
+    if size > MOST_BYTES:
         raise FileError(
-            where, [f"{where}: a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."]
+            where, [f"{where}: a diagram file holds at most {MOST_BYTES // 10**6} MB. Recordings belong in data files."]
         )
 
 
-def tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
+def parse_tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
     """Return the tables of a TOML text, and the lines of what is in them; raises FileError."""
     _check_size(len(text), where)
     text = text.removeprefix("\ufeff").replace("\r\n", "\n")

@@ -13,11 +13,11 @@ import tomli_w
 
 from tsmblocks.common.errors import FileError, clip, in_words
 from tsmblocks.files.reader import FORMAT
-from tsmblocks.files.toml_text import LARGEST
+from tsmblocks.files.toml_text import MOST_BYTES
 from tsmblocks.model.block import REGISTRY, Block
 from tsmblocks.model.diagram import Diagram, Inlet
 
-WIDTH = 100
+LINE_WIDTH = 100
 
 
 class _Unwritable(Exception):
@@ -32,9 +32,9 @@ def text_of(diagram: Diagram) -> str:
     if writer.problems:
         raise FileError(owner, writer.problems)
     text = "\n".join(lines) + "\n"
-    if len(text) > LARGEST:
+    if len(text) > MOST_BYTES:
         raise FileError(
-            owner, [f"a diagram file holds at most {LARGEST // 10**6} MB. Recordings belong in data files."]
+            owner, [f"a diagram file holds at most {MOST_BYTES // 10**6} MB. Recordings belong in data files."]
         )
     return text
 
@@ -115,7 +115,7 @@ def _section(header: str, entries: list[Entry], always: bool = False) -> Iterato
         line = f"{name} = {{ {', '.join(f'{k} = {v}' for k, v in pairs)} }}"
         if not pairs[0][0]:
             inside += _folded(name, pairs[0][1])
-        elif len(line) <= WIDTH:
+        elif len(line) <= LINE_WIDTH:
             inside.append(line)
         else:
             apart.append((name, pairs))
@@ -134,9 +134,9 @@ class _Array(str):
 def _folded(key: str, value: str) -> list[str]:
     """Return ``key = value``; an array that is too wide is spread over several lines."""
     line = f"{key} = {value}"
-    if len(line) <= WIDTH or not isinstance(value, _Array):
+    if len(line) <= LINE_WIDTH or not isinstance(value, _Array):
         return [line]
-    rows = _filled(value.items, ", ", WIDTH - 3)
+    rows = _filled(value.items, ", ", LINE_WIDTH - 3)
     return [f"{key} = [", *(f"  {row}," for row in rows), "]"]
 
 
@@ -155,20 +155,20 @@ def _filled(items: Iterable[str], mark: str, width: int) -> list[str]:
 
 def split_wire(wire: str) -> list[str]:
     """Return a chain as one or more of bearable width, joined at blocks that they share."""
-    if len(wire) + 5 <= WIDTH:
+    if len(wire) + 5 <= LINE_WIDTH:
         return [wire]
     *stages, last = wire.split(" -> ")
     lines: list[str] = []
     line = stages[0]
     for stage in stages[1:]:
-        if len(line) + len(stage) + 9 > WIDTH and " -> " in line:
+        if len(line) + len(stage) + 9 > LINE_WIDTH and " -> " in line:
             lines.append(line)
             line = line.rpartition(" -> ")[2].partition(".")[0]
         line += f" -> {stage}"
-    if len(line) + len(last) + 9 > WIDTH and " -> " in line:
+    if len(line) + len(last) + 9 > LINE_WIDTH and " -> " in line:
         lines.append(line)
         line = line.rpartition(" -> ")[2].partition(".")[0]
-    receivers = _filled(last.split(", "), ", ", max(20, WIDTH - len(line) - 9))
+    receivers = _filled(last.split(", "), ", ", max(20, LINE_WIDTH - len(line) - 9))
     return [*lines, *(f"{line} -> {row}" for row in receivers)]
 
 

@@ -59,7 +59,7 @@ class Row:
     def __repr__(self) -> str:
         if self.train is None:
             return f"Row({self.name!r}, {self.fault!r})"
-        k, unit = units.for_people(self.train.unit)
+        k, unit = units.display_unit(self.train.unit)
         return f"Row({self.name!r}, {self.parameters} parameters, rms {k * self.figure:.4g} {unit})"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
-from tsmblocks.common.interrupt import Asked, kept
+from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.multistart import Range, search_range, spread
 from tsmblocks.fitting.optimizer import MISSED, Found, Tell, feasible_start, projected
@@ -113,7 +113,7 @@ def fit(
         backend=backend,
     )
     begin, found = feasible_start(problem, problem.unknowns.start), list[Found]()
-    with kept() as asked:
+    with defer_interrupt() as asked:
         search = _searcher(method, seed, segments, iterations, _told(progress, problem, asked))
         for noise in _noises(problem, sigma):
             problem = attrs.evolve(problem, noise=noise(found))
@@ -145,7 +145,7 @@ def _noises(problem: Problem, sigma: Any) -> list[Callable[[list[Found]], float]
     return [lambda _: FAINT * problem.size, left]
 
 
-def _told(progress: Tell | None, problem: Problem, asked: Asked) -> Tell:
+def _told(progress: Tell | None, problem: Problem, asked: InterruptFlag) -> Tell:
     """Progress told in the root mean square of a difference, which means something to people; stops on Ctrl-C."""
 
     def tell(stage: str, count: int, cost: float) -> None:

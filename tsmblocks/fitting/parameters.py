@@ -16,7 +16,7 @@ from tsmblocks.fitting.constraints import Constraint, Ties
 from tsmblocks.model.block import Field, is_reference, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.model.unit_inference import SHARED
+from tsmblocks.model.unit_inference import SHARED_UNIT
 
 FAR = 1e100
 """A bound beyond this is as good as none."""
@@ -348,7 +348,7 @@ def _unit_of_port(name: str, diagram: Diagram, fields: list[Field]) -> str:
     if not way or isinstance(block, Diagram | None) or not fields:
         return ""
     ports = {**block.inports, **block.outports}
-    shared = SHARED.fullmatch(fields[0].unit)
+    shared = SHARED_UNIT.fullmatch(fields[0].unit)
     if shared is None:
         return ""
     alike = [port for port, spec in ports.items() if spec.unit == f"?{shared[1]}"]

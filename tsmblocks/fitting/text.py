@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.tables import WIDTH, columns, in_parts, listed
+from tsmblocks.common.tables import WIDTH, columns, listed, split_columns
 from tsmblocks.common.views import no_view
 from tsmblocks.fitting.compare import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
@@ -246,7 +246,7 @@ def by_file(found: Mapping[str, Comparison]) -> str:
         )
     text = columns(rows)
     if sum(2 + max(len(row[j]) for row in rows) for j in range(len(rows[0]))) > WIDTH:
-        text = in_parts(
+        text = split_columns(
             [
                 ["file", *(f"{row[0]} " for row in rows[1:])],
                 *([rows[0][j].strip(), *(row[j] for row in rows[1:])] for j in range(1, len(rows[0]))),
@@ -281,7 +281,7 @@ def doubts(fit: Fit) -> list[str]:
 
 def for_people(unit: str) -> tuple[float, str]:
     """Factor and unit in which people read an error: angles in degrees; no unit at all is a share."""
-    k, shown = units.for_people(unit)
+    k, shown = units.display_unit(unit)
     return k, shown or "of the spread"
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from tsmblocks.data import heading
-from tsmblocks.diagnosis.presentation import Profile, digits, fitted_rms, for_people, output_traces, strips
+from tsmblocks.diagnosis.presentation import Profile, digits, display_unit, fitted_rms, output_traces, strips
 from tsmblocks.diagnosis.result import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.html import charts
@@ -28,7 +28,7 @@ CORNERS = 4
 
 def gap_bars(segment: Segment, gap: Gap) -> Markup:
     """Rms error of each experiment on validation data before and after each effect; hollow bars: on fitted data."""
-    k, unit = for_people(gap.unit)
+    k, unit = display_unit(gap.unit)
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
     if len(gap.experiments) > 1:
@@ -91,7 +91,7 @@ def _grid(frame: Frame, label: str) -> str:
 
 def signals_over_time(trace: Trace, count: int) -> Markup:
     """The measured signal and those of the base and the final model, over time."""
-    k, unit = for_people(trace.unit)
+    k, unit = display_unit(trace.unit)
     signals = [k * trace.measured, *(k * y for y in _models(trace))]
     frame = Frame(LEFT, 22, RIGHT, 150, ends(trace.t), charts.spread(*signals))
     parts = [charts.axes(frame, "t [s]", heading(trace.output, unit))]
@@ -102,7 +102,7 @@ def signals_over_time(trace: Trace, count: int) -> Markup:
 
 def residual_over_time(trace: Trace, noise: float, count: int) -> Markup:
     """The residual over time before and after, the noise as a band, and the excess of each block as a strip."""
-    k, unit = for_people(trace.unit)
+    k, unit = display_unit(trace.unit)
     residuals = [k * (trace.measured - y) for y in _models(trace)]
     frame = Frame(LEFT, 46, RIGHT, 150, ends(trace.t), charts.spread(*residuals, zero=True))
     parts = [charts.axes(frame, "t [s]", ""), charts.band(frame, -2 * k * noise, 2 * k * noise, "noise")]
@@ -129,8 +129,8 @@ def _strip(trace: Trace, frame: Frame) -> list[str]:
 
 def output_over_input(trace: Trace, diagram: Diagram, count: int) -> Markup:
     """The output over the input, measured and simulated."""
-    k, unit = for_people(trace.unit)
-    k_in, unit_in = for_people(diagram.unit(trace.drive_name))
+    k, unit = display_unit(trace.unit)
+    k_in, unit_in = display_unit(diagram.unit(trace.drive_name))
     x, signals = k_in * trace.drive, [k * trace.measured, *(k * y for y in _models(trace))]
     frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*signals))
     parts = [charts.axes(frame, heading(trace.drive_name, unit_in), heading(trace.output, unit))]
@@ -141,8 +141,8 @@ def output_over_input(trace: Trace, diagram: Diagram, count: int) -> Markup:
 
 def residual_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) -> Markup:
     """The residual over the input, before and after: a loop here is a loop that the model lacks."""
-    k, unit = for_people(trace.unit)
-    k_in, unit_in = for_people(diagram.unit(trace.drive_name))
+    k, unit = display_unit(trace.unit)
+    k_in, unit_in = display_unit(diagram.unit(trace.drive_name))
     x, residuals = k_in * trace.drive, [k * (trace.measured - y) for y in _models(trace)]
     frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*residuals, zero=True))
     parts = [
@@ -167,8 +167,8 @@ def _models(trace: Trace) -> list[np.ndarray]:
 
 def residual_over_coordinate(found: Profile, *, explained: bool) -> Markup:
     """Mean residual in bins of a coordinate with standard errors, before and after, and the effects' contribution."""
-    k, unit = for_people(found.error_unit)
-    k_in, unit_in = for_people(found.unit)
+    k, unit = display_unit(found.error_unit)
+    k_in, unit_in = display_unit(found.unit)
     x, before, after = k_in * found.x, k * found.before, k * found.after
     wide = [before, before - k * found.error_before, before + k * found.error_before]
     frame = Frame(LEFT, 22, RIGHT, 170, charts.spread(x), charts.spread(*wide, after, zero=True))

@@ -73,7 +73,7 @@ def _worst(differences: Differences) -> Difference:
 
 def _chart(one: Difference, before: str = "") -> str:
     """One output of one experiment over time: measured, simulated, and the residual."""
-    k, unit = units.for_people(one.unit)
+    k, unit = units.display_unit(one.unit)
     measured, simulated, left = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
     above = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(measured, simulated))
     below = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(left, zero=True))

@@ -14,8 +14,8 @@ from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
     by_excess,
     digits,
+    display_unit,
     fitted_rms,
-    for_people,
     in_display_units,
     output_traces,
     profile,
@@ -87,7 +87,7 @@ def page(diagnosis: Diagnosis) -> str:
 
 
 def _gap(segment: Segment, gap: Gap) -> dict[str, Any]:
-    k, unit = for_people(gap.unit)
+    k, unit = display_unit(gap.unit)
     return {
         "chart": figures.gap_bars(segment, gap),
         "output": gap.output,
@@ -119,7 +119,7 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
 
 
 def _experiment(diagnosis: Diagnosis, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
-    k, unit = for_people(trace.unit)
+    k, unit = display_unit(trace.unit)
     before, after = (digits(k * v) for v in fitted_rms(trace))
     charts = [figures.signals_over_time(trace, points), figures.residual_over_time(trace, gap.noise_floor, points)]
     if len(trace.drive):
@@ -219,7 +219,7 @@ def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
     found = diagnosis.consequence
     if found is None:
         return None
-    k, unit = for_people(found.unit)
+    k, unit = display_unit(found.unit)
     runs = {
         "no compensation": found.none,
         "compensator on the base model": found.base,

@@ -34,7 +34,7 @@ def study_card(found: Results) -> str:
     done = f"{len(found)} of {found.count} runs" if len(found) < found.count else f"{found.count} runs"
     cells = []
     for name in found.metrics:
-        k, unit = units.for_people(found.units[name])
+        k, unit = units.display_unit(found.units[name])
         best = found.best(name) if np.isfinite(found[name]).any() else {}
         where = ", ".join(f"{one} {_value(best[one])}" for one in found.parameters if one in best)
         cells.append([heading(name, unit), *(table_number(k * v) for v in found.quantiles(name).values()), where])
@@ -61,7 +61,7 @@ def responses_card(found: Responses) -> str:
 
 def _spread(found: Results, name: str) -> str:
     """The distribution of a metric, as bars."""
-    k, unit = units.for_people(found.units[name])
+    k, unit = units.display_unit(found.units[name])
     values = k * found[name][np.isfinite(found[name])]
     if len(values) < 2:
         return ""
@@ -82,7 +82,7 @@ def _value(value: Any) -> str:
 
 def _envelope(found: Responses, name: str) -> str:
     """Bands and median of one signal over time."""
-    k, unit = units.for_people(found.unit(name))
+    k, unit = units.display_unit(found.unit(name))
     t, *every = charts.sampled(INSTANTS, found.t, *(k * found[name]))
     y = np.array(every)
     y = y[np.isfinite(y).all(axis=1)]

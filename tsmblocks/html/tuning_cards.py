@@ -28,7 +28,7 @@ def tuned_card(found: Tuned) -> str:
             for name, v in found.values.items()
         ],
     )
-    people = {name: units.for_people(unit) for name, unit in found.units.items()}
+    people = {name: units.display_unit(unit) for name, unit in found.units.items()}
     cells = [
         (case, found.title(name), table_number(k * found.before[case][name]), table_number(k * after[name]))
         for case, after in found.after.items()

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from tsmblocks.common.errors import near
 
-CALLED: dict[str, tuple[str, ...]] = {
+OTHER_NAMES: dict[str, tuple[str, ...]] = {
     "Play": ("Backlash", "Gear backlash", "Hysteresis"),
     "Delay": ("Transport delay", "Time delay", "Pure delay"),
     "DeadTime": ("Variable transport delay", "Totzeit"),
@@ -39,10 +39,10 @@ def _letters_and_digits(name: str) -> str:
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
-HERE = {_letters_and_digits(name): block for block, names in CALLED.items() for name in names}
+BLOCK_NAMES = {_letters_and_digits(name): block for block, names in OTHER_NAMES.items() for name in names}
 
 
-def called(name: str, known: Collection[str], otherwise: str = "") -> str:
+def block_hint(name: str, known: Collection[str], otherwise: str = "") -> str:
     """What a block is called here that is called ``name`` elsewhere; else what is near, as ``errors.near`` says it."""
-    here = HERE.get(_letters_and_digits(name))
+    here = BLOCK_NAMES.get(_letters_and_digits(name))
     return f" Here that is '{here}'." if here and here in known else near(name, known, otherwise=otherwise)

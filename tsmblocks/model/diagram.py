@@ -20,7 +20,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model import edits, unit_inference, validation
 from tsmblocks.model.block import Block, Input, Output, is_reference, leaves, plain
-from tsmblocks.model.wires import Link, chains, kind, not_a_block, short
+from tsmblocks.model.wires import Link, chains, class_name, not_a_block, short_name
 
 _HERE = str(Path(__file__).parent.parent)
 DEEPEST = 64
@@ -182,7 +182,7 @@ class Diagram:
         return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
 
     def _unit_of(self, *ends: tuple[str, str]) -> str:
-        return next((unit_inference.name_of(self.port_units[e]) for e in ends if e in self.port_units), "")
+        return next((unit_inference.unit_label(self.port_units[e]) for e in ends if e in self.port_units), "")
 
     def unit(self, signal: str) -> str:
         """Return the unit of a signal.
@@ -324,7 +324,7 @@ class Diagram:
         inner = self._need(head)
         if not isinstance(inner, Diagram):
             raise self._fault(
-                f"{edit} '{name}': {head} is a {kind(inner)}, not a diagram, so nothing stands inside it."
+                f"{edit} '{name}': {head} is a {class_name(inner)}, not a diagram, so nothing stands inside it."
             )
         try:
             changed = getattr(inner, edit)(rest, *args, **options)
@@ -520,7 +520,7 @@ class Diagram:
         str
             ``block`` where the port is its only one, else ``block.port``.
         """
-        return short(end, self.blocks, "output")
+        return short_name(end, self.blocks, "output")
 
     def _repr_svg_(self) -> str:
         """The drawing, for notebooks."""
@@ -540,7 +540,7 @@ class Diagram:
         return _rebuild, (plain,)
 
 
-def needed(given: Any, use: str, error: type[TsmError]) -> Diagram:
+def required_diagram(given: Any, use: str, error: type[TsmError]) -> Diagram:
     """``given``, if it is a diagram. Raises ``error`` otherwise: only a diagram can be ``use`` ("run", "drawn")."""
     if isinstance(given, Diagram):
         return given

@@ -10,7 +10,7 @@ import attrs
 from tsmblocks.common.errors import DiagramError, ParameterError, near, several
 from tsmblocks.model.block import Block, leaves, plain
 from tsmblocks.model.validation import name_faults, wires_fault
-from tsmblocks.model.wires import Fault, Link, kind, not_a_block, parse, resolve, sentence
+from tsmblocks.model.wires import Fault, Link, class_name, fault_sentence, not_a_block, parse_chain, resolve
 
 if TYPE_CHECKING:
     from tsmblocks.model.diagram import Diagram, Inlet
@@ -28,7 +28,7 @@ def wires_in(diagram: Diagram, name: str, given: Any) -> tuple[str, ...]:
     return tuple(given)
 
 
-def _usual(diagram: Diagram, name: str, block: Any, side: str, wires: tuple[str, ...]) -> str:
+def _default_port(diagram: Diagram, name: str, block: Any, side: str, wires: tuple[str, ...]) -> str:
     """The port of a block that stands on a wire: the only one that no other wire has, or the input named u."""
     ports = block.inports if side == "input" else block.outports
     taken = {end.strip() for wire in wires for stage in wire.split("->") for end in stage.split(",")}
@@ -38,7 +38,7 @@ def _usual(diagram: Diagram, name: str, block: Any, side: str, wires: tuple[str,
     if len(usual) != 1:
         raise _fail(
             diagram,
-            f"insert '{name}': a block on a wire has one input and one output, and {kind(block)} has "
+            f"insert '{name}': a block on a wire has one input and one output, and {class_name(block)} has "
             f"{several(usual, side)}. Use rewire, which takes blocks and wires.",
         )
     return usual[0]
@@ -57,7 +57,7 @@ def inserted(
     wrong = [*name_faults({name: block}, "block")]
     if wrong:
         raise _fail(diagram, wrong[0])
-    enter, leave = ((name, _usual(diagram, name, block, side, wires)) for side in ("input", "output"))
+    enter, leave = ((name, _default_port(diagram, name, block, side, wires)) for side in ("input", "output"))
     blocks = {**diagram.blocks, name: block}
     if after:
         links, inputs, outputs = _after(diagram, after, enter, leave)
@@ -125,7 +125,7 @@ def _before(diagram: Diagram, receiver: str, enter: tuple[str, str], leave: tupl
 def _instead(place: str, fault: Fault, name: str, known: list[str]) -> str:
     """The fault; the near miss of a plain name is looked for among inputs or outputs of the diagram too."""
     if "." in name or name in known or not str(fault).startswith("names block"):
-        return sentence(place, fault)
+        return fault_sentence(place, fault)
     return f"{place} names nothing in this diagram.{near(name, known)}"
 
 
@@ -134,11 +134,9 @@ def replaced(diagram: Diagram, name: str, block: Block | Diagram, ports: Mapping
     _need_block(diagram, name, block)
     old = diagram.blocks[name]
     for port in ports:
-        if port not in {**old.inports, **old.outports}:
-            raise _fail(
-                diagram,
-                f"replace '{name}': {kind(old)} has no port '{port}'.{near(port, {**old.inports, **old.outports})}",
-            )
+        known = {**old.inports, **old.outports}
+        if port not in known:
+            raise _fail(diagram, f"replace '{name}': {class_name(old)} has no port '{port}'.{near(port, known)}")
     faults: list[str] = []
     entering, leaving = block.inports, block.outports
 
@@ -148,7 +146,7 @@ def replaced(diagram: Diagram, name: str, block: Block | Diagram, ports: Mapping
         what = "output" if side is leaving else "input"
         port = ports.get(end[1], end[1])
         if port not in side:
-            wrong = f"{text}: the new {name} is a {kind(block)}, which has no {what} '{port}'.{near(port, side)}"
+            wrong = f"{text}: the new {name} is a {class_name(block)}, which has no {what} '{port}'.{near(port, side)}"
             one = next(iter(side)) if len(side) == 1 else "…"
             map_it = f" Say ports={{'{end[1]}': '{one}'}}." if side and port == end[1] else ""
             faults.append(wrong + map_it)
@@ -212,7 +210,7 @@ def rewired(diagram: Diagram, cut: tuple[str, ...], add: tuple[str, ...], change
     """See Diagram.rewire."""
     gone: list[Link] = []
     for text in cut:
-        links, faults = parse(text, diagram.blocks)
+        links, faults = parse_chain(text, diagram.blocks)
         faults += [
             f"cut '{link}': there is no such wire.{near(str(link), map(str, diagram.links))}"
             for link in links

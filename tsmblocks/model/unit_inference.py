@@ -12,21 +12,21 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from tsmblocks.common import units
-from tsmblocks.model.wires import Link, located, place_of
+from tsmblocks.model.wires import Link, place_of, placed
 
 End = tuple[str, str]
 Wire = tuple[End, End, str, str]
 """Source, target, text and place; an input of the diagram is the source ``("", name)``."""
 Interface = dict[str, tuple[str, units.Unit]]
 """Port -> the group of ports that share its unknown unit ("" where it is known), and its unit or power in the group."""
-SHARED = re.compile(r"\?(\w+?)((?:[*/].*)?)")
+SHARED_UNIT = re.compile(r"\?(\w+?)((?:[*/].*)?)")
 """A unit that a block's ports share: a letter, times a known unit."""
-READABLE = (  # noqa: SIM905
+READABLE_LABELS = (  # noqa: SIM905
     "1 rad deg rad/s deg/s rad/s^2 deg/s^2 rad*s deg*s mrad mrad/s rev rev/s V A N N*m m m/s m/s^2 m*s mm mm/s s 1/s "
     "1/s^2 ms V*s V/s mV mA K kg N/m N*s/m N*m/rad rad/V"
 ).split()
 """Labels tried first for a unit that nobody named."""
-ONE = units.Unit(1.0, ())
+DIMENSIONLESS = units.Unit(1.0, ())
 SI = "SI"
 """The node of pure numbers, to which every known unit is tied."""
 
@@ -47,7 +47,7 @@ class _Units:
         while node in self.parent:
             way.append(node)
             node = self.parent[node][0]
-        ratio = ONE
+        ratio = DIMENSIONLESS
         for passed in reversed(way):
             ratio = _times(self.parent[passed][1], ratio)
             self.parent[passed] = (node, ratio)
@@ -61,7 +61,7 @@ class _Units:
             return known.dimension == ratio.dimension and abs(known.factor / ratio.factor - 1) < 1e-12
         step = _times(_times(ratio, fb), fa, -1)
         if ra == SI:  # pure numbers stay a root, so that a unit is read off directly
-            self.parent[rb] = (ra, _times(ONE, step, -1))
+            self.parent[rb] = (ra, _times(DIMENSIONLESS, step, -1))
         else:
             self.parent[ra] = (rb, step)
         return True
@@ -73,7 +73,7 @@ class _Units:
 
 
 def _times(a: units.Unit, b: units.Unit, power: int = 1) -> units.Unit:
-    if b == ONE:
+    if b == DIMENSIONLESS:
         return a
     total = dict(a.dimension)
     for key, n in b.dimension:
@@ -98,7 +98,7 @@ class _Survey:
             if group:
                 self.shared.append(((name, port), node))
             else:
-                self.labels[name, port] = name_of(unit)
+                self.labels[name, port] = unit_label(unit)
         if hasattr(block, "interface"):
             return
         for side in (block.inports, block.outports):
@@ -109,18 +109,18 @@ class _Survey:
                 try:
                     sound = self._port(end, spec.unit)
                 except units.UnitError as error:
-                    self.faults.append(located(f"{name}.{port}: {error}", place_of(name)))
+                    self.faults.append(placed(f"{name}.{port}: {error}", place_of(name)))
                     continue
                 if not sound:
                     self.faults.append(
-                        located(
+                        placed(
                             f"{name}.{port} cannot have the unit '{spec.unit}' beside the block's other ports.",
                             place_of(name),
                         )
                     )
 
     def _port(self, end: End, unit: str) -> bool:
-        match = SHARED.fullmatch(unit)
+        match = SHARED_UNIT.fullmatch(unit)
         if match is None:
             self.labels[end] = unit
             return self.units.join(end, SI, units.parse(unit))
@@ -143,11 +143,11 @@ class _Survey:
             self.units.join(("", name), SI, units.parse(unit))
             self.labels["", name] = unit
         except units.UnitError as error:
-            self.faults.append(located(f"input '{name}': {error}", place_of(name)))
+            self.faults.append(placed(f"input '{name}': {error}", place_of(name)))
 
     def label(self, end: End) -> str:
         """How a message calls the unit of a port whose unit is known."""
-        return self.labels.get(end) or name_of(self.units.known(end) or ONE)
+        return self.labels.get(end) or unit_label(self.units.known(end) or DIMENSIONLESS)
 
 
 def unit_faults(
@@ -171,15 +171,15 @@ def unit_faults(
     wires += [
         (("", n), end, f"input {n} -> {'.'.join(end)}", place_of(n)) for n, ends in inlets.items() for end in ends
     ]
-    wrong = [wire for wire in wires if not survey.units.join(wire[0], wire[1], ONE)]
+    wrong = [wire for wire in wires if not survey.units.join(wire[0], wire[1], DIMENSIONLESS)]
     wrong = [wire for wire in wrong if survey.units.known(wire[0]) is not None]
     ends = [*survey.labels, *(end for end, _ in survey.shared), *(e for s, t, *_ in wires for e in (s, t))]
     found = {end: known for end in ends if (known := survey.units.known(end)) is not None}
     interface = survey.interface({**{name: ("", name) for name in inlets}, **shown})
-    return [*survey.faults, *_said(survey, wires, wrong)], found, interface
+    return [*survey.faults, *_wire_faults(survey, wires, wrong)], found, interface
 
 
-def _said(survey: _Survey, wires: list[Wire], wrong: list[Wire]) -> Iterator[str]:
+def _wire_faults(survey: _Survey, wires: list[Wire], wrong: list[Wire]) -> Iterator[str]:
     """A sentence for each wire that joins two units."""
     if not wrong:
         return
@@ -188,7 +188,7 @@ def _said(survey: _Survey, wires: list[Wire], wrong: list[Wire]) -> Iterator[str
     for source, target, text, place in wrong:
         a, b = survey.label(source), survey.label(target)
         why = "".join(_reason(survey, beside, end) for end in (source, target))
-        yield located(f"{text} joins {a} to {b}.{why} {_advice(a, b)}", place)
+        yield placed(f"{text} joins {a} to {b}.{why} {_advice(a, b)}", place)
 
 
 def _neighbours(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
@@ -228,9 +228,9 @@ def _advice(a: str, b: str) -> str:
     return f"Put Convert(source_unit='{a}', target_unit='{b}') between them, or correct the unit of one port."
 
 
-def name_of(unit: units.Unit) -> str:
+def unit_label(unit: units.Unit) -> str:
     """A readable label of a unit found by inference."""
-    for label in READABLE:
+    for label in READABLE_LABELS:
         u = units.parse(label)
         if u.dimension == unit.dimension and abs(u.factor / unit.factor - 1) < 1e-12:
             return label

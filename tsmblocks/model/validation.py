@@ -15,13 +15,13 @@ import attrs
 from tsmblocks.common import units
 from tsmblocks.common.errors import clip, in_words, near
 from tsmblocks.model.unit_inference import Interface, unit_faults
-from tsmblocks.model.wires import NAME, Fault, Link, kind, located, parse, place_of, resolve, sentence
+from tsmblocks.model.wires import NAME, Fault, Link, class_name, fault_sentence, parse_chain, place_of, placed, resolve
 
 if TYPE_CHECKING:
     from tsmblocks.model.diagram import Inlet
 
 End = tuple[str, str]
-ENOUGH = 50
+MOST_FAULTS = 50
 """Faults of one kind after which no more are looked for; looking for near misses takes time."""
 
 
@@ -102,17 +102,17 @@ def read_wires(
     links: list[Link] = []
     faults: list[str] = []
     for text in wires:
-        if len(faults) >= ENOUGH:
+        if len(faults) >= MOST_FAULTS:
             break
-        if isinstance(text, Link) and _stands(text, blocks):
+        if isinstance(text, Link) and _still_valid(text, blocks):
             links.append(text)
             continue
         if not isinstance(text, (str, Link)):
             faults.append(f"a wire must be text such as 'error -> pid', got {in_words(text)}.")
             continue
-        found, wrong = parse(str(text) if isinstance(text, Link) else text, blocks)
+        found, wrong = parse_chain(str(text) if isinstance(text, Link) else text, blocks)
         links += found
-        faults += [located(_instead(fault, inputs, outputs), place_of(text)) for fault in wrong]
+        faults += [placed(_instead(fault, inputs, outputs), place_of(text)) for fault in wrong]
     return links, faults
 
 
@@ -124,7 +124,7 @@ def wires_fault(name: str, given: Any) -> str:
     return f"{name} must be a list of chains such as ['error -> pid'], got {one}{in_words(given)}."
 
 
-def _stands(link: Link, blocks: Mapping[str, Any]) -> bool:
+def _still_valid(link: Link, blocks: Mapping[str, Any]) -> bool:
     """Whether a link read before still joins two ports (its blocks may have been changed since)."""
     (source, out), (target, into) = link.source, link.target
     return source in blocks and target in blocks and out in blocks[source].outports and into in blocks[target].inports
@@ -149,7 +149,7 @@ def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
     """Names that cannot stand in wire notation."""
     for name in names:
         if not _is_name(name):
-            yield located(
+            yield placed(
                 f"{what} name {clip(str(name))!r} must be letters, digits and underscores, not starting with a digit.",
                 place_of(name),
             )
@@ -165,18 +165,18 @@ def resolve_inlets(
         ends = []
         if name in blocks:
             faults.append(
-                located(
+                placed(
                     f"'{name}' is both an input of the diagram and a block; give one of them another name.",
                     place_of(name),
                 )
             )
         for port in inlet.ports:
-            if len(faults) >= ENOUGH:
+            if len(faults) >= MOST_FAULTS:
                 break
             try:
                 ends.append(resolve(port, blocks, "input"))
             except Fault as fault:
-                faults.append(located(sentence(f"input '{name}'", fault), place_of(port)))
+                faults.append(placed(fault_sentence(f"input '{name}'", fault), place_of(port)))
         found[name] = tuple(ends)
     return found, faults
 
@@ -188,11 +188,11 @@ def resolve_outputs(
     found: dict[str, End] = {}
     faults: list[str] = []
     for name, signal in outputs.items():
-        if len(faults) >= ENOUGH:
+        if len(faults) >= MOST_FAULTS:
             break
         if name in inputs and name != signal:
             faults.append(
-                located(
+                placed(
                     f"'{name}' is both an input and an output of the diagram; give one of them another name.",
                     place_of(name),
                 )
@@ -203,7 +203,7 @@ def resolve_outputs(
         try:
             found[name] = resolve(signal, blocks, "output")
         except Fault as fault:
-            faults.append(located(sentence(f"output '{name}'", fault), place_of(signal)))
+            faults.append(placed(fault_sentence(f"output '{name}'", fault), place_of(signal)))
     return found, faults
 
 
@@ -222,7 +222,7 @@ def driver_faults(
             texts = "; ".join(text for text, _ in writers)
             same = len({text for text, _ in writers}) == 1
             advice = "Leave out all but one." if same else "Join them with a Sum block."
-            yield located(f"{'.'.join(end)} is driven {len(writers)} times: {texts}. {advice}", writers[-1][1])
+            yield placed(f"{'.'.join(end)} is driven {len(writers)} times: {texts}. {advice}", writers[-1][1])
     if silent:
         return
     for name, block in blocks.items():
@@ -230,8 +230,8 @@ def driver_faults(
             if (name, port) not in driven and not getattr(spec, "rate_of", ""):
                 unit = f" [{spec.unit}]" if spec.unit and "?" not in spec.unit else ""
                 about = f" It is: {spec.about}{unit}." if spec.about else ""
-                yield located(
-                    f"{name}.{port} ({kind(block)}) is driven by nothing.{about} "
+                yield placed(
+                    f"{name}.{port} ({class_name(block)}) is driven by nothing.{about} "
                     f"Wire it, list it under inputs, or drive it with a Constant.",
                     place_of(name),
                 )
@@ -247,7 +247,7 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
 
     for key, value in values.items():
         if not _is_number(value):
-            yield located(f"value '{key}' must be a number, got {in_words(value)}.", place_of(key))
+            yield placed(f"value '{key}' must be a number, got {in_words(value)}.", place_of(key))
     for name, block in blocks.items():
         if not isinstance(block, Block):
             continue
@@ -255,10 +255,8 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
         wanted = {x[1:] for v in used.values() for _, x in leaves(v) if is_reference(x)}
         missing = wanted - set(values) - set(unsure)
         place = place_of(name)
-        for key in sorted(missing)[:ENOUGH]:
-            yield located(
-                f"{name}: '${clip(key)}' stands for a number that is not in values.{near(key, values)}", place
-            )
+        for key in sorted(missing)[:MOST_FAULTS]:
+            yield placed(f"{name}: '${clip(key)}' stands for a number that is not in values.{near(key, values)}", place)
         if used and not wanted & set(unsure) and not missing and all(_is_number(values[k]) for k in wanted):
             try:
                 block.replace(
@@ -266,7 +264,7 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
                 )
             except ParameterError as error:
                 said = ", ".join(f"{k} = {values[k]:g}" for k in sorted(wanted))
-                yield located(f"{name}: {error} From values: {said}.", place)
+                yield placed(f"{name}: {error} From values: {said}.", place)
 
 
 def _is_number(value: Any) -> bool:

@@ -28,13 +28,13 @@ class Ported(Protocol):
     def outports(self) -> Mapping[str, Any]: ...
 
 
-class Located(str):
+class PlacedText(str):
     """Text that remembers where it was written (``place`` is ``"file:line"``)."""
 
     place: str = ""
 
     @classmethod
-    def at(cls, text: str, place: str) -> Located:
+    def at(cls, text: str, place: str) -> PlacedText:
         """The text with its place."""
         made = cls(text)
         made.place = place
@@ -53,7 +53,7 @@ class Link:
         return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
 
 
-def located(text: str, place: str) -> str:
+def placed(text: str, place: str) -> str:
     """The sentence with its ``file:line`` in front, where one is known."""
     return f"{place}: {text}" if place else text
 
@@ -67,7 +67,7 @@ class Fault(Exception):
     """One sentence about one piece of wire text; collected by the caller."""
 
 
-def kind(block: Ported) -> str:
+def class_name(block: Ported) -> str:
     """What a message calls a block: its class."""
     return type(block).__name__
 
@@ -88,16 +88,16 @@ def _choose(name: str, block: Ported, port: str, side: str) -> str:
         if port in other:
             turned = "output" if side == "input" else "input"
             raise Fault(
-                f"{name}.{port} is an {turned} of {name} ({kind(block)}), and an {side} is needed here."
+                f"{name}.{port} is an {turned} of {name} ({class_name(block)}), and an {side} is needed here."
                 f" Its {side}s: {', '.join(ports) or 'none'}."
             )
-        raise Fault(f"{name} ({kind(block)}) has no {side} '{clip(port)}'.{near(port, ports)}")
+        raise Fault(f"{name} ({class_name(block)}) has no {side} '{clip(port)}'.{near(port, ports)}")
     usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
     if len(usual) == 1:
         return usual[0]
     if not usual:
-        raise Fault(f"{name} ({kind(block)}) has no {side}.")
-    raise Fault(f"{name} ({kind(block)}) has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
+        raise Fault(f"{name} ({class_name(block)}) has no {side}.")
+    raise Fault(f"{name} ({class_name(block)}) has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
 
 
 def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, str]:
@@ -111,7 +111,7 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, st
         block = blocks[numbered[1]]
         ports = block.inports if side == "input" else block.outports
         raise Fault(
-            f"the ports of {numbered[1]} ({kind(block)}) go by name, not by number."
+            f"the ports of {numbered[1]} ({class_name(block)}) go by name, not by number."
             f" Its {side}s: {', '.join(ports) or 'none'}."
         )
     if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
@@ -121,7 +121,7 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, st
     return name, _choose(name, blocks[name], port, side)
 
 
-def parse(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str]]:
+def parse_chain(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str]]:
     """The links of one chain, and a sentence for each fault found in it."""
     place = getattr(text, "place", "")
     stages = [[part.strip() for part in stage.split(",")] for stage in text.split("->")]
@@ -147,15 +147,15 @@ def parse(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str
                     links.append(Link(start, end, place))
             except Fault as fault:
                 faults.append(str(fault))
-    return links, [sentence(f"wire '{text}'", fault) for fault in dict.fromkeys(faults)]
+    return links, [fault_sentence(f"wire '{text}'", fault) for fault in dict.fromkeys(faults)]
 
 
-def sentence(place: str, fault: object) -> str:
+def fault_sentence(place: str, fault: object) -> str:
     """A fault with the piece of text it was found in: ``wire 'a -> b' names block 'a', …``."""
     return f"{place} {fault}" if str(fault).startswith("names ") else f"{place}: {fault}"
 
 
-def short(end: tuple[str, str], blocks: Mapping[str, Ported], side: str) -> str:
+def short_name(end: tuple[str, str], blocks: Mapping[str, Ported], side: str) -> str:
     """``block`` where its only port is meant, else ``block.port``."""
     name, port = end
     try:
@@ -180,10 +180,10 @@ def chains(links: Iterable[Link], blocks: Mapping[str, Ported]) -> list[str]:
     for head in heads:
         if head not in targets:
             continue
-        line, here = short(head, blocks, "output"), head
+        line, here = short_name(head, blocks, "output"), head
         while True:
             ends = targets.pop(here)
-            line += " -> " + ", ".join(short(end, blocks, "input") for end in ends)
+            line += " -> " + ", ".join(short_name(end, blocks, "input") for end in ends)
             outs = list(blocks[ends[0][0]].outports) if len(ends) == 1 else []
             here = (ends[0][0], outs[0]) if len(outs) == 1 else here
             if here not in targets:

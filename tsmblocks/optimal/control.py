@@ -10,7 +10,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_bool, as_callback, as_integer, as_number, as_positive
 from tsmblocks.common.errors import RunError
-from tsmblocks.common.interrupt import Asked, kept
+from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.result import OptimalControl, simulated_result
 from tsmblocks.optimal.setup import (
@@ -166,7 +166,7 @@ def optimal_control(
     table = known_rows(task, given, interval.grid(begin, count))
     options = {**SOLVER_OPTIONS, "ipopt.max_iter": as_integer("iterations", iterations, 1)}
     x = np.asarray(task.eq.start(task.p)[0]).ravel()
-    with kept() as stopped:
+    with defer_interrupt() as stopped:
         search = _Search(interval, count, goal, periodic, options, table, tell, stopped)
         ended = search.best(initial_commands(task, guess, t, interval, table), x, begin)
     if not ended.feasible:
@@ -188,7 +188,7 @@ class _Search:
     options: Mapping[str, Any]
     table: np.ndarray
     tell: ProgressCallback
-    stopped: Asked
+    stopped: InterruptFlag
 
     def best(self, begins: Sequence[np.ndarray], x: np.ndarray, start: float) -> Solution:
         """The best result of searches from several initial commands."""

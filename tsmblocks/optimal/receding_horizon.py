@@ -11,7 +11,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_callback, as_integer, as_names, as_number, as_positive
 from tsmblocks.common.errors import DataError, RunError, in_words, near
-from tsmblocks.common.interrupt import kept
+from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.control import SMOOTHING_SIZES, SOLVER_OPTIONS
 from tsmblocks.optimal.result import OptimalControl, simulated_result
@@ -417,7 +417,7 @@ def receding_horizon(
     given = given.on(begin + h * np.arange(count + preview + 1))
     table, x = known_rows(control.task, given, interval.grid(begin, count + preview)), control.state
     made, states = [control.command], [control.state]
-    with kept() as stopped:
+    with defer_interrupt() as stopped:
         for k in range(count):
             tell("planned", k, count)
             control.planned(table[k * interval.pieces : (k + preview) * interval.pieces])

@@ -13,7 +13,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.common.tables import few
-from tsmblocks.common.units import for_people
+from tsmblocks.common.units import display_unit
 from tsmblocks.common.views import view
 from tsmblocks.metrics.expressions import Expression
 from tsmblocks.metrics.tracking import peak_to_peak, rms
@@ -143,7 +143,7 @@ class OptimalControl:
     @property
     def _figures(self) -> str:
         """Peak to peak, peak and rms of the error, angles in degrees."""
-        scale, unit = for_people(self.unit)
+        scale, unit = display_unit(self.unit)
         numbers = (self.peak_to_peak, self.peak, self.rms)
         return ", ".join(
             f"{what} {scale * v:.3g} {unit}".rstrip()

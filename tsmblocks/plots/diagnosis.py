@@ -15,7 +15,7 @@ import numpy as np
 
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
-from tsmblocks.diagnosis.presentation import by_excess, fitted_rms, for_people, output_traces, profile, strips
+from tsmblocks.diagnosis.presentation import by_excess, display_unit, fitted_rms, output_traces, profile, strips
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.diagnosis.verdict_text import worst_gap
@@ -94,7 +94,7 @@ def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
 
 
 def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
-    k, unit = for_people(gap.unit)
+    k, unit = display_unit(gap.unit)
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
     if len(gap.experiments) > 1:
@@ -121,7 +121,7 @@ def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
 
 
 def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
-    k, unit = for_people(trace.unit)
+    k, unit = display_unit(trace.unit)
     noise = 2 * k * gap.noise_floor
     panel.axhspan(-noise, noise, color=NOISE, alpha=0.25, lw=0, label="noise (± 2 rms)")
     left = [k * (trace.measured - trace.before), k * (trace.measured - trace.after)]
@@ -141,9 +141,9 @@ def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
 
 
 def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
-    k, unit = for_people(trace.unit)
+    k, unit = display_unit(trace.unit)
     if len(trace.drive):
-        k_in, unit_in = for_people(diagnosis.base.unit(trace.drive_name))
+        k_in, unit_in = display_unit(diagnosis.base.unit(trace.drive_name))
         x, label = k_in * trace.drive, heading(trace.drive_name, unit_in)
     else:
         x, label = trace.t, "t [s]"
@@ -178,8 +178,8 @@ def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None
         panel.text(0.5, 0.5, "no coordinate predicts the residual", ha="center", color=INK, transform=panel.transAxes)
         panel.set_axis_off()
         return
-    k, unit = for_people(found.error_unit)
-    k_in, unit_in = for_people(found.unit)
+    k, unit = display_unit(found.error_unit)
+    k_in, unit_in = display_unit(found.unit)
     x = k_in * found.x
     if segment.effects:
         panel.plot(x, k * found.explained, color=AFTER, ls="--", lw=1.2, label="reported effects")

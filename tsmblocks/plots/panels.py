@@ -24,7 +24,7 @@ LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "f
 
 def shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
     """Return a signal as a figure shows it: angles and their rates in degrees, anything else as it is."""
-    k, wanted = units.for_people(unit)
+    k, wanted = units.display_unit(unit)
     return (values if wanted == unit else k * values), wanted
 
 

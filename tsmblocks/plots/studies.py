@@ -232,7 +232,7 @@ def _head(results: Results) -> str:
 
 def _display_unit(results: Results, name: str) -> tuple[float, str]:
     """Factor and unit in which a metric is displayed: angles in degrees; parameters as they are."""
-    return units.for_people(results.units.get(name, ""))
+    return units.display_unit(results.units.get(name, ""))
 
 
 def _shown(results: Results, name: str) -> tuple[np.ndarray, str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_integer, as_number, as_positive
 from tsmblocks.common.errors import DataError, RunError, in_words
-from tsmblocks.model.diagram import Diagram, needed
+from tsmblocks.model.diagram import Diagram, required_diagram
 
 MOST_STEPS = 1e15
 """Steps of a run, at most. Derived: times of a double then still differ from step to step."""
@@ -19,7 +19,7 @@ MOST_STEPS = 1e15
 
 def as_diagram(diagram: Diagram, parameters: Mapping[str, Any] | None = None) -> Diagram:
     """The diagram to run, with its parameters changed. Raises RunError when it is none."""
-    diagram = needed(diagram, "run", RunError)
+    diagram = required_diagram(diagram, "run", RunError)
     return diagram if parameters is None else diagram.with_parameters(parameters)
 
 

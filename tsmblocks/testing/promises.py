@@ -23,7 +23,7 @@ from tsmblocks.common import units
 from tsmblocks.common.errors import BlockError, ParameterError, TsmError, in_words
 from tsmblocks.compiler.dependencies import results_of, structure_of, symbolic
 from tsmblocks.model.block import Block, is_reference, leaves, map_leaves, signals
-from tsmblocks.model.unit_inference import SHARED
+from tsmblocks.model.unit_inference import SHARED_UNIT
 
 SCALES = (0.0, 1.0, 1e3, 1e6)
 """Magnitudes of states and inputs, in their units. Chosen: at rest, ordinary, and far outside normal use."""
@@ -215,7 +215,7 @@ def units_are_known(block: Block) -> None:
         *block.states.items(),
     ]
     for name, part in parts:
-        match = SHARED.fullmatch(part.unit)
+        match = SHARED_UNIT.fullmatch(part.unit)
         try:
             units.parse("1" + match[2] if match else part.unit)
         except units.UnitError as error:
@@ -226,7 +226,7 @@ def units_are_known(block: Block) -> None:
 
 
 def _letters(parts: Iterable[Any]) -> set[str]:
-    return {match[1] for part in parts if (match := SHARED.fullmatch(part.unit))}
+    return {match[1] for part in parts if (match := SHARED_UNIT.fullmatch(part.unit))}
 
 
 @promise

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.tables import few
-from tsmblocks.common.units import for_people
+from tsmblocks.common.units import display_unit
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.run_options import RunOptions
@@ -113,7 +113,7 @@ def _said(
     options: RunOptions,
 ) -> str:
     one, *others = found
-    factor, unit = for_people(units.get(one.name, ""))
+    factor, unit = display_unit(units.get(one.name, ""))
     grown = f"{one.growth:.2g} times as far as before" if one.before > 1e-9 * one.after else "to and fro"
     often = _swings(cases[one.case].with_parameters(values), one.name, goal, options)
     swings = f", mostly in swings of some {often:.2g} Hz" if often else ""

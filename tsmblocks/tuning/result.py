@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.common import units
-from tsmblocks.common.frames import frame, need
+from tsmblocks.common.frames import frame, optional_library
 from tsmblocks.common.tables import WIDTH, columns, few
 from tsmblocks.common.views import view
 from tsmblocks.data import heading
@@ -105,7 +105,7 @@ class Tuned:
 
     def title(self, name: str) -> str:
         """A metric by name as tables and plots show it: its unit (degrees for angles) and the limits it is to keep."""
-        k, unit = units.for_people(self.units[name])
+        k, unit = units.display_unit(self.units[name])
         most = [
             f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}" for one in self.limits if one.name == name
         ]
@@ -133,7 +133,7 @@ class Tuned:
 
         Needs pandas.
         """
-        pd = need("pandas")
+        pd = optional_library("pandas")
         sides = {"before": self.before, "tuned": self.after}
         rows = [(case, side) for case in self.after for side in sides]
         index = pd.MultiIndex.from_tuples(rows, names=["case", "numbers"])
@@ -148,7 +148,7 @@ class Tuned:
 
     def __repr__(self) -> str:
         found = few(f"{k} {v:.4g}" for k, v in self.values.items())
-        k, unit = units.for_people(self.units[self.objective])
+        k, unit = units.display_unit(self.units[self.objective])
         before, after = (f"{k * v:.4g}" for v in self.worst)
         ends = "" if self.met else ", not every limit is met"
         ends += ", it hunts" if self.hunting else ""
@@ -158,7 +158,7 @@ class Tuned:
         return view("html", self)
 
     def __str__(self) -> str:
-        k, unit = units.for_people(self.units[self.objective])
+        k, unit = units.display_unit(self.units[self.objective])
         before, after = (f"{k * v:.4g}" for v in self.worst)
         cases = f", the worst of {len(self.after)} cases" if len(self.after) > 1 else ""
         agree = f"; {self.agreeing} of {self.starts} starts ended there" if self.starts > 1 else ""
@@ -179,7 +179,7 @@ class Tuned:
         shown, rows = [case for case in self.after if case in worst], list[tuple[str, str, str]]()
         more = [(f"… ({len(self.after)} in all, the worst shown)", "", "")] if len(self.after) > len(shown) else []
         for name in next(iter(self.after.values())):
-            k, _ = units.for_people(self.units[name])
+            k, _ = units.display_unit(self.units[name])
             rows += [("", "", "")] if rows else []
             rows.append((self.title(name), "before", "tuned"))
             rows += [
