@@ -1,4 +1,4 @@
-"""A block of one's own: a spring that hardens, as one class; it keeps the same promises as the others."""
+"""A user-defined block: a hardening spring as one class, checked as the blocks of the package are."""
 
 import numpy as np
 

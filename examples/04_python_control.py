@@ -1,8 +1,9 @@
-"""What does backlash do to the Bode plot of a loop that was designed with python-control?
+"""How does backlash change the Bode plot of a loop designed with python-control?
 
-A motor as ``control.tf`` and a lead compensator as ``control.ss`` go into a diagram as they are, and with them the
-limit of the drive and the backlash of the gear. Without backlash, sines sent through the loop are answered as
-python-control says; with it, the answer depends on their size. A folder given as an argument receives the Bode plot.
+A motor as ``control.tf`` and a lead compensator as ``control.ss`` go into a diagram unchanged, together with the
+saturation of the drive and the backlash of the gear. Without backlash the response to sines is that of
+python-control; with it, the response depends on their amplitude. A folder given as an argument receives the Bode
+plot.
 """
 
 import sys

@@ -1,8 +1,8 @@
-"""A mechanism that is no tendon: how far does dry friction throw a two-link arm off its way?
+"""A rigid-body mechanism: how far from its reference does dry friction move a two-link arm?
 
-The arm is one block, with its mass matrix inside; friction and control stand around it. Computed torque knows the
-masses, and none, a part or all of the friction. Energy is the check: the work of the motors is found again as motion,
-height and heat. A folder given as an argument receives the picture.
+The arm is one block, with its mass matrix inside; friction and control are blocks around it. Computed torque
+compensates the masses, and none, a part or all of the friction. The energy balance is a check: the work of the motors
+is kinetic and potential energy, and heat. A folder given as an argument receives the picture.
 """
 
 import sys
@@ -42,7 +42,7 @@ class TwoLinkArm(tsm.Block):
     q2 = tsm.Output("angle of joint 2", unit="rad")
     v1 = tsm.Output("speed of joint 1", unit="rad/s")
     v2 = tsm.Output("speed of joint 2", unit="rad/s")
-    energy = tsm.Output("energy of motion and height", unit="J")
+    energy = tsm.Output("kinetic and potential energy", unit="J")
     angle1: float = tsm.state(default=-1.2, about="angle of joint 1", unit="rad")
     angle2: float = tsm.state(default=0.9, about="angle of joint 2", unit="rad")
     speed1: float = tsm.state(default=0.0, about="speed of joint 1", unit="rad/s")
@@ -58,14 +58,14 @@ class TwoLinkArm(tsm.Block):
 
     def outputs(self, t, x, u):
         (m11, m12, m22), _ = dynamics(*x)
-        moving = (m11 * x.speed1**2 + 2 * m12 * x.speed1 * x.speed2 + m22 * x.speed2**2) / 2
+        kinetic = (m11 * x.speed1**2 + 2 * m12 * x.speed1 * x.speed2 + m22 * x.speed2**2) / 2
         height = (M1 + M2) * L1 * ca.sin(x.angle1) + M2 * L2 * ca.sin(x.angle1 + x.angle2)
-        return dict(q1=x.angle1, q2=x.angle2, v1=x.speed1, v2=x.speed2, energy=moving + G * height)
+        return dict(q1=x.angle1, q2=x.angle2, v1=x.speed1, v2=x.speed2, energy=kinetic + G * height)
 
 
 @tsm.block
 class ComputedTorque(tsm.Block):
-    r"""Torques after which an arm without friction would lose its errors like a damped spring.
+    r"""Torques with which the errors of an arm without friction decay like those of a damped spring.
 
     .. math:: \tau = M(q)\,(\ddot r + k_d (\dot r - \dot q) + k_p (r - q)) + n(q, \dot q) + F \tanh(\dot r / v_0)
     """
@@ -75,10 +75,10 @@ class ComputedTorque(tsm.Block):
 
     kp: float = tsm.parameter(default=100.0, about="stiffness per inertia", unit="1/s^2", at_least=0.0)
     kd: float = tsm.parameter(default=20.0, about="damping per inertia", unit="1/s", at_least=0.0)
-    level: float = tsm.parameter(default=0.0, about="dry friction that it knows of", unit="N*m", at_least=0.0)
+    level: float = tsm.parameter(default=0.0, about="dry friction that it compensates", unit="N*m", at_least=0.0)
 
-    r1 = tsm.Input("wanted angle of joint 1", unit="rad")
-    r2 = tsm.Input("wanted angle of joint 2", unit="rad")
+    r1 = tsm.Input("reference angle of joint 1", unit="rad")
+    r2 = tsm.Input("reference angle of joint 2", unit="rad")
     rv1 = tsm.Input("its rate", unit="rad/s", rate_of="r1")
     rv2 = tsm.Input("its rate", unit="rad/s", rate_of="r2")
     ra1 = tsm.Input("its acceleration", unit="rad/s^2", rate_of="rv1")
@@ -132,7 +132,7 @@ METRICS = {
     "heat": "integral(dry1.y * arm.v1 + dry2.y * arm.v2)",
     "gained": "final(arm.energy) - final(arm.energy, before=0)",
 }
-CASES = {  # friction in the joints, and that of it which control knows
+CASES = {  # friction in the joints, and what control compensates of it
     "no friction": (0.0, 0.0),
     "friction, none known": (FRICTION, 0.0),
     "friction, 2/3 known": (FRICTION, 2 / 3 * FRICTION),
@@ -140,13 +140,13 @@ CASES = {  # friction in the joints, and that of it which control knows
 }
 
 print(f"{'':22} {'rms error [deg]':>15}   energy [J]")
-print(f"{'':22} joint 1 joint 2      work    heat  gained  missing")
+print(f"{'':22} joint 1 joint 2      work    heat  gained  balance")
 runs = {}
-for words, (friction, known) in CASES.items():
+for name, (friction, known) in CASES.items():
     numbers = {"dry1.level": friction, "dry2.level": friction, "control.level": known}
-    runs[words] = tsm.simulate(arm.with_parameters(numbers), stop=9.7, step=1e-3)
-    one, two, work, heat, gained = tsm.measure(runs[words], METRICS).values()
-    print(f"{words:22} {one:7.3f} {two:7.3f}   {work:7.3f} {heat:7.3f} {gained:7.3f} {work - heat - gained:8.0e}")
+    runs[name] = tsm.simulate(arm.with_parameters(numbers), stop=9.7, step=1e-3)
+    one, two, work, heat, gained = tsm.measure(runs[name], METRICS).values()
+    print(f"{name:22} {one:7.3f} {two:7.3f}   {work:7.3f} {heat:7.3f} {gained:7.3f} {work - heat - gained:8.0e}")
 
 if len(sys.argv) > 1:
     folder = Path(sys.argv[1])
@@ -156,8 +156,8 @@ if len(sys.argv) > 1:
     figure = Figure(figsize=(9.0, 6.0), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for k, panel in enumerate(panels, 1):
-        for words, run in runs.items():
-            panel.plot(run.t, np.rad2deg(run[f"ref{k}.y"] - run[f"q{k}"]), label=words)
+        for name, run in runs.items():
+            panel.plot(run.t, np.rad2deg(run[f"ref{k}.y"] - run[f"q{k}"]), label=name)
         panel.set_ylabel(f"error of joint {k} [deg]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
     panels[1].set_xlabel("t [s]")

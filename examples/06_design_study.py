@@ -1,8 +1,8 @@
-"""Which gain suits not only the plant one knows, but all that it may become?  A study over gains and plants.
+"""Which gain is best not only for the nominal plant, but for all variants of it?  A study over gains and plants.
 
-Fig. 16's loop, whose compensator was built for one sheath. When the sheath is bent or wears, the size of its hysteresis
-and the way over which it turns change, and the compensator does not know. Every gain is tried on every plant, side by
-side. A folder given as an argument receives the picture.
+In the loop of Fig. 16 the compensator was built for one sheath. When the sheath is bent or wears, the size of its
+hysteresis and the length of its reversals change, and the compensator stays the same. Every gain is simulated with
+every plant, side by side. A folder given as an argument receives the picture.
 """
 
 import sys
@@ -23,13 +23,13 @@ found = tsm.study(
 )
 
 error, voltage = (found[name].reshape(len(gains), 9) for name in ("error", "voltage"))
-known, worst = error[:, 4], error.max(axis=1)
+nominal, worst = error[:, 4], error.max(axis=1)
 print(f"{len(found)} runs: {loop.title}\n")
 print("peak-to-peak error [deg]                        largest")
-print("  kp   sheath as known   best and worst of all  voltage")
+print("  kp    nominal sheath   best and worst of all  voltage")
 for k, kp in enumerate(gains):
-    mark = {known.argmin(): "  <- best as known", worst.argmin(): "  <- best for all"}.get(k, "")
-    print(f"{kp:4.1f} {known[k]:17.2f} {error[k].min():10.2f} {worst[k]:12.2f} {voltage[k].max():8.1f}{mark}")
+    mark = {nominal.argmin(): "  <- best, nominal", worst.argmin(): "  <- best for all"}.get(k, "")
+    print(f"{kp:4.1f} {nominal[k]:17.2f} {error[k].min():10.2f} {worst[k]:12.2f} {voltage[k].max():8.1f}{mark}")
 
 if len(sys.argv) > 1:
     folder = Path(sys.argv[1])

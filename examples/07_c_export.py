@@ -1,7 +1,7 @@
-"""Will the controller do on its board what it does in the simulation?  It becomes C, and moves the simulated motor.
+"""Does a controller as C code act like the controller in the simulation?  It drives the simulated motor.
 
-Both meet once a millisecond: the C code of controller and drive, compiled here, and the motor with its encoder, stepped
-by Python. The same loop simulated as one diagram has to give the same. Needs a C compiler.
+They exchange signals once a millisecond: the C code of controller and drive, compiled here, and the motor with its
+encoder, stepped by Python. The same loop simulated as one diagram must give the same. Needs a C compiler.
 """
 
 import ctypes
@@ -35,14 +35,14 @@ if compiler is None:
 
 loop = tsm.load("sampled_position_loop")
 board = tsm.Diagram(
-    title="what runs on the board",
+    title="controller on the board",
     blocks={name: loop.blocks[name] for name in ("error", "controller", "drive")},
     wires=["error -> controller -> drive"],
     inputs={"x_ref": "error.plus", "x": "error.minus"},
     outputs={"u": "drive"},
 )
 bench = tsm.Diagram(
-    title="what stands on the bench",
+    title="motor and encoder on the bench",
     blocks={name: loop.blocks[name] for name in ("motor", "encoder")},
     wires=["motor.y -> encoder"],
     inputs={"u": "motor.u"},
@@ -67,9 +67,9 @@ for x_ref in whole["x_ref"][:-1]:
     x = now["x"]
     angle.append(now["angle"])
 
-late = whole.t >= 5.0
+settled = whole.t >= 5.0
 error = {"simulated": whole["x_ref"] - whole["x_out"], "C on the board": whole["x_ref"] - angle}
 print(f"{len(code.source.splitlines())} lines of C, {len(u)} calls")
-for words, e in error.items():
-    print(f"{words:15} {np.rad2deg(tsm.peak_to_peak(e[late])):.6f} deg peak to peak")
+for name, e in error.items():
+    print(f"{name:15} {np.rad2deg(tsm.peak_to_peak(e[settled])):.6f} deg peak to peak")
 print(f"largest difference: {np.abs(whole['u'][:-1] - u).max():.1e} V, {np.abs(whole['x_out'] - angle).max():.1e} rad")

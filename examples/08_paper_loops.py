@@ -1,7 +1,7 @@
-"""Which loops do the paper's three models draw?  (Figs 3, 5 and 6)
+"""Which hysteresis loops have the paper's three models?  (Figs 3, 5 and 6)
 
-Fig. 3 shows what was measured on the instrument. Its data were not published, so the models, with the numbers that the
-paper prints for them, stand beside what its text says. A folder given as an argument receives the picture.
+Fig. 3 is a measurement of the instrument. Its data were not published, so the models, with the parameters printed in
+the paper, are compared with what its text reports. A folder given as an argument receives the picture.
 """
 
 import sys
@@ -18,11 +18,11 @@ SIGNALS = {
 }
 MODELS = {"symmetric": "Fig 5 left", "generalized": "Fig 5 right", "asymmetric": "Fig 6"}
 t = np.linspace(0.0, 40.0, 40001)
-late = t >= 20.0  # the start is over
+settled = t >= 20.0  # after the transient
 
 
 def simulated(model, signal, **numbers):
-    """A model moved by a signal."""
+    """A model driven by a signal."""
     size, tones, _ = SIGNALS[signal]
     x_in = sum(np.deg2rad(size) * np.sin(2 * np.pi * f * t) for f in tones)
     sheath = tsm.load(f"tendon_sheath_{model}").with_parameters(numbers)
@@ -31,20 +31,20 @@ def simulated(model, signal, **numbers):
 
 def loop(run):
     """Angles at both ends, in degrees."""
-    return np.rad2deg(run["x_in"][late]), np.rad2deg(run["x_out"][late])
+    return np.rad2deg(run["x_in"][settled]), np.rad2deg(run["x_out"][settled])
 
 
 def width(x, y, share):
-    """How far the two branches are apart, at a share of the way from the middle to the upper end."""
+    """Distance of the two branches, at a share of the range from the middle to the upper end."""
     level = (y.max() + y.min()) / 2 + share * np.ptp(y) / 2
     up = np.gradient(x) > 0
     there = [np.interp(level, *np.array(sorted(zip(y[part], x[part], strict=True))).T) for part in (up, ~up)]
     return there[0] - there[1]
 
 
-def slope(x, y, way):
-    """Of the straight part of a branch."""
-    part = (np.gradient(x) * way > 0) & (np.abs(x) < 30.0)
+def slope(x, y, direction):
+    """Slope of the straight part of a branch."""
+    part = (np.gradient(x) * direction > 0) & (np.abs(x) < 30.0)
     return np.polyfit(x[part], y[part], 1)[0]
 
 
@@ -54,8 +54,8 @@ sine = next(iter(SIGNALS))
 sines = [loops[model, sine] for model in MODELS]
 
 
-def row(words, paper, ours, digits=1):
-    print(f"{words:34} {paper:>7}", *(f"{x:11.{digits}f}" for x in ours))
+def row(title, paper, ours, digits=1):
+    print(f"{title:34} {paper:>7}", *(f"{x:11.{digits}f}" for x in ours))
 
 
 print(f"{'peak to peak of x_in - x_out [deg]':34} {'paper':>7}", *(f"{model:>11}" for model in MODELS))
@@ -69,15 +69,15 @@ print("slope of the loop")
 row("loading", "differ", [slope(x, y, 1) for x, y in sines], 2)
 row("unloading", "", [slope(x, y, -1) for x, y in sines], 2)
 print("rms difference to the generalized model [deg]")
-errors = np.rad2deg(np.sqrt([1.34e-2, 1.89e-3, 7.84e-3]))  # the mean square errors of Table 1, were they in rad^2
+errors = np.rad2deg(np.sqrt([1.34e-2, 1.89e-3, 7.84e-3]))  # the mean square errors of Table 1, if they are in rad^2
 row("these loops", "", [tsm.rms(y - sines[1][1]) for _, y in sines])
-row("at least, were Table 1 in rad^2", "", np.abs(errors - errors[1]))
+row("lower bound, Table 1 in rad^2", "", np.abs(errors - errors[1]))
 
 as_printed = np.ptp(np.subtract(*loop(simulated("symmetric", sine, **{"tsm.gamma": 2.272}))))
 print(f"""
 Why they differ: the paper measured an instrument; these are its models of it.
-The symmetric one has gamma = -2.272; with the sign as printed: {as_printed:.1f} deg.
-Table 1 names no unit of its errors: with these numbers it cannot be rad^2.""")
+The symmetric one has gamma = -2.272; with the printed sign: {as_printed:.1f} deg.
+Table 1 gives no unit of its errors; these results exclude rad^2.""")
 
 if len(sys.argv) > 1:
     folder = Path(sys.argv[1])

@@ -1,8 +1,8 @@
 """How well does the tip follow three signals with the paper's feedforward?  (Figs 13 to 15)
 
-Every loop has its motor in it, with its 24 V. Two more rows look for the reason of what differs: a motor that is at
-once where it is told, and another model for the sheath than the compensator's. A folder given as an argument receives
-the pictures.
+Every loop includes its motor with a limit of 24 V. Two more rows test explanations of the differences: a motor
+without dynamics, and another model of the sheath than the compensator's. A folder given as an argument receives the
+pictures.
 """
 
 import sys
@@ -17,13 +17,13 @@ SIGNALS = {
     "Fig 13": (55.0, [0.2], 27.0, 8.0),
     "Fig 14": (28.0, [0.2, 0.5], 27.0, 8.5),
     "Fig 15": (28.0, [0.25, 0.25 * 3**0.5], 28.0, 9.2),
-}  # size of each tone [deg], tones [Hz], what the paper measured without compensation and with it [deg]
-helped = tsm.load("fig09b_feedforward")
+}  # amplitude of each tone [deg], tones [Hz], errors measured in the paper without and with compensation [deg]
+compensated = tsm.load("fig09b_feedforward")
 loops = {
     "without compensation": tsm.load("fig09a_without_feedforward"),
-    "feedforward, Eq (11)": helped,
-    "  motor without any delay": helped.rewire(cut=["motor.y -> tsm"], add=["compensator -> tsm"]),
-    "  sheath of generalised model": helped.replace("tsm", GeneralizedBoucWen()),
+    "feedforward, Eq (11)": compensated,
+    "  motor without any delay": compensated.rewire(cut=["motor.y -> tsm"], add=["compensator -> tsm"]),
+    "  sheath of generalised model": compensated.replace("tsm", GeneralizedBoucWen()),
 }
 
 
@@ -41,15 +41,15 @@ for figure, (size, tones, *paper) in SIGNALS.items():
     plain, forward, *_ = runs.values()
     e = np.rad2deg(forward["x_ref"] - forward["x_out"])[forward.t >= 20.0]
     inside = 100 * np.mean(np.abs(e) <= paper[1] / 2)
-    why = [
+    reasons = [
         "a model, no machine",
         f"{inside:.0f} % of time within ±{paper[1] / 2:g} deg",
-        "it is not the motor",
-        "nor that model",
+        "not due to the motor",
+        "nor to that model",
     ]
-    for (name, run), said, because in zip(runs.items(), [*paper, "", ""], why, strict=True):
+    for (name, run), measured, reason in zip(runs.items(), [*paper, "", ""], reasons, strict=True):
         error = tsm.tracking_error(run, after=20.0).to("deg").peak_to_peak
-        print(f"  {name:32} {said:>6} {error:6.1f}  {because}")
+        print(f"  {name:32} {measured:>6} {error:6.1f}  {reason}")
 
     if len(sys.argv) > 1:
         folder = Path(sys.argv[1])
@@ -69,7 +69,7 @@ for figure, (size, tones, *paper) in SIGNALS.items():
         sheet.savefig(folder / f"{figure.lower().replace(' ', '_')}.png")
 
 print("""
-Eq (14) takes the observer's state for the sheath's. Around a reversal the motor
-moves much more than the reference that the observer sees, and the sheath turns
-first: this is left by a perfect motor and a perfect model. Why the paper's
-machine did better, neither of its models tells.""")
+Eq (14) replaces the sheath's state by the observer's. Around a reversal the
+motor moves much more than the reference that the observer reads, and the sheath
+reverses first: this error remains with a perfect motor and a perfect model. Why
+the paper's machine did better cannot be explained by its models.""")

@@ -1,7 +1,7 @@
 """What does feedback of the tip add to the feedforward?  (Figs 16 and 17)
 
-With the second set of numbers and the gains that the paper prints; then what each part does by itself. A folder given
-as an argument receives the picture.
+With the second set of parameters and the gains printed in the paper; then the effect of each part alone. A folder
+given as an argument receives the picture.
 """
 
 import sys
@@ -20,11 +20,11 @@ loops = {
 runs = {name: tsm.simulate(loop, stop=20.0) for name, loop in loops.items()}
 ours = [tsm.tracking_error(run, after=10.0).to("deg").peak_to_peak for run in runs.values()]
 paper = [8.0, 5.8, "", "", ""]
-why = ["Eq (14), as in Figs 13 to 15", "feedforward leaves more to it", "", "", ""]
+reasons = ["Eq (14), as in Figs 13 to 15", "feedforward leaves more to it", "", "", ""]
 
 print(f"{'peak to peak, x_ref - x_out [deg]':34} {'paper':>6} {'ours':>6}  why they differ")
-for name, said, error, because in zip(runs, paper, ours, why, strict=True):
-    print(f"{name:34} {said:>6} {error:6.1f}  {because}".rstrip())
+for name, measured, error, reason in zip(runs, paper, ours, reasons, strict=True):
+    print(f"{name:34} {measured:>6} {error:6.1f}  {reason}".rstrip())
 print(f"{'removed by the PID':34} {100 * (1 - 5.8 / 8.0):4.0f} % {100 * (1 - ours[1] / ours[0]):4.0f} %")
 
 if len(sys.argv) > 1:

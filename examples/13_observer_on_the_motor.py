@@ -1,7 +1,7 @@
 """What if the observer follows the measured motor velocity instead of the reference?
 
-The encoder at the motor is there already, so this needs no sensor at the tip. One edit of the
-diagram: the compensator is opened and its observer wired to the motor.
+The motor has an encoder already, so this needs no sensor at the tip. One edit of the diagram: the compensator is
+replaced by its parts, and its observer is wired to the motor.
 """
 
 import tsmblocks as tsm

@@ -1,8 +1,9 @@
 """How much better than the paper's compensator can a feedforward be, with no sensor at the tip?
 
-Every row of the tables drives the same motor, in its position loop and with its 24 V, and believes in set 1; the plant
-may be another. The last two rows are planned on the model for a motor of at most 3 rad/s: with 0.8 s of preview, sample
-by sample, and with all of the future known: what is left then is the plant's. In brackets: how far above that row.
+Every row of the tables drives the same motor, in its position loop and with a limit of 24 V, and assumes set 1; the
+plant may be another. The last two rows are planned on the model for a motor of at most 3 rad/s: with 0.8 s of
+preview, sample by sample, and with the whole future known, which gives the smallest error possible. In brackets: the
+excess over that.
 """
 
 import numpy as np
@@ -17,7 +18,7 @@ HALF, WHOLE = np.deg2rad(28.0), np.deg2rad(55.0)
 ERROR = "x_ref - x_out"
 
 t = STEP * np.arange(round((STOP + PREVIEW) / STEP) + 1)
-counts = np.where(t < AFTER - 0.1, 0.2, 1.0)  # the way in matters less
+counts = np.where(t < AFTER - 0.1, 0.2, 1.0)  # the transient has less weight
 
 
 def sines(*parts):
@@ -25,7 +26,7 @@ def sines(*parts):
 
 
 def hand(seed=1):
-    """As a surgeon moves: to one place after another, each move of least jerk, with rests between."""
+    """Motion of a surgeon: from place to place with minimum jerk, and rests in between."""
     rng, angle, now, there = np.random.default_rng(seed), np.zeros_like(t), 0.0, 0.0
     while now < t[-1]:
         goal, takes = rng.uniform(-WHOLE, WHOLE), rng.uniform(0.8, 2.0)
@@ -54,8 +55,8 @@ LOOPS = {
 }
 MOTOR = {f"controller.{k}": LOOPS["observer on the motor"].parameters[f"controller.{k}"] for k in ("kp", "ki", "kd")}
 sheath = tsm.load("tendon_sheath_asymmetric").with_parameters({f"tsm.{k}": v for k, v in SET_1.items()})
-turned = tsm.Diagram(
-    title="the sheath, its motor end turned at a speed",
+driven_by_speed = tsm.Diagram(
+    title="the sheath, driven by a speed",
     blocks={"turn": Integrator(), "tsm": AsymmetricBoucWen(**SET_1)},
     wires=["turn -> tsm"],
     inputs={"v": tsm.Inlet("turn", unit="rad/s")},
@@ -64,12 +65,12 @@ turned = tsm.Diagram(
 
 
 def driven(loop, times, samples, hold):
-    """A loop with samples for its source, and the same motor loop in all."""
+    """A loop with samples as its reference, and the same motor loop in all."""
     source = Recorded(times=tuple(times), values=tuple(samples), hold=hold, unit="rad")
     return loop.replace("ref", source).with_parameters(MOTOR)
 
 
-print("the smallest peak-to-peak error, 55 deg at 0.2 Hz for ever, motor without delay")
+print("the smallest peak-to-peak error, 55 deg at 0.2 Hz, periodic, ideal motor")
 period = np.linspace(0.0, 5.0, 501)
 sine = WHOLE * np.sin(0.4 * np.pi * period)
 for fastest in (1.5, 3.0, 6.0):
@@ -87,15 +88,15 @@ for fastest in (1.5, 3.0, 6.0):
 
 tables = {}
 for signal, x_ref in SIGNALS.items():
-    asked = dict(error=f"counts * ({ERROR})", references={"x_ref": (t, x_ref), "counts": (t, counts)}, stop=STOP)
+    problem = dict(error=f"counts * ({ERROR})", references={"x_ref": (t, x_ref), "counts": (t, counts)}, stop=STOP)
     receding = tsm.receding_horizon(
-        turned,
+        driven_by_speed,
         {"v": (-3.0, 3.0)},
         rates={"v": (-120.0, 120.0)},
         smallest="peak",
         preview=round(PREVIEW / (2 * STEP)),
         step=2 * STEP,
-        **asked,
+        **problem,
     )
     optimal = tsm.optimal_control(
         sheath,
@@ -103,7 +104,7 @@ for signal, x_ref in SIGNALS.items():
         rates={"x_in": (-3.0, 3.0)},
         step=STEP,
         guess={"x_in": 1.25 * x_ref[: round(STOP / STEP) + 1]},
-        **asked,
+        **problem,
     )
     print(f"{signal}: {1e3 * np.median(receding.seconds):.0f} ms to plan each {2e3 * STEP:.0f} ms")
     for plant, changed in PLANTS.items():

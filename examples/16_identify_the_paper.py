@@ -1,9 +1,9 @@
-"""Which of the paper's three models comes closest, and does the way of identifying matter?  (Table 1)
+"""Which of the paper's three models fits best, and does the method of identification matter?  (Table 1)
 
-The generalised model stands for the instrument; noise of 0.3 deg and encoders of 3600 counts make its signals
-measurements (paper_bench.toml). Each model is fitted to the sine and judged on all three signals. Their errors come in
-the order the paper found, as long as no offset is fitted: with one, the symmetric model overtakes the proposed one on
-the signals that were not fitted.
+The generalised model replaces the instrument; noise of 0.3 deg and encoders of 3600 counts make its signals
+measurements (paper_bench.toml). Each model is fitted to the sine and validated on all three signals. The order of the
+errors is that of the paper, as long as no offset is fitted: with one, the symmetric model is better than the proposed
+one on the signals that were not fitted.
 """
 
 from pathlib import Path
@@ -18,10 +18,10 @@ bench = tsm.load(Path(__file__).with_name("paper_bench.toml"))
 
 
 def measured(name, size, tones):
-    """What the encoders at both ends saw; the input, whose rate drives the model, filtered with zero phase."""
+    """Readings of the encoders at both ends; the input, whose rate drives the model, is filtered with zero phase."""
     sizes, phases = [np.deg2rad(size)] * len(tones), [0.0] * len(tones)
-    moved = bench.replace("motor", MultiSine(amplitudes=sizes, frequencies=tones, phases=phases, unit="rad"))
-    return tsm.simulate(moved, stop=20.0, step=2e-3).record(name=name).filtered("x_in", cutoff=10.0)
+    driven = bench.replace("motor", MultiSine(amplitudes=sizes, frequencies=tones, phases=phases, unit="rad"))
+    return tsm.simulate(driven, stop=20.0, step=2e-3).record(name=name).filtered("x_in", cutoff=10.0)
 
 
 records = [measured(name, *signal) for name, signal in SIGNALS.items()]
@@ -32,11 +32,11 @@ models = {
 }
 
 print(f"{'mean square error [1e-4 rad²]':34}", *(f"{name:>10}" for name in SIGNALS))
-for words, free in {"": ["tsm.*"], " + offset": ["tsm.*", "offset.bias"]}.items():
+for suffix, free in {"": ["tsm.*"], " + offset": ["tsm.*", "offset.bias"]}.items():
     for name, model in models.items():
         fit = tsm.fit(model, records[0], free=free)
         errors = [1e4 * one.rms**2 for one in tsm.score(fit.diagram, records)]
-        print(f"{name + words:34}", *(f"{error:10.3f}" for error in errors))
+        print(f"{name + suffix:34}", *(f"{error:10.3f}" for error in errors))
 
 print(f"\n{'proposed model by':20}", *(f"{name:>7}" for name in ("alpha1", "alpha2", "A", "theta", "delta")))
 for method in ("gauss-newton", "ipopt", "ga"):

@@ -1,8 +1,8 @@
-"""How is a plant fitted that runs away?  In pieces that have to join: multiple shooting.
+"""How is an unstable plant fitted?  By multiple shooting: in segments that must join.
 
-An inverted pendulum was recorded while a controller balanced it; the plant alone is wanted. From numbers that are
-well off, a simulation of the whole record falls over, and no search finds its way from there. Twenty pieces, each
-begun from a state of its own, stay near what was measured until they join.
+An inverted pendulum was recorded while a controller balanced it; the plant alone is identified. With initial
+parameters that are far off, a simulation of the whole record diverges, and no search converges from there. Twenty
+segments, each with an initial state of its own, stay near the measurement until they join.
 """
 
 import tsmblocks as tsm
@@ -44,21 +44,21 @@ run = tsm.simulate(balanced, stop=6.0, step=0.01)
 record = run.record("u", "x")
 
 truth = {"motor.gain": 4.0, "gravity.gain": 4.0, "friction.coefficient": 0.5}
-ways = {
+methods = {
     "whole record, one start": {"starts": 1},
     "whole record, genetic": {"method": "ga"},
-    "twenty pieces": {"method": "ipopt", "segments": 20},
+    "twenty segments": {"method": "ipopt", "segments": 20},
 }
-for words, how in ways.items():
+for title, options in methods.items():
     fit = tsm.fit(
         pendulum,
         record,
         free=[*truth, "rate.integral", "angle.integral"],
         start={"motor.gain": 1.5, "gravity.gain": 9.0, "friction.coefficient": 2.0, "angle.integral": 0.0},
-        **how,
+        **options,
     )
-    print(f"{words:26} leaves {fit.rms / 0.002:3.0f} times the noise")
-print(f"{'':26}  true  found  95 % interval")
+    print(f"{title:26} residual {fit.rms / 0.002:3.0f} times the noise")
+print(f"{'':26}  true   fit   95 % interval")
 for name, true in truth.items():
-    found = fit[name]
-    print(f"{name:26} {true:5.2f} {found.value:6.3f}  {found.low:.3f} to {found.high:.3f}")
+    estimate = fit[name]
+    print(f"{name:26} {true:5.2f} {estimate.value:6.3f}  {estimate.low:.3f} to {estimate.high:.3f}")

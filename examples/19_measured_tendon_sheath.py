@@ -1,11 +1,11 @@
-"""Which model suits a real instrument?  All that are shipped, on five bends of a measured tendon sheath.
+"""Which model fits a real instrument?  All that are shipped, on five bends of a measured tendon sheath.
 
-A tracker saw the tip of a surgical instrument while its motors went through two sine cycles of 60 deg, with the
-sheath bent by 0 to 240 deg. Models are judged twice: fitted to all samples, and fitted to the first half and scored
-on the second; last comes another run of the instrument, of three cycles. "Before" are the figures known from earlier
-work, on the first of the rows that repeat a time; here their mean is taken. Measured data: the repository
-nhoyh/hysteresis_compensation_ROS (Nho, Baek and others, IEEE RA-L 2021), in the folder tendon_sheath/ of the one
-that TSMBLOCKS_DATA names.
+A tracker measured the tip of a surgical instrument while its motors went through two sine cycles of 60 deg, with the
+sheath bent by 0 to 240 deg. Models are compared twice: fitted to all samples, and fitted to the first half and
+validated on the second; the last column is another run of the instrument, of three cycles. "Before" are figures of
+earlier work, computed with the first of the rows that repeat a time; here their mean is used. Measured data: the
+repository nhoyh/hysteresis_compensation_ROS (Nho, Baek and others, IEEE RA-L 2021), in the folder tendon_sheath/ of
+the one that TSMBLOCKS_DATA names.
 """
 
 import os
@@ -33,11 +33,13 @@ for name, record in records.items():
     more = f" (and {len(record.notes) - 1} more)" if len(record.notes) > 1 else ""
     print(shorten(f"{name}: {record.notes[0]}", 79 - len(more), placeholder=" …") + more)
 
-for words, train in {"fitted to all samples": 1.0, "fitted to the first half, scored on the second": 0.5}.items():
-    print(f"\nrms error [deg], {words}\n{'':24}", *(f"{name:>8}" for name in records))
-    found = [tsm.compare(None, record, train=train) for record in records.values()]
-    for model in sorted((row.name for row in found[0]), key=lambda name: max(c[name].figure for c in found)):
+for title, train in {"fitted to all samples": 1.0, "fitted to the first half, validated on the second": 0.5}.items():
+    print(f"\nrms error [deg], {title}\n{'':24}", *(f"{name:>8}" for name in records))
+    comparisons = [tsm.compare(None, record, train=train) for record in records.values()]
+    for model in sorted(
+        (row.name for row in comparisons[0]), key=lambda name: max(c[name].figure for c in comparisons)
+    ):
         if train == 1.0 and model in before:
             print(f"{model + ', before':24}", *(f"{figure:8.2f}" for figure in before[model]))
-        errors = [(c[model].held_out or c[model].train).rms for c in found]
+        errors = [(c[model].held_out or c[model].train).rms for c in comparisons]
         print(f"{model:24}", *(f"{57.29578 * error:8.2f}" for error in errors))

@@ -1,8 +1,8 @@
-"""How heavy is a ball-screw axis, and how does it rub?  Measured in closed loop, found in two ways.
+"""What are the mass and the friction of a ball-screw axis?  Measured in closed loop, identified in two ways.
 
 First as published: the force is a sum of terms linear in the unknowns, all filtered alike. Then by simulation of
-the whole loop, sampled controller included, beside the raw force. Measured data: EMPS of Janot, Gautier and Brunot
-(nonlinearbenchmark.org), in the folder emps/ of the one that TSMBLOCKS_DATA names.
+the whole loop, sampled controller included, compared with the raw force. Measured data: EMPS of Janot, Gautier and
+Brunot (nonlinearbenchmark.org), in the folder emps/ of the one that TSMBLOCKS_DATA names.
 """
 
 import os
@@ -27,7 +27,7 @@ def recorded(name):
 
 
 def regressors(record):
-    """What the force is a sum of, by the published procedure: 100 samples a second."""
+    """Terms of the force, by the published procedure: 100 samples a second."""
     q = signal.filtfilt(*signal.butter(4, 100.0, fs=1000.0), record["qm"], padlen=12)
     v = np.gradient(q, 1e-3)
     terms = {
@@ -39,8 +39,8 @@ def regressors(record):
     }
     b, a = signal.cheby1(8, 0.05, 0.08)
     b *= 10 ** (0.05 / 20)  # of even order, it would lower a constant by its ripple
-    thin = {k: signal.filtfilt(b, a, x[49:], padlen=24)[::-10][::-1] for k, x in terms.items()}
-    return tsm.Record(record.name, 0.01 * np.arange(len(thin["force"])), thin, {"force": "N"})
+    decimated = {k: signal.filtfilt(b, a, x[49:], padlen=24)[::-10][::-1] for k, x in terms.items()}
+    return tsm.Record(record.name, 0.01 * np.arange(len(decimated["force"])), decimated, {"force": "N"})
 
 
 terms = tsm.Diagram(
@@ -59,25 +59,25 @@ terms = tsm.Diagram(
 )
 loop = tsm.load(Path(__file__).with_suffix(".toml"))
 raw = [recorded("DATA_EMPS.mat"), recorded("DATA_EMPS_PULSES.mat")]
-thin = [regressors(record) for record in raw]
+decimated = [regressors(record) for record in raw]
 
-one_level = tsm.fit(terms, thin[0], ties={"backwards.gain": "forwards.gain"})
-two_levels = tsm.fit(terms, thin[0])
+one_level = tsm.fit(terms, decimated[0], ties={"backwards.gain": "forwards.gain"})
+two_levels = tsm.fit(terms, decimated[0])
 sampled = {"hold": "zero", "step": 1e-3, "window": (0.05, None)}
 names = ["mass.value", "viscous.coefficient", "dry.level", "offset.value"]
 simulated = tsm.fit(loop, raw[0], free=names, **sampled)
 
 
-def row(words, fit, names, errors):
-    """The four numbers, half their intervals in percent, and the error of the force in both records."""
-    found = [f"{e.value:7.2f} ±{50 * (e.high - e.low) / abs(e.value):3.0f}%" for e in map(fit.__getitem__, names)]
-    print(f"{words:10}", *found, *(f"{100 * d.relative:5.2f}%" for d in errors))
+def row(title, fit, names, errors):
+    """The four parameters, half of their intervals in percent, and the error of the force in both records."""
+    estimates = [f"{e.value:7.2f} ±{50 * (e.high - e.low) / abs(e.value):3.0f}%" for e in map(fit.__getitem__, names)]
+    print(f"{title:10}", *estimates, *(f"{100 * d.relative:5.2f}%" for d in errors))
 
 
 print(f"{'':10}", *(f"{k:>13}" for k in ("M [kg]", "Fv [N s/m]", "Fc [N]", "offset [N]")), "fitted pulses")
 print(f"{'published':10}", *(f"{x:7.1f}      " for x in (95.1, 203.5, 20.4, -3.2)), f"{4.08:5}% {5.98:5}%")
 linear = ["mass.gain", "forwards.gain", "dry.gain", "offset.bias"]
-row("by terms", one_level, linear, tsm.score(one_level.diagram, thin))
+row("by terms", one_level, linear, tsm.score(one_level.diagram, decimated))
 row("simulated", simulated, names, tsm.score(simulated.diagram, raw, **sampled))
 forth, back = two_levels["forwards.gain"].value, two_levels["backwards.gain"].value
 print(

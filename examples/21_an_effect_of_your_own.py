@@ -1,7 +1,8 @@
-"""What if the effect is in no catalogue?  One block and a few words about it, and the diagnosis looks for it as well.
+"""What if the effect is in no catalogue?  A block and a description of it make a candidate of the diagnosis.
 
 Here a tool loses stroke as work warms it, and recovers at rest; that is hidden in a recording of a gear with play.
-Registered, it competes with the whole catalogue, whose nearest would explain a part; it is named, with its numbers.
+Registered, it competes with the whole catalogue, whose nearest effect would explain a part; it is named, with its
+parameters.
 """
 
 import numpy as np
@@ -24,7 +25,7 @@ class Warming(tsm.Block):
     time: float = tsm.parameter(default=5.0, about="time of warming and cooling", unit="s", above=0.0)
 
     u = tsm.Input("motion", unit="?u")
-    y = tsm.Output("what is left of it", unit="?u")
+    y = tsm.Output("motion that remains", unit="?u")
     heat: float = tsm.state(default=0.0, about="heat, as the mean square of the motion")
 
     def derivatives(self, t, x, u):
@@ -34,8 +35,8 @@ class Warming(tsm.Block):
         return dict(y=u.u * (1 - self.softening * x.heat))
 
 
-def worth_trying(scales):
-    """A loss of some percent, over times that the recording can show."""
+def initial_values(scales):
+    """A loss of some percent, with time constants that the recording can resolve."""
     times = [share * scales.shortest for share in (0.02, 0.1, 0.3)]
     return Trials(
         {"softening": 0.05 / scales.wire.rms**2},
@@ -48,16 +49,16 @@ warming = Effect(
     name="warming",
     family="heat",
     words="stroke lost to warmth",
-    place="output",  # on the wire of whatever was measured
+    place="output",  # on the wires of measured outputs
     block=Warming(),
     null={"softening": 0.0},  # with this it changes nothing
     free=("softening", "time"),
-    trials=worth_trying,
+    trials=initial_values,
 )
 
 NOISE = 0.003  # rad
 t = np.arange(0.0, 60.0, 0.02)
-work = 0.65 + 0.35 * np.tanh(4 * np.sin(0.3 * t))  # hard and light by turns
+work = 0.65 + 0.35 * np.tanh(4 * np.sin(0.3 * t))  # alternately hard and light
 x_in = work * (0.7 * np.sin(2.1 * t) + 0.2 * np.sin(5.3 * t))
 model = tsm.load("tendon_sheath_play")
 tool = model.insert("warm", Warming(softening=0.25, time=8.0), after="play")
@@ -70,11 +71,13 @@ with registered(warming):
 
 (gap,) = found.worst.gaps
 before, after, floor = np.rad2deg([gap.held_out[0], gap.held_out[-1], gap.noise_floor])
-print(f"rms held out {before:.3f} -> {after:.3f} deg, noise {floor:.3f}")
-print("removes of what can be explained:")
+print(f"validation rms {before:.3f} -> {after:.3f} deg, noise {floor:.3f}")
+print("share of the error above the noise floor that is removed:")
 for one in [one for one in found.worst.ranking if one.round == 1][:4]:
     print(f"  {one.name + ' ' + one.variant:24} {100 * one.share:4.0f} %" + "  <- named" * one.named)
 (effect,) = found.effects
 for name, hidden in {"softening": 0.25, "time": 8.0}.items():
-    number = effect.parameters[name]
-    print(f"{name:9} {number.value:.3f} ± {(number.high - number.low) / 2:.3f} {number.unit:2} hidden: {hidden}")
+    estimate = effect.parameters[name]
+    print(
+        f"{name:9} {estimate.value:.3f} ± {(estimate.high - estimate.low) / 2:.3f} {estimate.unit:2} hidden: {hidden}"
+    )

@@ -1,8 +1,9 @@
-"""How does the axis rub?  The diagnosis is given a ball-screw drive that has no dry friction at all.
+"""What is the friction of the axis?  A diagnosis of a ball-screw drive that is modelled without dry friction.
 
-The position loop hides friction in the position and shows it in the force, so both are compared. Only the first of two
-equal strokes is fitted; the second, and a recording with pulses of 5 V, are kept to judge by. Measured data: EMPS of
-Janot, Gautier and Brunot (nonlinearbenchmark.org), in the folder emps/ of the one that TSMBLOCKS_DATA names.
+The position loop suppresses friction in the position, and friction appears in the force, so both are compared. Only
+the first of two equal strokes is fitted; the second, and a recording with pulses of 5 V, are validation data.
+Measured data: EMPS of Janot, Gautier and Brunot (nonlinearbenchmark.org), in the folder emps/ of the one that
+TSMBLOCKS_DATA names.
 """
 
 import os
@@ -30,8 +31,8 @@ loop = tsm.load(Path(__file__).with_suffix(".toml"))
 strokes, pulses = recorded("DATA_EMPS.mat"), recorded("DATA_EMPS_PULSES.mat")
 numbers = ["mass.value", "viscous.coefficient", "offset.value"]
 sampled = {"hold": "zero", "step": 1e-3}
-between = noise(strokes, "force", inputs="qg").floor  # N, what differs from stroke to stroke
-floor = {"force": between, "qm": 4e-6}  # the position [m] differs by as much as its reference does
+force_noise = noise(strokes, "force", inputs="qg").floor  # N, differences from stroke to stroke
+floor = {"force": force_noise, "qm": 4e-6}  # the position [m] differs between strokes by as much as its reference does
 first = strokes.part(0.0, 12.36)
 found = tsm.diagnose(loop, first, free=numbers, outputs=[*floor], noise_floor=floor, condition=False, **sampled)
 
@@ -40,9 +41,9 @@ for effect in found.effects:
     values = ", ".join(f"{name} {one.value:.3g} {one.unit}".strip() for name, one in effect.parameters.items())
     print(f"  {effect.block}: {values}")
 print("error of the force       both strokes  second stroke  pulses")
-for words, diagram in {"base": found.base, "augmented": found.augmented}.items():
+for title, diagram in {"base": found.base, "augmented": found.augmented}.items():
     both = tsm.score(diagram, strokes, window=(0.05, None), outputs=["force"], **sampled)["force"].relative
     second = tsm.score(diagram, strokes, window=(12.42, None), outputs=["force"], **sampled)["force"].relative
     other = tsm.score(diagram, pulses, window=(0.05, None), outputs=["force"], **sampled)["force"].relative
-    print(f"{words:24} {100 * both:11.2f} % {100 * second:12.2f} % {100 * other:6.2f} %")
+    print(f"{title:24} {100 * both:11.2f} % {100 * second:12.2f} % {100 * other:6.2f} %")
 print("published, symmetric            4.08 %                  5.98 %\npublished, asymmetric           3.11 %")

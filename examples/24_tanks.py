@@ -1,9 +1,10 @@
-"""What does the plant do that no catalogue knows?  Two tanks that run over, and an effect of one's own.
+"""What if a plant has an effect that is in no catalogue?  Two tanks that overflow, and a user-defined effect.
 
-A pump fills an upper tank, which empties into a lower one, whose level is measured. Linear tanks are half a volt off.
-A catalogue of friction and backlash has no rim of a tank; an effect of one's own takes part like any other. It stands
-on one wire, reads the level of a tank, and part of what is spilt above is caught below. Measured data: Schoukens and
-others (nonlinearbenchmark.org), in the folder cascaded_tanks/ of the one that TSMBLOCKS_DATA names.
+A pump fills an upper tank, which empties into a lower one, whose level is measured. The residual of linear tanks is
+half a volt. A catalogue of friction and backlash has no overflow of a tank; a user-defined effect is a candidate like
+any other. It is inserted on one wire, reads the level of a tank, and a part of the overflow of the upper tank enters
+the lower one. Measured data: Schoukens and others (nonlinearbenchmark.org), in the folder cascaded_tanks/ of the one
+that TSMBLOCKS_DATA names.
 """
 
 import os
@@ -28,22 +29,22 @@ def recorded(name):
 
 
 def rims(scales):
-    """Rims worth trying, seen from the levels of the tank: most of the way up."""
+    """Initial heights of the rim: in the upper part of the range of levels."""
     level = scales.other
     return Trials({}, tuple({"rim": level.middle + share * level.reach} for share in (0.95, 0.8, 0.6)))
 
 
 def shared_rims(scales):
-    """The same, with nothing or half of what is spilt caught below."""
+    """The same, with none or half of the overflow entering the lower tank."""
     return Trials({}, tuple({**rim, "caught": share} for rim in rims(scales).shapes for share in (0.0, 0.5)))
 
 
 def caught(diagram, name):
-    """The diagram in which what is spilt above, and caught, runs into the lower tank."""
+    """The diagram in which a part of the overflow of the upper tank runs into the lower one."""
     return diagram.insert("inflow", Sum(signs="++"), before="lower_flow.plus", wires=[f"{name}.spilt -> inflow.plus2"])
 
 
-null = {"rim": float("inf")}  # with this nothing runs over
+null = {"rim": float("inf")}  # no overflow
 upper = Effect(
     name="overflow",
     variant="upper",

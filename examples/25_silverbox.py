@@ -1,9 +1,9 @@
-"""Which spring is missing?  An electronic oscillator, its linear model, and what the diagnosis adds to it.
+"""Which spring is missing?  An electronic oscillator, its linear model, and the block that the diagnosis adds.
 
-The Silverbox is a circuit that imitates a mass on a spring and a damper. A linear model leaves 6.7 mV of its answer to
-a noise of one size; the diagnosis names what is missing, and another recording, the arrow, whose size grows beyond
-everything that was fitted, shows whether the name is right. Measured data: Wigren and Schoukens
-(nonlinearbenchmark.org), in the folder silverbox/ of the one that TSMBLOCKS_DATA names.
+The Silverbox is a circuit that acts like a mass on a spring and a damper. The residual of a linear model is 6.7 mV
+for a noise of one size; the diagnosis names the missing effect, and another recording, the arrow, whose amplitude
+grows beyond everything that was fitted, validates it. Measured data: Wigren and Schoukens (nonlinearbenchmark.org),
+in the folder silverbox/ of the one that TSMBLOCKS_DATA names.
 """
 
 import os
@@ -52,7 +52,7 @@ found = tsm.diagnose(oscillator, noise, free=numbers, noise_floor=3e-4, **sample
 
 print(fill(found.sentence, 79))
 for effect in found.effects:
-    print(f"{effect.words}: {100 * effect.share_removed:.2f} % of what can be explained")
+    print(f"{effect.words}: {100 * effect.share_removed:.2f} % of the error above the noise floor")
 (gap,) = found.worst.gaps
 print("mV, fitted  ", *(f"{1e3 * rms:8.3f}" for rms in gap.train))
 print("mV, held out", *(f"{1e3 * rms:8.3f}" for rms in gap.held_out))

@@ -180,7 +180,7 @@ ANSWERS = {
         3.11,
     ],
     "18_multiple_shooting": [4.0, 4.0, 3.99, 4.01, 4.0, 4.01, 3.99, 4.03, 0.5, 0.503, 0.499, 0.507],
-    "17_what_the_data_cannot_tell": [
+    "17_identifiability": [
         1.482,
         0.029,
         1.396,
@@ -524,7 +524,7 @@ def test_an_effect_of_ones_own_is_named_before_the_whole_catalogue(capsys, monke
 
 def test_only_pieces_reach_the_noise(capsys, monkeypatch):
     said = printed(FOLDER / "18_multiple_shooting.py", capsys, monkeypatch)
-    whole, genetic, pieces = (int(x) for x in re.findall(r"leaves +(\d+) times the noise", said))
+    whole, genetic, pieces = (int(x) for x in re.findall(r"residual +(\d+) times the noise", said))
     assert min(whole, genetic) > 10
     assert pieces == 1
 

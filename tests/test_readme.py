@@ -85,12 +85,12 @@ def test_commands_named_in_passing_exist(name):
     assert len(named) > 3 or name != "README.md"
 
 
-def test_files_of_the_reading_order_exist():
-    order = TEXT.partition("- To read the code")[2].partition("\n\n")[0]
-    named = re.findall(r"`([\w/]+\.py)`", order)
-    assert len(named) > 10
-    known = [path.as_posix() for path in (ROOT / "tsmblocks").rglob("*.py")]
-    assert [one for one in named if not any(path.endswith(f"/{one}") for path in known)] == []
+def test_files_of_the_reading_orders_exist():
+    """Three orders: from a diagram to machine code, how a fit works, how a diagnosis decides."""
+    orders = TEXT.partition("- To read the code")[2].partition("\n\n")[0].split("\n  - ")[1:]
+    named = [re.findall(r"`([\w/]+\.py)`", order) for order in orders]
+    assert [len(files) <= most for files, most in zip(named, (8, 6, 5), strict=True)] == [True] * 3
+    assert [one for files in named for one in files if not (ROOT / "tsmblocks" / one).is_file()] == []
 
 
 def test_figures_of_the_peers_are_those_of_the_whole_run():
@@ -120,7 +120,7 @@ def test_the_picture_is_what_the_command_draws():
 
 def test_what_a_guard_says_is_what_the_readme_shows(tmp_path):
     from tsmblocks.testing.guards import read_guards
-    from tsmblocks.testing.tracking import in_sentences, moved
+    from tsmblocks.testing.tracking import change_report, changes
 
     text = next(one for one in TABLES if "tolerance" in one)
     path = tmp_path / "loop.tracking.toml"
@@ -129,5 +129,5 @@ def test_what_a_guard_says_is_what_the_readme_shows(tmp_path):
     path.write_text(f'{text}[set]\n"pid.kp" = 1.53\n')
     (now,) = read_guards(path).values()
     runs = before.run(), now.run()
-    said = in_sentences(moved(before, *runs), *runs)
+    said = change_report(changes(before, *runs), *runs)
     assert f"```\n{said}\n```" in README.read_text(encoding="utf-8")
