@@ -106,13 +106,13 @@ def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]
     """The options of the diagnosis, in words."""
     settings = request.settings
     steps = sorted({trial.times.h for diagnosed in parts for trial in diagnosed.final.setup.trials})
-    floors = {
-        k: f"{diagnosed.floors.given.get(k) or in_display_units(v, diagnosed.part.diagram.unit(k))} ({diagnosed.floors.method[k]})"
-        for diagnosed in parts
-        for k, v in diagnosed.floors.sigma.items()
-    }
+    floors = [
+        f"{k} {one.floors.given.get(k) or in_display_units(v, one.part.diagram.unit(k))} ({one.floors.method[k]})"
+        for one in parts
+        for k, v in one.floors.sigma.items()
+    ]
     return {
-        "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
+        "noise floor": ", ".join(floors),
         "effects": "all of the catalogue" if request.patterns is None else ", ".join(request.patterns),
         "free": "all but initial states" if settings.free is None else ", ".join(settings.free),
         "start states": "estimated for each experiment" if settings.start_states else "as in the diagram",
