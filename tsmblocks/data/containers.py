@@ -41,7 +41,7 @@ class Arrays:
 
 
 def _real_array(value: Any) -> np.ndarray | None:
-    """Return an array of real numbers with lone dimensions dropped, else None."""
+    """Return an array of real numbers without dimensions of length 1, else None."""
     array = np.squeeze(np.asarray(value)) if value is not None else np.empty(())
     return array.astype(float) if array.dtype.kind in "fiub" and array.ndim in (1, 2) else None
 

@@ -26,7 +26,7 @@ def part(record: Record, start: float | None = None, stop: float | None = None) 
     if count < MIN_SAMPLES:
         raise DataError(
             f"{record.called}: only {count} samples lie between {first:g} s and {last:g} s; "
-            f"{MIN_SAMPLES} are the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
+            f"{MIN_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
         )
     return _taken(record, kept)
 
@@ -53,7 +53,7 @@ def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tup
     if smaller < MIN_SAMPLES:
         raise DataError(
             f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; {MIN_SAMPLES} are "
-            f"the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
+            f"the least. The record is from {t[0]:g} s to {t[-1]:g} s."
         )
     return _taken(record, before), _taken(record, ~before)
 

@@ -40,7 +40,7 @@ class RunPage(Page):
             self.fault(("format",), f"format = {FORMAT} is needed, got {in_words(content.get('format'))}.")
 
     def fault(self, path: tuple[str | int, ...], text: str) -> None:
-        """Collect a fault of what stands at ``path``; raises FileError where there are too many to go on."""
+        """Collect a fault of the value at ``path``; raises FileError when there are too many."""
         try:
             super().fault(path, text)
         except TooManyFaults:
