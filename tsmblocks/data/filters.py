@@ -16,7 +16,7 @@ from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
-MIN_SAMPLES = 16
+MIN_FILTERED_SAMPLES = 16
 """Samples below which a signal is not filtered. Chosen: half of the spectrum, from which its noise is estimated, would
 be fewer than 8 values."""
 CANDIDATES = 120
@@ -139,8 +139,10 @@ def differentiated(
 
 
 def _check(record: Record, cutoff: float | None, order: int, what: str) -> None:
-    if len(record) < MIN_SAMPLES:
-        raise DataError(f"{record.called}: {what} needs at least {MIN_SAMPLES} samples, there are {len(record)}.")
+    if len(record) < MIN_FILTERED_SAMPLES:
+        raise DataError(
+            f"{record.called}: {what} needs at least {MIN_FILTERED_SAMPLES} samples, there are {len(record)}."
+        )
     refuse_uneven(record, what)
     top = 0.5 / record.step
     if cutoff is not None and not 0 < cutoff < top:

@@ -12,6 +12,8 @@ from tsmblocks.common.errors import DataError
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
+MIN_RECORD_SAMPLES = 4
+"""Samples of a recording, or of a part of one, at least. Chosen: a cubic spline needs as many."""
 MAX_JITTER = 0.01
 """Deviation of a step from the median, in steps, up to which samples count as evenly spaced. Chosen: what loggers that
 round their times to a hundredth of the step make of an even grid."""
