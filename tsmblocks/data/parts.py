@@ -50,8 +50,8 @@ def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tup
     smaller = min(np.count_nonzero(before), np.count_nonzero(~before))
     if smaller < MIN_RECORD_SAMPLES:
         raise DataError(
-            f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; {MIN_RECORD_SAMPLES} are "
-            f"the least. The record is from {t[0]:g} s to {t[-1]:g} s."
+            f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; "
+            f"{MIN_RECORD_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
         )
     return _taken(record, before), _taken(record, ~before)
 
