@@ -461,7 +461,7 @@ def test_held_out_is_close_to_the_refit_of_the_paper_model():
 def test_start_values_are_never_held_out():
     """What they take up in their experiment is taken off the slopes of all others, as least squares does."""
     model = fitted("tendon_sheath_asymmetric")
-    local, trials = model.is_local, model.problem.trials
+    local, trials = model.is_local, model.problem.experiments
     assert local.sum() == len(trials) == 2
     made = projected_jacobian(model)
     assert made.shape == (model.problem.samples, (~local).sum())
@@ -488,7 +488,7 @@ def test_what_one_part_alone_determines_does_not_explode():
         is_local=np.zeros(3, bool),
         at_bound=np.zeros(3, bool),
         problem=SimpleNamespace(
-            trials=model.problem.trials,
+            experiments=model.problem.experiments,
             segments=model.problem.segments,
             unknowns=SimpleNamespace(items=items, columns=lambda e: range(3)),
         ),

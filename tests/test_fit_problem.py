@@ -337,7 +337,7 @@ def led_on(t, y, end, hold):
 def test_residuals_are_those_of_a_simulation_by_hand(problems, name):
     problem, setup = problems(name)
     theta, parts = near_start(problem, 1), []
-    for e, trial in enumerate(problem.trials):
+    for e, trial in enumerate(problem.experiments):
         numbers = problem.unknowns.settings(theta, e)
         diagram = setup.diagram.with_parameters(numbers)
         times, r = trial.times, trial.record
@@ -488,7 +488,7 @@ LIMITED = dict(
 
 def test_constraints_as_functions_of_the_unknowns():
     problem, _ = posed(servo(), TWO, **LIMITED)
-    limits, theta = problem.limits, near_start(problem, 6)
+    limits, theta = problem.constraints, near_start(problem, 6)
     v = dict(zip(problem.unknowns.names, theta, strict=True))
     assert limits.names == ("monotone", "even", "shift@one", "shift@two")
     assert list(limits.equal) == [False, True, False, False]
@@ -537,7 +537,7 @@ def test_a_step_is_found_that_resolves_a_fast_diagram():
         title="fast", blocks=dict(lag=FirstOrderLag(time_constant=0.003)), inputs={"u": "lag"}, outputs={"y": "lag"}
     )
     problem, setup = posed(stiff, record(u=U, y=U), free=["lag.gain"])
-    (trial,) = problem.trials
+    (trial,) = problem.experiments
     assert trial.times.h == pytest.approx(STEP / trial.times.every)
     assert trial.times.every >= 2  # at the samples' own step the rule is unstable here
     fine = tsm.simulate(stiff, step=STEP / 256, inputs={"u": tsm.Samples(T, U)})
@@ -551,13 +551,13 @@ def test_a_step_follows_the_periods_of_a_sampled_loop():
     blocks = dict(hold=ZeroOrderHold(period=0.005), lag=FirstOrderLag())
     diagram = tsm.Diagram(title="d", blocks=blocks, wires=["hold -> lag"], inputs={"u": "hold"}, outputs={"y": "lag"})
     problem, _ = posed(diagram, record(t=t, u=np.sin(t), y=np.sin(t)), free=["lag.gain"])
-    assert 0.005 / problem.trials[0].times.h == pytest.approx(round(0.005 / problem.trials[0].times.h))
+    assert 0.005 / problem.experiments[0].times.h == pytest.approx(round(0.005 / problem.experiments[0].times.h))
 
 
 def test_rounded_times_count_as_even():
     t = np.round(T * 1.1, 5)
     problem, setup = posed(servo(), record(t=t, u=U, **MEASURED), free=["tsm.*"])
-    assert problem.trials[0].share is None
+    assert problem.experiments[0].share is None
     assert [note for note in setup.notes if "spaced" in note] == []
 
 
@@ -615,7 +615,7 @@ def test_differences_over_a_reach_are_derivatives_where_nothing_jumps():
     problem, _ = posed(tsm.load("tendon_sheath_linear"), record(x_in=U, x_out=U))
     theta = np.array([0.8, 0.2])
     r, jacobian = problem.jacobian(theta)
-    rough, secants = problem.secants(theta, np.array([0.1, 0.1]))
+    rough, secants = problem.finite_difference_jacobian(theta, np.array([0.1, 0.1]))
     np.testing.assert_allclose(rough, r, atol=1e-12)
     np.testing.assert_allclose(secants, jacobian, atol=1e-12)
 
@@ -626,5 +626,5 @@ def test_a_play_at_its_bound_is_followed_to_one_side():
     problem, _ = posed(diagram, record(u=U, y=U), free=["play.half_width", "lag.gain"])
     _, jacobian = problem.jacobian(problem.unknowns.start)
     assert np.isfinite(jacobian).all()
-    _, secants = problem.secants(problem.unknowns.start, np.array([1e-4, 1e-4]))
+    _, secants = problem.finite_difference_jacobian(problem.unknowns.start, np.array([1e-4, 1e-4]))
     assert np.isfinite(secants).all()

@@ -25,7 +25,7 @@ class InterruptFlag:
 
 @contextmanager
 def defer_interrupt() -> Iterator[InterruptFlag]:
-    """Keep Ctrl-C for ``Asked.check``; pressed twice, it ends everything at once.
+    """Keep Ctrl-C for ``InterruptFlag.check``; pressed twice, it ends everything at once.
 
     An exception out of nowhere would surprise libraries in the middle of their work. A program that has a
     handler of its own keeps it.

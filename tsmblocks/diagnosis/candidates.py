@@ -97,12 +97,12 @@ def wire_signals(model: Model, places: Sequence[InsertionPoint]) -> WireSignals:
     place = {k: eq.y.index(_inner_signal(model.diagram, k)) for k in names}
     columns = tuple(dict.fromkeys(place.values()))
     signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
-    for e, trial in enumerate(model.setup.trials):
+    for e, trial in enumerate(model.setup.experiments):
         y = attrs.evolve(trial, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
         for k in names:
             signals[k].append(y[:, columns.index(place[k])])
-    times = [trial.t for trial in model.setup.trials]
-    steps = [trial.record.step for trial in model.setup.trials]
+    times = [trial.t for trial in model.setup.experiments]
+    steps = [trial.record.step for trial in model.setup.experiments]
     return WireSignals(
         signals,
         steps,
@@ -125,7 +125,7 @@ def _inner_signal(diagram: Diagram, signal: str) -> str:
 
 def spectral_lines(model: Model) -> tuple[float, ...]:
     """Frequencies [Hz] of the strongest lines in the residual, over the whole session, strongest first."""
-    trials, segments = model.setup.trials, model.problem.segments
+    trials, segments = model.setup.experiments, model.problem.segments
     count, step = trials[0].measured.shape[1], min(trial.record.step for trial in trials)
     start, end = min(float(t.t[0]) for t in trials), max(float(t.t[-1]) for t in trials)
     size = int((end - start) / step) + 1
@@ -162,7 +162,7 @@ def candidates(
     Left out are edits that make an algebraic loop, and those that differentiate inputs with a zero-order hold.
     """
     found: list[Candidate] = []
-    base, order = model.fitted_diagram, ORDERS.get(model.setup.trials[0].hold, math.inf)
+    base, order = model.fitted_diagram, ORDERS.get(model.setup.experiments[0].hold, math.inf)
     for effect in effects:
         for site in places:
             if (site.place, site.adds) != (effect.place, effect.adds):

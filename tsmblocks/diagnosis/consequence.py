@@ -39,7 +39,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     A compensator is a fast loop around a model: the command with which the model tracks the reference. The reference is
     the input of the first experiment; plant and models have the initial states estimated for it.
     """
-    trial, outputs = base.setup.trials[0], base.setup.outputs
+    trial, outputs = base.setup.experiments[0], base.setup.outputs
     inputs = list(base.diagram.inputs)
     if len(inputs) != 1 or len(outputs) != 1:
         return "It was not tracked in simulation: that takes one input and one output."

@@ -38,11 +38,11 @@ class TimeBlocks:
 
 def time_blocks(problem: Problem) -> TimeBlocks:
     """Cut all experiments into time blocks of about the same length; each fold takes blocks from every experiment."""
-    count = problem.trials[0].measured.shape[1]
-    total = sum(len(trial.t) for trial in problem.trials)
+    count = problem.experiments[0].measured.shape[1]
+    total = sum(len(trial.t) for trial in problem.experiments)
     length = max(total / TARGET_BLOCK_COUNT, MIN_BLOCK_SAMPLES)
     blocks, experiments, first = [], [], 0
-    for e, trial in enumerate(problem.trials):
+    for e, trial in enumerate(problem.experiments):
         own = max(1, round(len(trial.t) / length))
         number = first + np.arange(len(trial.t)) * own // len(trial.t)
         blocks += [number] * count
@@ -92,7 +92,7 @@ def projected_jacobian(model: Model) -> np.ndarray:
 
 def without_initial_states(model: Model, columns: np.ndarray) -> np.ndarray:
     """Columns (N, m) with the columns of the unknowns of single experiments projected out."""
-    trials, segments, local = model.problem.trials, model.problem.segments, model.is_local
+    trials, segments, local = model.problem.experiments, model.problem.segments, model.is_local
     result = columns.copy()
     count = trials[0].measured.shape[1]
     for e in range(len(trials)):

@@ -84,7 +84,7 @@ def separations(
     )  # all of a motion is compared
     if not inputs:
         return
-    trial = named.model.setup.trials[0]
+    trial = named.model.setup.experiments[0]
     step = trial.times.h * max(
         round(trial.record.step / trial.times.h), 1
     )  # sampled blocks keep their sampling instants

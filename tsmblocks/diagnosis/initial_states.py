@@ -113,7 +113,7 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
     ]
     far = REACH_FACTOR * (max(sizes) or 1.0)
     of = np.zeros(len(own), dtype=int)  # the experiment of each unknown
-    for e in range(len(model.problem.trials)):
+    for e in range(len(model.problem.experiments)):
         of[unknowns.columns(e)] = e
 
     def values(way: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
         return _by_experiment(model, model.problem.residuals(theta))
 
     ends = math.asinh(1 / LINEAR_REACH) * np.array([-1.0, 1.0])
-    outside = [np.full(len(model.problem.trials), end) for end in ends]
+    outside = [np.full(len(model.problem.experiments), end) for end in ends]
     plateaus = [costs(values(end)) for end in outside]
     matters = np.abs(plateaus[0] - plateaus[1]) > COST_TOLERANCE**2 * plateaus[0]
     edges: list[np.ndarray] = []
@@ -156,6 +156,6 @@ def _by_experiment(model: Model, r: np.ndarray) -> np.ndarray:
     return np.array(
         [
             sum(float(np.sum(r[part] ** 2)) for part in segments[e * count : (e + 1) * count])
-            for e in range(len(model.problem.trials))
+            for e in range(len(model.problem.experiments))
         ]
     )

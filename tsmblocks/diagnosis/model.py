@@ -11,10 +11,10 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.fitting.experiments import Window
-from tsmblocks.fitting.fit import begins
+from tsmblocks.fitting.fit import starting_points
 from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.noise import Floor
-from tsmblocks.fitting.optimizer import Found, feasible_start, held
+from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, within_bounds
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.model.diagram import Diagram
@@ -127,7 +127,7 @@ def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSe
     feasible = feasible_start(problem, problem.unknowns.start)
     ends = [
         gauss_newton(problem, one, iterations=MAX_ITERATIONS, enough=COARSE_TOLERANCE, tell=progress)
-        for one in begins(problem, setup, feasible, settings.starts, settings.seed)
+        for one in starting_points(problem, setup, feasible, settings.starts, settings.seed)
     ]
     best = min(ends, key=lambda found: found.cost)
     return model_at(
@@ -189,7 +189,7 @@ def pose_extended(
         states = [*(k for k in equations(diagram).x if k not in model.setup.eq.x), *begins]
         local += [k for k in dict.fromkeys(states) if k not in local]
     kept = {i.parameter: (i.low, i.high) for i in items}
-    settings = attrs.evolve(settings, step=model.setup.trials[0].times.h)
+    settings = attrs.evolve(settings, step=model.setup.experiments[0].times.h)
     return pose_model(diagram, records, settings, [*free, *more], {**kept, **(bounds or {})}, local)
 
 
@@ -197,7 +197,7 @@ def optimized(
     problem: Problem, setup: Setup, start: np.ndarray, enough: float = COARSE_TOLERANCE, coarse: bool = True
 ) -> Model:
     """The model at the end of a Gauss-Newton optimisation from ``start``; ``coarse`` allows finite differences."""
-    feasible = held(problem, start)
+    feasible = within_bounds(problem, start)
     return model_at(
         problem, setup, gauss_newton(problem, feasible, iterations=MAX_ITERATIONS, enough=enough, coarse=coarse)
     )
@@ -208,8 +208,8 @@ def converged(model: Model) -> Model:
     return optimized(model.problem, model.setup, model.theta, FINE_TOLERANCE)
 
 
-def model_at(problem: Problem, setup: Setup, found: Found) -> Model:
+def model_at(problem: Problem, setup: Setup, found: OptimizerResult) -> Model:
     """The model where an optimisation ended."""
     theta = found.theta
-    r, J = problem.jacobian(theta) if found.reach is None else problem.secants(theta, found.reach)
+    r, J = problem.jacobian(theta) if found.reach is None else problem.finite_difference_jacobian(theta, found.reach)
     return Model(setup.diagram, problem, setup, theta, r, np.where(np.isfinite(J), J, 0.0), found.status)

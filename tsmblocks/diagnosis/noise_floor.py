@@ -113,7 +113,7 @@ def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iter
     """
     names, draw = tuple(inputs), np.random.default_rng(seed)
     total = count = 0.0
-    for e, trial in enumerate(model.setup.trials):
+    for e, trial in enumerate(model.setup.experiments):
         clean = trial.record
         noisy = _noisy(clean, raw[trial.name], names, draw)
         if noisy is None:

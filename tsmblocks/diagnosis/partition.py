@@ -145,11 +145,11 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
         return False
     problem, _ = pose_model(diagram, records, settings, settings.free)
     _, J = problem.jacobian(problem.unknowns.start)
-    items, count = problem.unknowns.items, problem.trials[0].measured.shape[1]
+    items, count = problem.unknowns.items, problem.experiments[0].measured.shape[1]
     if not any(item.experiment for item in items):
         return False
     kept = []
-    for e in range(len(problem.trials)):
+    for e in range(len(problem.experiments)):
         own = [k for k in problem.unknowns.columns(e) if items[k].experiment]
         shares = []
         for i in range(count):

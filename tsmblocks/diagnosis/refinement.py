@@ -6,12 +6,12 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError, TsmError
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, optimized
-from tsmblocks.fitting.optimizer import Found
+from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import FINEST
 from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.fitting.step_size import COVERED, halved, shift_note, shifts
-from tsmblocks.fitting.summary import summed_up
+from tsmblocks.fitting.summary import summarise
 
 
 def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
@@ -20,7 +20,7 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
     Candidates are compared at one step, chosen for the base; with an effect in front of a plant that depends on rates
     the same step may bias the parameters. A step that was ``given`` stays, with a note on the bias.
     """
-    first = model.setup.trials[0].times.h
+    first = model.setup.experiments[0].times.h
     if len(model.r) <= len(model.theta):
         return model, []
     while True:
@@ -31,7 +31,7 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
         estimate = uncertainty(model.J, model.r, model.problem.segments, held=_active_bounds(model))
         low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
         off = shifts(model.r, problem.residuals(model.theta), model.J, (high - low) / 2, held=_active_bounds(model))
-        step = model.setup.trials[0].times.h
+        step = model.setup.experiments[0].times.h
         if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():
             return model, [*_refit_note(first, step), *shift_note(model.problem.unknowns.names, off, step)]
         model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
@@ -39,9 +39,9 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
 
 def as_fit(model: Model) -> Fit | None:
     """The model as a result of ``tsm.fit``; None where its parameters are ones that a fit refuses."""
-    found = Found(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
+    found = OptimizerResult(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
     try:
-        return summed_up(model.problem, model.setup, "gauss-newton", [found])
+        return summarise(model.problem, model.setup, "gauss-newton", [found])
     except TsmError:
         return None
 

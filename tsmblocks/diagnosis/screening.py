@@ -185,7 +185,7 @@ class _Screening:
         """Largest range of the outputs [rms noise]."""
         return max(
             float(np.ptp(trial.measured[:, i])) * weight
-            for trial in self.problem.trials
+            for trial in self.problem.experiments
             for i, weight in enumerate(self.problem.weights)
         )
 
@@ -220,7 +220,7 @@ class _Screening:
         """Change of the weighted outputs against the base, shape (N, sets)."""
         results = np.empty((self.problem.samples, len(sets)))
         first = 0
-        for e, trial in enumerate(self.problem.trials):
+        for e, trial in enumerate(self.problem.experiments):
             y = self.problem.outputs(sets, e)
             for i, weight in enumerate(self.problem.weights):
                 rows = slice(first, first + len(trial.t))

@@ -51,6 +51,11 @@ class Row:
         return 0 if self.fit is None else sum(not e.is_start for e in self.fit.estimates)
 
     @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended its fit."""
+        return self.fit is not None and self.fit.status == "interrupted"
+
+    @property
     def figure(self) -> float:
         """What models are ranked by: the rms held out, or that of the fit where nothing was; infinite on a fault."""
         best = self.held_out or self.train
@@ -65,17 +70,28 @@ class Row:
 
 @attrs.frozen(eq=False)
 class Comparison:
-    """Models from best to worst, on held-out parts where there are any; by name, ``comparison["play"]``.
+    """Models ranked from best to worst, on validation data where there are any; by name, ``comparison["play"]``.
 
-    ``noise`` is the rms noise of the output [``unit``] as the recordings show it, NaN where several outputs are
-    compared; ``noise_from`` says how it was found.
+    Parameters
+    ----------
+    rows : tuple of Row
+        One per model.
+    unit : str
+        Unit of the errors.
+    interrupted : bool, default False
+        Whether Ctrl-C ended it.
+    notes : tuple of str
+        Units assumed for signals without one, and inputs too noisy to drive a model with memory.
+    noise : float
+        RMS of the noise of the output in ``unit``, from the recordings; NaN where several outputs are compared.
+    noise_from : str
+        How the noise was estimated.
     """
 
     rows: tuple[Row, ...]
     unit: str
     interrupted: bool = False
     notes: tuple[str, ...] = ()
-    """What signals without a unit were taken to be in, and which inputs are too noisy to drive a model with memory."""
     noise: float = float("nan")
     noise_from: str = ""
 
@@ -103,7 +119,13 @@ class Comparison:
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the ranking as plain values, as ``tsmblocks compare --json`` prints it."""
+        """Return the ranking as plain values.
+
+        Returns
+        -------
+        dict
+            As ``tsmblocks compare --json`` prints it.
+        """
         noise = self.noise if np.isfinite(self.noise) else None
         return {
             "format": 1,
@@ -126,7 +148,13 @@ class Comparison:
         }
 
     def to_pandas(self) -> Any:
-        """A frame with a row per model, the best first: parameters, rms fitted and held out, fault. Needs pandas."""
+        """Return the ranking as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row per model, best first: parameters, rms fitted and held out, fault. Needs pandas.
+        """
         columns = {
             "parameters": [r.parameters for r in self],
             "rms fitted": [np.nan if r.train is None else r.train.rms for r in self],
@@ -136,7 +164,18 @@ class Comparison:
         return frame(columns, [r.name for r in self], "model", {k: self.unit for k in columns if k.startswith("rms")})
 
     def plot(self, ax: Any = None) -> Any:
-        """A figure of every model's error and the best one's loops. Needs matplotlib."""
+        """Plot the error of every model and the loops of the best.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into; by default a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure or matplotlib.axes.Axes
+            What was drawn. Needs matplotlib.
+        """
         return view("plot", self, ax=ax)
 
     def __repr__(self) -> str:
@@ -167,18 +206,67 @@ def compare(
     progress: Callable[[str, int, float], None] | None = None,
     backend: str = "",
 ) -> Comparison:
-    """Fit several models to the same recordings and rank them by what they leave of parts held out.
+    """Fit several models to the same recordings and rank them by their error on validation data.
 
-    ``models`` maps names to diagrams, or lists diagrams, files and names of ready-made ones, in full or as
-    they are shown (``"tendon_sheath_play"`` or ``"play"``); None takes all of those. ``train`` is the share of each
-    recording that is fitted, from its start (0.5; 1 holds nothing out), or a window (start, stop) [s], what follows
-    it being held out (where nothing follows, what comes before it); experiments in ``held_out`` are not fitted at
-    all. Every simulation runs through from the start of its recording.
-    ``free`` says by model what may change (by default all but start values); with ``start_states`` the
-    start value of every state is found too, for each experiment. A model that cannot be fitted comes
-    last, with the reason. Other arguments as for ``fit``; ``progress(model, evaluations, rms)``.
+    Every simulation runs through from the start of its recording.
 
-    Raises DataError for recordings or parts that cannot be used, RunError for models that are none.
+    Parameters
+    ----------
+    models : dict of str to Diagram, list of Diagram, path or str, or None
+        Diagrams, files, and names of ready-made ones, in full or as shown (``"tendon_sheath_play"`` or ``"play"``);
+        None takes all ready-made ones.
+    data : Record, path, DataFrame, list or dict of str to these
+        One recording or several experiments, by name.
+    train : float or (float, float), default 0.5
+        Share of each recording that is fitted, from its start (1 holds nothing out), or a window (start, stop) in s;
+        what follows is held out, or, where nothing follows, what comes before.
+    held_out : list of str, optional
+        Experiments that are not fitted at all.
+    free : dict of str to list of str, optional
+        Parameters to estimate by model; by default all but initial states.
+    start_states : bool, default True
+        Estimate the initial state of every state in each experiment.
+    outputs : list of str, optional
+        Outputs to compare; by default all that were measured.
+    method : {"gauss-newton", "ipopt", "ga"}
+        As for ``fit``.
+    starts : int, default 8
+        Number of starting points.
+    seed : int, default 0
+        Seed of all random numbers.
+    step : float, optional
+        Step of the simulation in s; by default one that resolves the diagram.
+    integrator : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of the inputs.
+    progress : callable, optional
+        Called as ``progress(model, evaluations, rms)``.
+    backend : {"", "llvm", "casadi"}
+        Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
+
+    Returns
+    -------
+    Comparison
+        The ranking. A model that cannot be fitted comes last, with the reason.
+
+    Raises
+    ------
+    DataError
+        For recordings or parts of them that cannot be used.
+    RunError
+        For models that are none, and if no model can be fitted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> t = np.arange(0, 10, 0.01)
+    >>> signals = {"x_in": np.sin(2 * t), "x_out": 0.8 * np.sin(2 * t) + 0.1}
+    >>> data = tsm.Record("sweep", t, signals, {"x_in": "rad", "x_out": "rad"})
+    >>> comparison = tsm.compare(["linear"], data)
+    >>> comparison.best.name, comparison.best.parameters
+    ('linear', 2)
     """
     candidates, records = _models(models), recordings(data)
     fitted, tested = _parts(records, train, arguments.as_names("held_out", held_out, "bend 60"))
@@ -186,50 +274,49 @@ def compare(
     for name in given:
         if name not in candidates:
             raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
-    asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
+    chosen = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     arguments.as_callback(progress, "stage, evaluations and rms")
-    rows, notes, interrupted = list[Row](), _untold(candidates, records, asked), False
+    common: dict[str, Any] = dict(outputs=chosen, step=step, integrator=integrator, hold=hold, backend=backend)
+    search: dict[str, Any] = dict(start_states=start_states, method=method, starts=starts, seed=seed)
+    rows, notes = list[Row](), _assumed_units(candidates, records, chosen)
     for name, diagram in candidates.items():
         tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
-        common: dict[str, Any] = dict(outputs=asked, step=step, integrator=integrator, hold=hold, backend=backend)
+        training = {k: records[k] for k in fitted}
         try:
-            found = fit(
-                diagram,
-                {k: records[k] for k in fitted},
-                window=fitted,
-                free=given.get(name),
-                start_states=start_states,
-                method=method,
-                starts=starts,
-                seed=seed,
-                progress=tell,
-                **common,
-            )
+            found = fit(diagram, training, window=fitted, free=given.get(name), progress=tell, **search, **common)
             rows.append(_judged(name, found, records, tested, common))
             notes += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
-            interrupted = found.status == "interrupted"
         except TsmError as error:
             if len(candidates) == 1:
                 raise
             rows.append(Row(name, None, None, None, str(error)))
-        if interrupted:
+        if rows[-1].interrupted:
             break
+    return _ranked(rows, tuple(dict.fromkeys(notes)), records, candidates)
+
+
+def _ranked(
+    rows: list[Row], notes: tuple[str, ...], records: Mapping[str, Record], models: Mapping[str, Diagram]
+) -> Comparison:
+    """The models from best to worst. Raises RunError if none could be fitted."""
     if all(row.fit is None for row in rows):
         reasons = {row.fault: row.name for row in rows}
-        said = [fault if len(reasons) == 1 else f"{name}: {fault}" for fault, name in reasons.items()]
-        raise RunError(f"none of the models could be fitted. {' '.join(said)}")
+        faults = [fault if len(reasons) == 1 else f"{name}: {fault}" for fault, name in reasons.items()]
+        raise RunError(f"none of the models could be fitted. {' '.join(faults)}")
     unit = next((row.train.unit for row in rows if row.train is not None), "")
     ranked = tuple(sorted(rows, key=lambda row: row.figure))
-    noise = _noise(ranked[0], records, candidates[ranked[0].name])
-    return Comparison(ranked, unit, interrupted, tuple(dict.fromkeys(notes)), *noise)
+    noise = _noise(ranked[0], records, models[ranked[0].name])
+    return Comparison(ranked, unit, rows[-1].interrupted, notes, *noise)
 
 
-def _untold(models: Mapping[str, Diagram], records: Mapping[str, Record], asked: Iterable[str] | None) -> list[str]:
+def _assumed_units(
+    models: Mapping[str, Diagram], records: Mapping[str, Record], outputs: Iterable[str] | None
+) -> list[str]:
     """What signals without a unit are taken to be in. Raises DataError where it can hardly be that."""
     return [
         text
         for diagram in models.values()
-        for text in without_units(records, diagram, [k for k in diagram.outputs if asked is None or k in asked])
+        for text in without_units(records, diagram, [k for k in diagram.outputs if outputs is None or k in outputs])
     ]
 
 

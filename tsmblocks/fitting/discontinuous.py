@@ -13,9 +13,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
-from tsmblocks.fitting.gauss_newton import by_differences, gauss_newton
+from tsmblocks.fitting.gauss_newton import gauss_newton, gauss_newton_differences
 from tsmblocks.fitting.multistart import Box, search_range
-from tsmblocks.fitting.optimizer import MISSED, Found, Tell
+from tsmblocks.fitting.optimizer import CONSTRAINT_TOLERANCE, OptimizerResult, ProgressCallback
 from tsmblocks.fitting.residuals import Problem
 
 WIDE, NEAR, FINE, BETWEEN = 64, 32, 1024, 32
@@ -48,7 +48,7 @@ class _Walk:
     theta: np.ndarray
     cost: float
     evaluations: int
-    tell: Tell | None
+    tell: ProgressCallback | None
     status: str
     reach: np.ndarray | None = None
     blur: np.ndarray | None = None
@@ -59,8 +59,8 @@ class _Walk:
         thetas[:, k] = values
         self.evaluations += len(values)
         found = self.problem.costs(thetas)
-        if self.problem.limits.names:
-            found = np.where([self.problem.violation(theta) <= MISSED for theta in thetas], found, np.inf)
+        if self.problem.constraints.names:
+            found = np.where([self.problem.violation(theta) <= CONSTRAINT_TOLERANCE for theta in thetas], found, np.inf)
         if self.tell is not None:
             self.tell("jumps", self.evaluations, min(self.cost, float(found.min())))
         return found
@@ -70,16 +70,16 @@ class _Walk:
         self.theta = self.theta.copy()
         self.theta[k], self.cost = value, cost
 
-    def follow(self, found: Found) -> None:
+    def follow(self, found: OptimizerResult) -> None:
         """Go on from the end of a search, where that is better."""
         self.evaluations += found.evaluations
         if found.cost < self.cost * (1 - EQUAL):
             self.theta, self.cost, self.status = found.theta, found.cost, found.status
 
 
-def over_jumps(
-    problem: Problem, ends: Sequence[Found], *, iterations: int = 100, tell: Tell | None = None
-) -> list[Found]:
+def search_discontinuous(
+    problem: Problem, ends: Sequence[OptimizerResult], *, iterations: int = 100, tell: ProgressCallback | None = None
+) -> list[OptimizerResult]:
     """Go on from the best of the ends of searches where the outputs follow an unknown in jumps.
 
     The ends are given best first. A search downhill leaves such an unknown where it began, or ends at a wall: it would
@@ -95,7 +95,7 @@ def over_jumps(
         _walked(walk, which, iterations)
         _told_apart(walk, which, best)
         if walk.reach is not None:
-            walk.follow(by_differences(problem, walk.theta, walk.reach, iterations=iterations, tell=tell))
+            walk.follow(gauss_newton_differences(problem, walk.theta, walk.reach, iterations=iterations, tell=tell))
             walk.follow(gauss_newton(problem, walk.theta, iterations=iterations, tell=tell))  # what has a slope, by it
             _told_apart(walk, which, best)
         if walk.cost < best.cost * (1 - GAIN):
@@ -105,7 +105,7 @@ def over_jumps(
     except RunError:  # so far off it cannot be run: as far as it went counts
         pass
     history = (*best.history, walk.cost)
-    found = Found(
+    found = OptimizerResult(
         walk.theta, walk.cost, walk.status, len(history) - 1, walk.evaluations, history, walk.reach, walk.blur
     )
     return [found, *(attrs.evolve(f, reach=walk.reach, blur=walk.blur) for f in others)]
@@ -122,13 +122,16 @@ def _walked(walk: _Walk, which: Sequence[int], iterations: int) -> None:
         walk.follow(gauss_newton(walk.problem, walk.theta, iterations=iterations, tell=walk.tell))
 
 
-def _jumping(problem: Problem, found: Found) -> list[int]:
+def _jumping(problem: Problem, found: OptimizerResult) -> list[int]:
     """Unknowns that the outputs have no slope by, and a few by which slopes at a point say nothing of what is near."""
     matrix = problem.normal(found.theta)[2]
     flat = np.diag(matrix) - problem.prior_slopes(found.theta)[1] <= 0
     astray = np.zeros(len(flat), dtype=bool)
     if found.reach is not None:  # the search could not go by slopes
-        slopes, rises = problem.jacobian(found.theta)[1], problem.secants(found.theta, found.reach)[1]
+        slopes, rises = (
+            problem.jacobian(found.theta)[1],
+            problem.finite_difference_jacobian(found.theta, found.reach)[1],
+        )
         with np.errstate(over="ignore", invalid="ignore"):
             astray = ~(np.linalg.norm(slopes - rises, axis=0) <= ASTRAY * np.linalg.norm(slopes, axis=0)) & ~flat
     few = astray.sum() <= FEW
@@ -173,7 +176,7 @@ def _try(walk: _Walk, k: int) -> None:
         walk.go(k, float(values[best]), float(costs[best]))
 
 
-def _told_apart(walk: _Walk, which: Sequence[int], found: Found) -> None:
+def _told_apart(walk: _Walk, which: Sequence[int], found: OptimizerResult) -> None:
     """How far to take differences over, and half of how far each unknown may go without any change."""
     problem, theta = walk.problem, walk.theta
     begun = problem.unknowns.start
@@ -225,11 +228,11 @@ def _edge(walk: _Walk, k: int, values: np.ndarray, rise: np.ndarray) -> float:
     return float(abs(between[max(int(np.argmin(same)) - 1, 0)] - walk.theta[k]))
 
 
-def _again(walk: _Walk, found: Found, which: Sequence[int], iterations: int) -> Found:
+def _again(walk: _Walk, found: OptimizerResult, which: Sequence[int], iterations: int) -> OptimizerResult:
     """The search from another start, gone on with at the numbers found by trying."""
     problem, begin = walk.problem, found.theta.copy()
     begin[list(which)] = walk.theta[list(which)]
-    if problem.violation(begin) > MISSED or not np.isfinite(problem.cost(begin)):
+    if problem.violation(begin) > CONSTRAINT_TOLERANCE or not np.isfinite(problem.cost(begin)):
         return found
     again = gauss_newton(problem, begin, iterations=iterations, tell=walk.tell)
     return again if again.cost < found.cost else found

@@ -7,25 +7,25 @@ from typing import NoReturn
 import numpy as np
 
 from tsmblocks.common.errors import NotFinite, RunError
-from tsmblocks.fitting.experiments import Trial, inputs
+from tsmblocks.fitting.experiments import Experiment, inputs
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate
 
 
-def raise_cause(diagram: Diagram, trial: Trial, p: np.ndarray) -> NoReturn:
+def raise_cause(diagram: Diagram, experiment: Experiment, p: np.ndarray) -> NoReturn:
     """Raise NotFinite with the block and the time at which the simulation of an experiment stopped being finite."""
-    times, title = trial.times, f"experiment '{trial.name}' cannot be simulated"
-    settings = dict(zip(trial.eq.p, map(float, p), strict=True))
+    times, title = experiment.times, f"experiment '{experiment.name}' cannot be simulated"
+    settings = dict(zip(experiment.eq.p, map(float, p), strict=True))
     try:
         simulate(
             diagram.with_parameters(settings),
             start=times.start,
             stop=times.grid[-1],
             step=times.h,
-            method=trial.rule.name,
-            inputs=inputs(trial.record, diagram, trial.hold, times.grid[-1]),
+            method=experiment.rule.name,
+            inputs=inputs(experiment.record, diagram, experiment.hold, times.grid[-1]),
             log="outputs",
-            backend=trial.backend,
+            backend=experiment.backend,
         )
     except NotFinite as error:
         fault = NotFinite(f"{title}: {error}")

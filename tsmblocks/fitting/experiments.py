@@ -36,7 +36,7 @@ Window = tuple[float | None, float | None]
 
 
 @attrs.frozen(eq=False)
-class Trial:
+class Experiment:
     """A recording made ready: the inputs at every stage of every step, and what was measured when.
 
     ``measured`` has shape (samples, outputs), in the units of the diagram's ports. Sample k lies
@@ -181,7 +181,7 @@ def prepare(
     hold: str,
     window: Window,
     backend: str,
-) -> Trial:
+) -> Experiment:
     """Make a recording ready for a diagram. Raises DataError for signals or samples that are missing."""
     cut, start = span(name, record, window), float(record.t[0])
     t, own = record.t[cut], median_step(record.t)
@@ -200,7 +200,7 @@ def prepare(
     exact = (t - start) / h
     place = np.arange(cut.start, cut.stop) if even else np.minimum(exact.astype(int), times.steps - 1)
     ordered = gather_signals(eq, inputs(record, diagram, hold, times.grid[-1]), times.grid, hold)
-    return Trial(
+    return Experiment(
         name,
         record,
         eq,

@@ -14,11 +14,17 @@ from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.multistart import Range, search_range, spread
-from tsmblocks.fitting.optimizer import MISSED, Found, Tell, feasible_start, projected
+from tsmblocks.fitting.optimizer import (
+    CONSTRAINT_TOLERANCE,
+    OptimizerResult,
+    ProgressCallback,
+    feasible_start,
+    projected,
+)
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import Data, Setup, pose
-from tsmblocks.fitting.summary import summed_up
+from tsmblocks.fitting.summary import summarise
 from tsmblocks.model.diagram import Diagram
 
 METHODS = ("gauss-newton", "ipopt", "ga")
@@ -51,43 +57,105 @@ def fit(
     step: float | None = None,
     integrator: str = "rk4",
     hold: str = "linear",
-    progress: Tell | None = None,
+    progress: ProgressCallback | None = None,
     backend: str = "",
 ) -> Fit:
-    """Find the parameters with which a diagram comes closest to recordings, and how sure they are.
+    """Estimate parameters of a diagram from recordings, with confidence intervals.
 
-    ``data`` is a recording (``tsm.read``, a file name, a pandas frame), a list of them or a mapping by name;
-    its signals are matched by name to the diagram's inputs and outputs. What is minimised is the mean
-    square of the differences (paper, Eq (10)).
+    Minimises the mean square of the residuals (paper, Eq (10)).
 
-    What may change: ``free`` names parameters, patterns allowed (``"tsm.*"``; by default all but start values
-    and what is read off a data sheet, such as the counts of an encoder). ``bounds`` maps names or patterns to
-    ``(low, high)``, within what the blocks declare (and no delay shorter than a step); ``start`` gives other
-    numbers to start from. Parameters in ``local`` (start values of states, say) have a value of their own in
-    each experiment; ``start_states`` does that with the start value of every state. ``ties`` lets parameters
-    follow others (``{"tsm.alpha2": "tsm.alpha1"}``). ``constraints`` are texts such as
-    ``"alpha2 + A - abs(delta) > 0"``, a list or a mapping by name. ``priors`` maps names to ``(mean, standard
-    deviation)``; they are weighed against ``sigma``, or else against what a first fit leaves that hardly heeds
-    them.
+    Parameters
+    ----------
+    diagram : Diagram
+        The model, whose parameters are the first starting point.
+    data : Record, path, DataFrame, list or dict of str to these
+        One recording or several experiments, by name. Signals are matched by name to inputs and outputs of the diagram.
+    free : list of str, optional
+        Parameters to estimate, patterns allowed (``"tsm.*"``). By default all but initial states and what a data sheet
+        gives, such as the counts of an encoder.
+    bounds : dict of str to (float, float), optional
+        Lower and upper bounds by name or pattern, None for none; within what the blocks declare, and no delay shorter
+        than a step.
+    start : dict of str to float, optional
+        Values to start from in place of those of the diagram.
+    local : list of str, optional
+        Parameters with a value of their own in each experiment.
+    start_states : bool, default False
+        Estimate the initial state of every state in each experiment.
+    constraints : str, list of str or dict of str to str, optional
+        Inequalities and equalities such as ``"alpha2 + A - abs(delta) > 0"``, names given by the keys of a mapping.
+    ties : dict of str to str, optional
+        Parameters that follow others, ``{"tsm.alpha2": "tsm.alpha1"}``.
+    priors : dict of str to (float, float), optional
+        Mean and standard deviation by name. They are weighted against ``sigma``, or else against the residual of a
+        first fit in which they hardly count.
+    outputs : list of str, optional
+        Outputs to compare; by default all that were measured.
+    sigma : float, str or dict of str to these, optional
+        Standard deviation of the noise, with a unit (``"0.06deg"``, ``{"x_out": "0.06deg"}``); a number alone is in the
+        unit of recordings and diagram, and refused where these differ. By default one output counts as it is, several
+        by their spread.
+    window : (float, float) or dict of str to these, optional
+        Start and stop in s of the samples to compare, by experiment if they differ. The simulation runs from the start
+        of the recording all the same.
+    method : {"gauss-newton", "ipopt", "ga"}
+        Gauss-Newton with exact sensitivities, its constrained steps solved by CasADi's DAQP; IPOPT through CasADi; or
+        the paper's route, a genetic algorithm and then Nelder-Mead.
+    starts : int, default 4
+        Number of starting points: the diagram's parameters, and the best of 64 random sets.
+    seed : int, default 0
+        Seed of all random numbers: same seed, same result.
+    segments : int, default 1
+        With ``"ipopt"``: pieces of each experiment (multiple shooting, for plants that diverge).
+    iterations : int, optional
+        Limit for each search (with ``"ga"`` for each of its two stages), which then ends with ``status`` ``"limit"``.
+    step : float, optional
+        Step of the simulation in s; by default one that resolves the diagram. ``notes`` of the result report it where
+        the intervals do not cover the error of the step.
+    integrator : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of the inputs.
+    progress : callable, optional
+        Called as ``progress(stage, evaluations, rms)`` during the search.
+    backend : {"", "llvm", "casadi"}
+        Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
 
-    What is compared: ``outputs`` (by default all that were measured) in ``window`` (start, stop) [s], which
-    may differ by experiment; the simulation runs from the start of the recording all the same.
-    ``sigma`` is the noise of each output with its unit, one for all or by output (``"0.06deg"``,
-    ``{"x_out": "0.06deg"}``); a number alone is in the unit of the recordings and of the diagram, and refused where
-    those differ. Without it one output counts as it is, several by their spread.
+    Returns
+    -------
+    Fit
+        Fitted diagram, estimates and residuals. After Ctrl-C the best so far, with ``status`` ``"interrupted"``.
 
-    How: ``method`` is ``"gauss-newton"``, ``"ipopt"`` (with ``segments`` > 1: multiple shooting, for plants
-    that run away) or ``"ga"`` (a genetic algorithm, then Nelder-Mead: the paper's route). ``starts`` > 1
-    begins from the diagram's numbers and from the best of ``SCREENED`` random sets too; ``seed`` makes
-    that repeatable; ``iterations`` limits each search (with ``"ga"`` each of its two stages), which then ends with
-    ``status`` ``"limit"``. ``step`` [s] is that of the simulation, chosen to resolve the diagram by default;
-    where the intervals do not cover the error of the step, ``notes`` say so. Numbers by which the outputs only
-    jump (the instant of a step, the interval of a quantiser) have no slope: many values of them are tried.
-    ``progress(stage, evaluations, rms)`` is called now and then. Ctrl-C ends the search; the best so far
-    is returned with ``status`` ``"interrupted"``.
+    Raises
+    ------
+    ParameterError
+        For unknown names, unsuitable bounds, and constraints that cannot be met.
+    DataError
+        For missing signals or unsuitable samples.
+    NotFinite
+        If the simulation diverges from every starting point.
+    RunError
+        For an unknown method or options that exclude each other.
 
-    Raises ParameterError (names, bounds, constraints that cannot be met), DataError (signals, samples), and
-    NotFinite when no start can be simulated.
+    Notes
+    -----
+    Outputs may be piecewise constant in a parameter (the instant of a step, the interval of a quantiser): its
+    derivative is zero or nothing, so many values of it are tried.
+
+    References
+    ----------
+    J. Nocedal, S. J. Wright, Numerical Optimization, Springer (2006), chapters 10 and 18.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> t = np.arange(0, 5, 0.01)
+    >>> signals = {"x_in": np.sin(2 * t), "x_out": 0.8 * np.sin(2 * t) + 0.1}
+    >>> data = tsm.Record("sweep", t, signals, {"x_in": "rad", "x_out": "rad"})
+    >>> fitted = tsm.fit(tsm.load("tendon_sheath_linear"), data)
+    >>> round(fitted["gain.gain"].value, 6), fitted.status
+    (0.8, 'converged')
     """
     _check(method, segments)
     starts, seed = as_integer("starts", starts, 1), as_integer("seed", seed, 0)
@@ -112,17 +180,17 @@ def fit(
         hold=hold,
         backend=backend,
     )
-    begin, found = feasible_start(problem, problem.unknowns.start), list[Found]()
+    begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
     with defer_interrupt() as asked:
         search = _searcher(method, seed, segments, iterations, _told(progress, problem, asked))
         for noise in _noises(problem, sigma):
             problem = attrs.evolve(problem, noise=noise(found))
-            found = search(problem, [begin] if segments > 1 else begins(problem, setup, begin, starts, seed))
+            found = search(problem, [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed))
             begin = found[0].theta
             if asked.stop or any(f.status == "interrupted" for f in found):
                 found[0] = attrs.evolve(found[0], status="interrupted")
                 break
-    return summed_up(problem, setup, method, found)
+    return summarise(problem, setup, method, found)
 
 
 def _check(method: str, segments: Any) -> None:
@@ -132,20 +200,20 @@ def _check(method: str, segments: Any) -> None:
         raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
 
 
-def _noises(problem: Problem, sigma: Any) -> list[Callable[[list[Found]], float]]:
+def _noises(problem: Problem, sigma: Any) -> list[Callable[[list[OptimizerResult]], float]]:
     """What priors are weighed against, search by search: where no noise was given, they hardly count at first."""
     if sigma is not None or not len(problem.priors.which):
         return [lambda _: 1.0]
     free = max(problem.samples - len(problem.unknowns.items), 1)
 
-    def left(found: list[Found]) -> float:
+    def left(found: list[OptimizerResult]) -> float:
         squares = 2 * (found[0].cost - problem.prior_cost(found[0].theta) * (FAINT * problem.size) ** 2)
         return float(np.sqrt(max(squares / free, 0.0))) + 1e-9 * problem.size
 
     return [lambda _: FAINT * problem.size, left]
 
 
-def _told(progress: Tell | None, problem: Problem, asked: InterruptFlag) -> Tell:
+def _told(progress: ProgressCallback | None, problem: Problem, asked: InterruptFlag) -> ProgressCallback:
     """Progress told in the root mean square of a difference, which means something to people; stops on Ctrl-C."""
 
     def tell(stage: str, count: int, cost: float) -> None:
@@ -156,36 +224,36 @@ def _told(progress: Tell | None, problem: Problem, asked: InterruptFlag) -> Tell
     return tell
 
 
-Search = Callable[[Problem, Sequence[np.ndarray]], list[Found]]
+Search = Callable[[Problem, Sequence[np.ndarray]], list[OptimizerResult]]
 
 
-def _searcher(method: str, seed: int, segments: int, iterations: int | None, tell: Tell) -> Search:
+def _searcher(method: str, seed: int, segments: int, iterations: int | None, tell: ProgressCallback) -> Search:
     """The method as a function from starts to ends, best first."""
-    from tsmblocks.fitting.discontinuous import over_jumps
+    from tsmblocks.fitting.discontinuous import search_discontinuous
 
     one = _method(method, seed, segments)
     most: dict[str, Any] = {"tell": tell} if iterations is None else {"tell": tell, "iterations": iterations}
 
-    def search(problem: Problem, begins: Sequence[np.ndarray]) -> list[Found]:
-        ends: list[Found] = []
+    def search(problem: Problem, begins: Sequence[np.ndarray]) -> list[OptimizerResult]:
+        ends: list[OptimizerResult] = []
         for begin in begins[:1] if method == "ga" else begins:
             try:
                 ends.append(one(problem, begin, **most))
             except KeyboardInterrupt:  # before the search had anything of its own
-                ends.append(Found(begin, problem.cost(begin), "interrupted", 0, 1))
+                ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
             if ends[-1].status == "interrupted":
                 return _ranked(problem, ends)
-        return _ranked(problem, over_jumps(problem, _ranked(problem, ends), **most))
+        return _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **most))
 
     return search
 
 
-def _ranked(problem: Problem, ends: list[Found]) -> list[Found]:
+def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:
     """Best first; what misses a constraint last."""
-    return sorted(ends, key=lambda f: (problem.violation(f.theta) > 10 * MISSED, f.cost))
+    return sorted(ends, key=lambda f: (problem.violation(f.theta) > 10 * CONSTRAINT_TOLERANCE, f.cost))
 
 
-def _method(method: str, seed: int, segments: int) -> Callable[..., Found]:
+def _method(method: str, seed: int, segments: int) -> Callable[..., OptimizerResult]:
     """The method as a function of problem and start, with keywords ``iterations`` and ``tell``."""
     if method == "gauss-newton":
         from tsmblocks.fitting.gauss_newton import gauss_newton
@@ -209,7 +277,7 @@ def ranges(problem: Problem) -> list[Range]:
     return [search_range(item.start, item.low, item.high) for item in problem.unknowns.items]
 
 
-def begins(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed: int) -> list[np.ndarray]:
+def starting_points(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed: int) -> list[np.ndarray]:
     """The diagram's own numbers, and the best of many random sets; only such as simulate to finite numbers."""
     begins = [begin] if np.isfinite(problem.cost(begin)) else []
     if starts > 1:
@@ -217,10 +285,10 @@ def begins(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed:
         costs = problem.costs(tried)
         begins += [tried[k] for k in _mixed(costs)[: starts - len(begins)]]
     if not begins:
-        for e, trial in enumerate(problem.trials):
+        for e, experiment in enumerate(problem.experiments):
             p = problem.unknowns.parameters(begin, e)
-            if not np.isfinite(trial.outputs(p)).all():
-                raise_cause(setup.diagram, trial, p)
+            if not np.isfinite(experiment.outputs(p)).all():
+                raise_cause(setup.diagram, experiment, p)
         raise RunError(
             "the search cannot begin: there the simulation is so far from what was measured that the square "
             "of the difference is no number. Is a start value or a unit wrong?"
@@ -230,7 +298,7 @@ def begins(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed:
 
 def _scattered(problem: Problem, seed: int, count: int) -> np.ndarray:
     """Random sets that meet the constraints, some of them moved there, shape (up to count, unknowns)."""
-    if not problem.limits.names:
+    if not problem.constraints.names:
         return spread(ranges(problem), count, seed)
     drawn = spread(ranges(problem), 4 * count, seed)
     good = np.array([problem.inside(theta) for theta in drawn])

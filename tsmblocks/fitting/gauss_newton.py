@@ -11,7 +11,13 @@ from contextlib import suppress
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.optimizer import MISSED, Found, Tell, held, rows_of
+from tsmblocks.fitting.optimizer import (
+    CONSTRAINT_TOLERANCE,
+    OptimizerResult,
+    ProgressCallback,
+    linearised_constraints,
+    within_bounds,
+)
 from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
 from tsmblocks.fitting.residuals import Problem
 
@@ -59,10 +65,10 @@ def gauss_newton(
     start: np.ndarray,
     *,
     iterations: int = 100,
-    tell: Tell | None = None,
+    tell: ProgressCallback | None = None,
     enough: float = ENOUGH,
     coarse: bool = True,
-) -> Found:
+) -> OptimizerResult:
     """Search downhill from ``start``, which must be in the bounds and simulate to finite numbers.
 
     Ends when a step promises less than ``enough`` of one sample's variance, by default far below any
@@ -84,7 +90,9 @@ def gauss_newton(
             state, status = rough, ended
     except KeyboardInterrupt:
         status = "interrupted"
-    return Found(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.reach)
+    return OptimizerResult(
+        state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.reach
+    )
 
 
 def _sizes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
@@ -95,18 +103,25 @@ def _sizes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
     return np.where(size > 0, size, np.where(sensible, whole / np.where(sensible, feel, 1.0), 1.0))
 
 
-def by_differences(
-    problem: Problem, start: np.ndarray, reach: np.ndarray, *, iterations: int = 100, tell: Tell | None = None
-) -> Found:
+def gauss_newton_differences(
+    problem: Problem,
+    start: np.ndarray,
+    reach: np.ndarray,
+    *,
+    iterations: int = 100,
+    tell: ProgressCallback | None = None,
+) -> OptimizerResult:
     """As ``gauss_newton``, with differences over ``reach`` (unknowns,) to each side in place of derivatives."""
     state = _State(start, *problem.normal(start, reach), reach=reach)
     history, status = [state.cost], "interrupted"
     with suppress(KeyboardInterrupt):
         status = _search(problem, state, history, iterations, tell)
-    return Found(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), reach)
+    return OptimizerResult(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), reach)
 
 
-def _search(problem: Problem, state: _State, history: list[float], iterations: int, tell: Tell | None) -> str:
+def _search(
+    problem: Problem, state: _State, history: list[float], iterations: int, tell: ProgressCallback | None
+) -> str:
     """Iterate to an end; the word for it."""
     for _ in range(iterations):
         ended = _iterate(problem, state)
@@ -154,24 +169,24 @@ def _step(problem: Problem, state: _State, damping: float) -> _Step | None:
     # What the outputs hardly feel must not wander off; a number that began at zero may go anywhere.
     most = np.where(begun > 0, FAR * np.maximum(np.abs(state.theta), begun) / whole, np.inf)
     size = np.where(feel > 1e-150, np.minimum(1 / np.maximum(feel, 1e-150), most), np.maximum(begun, 1e-6))
-    rows, bounds, equal = rows_of(problem, state.theta)
+    rows, bounds, equal = linearised_constraints(problem, state.theta)
     matrix = state.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
     damped = matrix + damping * np.eye(len(size))
     try:
         scaled, force = quadratic_step(damped, state.gradient * size, rows * size, bounds, equal)
     except (Infeasible, np.linalg.LinAlgError):
         return None
-    count = len(problem.limits.names)
+    count = len(problem.constraints.names)
     state.penalty = max(state.penalty, 2 * float(np.abs(force[len(force) - count :]).max(initial=0.0)))
     d = scaled * size
     promise = -float(state.gradient @ d + 0.5 * d @ state.matrix @ d)
     missed = problem.violation(state.theta)
-    return _Step(held(problem, state.theta + d), promise + state.penalty * missed)
+    return _Step(within_bounds(problem, state.theta + d), promise + state.penalty * missed)
 
 
 def _small(problem: Problem, state: _State, step: _Step) -> bool:
     """Whether nothing that could be seen is still to be gained."""
-    if problem.violation(state.theta) > MISSED:
+    if problem.violation(state.theta) > CONSTRAINT_TOLERANCE:
         return False
     variance = 2 * state.cost / max(problem.samples, 1)
     still = np.abs(step.theta - state.theta) <= 1e-12 * np.maximum(np.abs(state.theta), 1e-12)

@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.multistart import Box, Range, hypercube
-from tsmblocks.fitting.optimizer import MISSED, Found, Tell
+from tsmblocks.fitting.optimizer import CONSTRAINT_TOLERANCE, OptimizerResult, ProgressCallback
 from tsmblocks.fitting.residuals import Problem
 
 LANES = 32
@@ -329,8 +329,8 @@ def genetic_route(
     *,
     seed: int,
     iterations: int | None = None,
-    tell: Tell | None = None,
-) -> Found:
+    tell: ProgressCallback | None = None,
+) -> OptimizerResult:
     """Search the ranges, then downhill from the best set. Source: paper, section 4.
 
     A simplex cannot follow a constraint, nor leave the ranges: where it ends on one, Gauss-Newton continues.
@@ -338,13 +338,13 @@ def genetic_route(
     ``iterations`` limits the generations, and the iterations of the simplex after them; after Ctrl-C the best so
     far is returned. Raises RunError for equalities, which no random set meets.
     """
-    if problem.limits.equal.any():
-        name = np.array(problem.limits.names)[problem.limits.equal][0]
+    if problem.constraints.equal.any():
+        name = np.array(problem.constraints.names)[problem.constraints.equal][0]
         raise RunError(
             f"method='ga' looks at random places, of which none meets the equality {name}. Write it as a "
             "tie, or take another method."
         )
-    constraints = _violations(problem) if problem.limits.names else None
+    constraints = _violations(problem) if problem.constraints.names else None
     evolved = evolve(
         problem.costs,
         ranges,
@@ -372,22 +372,22 @@ def genetic_route(
     return ended if ended.status == "interrupted" else _continued(problem, ended, ranges, tell)
 
 
-def _progress(tell: Tell | None, stage: str) -> Progress | None:
+def _progress(tell: ProgressCallback | None, stage: str) -> Progress | None:
     return None if tell is None else lambda count, cost: tell(stage, count, cost)
 
 
 def _violations(problem: Problem) -> Violations:
     """By how much each set violates each constraint."""
-    return lambda thetas: -np.array([problem.limits.values(theta) for theta in thetas])
+    return lambda thetas: -np.array([problem.constraints.values(theta) for theta in thetas])
 
 
-def _found(problem: Problem, ended: SearchResult) -> Found:
+def _found(problem: Problem, ended: SearchResult) -> OptimizerResult:
     """The result in the terms of the other methods."""
     theta = np.clip(ended.theta, problem.unknowns.low, problem.unknowns.high)
-    return Found(theta, ended.cost, ended.status, ended.iterations, ended.evaluations, tuple(ended.history))
+    return OptimizerResult(theta, ended.cost, ended.status, ended.iterations, ended.evaluations, tuple(ended.history))
 
 
-def _after(before: Found, then: Found) -> Found:
+def _after(before: OptimizerResult, then: OptimizerResult) -> OptimizerResult:
     """The second of two searches, with the work of both."""
     return attrs.evolve(
         then,
@@ -397,17 +397,19 @@ def _after(before: Found, then: Found) -> Found:
     )
 
 
-def _continued(problem: Problem, ended: Found, ranges: Sequence[Range], tell: Tell | None) -> Found:
+def _continued(
+    problem: Problem, ended: OptimizerResult, ranges: Sequence[Range], tell: ProgressCallback | None
+) -> OptimizerResult:
     """Continue by Gauss-Newton where a simplex cannot: along a constraint, and past a range that is no bound."""
     unknowns, theta = problem.unknowns, ended.theta
     low, high = np.array([r.low for r in ranges]), np.array([r.high for r in ranges])
     margin = AT_END * (high - low)
     at_end = ((unknowns.low < low) & (theta - low <= margin)) | ((high < unknowns.high) & (high - theta <= margin))
-    values, slopes = problem.limits.values(theta), problem.limits.slopes(theta)
+    values, slopes = problem.constraints.values(theta), problem.constraints.slopes(theta)
     on_constraint = values <= AT_END * np.abs(slopes * theta).max(axis=1, initial=1e-12)
     if not (at_end.any() or on_constraint.any()):
         return ended
     found = gauss_newton(problem, theta, tell=tell)
-    if not found.cost < ended.cost or problem.violation(found.theta) > MISSED:
+    if not found.cost < ended.cost or problem.violation(found.theta) > CONSTRAINT_TOLERANCE:
         return ended
     return _after(ended, found)

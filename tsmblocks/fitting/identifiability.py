@@ -165,9 +165,9 @@ def _independent(found: list[np.ndarray], most: int, apart: float) -> list[np.nd
     """The first vectors of which none is nearly a combination of those before it."""
     kept: list[np.ndarray] = []
     for v in found:
-        trial = [*kept, v / np.linalg.norm(v)]
-        if len(kept) < most and np.linalg.svd(np.array(trial), compute_uv=False)[-1] > apart:
-            kept = trial
+        experiment = [*kept, v / np.linalg.norm(v)]
+        if len(kept) < most and np.linalg.svd(np.array(experiment), compute_uv=False)[-1] > apart:
+            kept = experiment
     return kept
 
 

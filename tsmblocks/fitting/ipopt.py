@@ -13,7 +13,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.fitting.optimizer import Tell
+from tsmblocks.fitting.optimizer import ProgressCallback
 
 OPTIONS = {
     "print_time": False,
@@ -116,7 +116,9 @@ class _Watched(ca.Callback):
 class _Memo:
     """The last point asked for, the best point met so far, and whether to stop. In the solver's own scale."""
 
-    def __init__(self, target: Target, start: np.ndarray, box: Box, scale: float, tell: Tell | None) -> None:
+    def __init__(
+        self, target: Target, start: np.ndarray, box: Box, scale: float, tell: ProgressCallback | None
+    ) -> None:
         self.target, self.box, self.scale, self.tell = target, box, scale, tell
         self.z, self.last = start, target.point(start)
         self.best, self.least, self.stop = start, self.last.cost, False
@@ -169,7 +171,7 @@ class _Memo:
 
 
 def solve(
-    target: Target, start: np.ndarray, box: Box, *, scale: float, iterations: int, tell: Tell | None = None
+    target: Target, start: np.ndarray, box: Box, *, scale: float, iterations: int, tell: ProgressCallback | None = None
 ) -> Solved:
     """Search from ``start``; ``scale`` is the factor that makes costs of the order of the number of samples."""
     memo, n, m = _Memo(target, start, box, scale, tell), len(start), len(box.equal)

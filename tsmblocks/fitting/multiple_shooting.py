@@ -16,10 +16,10 @@ from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.plan import Layout
 from tsmblocks.engine.sensitivities import tangent_memory
 from tsmblocks.engine.session import spread
-from tsmblocks.fitting.experiments import Trial
+from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.ipopt import Box, Point, solve
-from tsmblocks.fitting.optimizer import Found, Tell
+from tsmblocks.fitting.optimizer import OptimizerResult, ProgressCallback
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.single_shooting import bending, sizes
 from tsmblocks.simulation.lanes import MOST_DIRECTIONS, directions, tangent_kernel
@@ -52,8 +52,8 @@ class Ran:
 
 
 def multiple_shooting(
-    problem: Problem, start: np.ndarray, segments: int, *, iterations: int = 200, tell: Tell | None = None
-) -> Found:
+    problem: Problem, start: np.ndarray, segments: int, *, iterations: int = 200, tell: ProgressCallback | None = None
+) -> OptimizerResult:
     """Search with IPOPT, every experiment cut into ``segments`` pieces.
 
     Raises RunError for diagrams with transport delays, whose past does not fit into a start state, and
@@ -69,13 +69,13 @@ def multiple_shooting(
     box = Box(
         np.concatenate([problem.unknowns.low, -free]),
         np.concatenate([problem.unknowns.high, free]),
-        np.concatenate([problem.limits.equal, np.ones(len(free), dtype=bool)]),
+        np.concatenate([problem.constraints.equal, np.ones(len(free), dtype=bool)]),
         size,
     )
     scale = max(problem.samples, 1) / max(2 * point.cost, 1e-300)
     ended = solve(target, begin, box, scale=scale, iterations=iterations, tell=tell)
     theta = ended.z[:n]
-    gap = float(np.abs(target.point(ended.z).values[len(problem.limits.names) :] / states).max(initial=0.0))
+    gap = float(np.abs(target.point(ended.z).values[len(problem.constraints.names) :] / states).max(initial=0.0))
     if ended.status in ("interrupted", "limit"):  # the pieces may not join yet; what counts is the whole
         theta = min((ended.last[:n], theta, start), key=problem.cost)
     elif gap > 1e-6:
@@ -85,13 +85,13 @@ def multiple_shooting(
             "segments, another start, tighter bounds, or fewer free parameters: of two that do the same, "
             "one must be held."
         )
-    return Found(theta, problem.cost(theta), ended.status, ended.iterations, ended.evaluations, ended.history)
+    return OptimizerResult(theta, problem.cost(theta), ended.status, ended.iterations, ended.evaluations, ended.history)
 
 
 def cut(problem: Problem, segments: int) -> list[Segment]:
     """Pieces of about equal length of every experiment, cut at samples. Raises RunError for delays."""
     made, place = list[Segment](), len(problem.unknowns.items)
-    for e, trial in enumerate(problem.trials):
+    for e, trial in enumerate(problem.experiments):
         if trial.eq.q:
             raise RunError(
                 f"multiple shooting does not go with transport delays ({trial.eq.q[0]}): what lies in a "
@@ -118,7 +118,10 @@ class _Pieces:
         n, problem, total = len(self.problem.unknowns.items), self.problem, len(z)
         theta, squares = z[:n], 0.0
         gradient, matrix = np.zeros(total), np.zeros((total, total))
-        joints, bends = [problem.limits.values(theta)], [np.pad(problem.limits.slopes(theta), ((0, 0), (0, total - n)))]
+        joints, bends = (
+            [problem.constraints.values(theta)],
+            [np.pad(problem.constraints.slopes(theta), ((0, 0), (0, total - n)))],
+        )
         for piece, after in zip(self.pieces, [*self.pieces[1:], None], strict=True):
             columns, ran = self._columns(piece), self.run(piece, z)
             off, slopes = self._differences(piece, ran)
@@ -146,7 +149,7 @@ class _Pieces:
 
     def curve(self, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Only the constraints on the unknowns bend; the joints are taken as straight (Gauss-Newton)."""
-        n, m = len(self.problem.unknowns.items), len(self.problem.limits.names)
+        n, m = len(self.problem.unknowns.items), len(self.problem.constraints.names)
         made = np.zeros((len(z), len(z)))
         made[:n, :n] = np.asarray(self.bend(z[:n], forces[:m]))
         return made
@@ -156,12 +159,12 @@ class _Pieces:
         own = self.problem.unknowns.columns(piece.experiment)
         if piece.place < 0:
             return own
-        eq = self.problem.trials[piece.experiment].eq
+        eq = self.problem.experiments[piece.experiment].eq
         return np.concatenate([own, piece.place + np.arange(len(eq.x) + len(eq.d))])
 
     def _differences(self, piece: Segment, ran: Ran) -> tuple[np.ndarray, np.ndarray]:
         """Weighted differences of a piece (samples x outputs,) and their derivatives, in one column each."""
-        trial, weights = self.problem.trials[piece.experiment], self.problem.weights
+        trial, weights = self.problem.experiments[piece.experiment], self.problem.weights
         rows = samples_of(trial, piece)
         off = (ran.outputs - trial.measured[rows]) * weights
         slopes = ran.slopes * weights[None, :, None]
@@ -170,7 +173,7 @@ class _Pieces:
     def run(self, piece: Segment, z: np.ndarray) -> Ran:
         """Simulate a piece with derivatives, the directions side by side in lanes."""
         unknowns, e = self.problem.unknowns, piece.experiment
-        trial, p = self.problem.trials[e], unknowns.parameters(z[: len(unknowns.items)], e)
+        trial, p = self.problem.experiments[e], unknowns.parameters(z[: len(unknowns.items)], e)
         slopes, states = unknowns.slopes(p, e), len(trial.eq.x) + len(trial.eq.d)
         own = slopes.shape[1]
         width = own + (states if piece.place >= 0 else 0)
@@ -191,13 +194,13 @@ class _Pieces:
 
     def first_guess(self, theta: np.ndarray) -> np.ndarray:
         """Start states by simulating on from piece to piece; where that runs away, the last good state is kept."""
-        eqs = [self.problem.trials[piece.experiment].eq for piece in self.pieces]
+        eqs = [self.problem.experiments[piece.experiment].eq for piece in self.pieces]
         total = sum(len(eq.x) + len(eq.d) for eq, piece in zip(eqs, self.pieces, strict=True) if piece.place >= 0)
         z = np.concatenate([theta, np.zeros(total)])
         for piece, after in zip(self.pieces, [*self.pieces[1:], None], strict=True):
             if after is None or after.place < 0:
                 continue
-            ran, trial = self.run(piece, z), self.problem.trials[piece.experiment]
+            ran, trial = self.run(piece, z), self.problem.experiments[piece.experiment]
             middle, range_ = trial.measured.mean(axis=0), np.ptp(trial.measured, axis=0)
             near = np.isfinite(ran.end).all() and np.isfinite(ran.outputs).all()
             near = bool(near and (np.abs(ran.outputs - middle) <= FAR * range_ + 1e-300).all())
@@ -207,14 +210,14 @@ class _Pieces:
 
     def _at_rest(self, piece: Segment, theta: np.ndarray) -> np.ndarray:
         """Start values of the diagram."""
-        trial = self.problem.trials[piece.experiment]
+        trial = self.problem.experiments[piece.experiment]
         x, d, _ = trial.eq.start(self.problem.unknowns.parameters(theta, piece.experiment))
         return np.concatenate([np.asarray(x).ravel(), np.asarray(d).ravel()])
 
     def state_sizes(self, z: np.ndarray) -> np.ndarray:
         """A sensible change of each start state: how much that state differs between the pieces."""
         made: list[np.ndarray] = []
-        for e in range(len(self.problem.trials)):
+        for e in range(len(self.problem.experiments)):
             starts = [
                 z[q.place : q.place + len(self._columns(q)) - len(self.problem.unknowns.columns(e))]
                 for q in self.pieces
@@ -226,7 +229,7 @@ class _Pieces:
         return np.concatenate(made) if made else np.empty(0)
 
 
-def samples_of(trial: Trial, piece: Segment) -> slice:
+def samples_of(trial: Experiment, piece: Segment) -> slice:
     """Which samples of the experiment lie in a piece; a sample at a joint belongs to the later piece."""
     instants = trial.place * (trial.times.every if trial.share is None else 1)
     last = len(instants) if piece.last == trial.times.steps else int(np.searchsorted(instants, piece.last))
@@ -234,7 +237,7 @@ def samples_of(trial: Trial, piece: Segment) -> slice:
 
 
 def _run_lanes(
-    trial: Trial, piece: Segment, p: np.ndarray, seed_p: np.ndarray, state: np.ndarray | None, seed_x: np.ndarray
+    trial: Experiment, piece: Segment, p: np.ndarray, seed_p: np.ndarray, state: np.ndarray | None, seed_x: np.ndarray
 ) -> Ran:
     """Simulate a piece with one direction per lane."""
     width = seed_p.shape[1]
@@ -267,7 +270,7 @@ def _ends(flat: np.ndarray, layout: Layout, lanes: int) -> tuple[np.ndarray, np.
     return np.array([flat[layout.offset[k]] for k in range(n)]), np.array(slopes).reshape(n, lanes)
 
 
-def _rows(trial: Trial, piece: Segment, kernel: Kernel, memory: Memory) -> np.ndarray:
+def _rows(trial: Experiment, piece: Segment, kernel: Kernel, memory: Memory) -> np.ndarray:
     """Rows at the samples of a piece; ``memory`` is at its end afterwards."""
     times, even = trial.times, trial.share is None
     steps, every = piece.last - piece.first, times.every if even else 1

@@ -11,15 +11,15 @@ from tsmblocks.common.errors import ParameterError
 from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
 from tsmblocks.fitting.residuals import Problem
 
-Tell = Callable[[str, int, float], None]
+ProgressCallback = Callable[[str, int, float], None]
 """Told as a search goes on: the stage, how many evaluations it has made, the cost reached."""
 
-MISSED = 1e-9
+CONSTRAINT_TOLERANCE = 1e-9
 """Sum of missed constraints that counts as none."""
 
 
 @attrs.frozen(eq=False)
-class Found:
+class OptimizerResult:
     """Where a search ended.
 
     ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no direction led down, though the
@@ -39,22 +39,22 @@ class Found:
     blur: np.ndarray | None = attrs.field(default=None, repr=False)
 
 
-def rows_of(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def linearised_constraints(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bounds and linearised constraints on a step d from ``theta``: rows (m, n) with rows d >= b, equal (m,)."""
     low, high, n = problem.unknowns.low - theta, problem.unknowns.high - theta, len(theta)
     below, above, eye = np.isfinite(low), np.isfinite(high), np.eye(n)
     rows = [eye[below], -eye[above]]
     bounds = [low[below], -high[above]]
-    if problem.limits.names:
-        rows.append(problem.limits.slopes(theta))
-        bounds.append(-problem.limits.values(theta))
+    if problem.constraints.names:
+        rows.append(problem.constraints.slopes(theta))
+        bounds.append(-problem.constraints.values(theta))
     equal = np.zeros(sum(len(b) for b in bounds), dtype=bool)
-    if problem.limits.names:
-        equal[-len(problem.limits.names) :] = problem.limits.equal
+    if problem.constraints.names:
+        equal[-len(problem.constraints.names) :] = problem.constraints.equal
     return np.concatenate(rows), np.concatenate(bounds), equal
 
 
-def held(problem: Problem, theta: np.ndarray) -> np.ndarray:
+def within_bounds(problem: Problem, theta: np.ndarray) -> np.ndarray:
     """``theta`` put back inside its bounds, which rounding may leave."""
     return np.clip(theta, problem.unknowns.low, problem.unknowns.high)
 
@@ -64,13 +64,15 @@ def feasible_start(problem: Problem, theta: np.ndarray) -> np.ndarray:
 
     Raises ParameterError, naming the constraints, when there seems to be none.
     """
-    if problem.violation(theta) <= MISSED:
+    if problem.violation(theta) <= CONSTRAINT_TOLERANCE:
         return theta
     made = projected(problem, theta)
     if made is None:
-        values = problem.limits.values(theta)
-        bad = ~np.where(problem.limits.equal, np.abs(values) <= MISSED, values >= -MISSED)
-        missed = zip(np.array(problem.limits.names)[bad], values[bad], strict=True)
+        values = problem.constraints.values(theta)
+        bad = ~np.where(
+            problem.constraints.equal, np.abs(values) <= CONSTRAINT_TOLERANCE, values >= -CONSTRAINT_TOLERANCE
+        )
+        missed = zip(np.array(problem.constraints.names)[bad], values[bad], strict=True)
         said = "; ".join(
             f"{name} is {f'missed by {abs(v):.3g}' if np.isfinite(v) else 'no number'}" for name, v in missed
         )
@@ -87,7 +89,7 @@ def projected(problem: Problem, start: np.ndarray) -> np.ndarray | None:
     size = np.maximum(np.abs(start), 1e-2)
     theta, weight = start, np.diag(1 / size**2)
     for _ in range(60):
-        rows, bounds, equal = rows_of(problem, theta)
+        rows, bounds, equal = linearised_constraints(problem, theta)
         if not (np.isfinite(rows).all() and np.isfinite(bounds).all()):
             return None
         try:
@@ -95,11 +97,11 @@ def projected(problem: Problem, start: np.ndarray) -> np.ndarray | None:
         except Infeasible:
             return None
         share = 1.0
-        while share > 1e-4 and problem.violation(held(problem, theta + share * step)) > (1 - 0.1 * share) * max(
-            problem.violation(theta), MISSED
-        ):
+        while share > 1e-4 and problem.violation(within_bounds(problem, theta + share * step)) > (
+            1 - 0.1 * share
+        ) * max(problem.violation(theta), CONSTRAINT_TOLERANCE):
             share /= 2
-        theta = held(problem, theta + share * step)
-        if problem.violation(theta) <= MISSED:
+        theta = within_bounds(problem, theta + share * step)
+        if problem.violation(theta) <= CONSTRAINT_TOLERANCE:
             return theta
     return None

@@ -162,7 +162,7 @@ def with_ties(unknowns: Unknowns, ties: Ties) -> Unknowns:
 
 
 @attrs.frozen(eq=False)
-class Limits:
+class Constraints:
     """Constraints as functions of the unknowns: ``values`` >= 0, or = 0 where ``equal``."""
 
     constraints: tuple[Constraint, ...]
@@ -204,7 +204,7 @@ class Limits:
         return made
 
 
-def limits(constraints: Sequence[Constraint], unknowns: Unknowns) -> Limits:
+def constraint_functions(constraints: Sequence[Constraint], unknowns: Unknowns) -> Constraints:
     """Constraints on the unknowns; one on a parameter of one experiment alone counts in each of them."""
     import casadi as ca
 
@@ -220,7 +220,7 @@ def limits(constraints: Sequence[Constraint], unknowns: Unknowns) -> Limits:
         rows.append((e, np.array(here, dtype=int)))
         names += [f"{constraints[k].name}@{experiment}" if everywhere[k] else constraints[k].name for k in here]
         equal += [constraints[k].equality for k in here]
-    return Limits(tuple(constraints), tuple(names), np.array(equal, dtype=bool), tuple(rows), function, unknowns)
+    return Constraints(tuple(constraints), tuple(names), np.array(equal, dtype=bool), tuple(rows), function, unknowns)
 
 
 # ---- which parameters, between which bounds --------------------------------------------------------

@@ -14,9 +14,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine.kernel import Kernel, Memory
-from tsmblocks.fitting.experiments import Trial
+from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
-from tsmblocks.fitting.parameters import Limits, Unknowns
+from tsmblocks.fitting.parameters import Constraints, Unknowns
 
 LANES = 32
 """Parameter sets side by side in one run."""
@@ -42,8 +42,8 @@ class Problem:
     """
 
     unknowns: Unknowns
-    limits: Limits
-    trials: tuple[Trial, ...]
+    constraints: Constraints
+    experiments: tuple[Experiment, ...]
     weights: np.ndarray
     priors: Priors
     noise: float = 1.0
@@ -52,7 +52,7 @@ class Problem:
 
     @size.default
     def _measured_size(self) -> float:
-        total = sum(square((trial.measured * self.weights).ravel()) for trial in self.trials)
+        total = sum(square((experiment.measured * self.weights).ravel()) for experiment in self.experiments)
         return float(np.sqrt(total / max(self.samples, 1)))
 
     @property
@@ -63,24 +63,24 @@ class Problem:
     @property
     def samples(self) -> int:
         """Number of differences."""
-        return sum(trial.measured.size for trial in self.trials)
+        return sum(experiment.measured.size for experiment in self.experiments)
 
     @property
     def segments(self) -> list[slice]:
         """Where the differences of each experiment and output lie, in that order."""
         made, first = [], 0
-        for trial in self.trials:
-            for _ in range(trial.measured.shape[1]):
-                made.append(slice(first, first + len(trial.t)))
-                first += len(trial.t)
+        for experiment in self.experiments:
+            for _ in range(experiment.measured.shape[1]):
+                made.append(slice(first, first + len(experiment.t)))
+                first += len(experiment.t)
         return made
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Weighted differences, simulation less measurement, shape (samples,)."""
         parts = []
-        for e, trial in enumerate(self.trials):
-            y = trial.outputs(self.unknowns.parameters(theta, e))
-            parts.append(((y - trial.measured) * self.weights).ravel(order="F"))
+        for e, experiment in enumerate(self.experiments):
+            y = experiment.outputs(self.unknowns.parameters(theta, e))
+            parts.append(((y - experiment.measured) * self.weights).ravel(order="F"))
         return np.concatenate(parts)
 
     def jacobian(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -95,14 +95,14 @@ class Problem:
 
     def _blocks(self, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """For each experiment and output: which unknowns matter, the differences, their derivatives."""
-        for e, trial in enumerate(self.trials):
+        for e, experiment in enumerate(self.experiments):
             p, columns = self.unknowns.parameters(theta, e), self.unknowns.columns(e)
-            y, slopes = trial.slopes(p, self.unknowns.slopes(p, e))
+            y, slopes = experiment.slopes(p, self.unknowns.slopes(p, e))
             for i, weight in enumerate(self.weights):
-                off = y[:, i] - trial.measured[:, i]
+                off = y[:, i] - experiment.measured[:, i]
                 yield (columns, off, slopes[i]) if weight == 1 else (columns, weight * off, weight * slopes[i])
 
-    def secants(self, theta: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def finite_difference_jacobian(self, theta: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As ``jacobian``, by central differences over ``reach`` (unknowns,) to each side, in lanes.
 
         Where the outputs jump (an encoder in a loop) or bend (a stop), this is the slope that a search can use.
@@ -110,13 +110,13 @@ class Problem:
         low = np.maximum(theta - reach, self.unknowns.low)
         high = np.minimum(theta + reach, self.unknowns.high)
         made, first = np.zeros((self.samples, len(theta))), 0
-        for e, trial in enumerate(self.trials):
+        for e, experiment in enumerate(self.experiments):
             columns = self.unknowns.columns(e)  # another experiment's start values change nothing here
             many = self.outputs(
                 [np.where(np.arange(len(theta)) == k, side, theta) for k in columns for side in (low, high)], e
             )
             for i, weight in enumerate(self.weights):
-                rows = slice(first, first + len(trial.t))
+                rows = slice(first, first + len(experiment.t))
                 for n, k in enumerate(columns):
                     rise = many[:, i, 2 * n + 1] - many[:, i, 2 * n]
                     made[rows, k] = weight * rise / (high[k] - low[k])
@@ -131,7 +131,7 @@ class Problem:
             part = p[:, k : k + LANES]
             lanes = lanes_for(part.shape[1])
             padded = np.pad(part, ((0, 0), (0, lanes - part.shape[1])), mode="edge")
-            parts.append(self.trials[e].many(padded, vary)[:, :, : part.shape[1]])
+            parts.append(self.experiments[e].many(padded, vary)[:, :, : part.shape[1]])
         return np.concatenate(parts, axis=2)
 
     def cost(self, theta: np.ndarray) -> float:
@@ -144,13 +144,13 @@ class Problem:
     def normal(self, theta: np.ndarray, reach: np.ndarray | None = None) -> tuple[float, np.ndarray, np.ndarray]:
         """Cost, its gradient (unknowns,), and the Gauss-Newton matrix (unknowns, unknowns).
 
-        With ``reach`` the derivatives are differences over that far (``secants``).
+        With ``reach`` the derivatives are differences over that far (``finite_difference_jacobian``).
         """
         n = len(theta)
         squares, gradient, matrix = 0.0, np.zeros(n), np.zeros((n, n))
         with np.errstate(over="ignore", invalid="ignore"):
             if reach is not None:
-                off, slopes = self.secants(theta, reach)
+                off, slopes = self.finite_difference_jacobian(theta, reach)
                 squares, (gradient, matrix) = square(off), products(slopes, off)
             else:
                 for columns, off, slopes in self._blocks(theta):
@@ -168,16 +168,16 @@ class Problem:
         lanes = lanes_for(count)
         groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
         jobs = [
-            (trial, *trial.lanes(self.unknowns.sets(group, e), frozenset(self.unknowns.changed(e))))
+            (experiment, *experiment.lanes(self.unknowns.sets(group, e), frozenset(self.unknowns.changed(e))))
             for group in groups
-            for e, trial in enumerate(self.trials)
+            for e, experiment in enumerate(self.experiments)
         ]
 
-        def squares(job: tuple[Trial, Kernel, Memory]) -> np.ndarray:
+        def squares(job: tuple[Experiment, Kernel, Memory]) -> np.ndarray:
             return job[0].squares(job[1], job[2], self.weights)
 
         found = map(squares, jobs) if len(jobs) == 1 else _threads(os.getpid()).map(squares, jobs)
-        each = np.array(list(found)).reshape(len(groups), len(self.trials), lanes)
+        each = np.array(list(found)).reshape(len(groups), len(self.experiments), lanes)
         total = 0.5 * each.sum(axis=1).ravel()[:count]
         if len(self.priors.which):
             total = total + np.array([self.prior_cost(theta) for theta in thetas])
@@ -204,8 +204,8 @@ class Problem:
 
     def violation(self, theta: np.ndarray) -> float:
         """Sum of what the constraints are missed by; infinite where one is no number."""
-        values = self.limits.values(theta)
-        missed = np.abs(np.where(self.limits.equal, values, np.minimum(values, 0.0)))
+        values = self.constraints.values(theta)
+        missed = np.abs(np.where(self.constraints.equal, values, np.minimum(values, 0.0)))
         return float(np.where(np.isnan(missed), np.inf, missed).sum())
 
 

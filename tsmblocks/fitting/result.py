@@ -14,7 +14,7 @@ from tsmblocks.common.frames import frame
 from tsmblocks.common.views import view
 from tsmblocks.data import Record
 from tsmblocks.fitting.identifiability import Undetermined
-from tsmblocks.fitting.optimizer import Found
+from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.score import Differences
 from tsmblocks.model.diagram import Diagram
 
@@ -58,13 +58,36 @@ class Estimate:
 class Fit:
     """A diagram fitted to recordings.
 
-    ``diagram`` has the numbers found (those that differ between experiments as in the first;
-    ``diagrams`` has one for each). ``estimates`` lists them with intervals, ``differences`` what is left
-    between simulation and measurement. ``covariance`` (unknowns, unknowns) is that of the estimates,
-    residuals being as coloured as they are; ``undetermined`` names what the data cannot tell, ``active``
-    the bounds and constraints that hold the result. ``searches`` are the ends of all starts, best
-    first, ``agreeing`` how many of them reached this optimum. ``step`` [s], ``integrator`` and ``hold`` are those
-    of the simulation, ``records`` what was fitted, by experiment.
+    Parameters
+    ----------
+    diagram : Diagram
+        The fitted diagram; parameters that differ between experiments as in the first.
+    diagrams : dict of str to Diagram
+        The fitted diagram of each experiment.
+    estimates : tuple of Estimate
+        Parameters with their confidence intervals.
+    differences : Differences
+        Residuals by experiment and output.
+    covariance : numpy.ndarray, shape (unknowns, unknowns)
+        Covariance of the estimates, which accounts for the autocorrelation of the residuals.
+    undetermined : tuple of Undetermined
+        Parameters that are not identifiable from these data.
+    active : tuple of str
+        Active bounds and constraints.
+    method : str
+        As given to ``fit``.
+    searches : tuple of OptimizerResult
+        Outcome from every starting point, best first.
+    agreeing : int
+        How many of these reached the same optimum.
+    step : float
+        Step of the simulation in s.
+    integrator, hold : str
+        As given to ``fit``.
+    records : dict of str to Record
+        The recordings by experiment.
+    notes : tuple of str
+        Remarks on data, step and result.
     """
 
     diagram: Diagram
@@ -75,7 +98,7 @@ class Fit:
     undetermined: tuple[Undetermined, ...]
     active: tuple[str, ...]
     method: str
-    searches: tuple[Found, ...] = attrs.field(repr=False)
+    searches: tuple[OptimizerResult, ...] = attrs.field(repr=False)
     agreeing: int
     step: float
     integrator: str
@@ -143,7 +166,23 @@ class Fit:
         return iter(self.estimates)
 
     def save(self, path: str | Path) -> Path:
-        """Write the fitted diagram as TOML; the path written. Raises DataError for another ending."""
+        """Write the fitted diagram as TOML.
+
+        Parameters
+        ----------
+        path : str or Path
+            File ending in ``.toml``.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        DataError
+            For another ending.
+        """
         from tsmblocks.files import save
 
         if (ending := Path(path).suffix).lower() != ".toml":
@@ -155,11 +194,28 @@ class Fit:
         return Path(path)
 
     def plot(self, ax: Any = None) -> Any:
-        """A figure of time histories, loops, residuals and their autocorrelation. Needs matplotlib."""
+        """Plot time histories, loops, residuals and their autocorrelation.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into; by default a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure or matplotlib.axes.Axes
+            What was drawn. Needs matplotlib.
+        """
         return view("plot", self, ax=ax)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the signals as plain values, as ``tsmblocks fit --json`` prints it."""
+        """Return everything but the signals as plain values.
+
+        Returns
+        -------
+        dict
+            As ``tsmblocks fit --json`` prints it.
+        """
         return {
             "format": 1,
             "diagram": self.diagram.title,
@@ -185,7 +241,13 @@ class Fit:
         return sum(len(d.t) for d in self.differences)
 
     def to_pandas(self) -> Any:
-        """A frame with a row per number, by its name: value, error, low, high, unit, verdict, … Needs pandas."""
+        """Return a table of the estimates.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row per parameter, by its name: value, error, low, high, unit, verdict, … Needs pandas.
+        """
         rows = [e.to_dict() for e in self.estimates]
         return frame(
             {k: [row[k] for row in rows] for k in (rows[0] if rows else {}) if k != "name"}, self.names, "name"

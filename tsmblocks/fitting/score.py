@@ -26,9 +26,20 @@ from tsmblocks.simulation.run import Run
 
 @attrs.frozen(eq=False)
 class Difference:
-    """One output of one experiment, simulated and measured at the instants ``t`` [s], in ``unit``.
+    """One output of one experiment, measured and simulated.
 
-    ``inputs`` holds what drove it: values at ``t`` and their unit, by name.
+    Attributes
+    ----------
+    experiment, output : str
+        Names of the recording and of the output.
+    unit : str
+        Unit of ``measured`` and ``simulated``.
+    t : numpy.ndarray, shape (samples,)
+        Times in s.
+    measured, simulated : numpy.ndarray, shape (samples,)
+        The signals in ``unit``.
+    inputs : dict of str to (numpy.ndarray, str)
+        Values at ``t`` and unit of each input.
     """
 
     experiment: str
@@ -108,7 +119,15 @@ class Difference:
 
 @attrs.frozen(eq=False)
 class Differences:
-    """All differences between one diagram and some recordings; by name, ``differences["bend 60"]``."""
+    """Residuals of one diagram on some recordings; by name, ``differences["bend 60"]``.
+
+    Parameters
+    ----------
+    title : str
+        Title of the diagram.
+    items : tuple of Difference
+        One for each experiment and output.
+    """
 
     title: str
     items: tuple[Difference, ...]
@@ -148,19 +167,48 @@ class Differences:
         return len({(d.unit, d.output) for d in self.items}) == 1
 
     def plot(self, ax: Any = None) -> Any:
-        """Measured and simulated signals, what is left, its loop and its colour: a row for each. Needs matplotlib."""
+        """Plot measured and simulated signals, the residual, its loop and its spectrum, a row for each item.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into; by default a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure or matplotlib.axes.Axes
+            What was drawn. Needs matplotlib.
+        """
         return view("plot", self, ax=ax)
 
     def in_degrees(self) -> Differences:
-        """Return the same with angles in degrees, as people read them."""
+        """Return the same with angles in degrees.
+
+        Returns
+        -------
+        Differences
+            Items of other dimensions as they are.
+        """
         return Differences(self.title, tuple(d.in_degrees() for d in self.items))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures as plain values."""
+        """Return the figures as plain values.
+
+        Returns
+        -------
+        dict
+            ``rms``, ``unit`` and ``items``.
+        """
         return {"rms": self.rms, "unit": self.unit, "items": [d.to_dict() for d in self.items]}
 
     def to_pandas(self) -> Any:
-        """A frame with a row per experiment and output: unit, samples, rms, largest, relative, fit. Needs pandas."""
+        """Return a table of the figures.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row per experiment and output: unit, samples, rms, largest, relative, fit. Needs pandas.
+        """
         rows = [d.to_dict() for d in self.items]
         return frame({k: [row[k] for row in rows] for k in rows[0]}).set_index(["experiment", "output"])
 
@@ -192,10 +240,53 @@ def score(
     hold: str = "linear",
     backend: str = "",
 ) -> Differences:
-    """Simulate a diagram beside recordings and say how far apart they are. Arguments as for ``fit``.
+    """Simulate a diagram on the inputs of recordings and return the residuals of its outputs.
 
-    Each run starts where its recording does, whatever the ``window`` that counts. Raises DataError for
-    missing signals, and NotFinite when a simulation runs away.
+    Each run starts where its recording does, whatever the ``window`` that counts.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The model.
+    data : Record, path, DataFrame, list or dict of str to these
+        One recording or several experiments, by name.
+    parameters : dict of str to float, optional
+        Values by name that replace those of the diagram.
+    outputs : list of str, optional
+        Outputs to compare; by default all that were measured.
+    window : (float, float) or dict of str to these, optional
+        Start and stop in s of the samples to compare, by experiment if they differ.
+    step : float, optional
+        Step of the simulation in s; by default one that resolves the diagram.
+    integrator : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of the inputs.
+    backend : {"", "llvm", "casadi"}
+        Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
+
+    Returns
+    -------
+    Differences
+        One item per experiment and output.
+
+    Raises
+    ------
+    DataError
+        For missing signals or unsuitable samples.
+    NotFinite
+        If a simulation diverges.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tsmblocks as tsm
+    >>> t = np.arange(0, 5, 0.01)
+    >>> signals = {"x_in": np.sin(2 * t), "x_out": 0.5 * np.sin(2 * t)}
+    >>> data = tsm.Record("sweep", t, signals, {"x_in": "rad", "x_out": "rad"})
+    >>> residuals = tsm.score(tsm.load("tendon_sheath_linear"), data, parameters={"gain.gain": 0.5, "offset.bias": 0.0})
+    >>> residuals.rms < 1e-12
+    True
     """
     diagram = as_diagram(diagram, parameters)
     setup = set_up(
@@ -209,13 +300,13 @@ def score(
         backend=backend,
     )
     p = parameter_vector(setup.eq, diagram)
-    return between(setup, [p] * len(setup.trials))
+    return between(setup, [p] * len(setup.experiments))
 
 
 def between(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
     """Differences of a set-up under parameters of each experiment. Raises NotFinite where a run goes away."""
     made = []
-    for trial, p in zip(setup.trials, parameters, strict=True):
+    for trial, p in zip(setup.experiments, parameters, strict=True):
         y, driven = trial.outputs(p), _driven(setup.diagram, trial.record, trial.t)
         if not np.isfinite(y).all():
             raise_cause(setup.diagram, trial, p)

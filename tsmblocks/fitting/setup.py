@@ -20,15 +20,15 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.methods import method_named
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
-from tsmblocks.fitting.experiments import FEWEST, Trial, Window, compared, is_even, median_step, prepare
+from tsmblocks.fitting.experiments import FEWEST, Experiment, Window, compared, is_even, median_step, prepare
 from tsmblocks.fitting.noise import asked_floors
 from tsmblocks.fitting.parameters import (
     Unknown,
     Unknowns,
     chosen,
+    constraint_functions,
     given_bounds,
     is_start,
-    limits,
     numbers,
     unknown,
     with_ties,
@@ -54,10 +54,10 @@ class Setup:
 
     diagram: Diagram
     eq: Equations
-    trials: tuple[Trial, ...]
+    experiments: tuple[Experiment, ...]
     outputs: tuple[str, ...]
     notes: tuple[str, ...]
-    finer: tuple[Trial | None, ...] = ()  # the same at half the step, where that was tried
+    finer: tuple[Experiment | None, ...] = ()  # the same at half the step, where that was tried
 
 
 def recordings(data: Data) -> dict[str, Record]:
@@ -150,12 +150,12 @@ def set_up(
     asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     eq, names, rule = equations(diagram), compared(records, diagram, asked), method_named(integrator)
     parts = windows(window, records)
-    p, trials, finer = parameter_vector(eq, diagram), list[Trial](), list[Trial | None]()
+    p, trials, finer = parameter_vector(eq, diagram), list[Experiment](), list[Experiment | None]()
     notes = without_units(records, diagram, names)
 
     for name, record in records.items():
 
-        def made(h: float, name: str = name, record: Record = record) -> Trial:
+        def made(h: float, name: str = name, record: Record = record) -> Experiment:
             return prepare(
                 name,
                 record,
@@ -170,15 +170,15 @@ def set_up(
             )
 
         if step is None:
-            trial, half = _resolved(made, record, eq.periods, p, notes)
+            experiment, half = _resolved(made, record, eq.periods, p, notes)
         else:
-            trial, half = made(as_positive("step", step)), None
-        trials.append(trial)
+            experiment, half = made(as_positive("step", step)), None
+        trials.append(experiment)
         finer.append(half)
         if trials[-1].share is not None:
             own = median_step(record.t)
             why = (
-                f"the samples, {own:.4g} s apart, are no multiples of the step of {trial.times.h:.4g} s"
+                f"the samples, {own:.4g} s apart, are no multiples of the step of {experiment.times.h:.4g} s"
                 if is_even(record.t, own)
                 else "the samples are unevenly spaced"
             )
@@ -210,25 +210,25 @@ def _parts(own: float, periods: Sequence[float]) -> int:
 
 def _resolved(
     made: Any, record: Record, periods: Sequence[float], p: np.ndarray, notes: list[str]
-) -> tuple[Trial, Trial | None]:
-    """A trial whose step is the sampling step, or that divided until dividing it further changes nothing.
+) -> tuple[Experiment, Experiment | None]:
+    """A experiment whose step is the sampling step, or that divided until dividing it further changes nothing.
 
-    With it, the trial at half that step, where there is one.
+    With it, the experiment at half that step, where there is one.
     """
     own, best = median_step(record.t), None
     divide = _parts(own, periods)
     fault: RunError | None = None
     while divide <= FINEST:
         try:
-            trial: Trial = made(own / divide)
+            experiment: Experiment = made(own / divide)
         except RunError as error:  # sample periods that this step does not divide, a delay shorter than it
             fault, divide = error, 2 * divide
             continue
         if best is not None:
-            change = _change(best, trial, p)
+            change = _change(best, experiment, p)
             if change < SETTLED:
-                return best, trial
-        best, divide = trial, 2 * divide
+                return best, experiment
+        best, divide = experiment, 2 * divide
     if best is None:
         assert fault is not None
         raise RunError(
@@ -242,7 +242,7 @@ def _resolved(
     return best, None
 
 
-def _change(coarse: Trial, fine: Trial, p: np.ndarray) -> float:
+def _change(coarse: Experiment, fine: Experiment, p: np.ndarray) -> float:
     """How much outputs differ between two steps, as a share of the measured ones; infinite if not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         a, b = coarse.outputs(p), fine.outputs(p)
@@ -295,7 +295,14 @@ def pose(
     checked = read_constraints([] if constraints is None else constraints, list(setup.eq.p))
     weights = _weights(setup, sigma)
     _in_range(setup, weights)
-    problem = Problem(unknowns, limits(checked, unknowns), setup.trials, weights, _priors(priors, unknowns), noise=1.0)
+    problem = Problem(
+        unknowns,
+        constraint_functions(checked, unknowns),
+        setup.experiments,
+        weights,
+        _priors(priors, unknowns),
+        noise=1.0,
+    )
     return problem, attrs.evolve(setup, diagram=diagram)
 
 
@@ -329,12 +336,12 @@ def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:
     A start that is too short stays as it is, so that the run says what is wrong with it.
     """
     items, begin, eq = list(unknowns.items), unknowns.start, setup.eq
-    for e, trial in enumerate(setup.trials if eq.q else ()):
+    for e, experiment in enumerate(setup.experiments if eq.q else ()):
 
         def lags(theta: np.ndarray, e: int = e) -> np.ndarray:
             return np.asarray(eq.lag(unknowns.parameters(theta, e))).ravel()
 
-        now, shortest = lags(begin), np.array(eq.least) * trial.times.h
+        now, shortest = lags(begin), np.array(eq.least) * experiment.times.h
         for k in unknowns.columns(e):
             longer = begin.copy()
             longer[k] = 2 * begin[k]
@@ -349,7 +356,7 @@ def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:
 def _weights(setup: Setup, sigma: Any) -> np.ndarray:
     """One over the deviation of each output: given, or what was measured where several outputs are to be weighed."""
     if sigma is not None:
-        records = {trial.name: trial.record for trial in setup.trials}
+        records = {experiment.name: experiment.record for experiment in setup.experiments}
         given = asked_floors(sigma, setup.diagram, records, setup.outputs, "sigma")
         missing = [k for k in setup.outputs if k not in given]
         if missing:
@@ -357,17 +364,17 @@ def _weights(setup: Setup, sigma: Any) -> np.ndarray:
         return np.array([1 / given[k][0] for k in setup.outputs])
     if len(setup.outputs) == 1:
         return np.ones(1)
-    spread = np.sqrt(np.mean([trial.measured.var(axis=0) for trial in setup.trials], axis=0))
+    spread = np.sqrt(np.mean([experiment.measured.var(axis=0) for experiment in setup.experiments], axis=0))
     return 1 / np.where(spread > 0, spread, 1.0)
 
 
 def _in_range(setup: Setup, weights: np.ndarray) -> None:
     """Refuse measurements whose weighted squares leave the range of numbers."""
-    for trial in setup.trials:
-        for name, size, weight in zip(setup.outputs, np.abs(trial.measured).max(axis=0), weights, strict=True):
+    for experiment in setup.experiments:
+        for name, size, weight in zip(setup.outputs, np.abs(experiment.measured).max(axis=0), weights, strict=True):
             if size > 0 and not 1e-140 < float(size) * float(weight) < 1e140:
                 raise DataError(
-                    f"experiment '{trial.name}': {name} reaches {size:.3g}, {size * weight:.3g} after "
+                    f"experiment '{experiment.name}': {name} reaches {size:.3g}, {size * weight:.3g} after "
                     "weighing, and the square of that is no number to work with. Choose another unit"
                     f"{' or sigma' if weight != 1 else ''}."
                 )

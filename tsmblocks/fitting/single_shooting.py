@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.fitting.ipopt import Box, Point, solve
-from tsmblocks.fitting.optimizer import Found, Tell
+from tsmblocks.fitting.optimizer import OptimizerResult, ProgressCallback
 from tsmblocks.fitting.residuals import Problem
 
 SIZE = 100.0
@@ -24,34 +24,36 @@ class _Shot:
     bend: Any  # (unknowns, forces) -> second derivatives of the constraints
 
     def point(self, z: np.ndarray) -> Point:
-        limits = self.problem.limits
+        limits = self.problem.constraints
         return Point(*self.problem.normal(z), limits.values(z), limits.slopes(z))
 
     def curve(self, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
         return np.asarray(self.bend(z, forces))
 
 
-def interior_point(problem: Problem, start: np.ndarray, *, iterations: int = 200, tell: Tell | None = None) -> Found:
+def interior_point(
+    problem: Problem, start: np.ndarray, *, iterations: int = 200, tell: ProgressCallback | None = None
+) -> OptimizerResult:
     """Search with IPOPT from ``start``, which must be in the bounds and simulate to finite numbers.
 
     After Ctrl-C, or when the solver gives up between the constraints, the best so far is returned.
     """
     unknowns, target = problem.unknowns, _Shot(problem, bending(problem))
     cost, _, matrix = problem.normal(start)
-    box = Box(unknowns.low, unknowns.high, problem.limits.equal, sizes(matrix, start))
+    box = Box(unknowns.low, unknowns.high, problem.constraints.equal, sizes(matrix, start))
     scale = max(problem.samples, 1) / max(2 * cost, 1e-300)
     ended = solve(target, start, box, scale=scale, iterations=iterations, tell=tell)
     cost, best, status = problem.cost(ended.z), problem.cost(ended.best), ended.status
     if problem.violation(ended.z) > 1e-6 * (1 + np.abs(ended.z).max()) or (best < cost and status != "converged"):
         ended, cost = attrs.evolve(ended, z=ended.best), best
         status = "stalled" if status == "converged" else status
-    return Found(ended.z, cost, status, ended.iterations, ended.evaluations, ended.history)
+    return OptimizerResult(ended.z, cost, status, ended.iterations, ended.evaluations, ended.history)
 
 
 def bending(problem: Problem) -> Any:
     """The second derivatives of the constraints as a function of unknowns and forces."""
-    z, forces = ca.SX.sym("z", len(problem.unknowns.items)), ca.SX.sym("forces", len(problem.limits.names))
-    weighted = ca.dot(forces, problem.limits.symbolic(z)) if problem.limits.names else ca.SX(0)
+    z, forces = ca.SX.sym("z", len(problem.unknowns.items)), ca.SX.sym("forces", len(problem.constraints.names))
+    weighted = ca.dot(forces, problem.constraints.symbolic(z)) if problem.constraints.names else ca.SX(0)
     return ca.Function("bend", [z, forces], [ca.densify(ca.hessian(weighted, z)[0])])
 
 

@@ -24,25 +24,25 @@ FAR = 100.0
 def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
     """The same problem simulated at half its step. Raises RunError where that makes too many steps."""
     made = []
-    for e, trial in enumerate(setup.trials):
+    for e, experiment in enumerate(setup.experiments):
         fine = setup.finer[e] if setup.finer else None
         made.append(
             fine
             or prepare(
-                trial.name,
-                trial.record,
+                experiment.name,
+                experiment.record,
                 setup.diagram,
                 setup.eq,
                 outputs=setup.outputs,
-                rule=trial.rule,
-                step=trial.times.h / 2,
-                hold=trial.hold,
-                window=(trial.t[0], trial.t[-1]),
-                backend=trial.backend,
+                rule=experiment.rule,
+                step=experiment.times.h / 2,
+                hold=experiment.hold,
+                window=(experiment.t[0], experiment.t[-1]),
+                backend=experiment.backend,
             )
         )
     trials = tuple(made)
-    return attrs.evolve(problem, trials=trials), attrs.evolve(setup, trials=trials, finer=())
+    return attrs.evolve(problem, experiments=trials), attrs.evolve(setup, experiments=trials, finer=())
 
 
 def shifts(

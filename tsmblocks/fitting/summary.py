@@ -12,7 +12,7 @@ from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
 from tsmblocks.fitting.input_checks import runs_ahead, standing
-from tsmblocks.fitting.optimizer import Found
+from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Estimate, Fit
@@ -32,12 +32,62 @@ SAME = 1.0
 """Costs that differ by less than this many variances of a sample belong to one optimum."""
 
 
-def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found]) -> Fit:
-    """The result of a fit from the ends of its searches, best first."""
-    best, unknowns = found[0], problem.unknowns
-    theta = best.theta
-    differences = between(setup, [unknowns.parameters(theta, e) for e in range(len(setup.trials))])
-    r, jacobian = problem.jacobian(theta) if best.reach is None else problem.secants(theta, best.reach)
+@attrs.frozen(eq=False)
+class _Optimum:
+    """A problem where the search ended: unknowns, residuals, Jacobian, active constraints, and what these give.
+
+    ``active`` holds words by unknown (or by name of a constraint), ``rows`` the gradients of what is active.
+    """
+
+    theta: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+    active: dict[int | str, str]
+    rows: np.ndarray | None
+    prior: np.ndarray | None
+    known: Uncertainty
+    undetermined: tuple[Undetermined, ...]
+
+
+def summarise(problem: Problem, setup: Setup, method: str, searches: list[OptimizerResult]) -> Fit:
+    """The result of a fit from the outcomes of its searches, best first."""
+    best, unknowns = searches[0], problem.unknowns
+    differences = between(setup, [unknowns.parameters(best.theta, e) for e in range(len(setup.experiments))])
+    optimum = _optimum(problem, best)
+    diagrams = {name: _fitted(setup.diagram, problem, best.theta, e) for e, name in enumerate(unknowns.experiments)}
+    variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
+    first = setup.experiments[0]
+    return Fit(
+        diagram=next(iter(diagrams.values())),
+        diagrams=diagrams,
+        estimates=_estimates(problem, setup, optimum),
+        differences=differences,
+        covariance=optimum.known.covariance,
+        undetermined=optimum.undetermined,
+        active=tuple(optimum.active.values()),
+        method=method,
+        searches=tuple(searches),
+        agreeing=sum(abs(end.cost - best.cost) <= SAME * variance for end in searches),
+        step=first.times.h,
+        integrator=first.rule.name,
+        hold=first.hold,
+        records={experiment.name: experiment.record for experiment in setup.experiments},
+        notes=(
+            *setup.notes,
+            *_step_notes(problem, setup, optimum),
+            *_data_notes(setup, differences),
+            *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
+        ),
+    )
+
+
+def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
+    """What is known where the best search ended."""
+    theta, unknowns = best.theta, problem.unknowns
+    if best.reach is None:
+        residuals, jacobian = problem.jacobian(theta)
+    else:
+        residuals, jacobian = problem.finite_difference_jacobian(theta, best.reach)
     steep = ~np.isfinite(jacobian).all(axis=0)
     if steep.any():
         name = np.array(unknowns.names)[steep][0]
@@ -45,77 +95,38 @@ def summed_up(problem: Problem, setup: Setup, method: str, found: list[Found]) -
             f"the search ended where the slope of the outputs along {name} is no number, as that of a "
             "square root at zero. Start elsewhere, or bound it away."
         )
-    where, rows = held(problem, theta)
+    active, gradients = active_constraints(problem, theta)
+    rows = gradients if len(gradients) else None
     prior = np.diag(problem.prior_slopes(theta)[1]) if len(problem.priors.which) else None
-    fixed = rows if len(rows) else None
-    known = uncertainty(
-        jacobian, r, problem.segments, prior=prior, noise=None if prior is None else problem.noise, held=fixed
-    )
+    noise = None if prior is None else problem.noise
+    known = uncertainty(jacobian, residuals, problem.segments, prior=prior, noise=noise, held=rows)
     if best.blur is not None:  # anything between two jumps is as good
         known = attrs.evolve(known, covariance=known.covariance + np.diag(best.blur**2 / 3))
-    scales = _sizes(problem, theta, jacobian)
     open_ = undetermined(
         jacobian,
-        r,
+        residuals,
         unknowns.names,
         theta,
         known,
-        scales=scales,
+        scales=_sizes(problem, theta, jacobian),
         prior=prior,
-        held=fixed,
+        held=rows,
         low=unknowns.low,
         high=unknowns.high,
     )
-    diagrams = {name: _fitted(setup.diagram, problem, theta, e) for e, name in enumerate(unknowns.experiments)}
-    variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
-    agreeing = sum(abs(f.cost - best.cost) <= SAME * variance for f in found)
-    seen = _Seen(theta, r, jacobian, known, prior, fixed)
-    notes = [
-        *setup.notes,
-        *_of_the_step(problem, setup, seen),
-        *_remarks(setup, differences),
-        *_of_what_is_known(setup, [item.parameter for item in unknowns.items]),
-    ]
-    return Fit(
-        next(iter(diagrams.values())),
-        diagrams,
-        _estimates(problem, setup, theta, known, where, open_),
-        differences,
-        known.covariance,
-        open_,
-        tuple(where.values()),
-        method,
-        tuple(found),
-        agreeing,
-        setup.trials[0].times.h,
-        setup.trials[0].rule.name,
-        setup.trials[0].hold,
-        {trial.name: trial.record for trial in setup.trials},
-        tuple(notes),
-    )
+    return _Optimum(theta, residuals, jacobian, active, rows, prior, known, open_)
 
 
-@attrs.frozen(eq=False)
-class _Seen:
-    """A problem where the search ended: unknowns, residuals, their derivatives, and what these tell."""
-
-    theta: np.ndarray
-    r: np.ndarray
-    J: np.ndarray
-    known: Uncertainty
-    prior: np.ndarray | None
-    held: np.ndarray | None
-
-
-def _of_the_step(problem: Problem, setup: Setup, seen: _Seen) -> list[str]:
-    """Words of warning where the intervals do not cover the error of the step."""
+def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
+    """Warnings where the confidence intervals do not cover the error of the step."""
     try:
         fine, _ = halved(problem, setup)
     except RunError:  # more steps than fit into memory
         return []
-    low, high = intervals(seen.theta, seen.known.covariance, seen.known.freedom)
-    off = shifts(seen.r, fine.residuals(seen.theta), seen.J, (high - low) / 2, prior=seen.prior, held=seen.held)
-    return shift_note(problem.unknowns.names, off, setup.trials[0].times.h)
+    low, high = intervals(at.theta, at.known.covariance, at.known.freedom)
+    residuals = fine.residuals(at.theta)
+    off = shifts(at.residuals, residuals, at.jacobian, (high - low) / 2, prior=at.prior, held=at.rows)
+    return shift_note(problem.unknowns.names, off, setup.experiments[0].times.h)
 
 
 def _sizes(problem: Problem, theta: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
@@ -139,8 +150,8 @@ def _fitted(diagram: Diagram, problem: Problem, theta: np.ndarray, e: int) -> Di
         ) from None
 
 
-def held(problem: Problem, theta: np.ndarray) -> tuple[dict[int | str, str], np.ndarray]:
-    """What holds the result: words by unknown (or by name of a constraint), and the gradients (m, n)."""
+def active_constraints(problem: Problem, theta: np.ndarray) -> tuple[dict[int | str, str], np.ndarray]:
+    """Active bounds and constraints: words by unknown (or by name of a constraint), and their gradients (m, n)."""
     words: dict[int | str, str] = {}
     rows = []
     for k, item in enumerate(problem.unknowns.items):
@@ -149,39 +160,36 @@ def held(problem: Problem, theta: np.ndarray) -> tuple[dict[int | str, str], np.
             if abs(theta[k] - bound) <= near:
                 words[k] = f"the {side} bound of {item.name} ({bound:.4g})"
                 rows.append(np.eye(len(theta))[k])
-    if problem.limits.names:
-        values, slopes = problem.limits.values(theta), problem.limits.slopes(theta)
-        for name, value, slope, equal in zip(problem.limits.names, values, slopes, problem.limits.equal, strict=True):
+    if problem.constraints.names:
+        values, slopes = problem.constraints.values(theta), problem.constraints.slopes(theta)
+        for name, value, slope, equal in zip(
+            problem.constraints.names, values, slopes, problem.constraints.equal, strict=True
+        ):
             if equal or abs(value) <= TOUCHING * max(float(np.abs(slope * theta).max(initial=0.0)), 1e-3):
                 words[name] = f"the constraint {name}"
                 rows.append(slope)
     return words, np.array(rows).reshape(len(rows), len(theta))
 
 
-def _estimates(
-    problem: Problem,
-    setup: Setup,
-    theta: np.ndarray,
-    known: Uncertainty,
-    where: dict[int | str, str],
-    open_: tuple[Undetermined, ...],
-) -> tuple[Estimate, ...]:
+def _estimates(problem: Problem, setup: Setup, at: _Optimum) -> tuple[Estimate, ...]:
+    """Each unknown with its confidence interval."""
+    theta, known = at.theta, at.known
     low, high = intervals(theta, known.covariance, known.freedom)
-    verdicts = {name: VERDICTS[u.kind] for u in open_ for name in u.names}
+    verdicts = {name: VERDICTS[u.kind] for u in at.undetermined for name in u.names}
     fields = numbers(setup.diagram)
     made = []
     for k, item in enumerate(problem.unknowns.items):
         side = "lower" if theta[k] == item.low or abs(theta[k] - item.low) < abs(theta[k] - item.high) else "upper"
-        verdict = f"at its {side} bound" if k in where else verdicts.get(item.name, "")
-        said = k not in where and 0 < known.errors[k] < np.inf
+        verdict = f"at its {side} bound" if k in at.active else verdicts.get(item.name, "")
+        known_error = k not in at.active and 0 < known.errors[k] < np.inf
         verdict = verdict or ("held by a constraint" if known.errors[k] == 0 else "")
         made.append(
             Estimate(
                 item.name,
                 float(theta[k]),
-                float(known.errors[k]) if said else float("nan"),
-                float(low[k]) if said else float("nan"),
-                float(high[k]) if said else float("nan"),
+                float(known.errors[k]) if known_error else float("nan"),
+                float(low[k]) if known_error else float("nan"),
+                float(high[k]) if known_error else float("nan"),
                 item.unit,
                 item.about,
                 item.start,
@@ -204,7 +212,7 @@ def _cautions(record: Record, names: tuple[str, ...]) -> tuple[str, ...]:
     return cautions(record, names)
 
 
-def _of_what_is_known(setup: Setup, free: list[str]) -> list[str]:
+def _known_parameter_notes(setup: Setup, free: list[str]) -> list[str]:
     """Numbers that were freed though data sheets say them: counts of an encoder have a valley for each of them."""
     fields = numbers(setup.diagram)
     return [
@@ -215,18 +223,19 @@ def _of_what_is_known(setup: Setup, free: list[str]) -> list[str]:
     ]
 
 
-def _remarks(setup: Setup, differences: Differences) -> list[str]:
+def _data_notes(setup: Setup, differences: Differences) -> list[str]:
     """Inputs that never move or are mostly noise, clocks that may differ, models that say less than a constant."""
     said = []
-    for trial in setup.trials:
-        still = [k for k in setup.diagram.inports if np.ptp(trial.record[k]) == 0]
-        said += [f"{trial.name}: the input {k} never changes, so it excites nothing." for k in still]
-        said += [f"{trial.name}: {text}" for text in rough_inputs(trial.record, trial.eq)]
-        said += [f"{trial.name}: {text}" for text in standing(trial.record, setup.diagram.inports, trial.hold)]
-        begins = trial.record.t[0]
+    for experiment in setup.experiments:
+        name, record = experiment.name, experiment.record
+        still = [k for k in setup.diagram.inports if np.ptp(record[k]) == 0]
+        said += [f"{name}: the input {k} never changes, so it excites nothing." for k in still]
+        said += [f"{name}: {text}" for text in rough_inputs(record, experiment.eq)]
+        said += [f"{name}: {text}" for text in standing(record, setup.diagram.inports, experiment.hold)]
+        begins = record.t[0]
         if not setup.diagram.inports and begins != 0:
             said.append(
-                f"{trial.name}: nothing that was measured drives the diagram. Its sources run by the clock "
+                f"{name}: nothing that was measured drives the diagram. Its sources run by the clock "
                 f"of the recording, and it is at rest until that begins, at {begins:g} s."
             )
     said += [

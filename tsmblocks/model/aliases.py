@@ -1,4 +1,4 @@
-"""Names of blocks in other programs, for hints in messages."""
+"""What blocks are called in other programs, for those who come from there."""
 
 from __future__ import annotations
 
@@ -32,11 +32,10 @@ OTHER_NAMES: dict[str, tuple[str, ...]] = {
     "Ramp": ("Clock", "Time"),
     "StribeckFriction": ("Joint friction",),
 }
-"""Block -> its names in other programs."""
+"""Names elsewhere, for each block."""
 
 
 def _letters_and_digits(name: str) -> str:
-    """A name without case, blanks and signs."""
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
@@ -44,6 +43,6 @@ BLOCK_NAMES = {_letters_and_digits(name): block for block, names in OTHER_NAMES.
 
 
 def block_hint(name: str, known: Collection[str], otherwise: str = "") -> str:
-    """A hint with the block that has another name elsewhere; else the near miss, as ``errors.near``."""
+    """What a block is called here that is called ``name`` elsewhere; else what is near, as ``errors.near`` says it."""
     here = BLOCK_NAMES.get(_letters_and_digits(name))
     return f" Here that is '{here}'." if here and here in known else near(name, known, otherwise=otherwise)

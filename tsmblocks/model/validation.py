@@ -1,7 +1,7 @@
-"""Checks of a diagram: names, drivers, unconnected inputs, units.
+"""What must hold of a diagram before it means anything: names, drivers, open inputs, units.
 
-Every fault is collected and reported once; a fault that only follows from another (a misspelt wire leaves a port
-unconnected) is left out.
+Every fault is collected and said once; a fault that only follows from another (a misspelt wire
+leaves a port open) is not said.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 End = tuple[str, str]
 MOST_FAULTS = 50
-"""Faults of one kind after which the search for more ends: near misses take time. Chosen: more than a person reads."""
+"""Faults of one kind after which no more are looked for; looking for near misses takes time."""
 
 
 MAPPINGS = {
@@ -31,12 +31,12 @@ MAPPINGS = {
     "outputs": ("signals", "'x': 'motor.y'"),
     "values": ("numbers", "'theta': 5.0"),
 }
-"""Meaning of the entries of each mapping of a diagram, and an example."""
+"""What each mapping of a diagram maps names to, and an example."""
 
 
 @attrs.frozen
 class Checked:
-    """The meaning of wires, inputs and outputs, and a sentence for each fault."""
+    """What wires, inputs and outputs were found to mean, and a sentence for each fault."""
 
     links: list[Link]
     inlets: dict[str, tuple[End, ...]]
@@ -56,11 +56,11 @@ def examine(
     unsure: Collection[str] = (),
     silent: bool = False,
 ) -> Checked:
-    """Check the parts of a diagram.
+    """Everything that must hold of a diagram's parts.
 
-    ``unsure`` names blocks whose ports, and values whose number, are unknown because they are faulty; no fault is
-    reported that could follow from these. ``silent`` leaves out unconnected inputs, for use when some wires could not
-    be read.
+    ``unsure`` names blocks whose ports, and values whose number, are not known because they are
+    faulty themselves; nothing is said that could follow from that. ``silent`` leaves out open
+    inputs, for use when some wires could not be read.
     """
     faults = [
         *name_faults(blocks, "block"),
@@ -72,9 +72,7 @@ def examine(
     links, bad_wires = read_wires(wires, blocks, inputs, outputs)
     inlets, bad_inputs = resolve_inlets(inputs, blocks)
     shown, bad_outputs = resolve_outputs(outputs, blocks, inputs)
-    echoes = silent or bool(
-        bad_wires or bad_inputs
-    )  # a misspelt wire leaves a port unconnected: only the spelling is reported
+    echoes = silent or bool(bad_wires or bad_inputs)  # a misspelt wire leaves a port open: say the spelling
     known = {k: b for k, b in blocks.items() if k not in unsure}
     faults += [*bad_wires, *bad_inputs, *bad_outputs]
     faults += driver_faults(links, inlets, known, silent=echoes)
@@ -85,7 +83,7 @@ def examine(
 
 
 def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
-    """Parts of a diagram that are no text, or no mapping, where one is needed; they are not checked further."""
+    """Parts of a diagram that are no text, or no mapping, where one is needed; nothing else can be said of those."""
     for name, given in parts.items():
         what, example = MAPPINGS.get(name, ("", ""))
         if what and not isinstance(given, Mapping):
@@ -97,7 +95,7 @@ def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
 def read_wires(
     wires: Any, blocks: Mapping[str, Any], inputs: Collection[str] = (), outputs: Collection[str] = ()
 ) -> tuple[list[Link], list[str]]:
-    """Links of chains (or links that were read before), and a sentence for each fault."""
+    """Links from chains (or links already read), with the faults found."""
     no_list = wires_fault("wires", wires)
     if no_list:
         return [], [no_list]
@@ -119,7 +117,7 @@ def read_wires(
 
 
 def wires_fault(name: str, given: Any) -> str:
-    """What is wrong with ``given`` as a list of chains, ``""`` if nothing is; ``name`` is that of the argument."""
+    """What is wrong with ``given`` as a list of chains, ``""`` if it is one; ``name`` is the argument's."""
     if isinstance(given, Iterable) and not isinstance(given, str):
         return ""
     one = "one text, " if isinstance(given, str) else ""
@@ -127,13 +125,13 @@ def wires_fault(name: str, given: Any) -> str:
 
 
 def _still_valid(link: Link, blocks: Mapping[str, Any]) -> bool:
-    """Whether a link that was read before still joins two ports (its blocks may have changed)."""
+    """Whether a link read before still joins two ports (its blocks may have been changed since)."""
     (source, out), (target, into) = link.source, link.target
     return source in blocks and target in blocks and out in blocks[source].outports and into in blocks[target].inports
 
 
 def _instead(fault: str, inputs: Collection[str], outputs: Collection[str]) -> str:
-    """The fault, or the correct form where an input or output of the diagram was taken for a block."""
+    """The fault, or what to write where an input or output of the diagram was taken for a block."""
     wire, names, rest = fault.partition(" names block '")
     name = rest.partition("'")[0]
     if names and name in inputs:
@@ -148,7 +146,7 @@ def _is_name(name: Any) -> bool:
 
 
 def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
-    """Names that wire notation cannot hold."""
+    """Names that cannot stand in wire notation."""
     for name in names:
         if not _is_name(name):
             yield placed(
@@ -160,7 +158,7 @@ def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
 def resolve_inlets(
     inlets: Mapping[str, Inlet], blocks: Mapping[str, Any]
 ) -> tuple[dict[str, tuple[End, ...]], list[str]]:
-    """The ports that each input of the diagram drives, and a sentence for each fault."""
+    """Ports that each input of the diagram drives."""
     found: dict[str, tuple[End, ...]] = {}
     faults: list[str] = []
     for name, inlet in inlets.items():
@@ -186,7 +184,7 @@ def resolve_inlets(
 def resolve_outputs(
     outputs: Mapping[str, str], blocks: Mapping[str, Any], inputs: Mapping[str, Any]
 ) -> tuple[dict[str, End], list[str]]:
-    """The signal of each output, and a sentence for each fault; ``("", name)`` is an input passed through."""
+    """Signal that each output shows; ``("", name)`` stands for an input of the diagram passed through."""
     found: dict[str, End] = {}
     faults: list[str] = []
     for name, signal in outputs.items():
@@ -212,7 +210,7 @@ def resolve_outputs(
 def driver_faults(
     links: list[Link], inlets: Mapping[str, tuple[End, ...]], blocks: Mapping[str, Any], silent: bool
 ) -> Iterator[str]:
-    """Inputs with several drivers, and (unless ``silent``) inputs with none."""
+    """Inputs driven twice, and (unless ``silent``) inputs driven by nothing."""
     driven: dict[End, list[tuple[str, str]]] = {}
     for link in links:
         driven.setdefault(link.target, []).append((str(link), link.place))
@@ -240,9 +238,9 @@ def driver_faults(
 
 
 def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str] = ()) -> Iterator[str]:
-    """References to numbers that are not in the table, and referenced numbers that a block refuses.
+    """References to numbers that are not in the table, and referenced numbers a block refuses.
 
-    Numbers named in ``unsure`` exist, and are not judged.
+    Numbers named in ``unsure`` exist, and are not to be judged by.
     """
     from tsmblocks.common.errors import ParameterError
     from tsmblocks.model.block import Block, is_reference, leaves, map_leaves
