@@ -52,7 +52,7 @@ def test_a_part_keeps_its_ends_and_says_so():
     assert part.notes == ("Only 2 s to 4 s (401 of 2000 samples).",)
     assert part.name == "bench, 2 s to 4 s"
     assert refusal(lambda: record(T).part(3.0, 3.01)) == (
-        "bench.csv: only 3 samples lie between 3 s and 3.01 s; 4 are the least. The record goes from 0 s to 9.995 s."
+        "bench.csv: only 3 samples lie between 3 s and 3.01 s; 4 are the least. The record is from 0 s to 9.995 s."
     )
 
 
@@ -72,8 +72,7 @@ def test_a_split_at_an_instant():
         "bench.csv: the share of the first part must lie between 0 and 1, got 3. For a time in s write split(at=…)."
     )
     assert refusal(lambda: record(T).split(at=9.99)) == (
-        "bench.csv: a split at 9.99 s leaves 2 samples on one side; 4 are the least. "
-        "The record goes from 0 s to 9.995 s."
+        "bench.csv: a split at 9.99 s leaves 2 samples on one side; 4 are the least. The record is from 0 s to 9.995 s."
     )
 
 
@@ -244,7 +243,7 @@ def test_filtering_says_what_it_did():
     )
     assert x.filtered().unit("x") == "rad"
     assert x.notes == ()
-    assert record(T, z=np.zeros(2000)).filtered().notes == ("z was not filtered: no noise stands out in its spectrum.",)
+    assert record(T, z=np.zeros(2000)).filtered().notes == ("z was not filtered: its spectrum shows no noise.",)
 
 
 UNEVEN = np.r_[T[:100], T[100:200] + 0.002]

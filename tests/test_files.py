@@ -490,7 +490,7 @@ def test_a_file_used_many_times_is_read_once(tmp_path, monkeypatch):
     from tsmblocks.files import block_reader as file_blocks
 
     reads = []
-    monkeypatch.setattr(file_blocks, "read", lambda path: reads.append(path) or path.read_text())
+    monkeypatch.setattr(file_blocks, "load_text", lambda path: reads.append(path) or path.read_text())
     write(tmp_path, "part.toml", GAIN)
     blocks = "".join(f"p{k} = {{ use = 'part' }}\n" for k in range(20))
     wires = ", ".join(f"'one -> p{k}'" for k in range(20))

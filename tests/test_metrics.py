@@ -162,7 +162,7 @@ def test_what_others_call_total_variation_is_found():
 def test_no_instant_is_left():
     with pytest.raises(
         DataError,
-        match=r"metric 'm': no instant of the run lies between 20 and inf s; it goes from "
+        match=r"metric 'm': no instant of the run lies between 20 and inf s; it is from "
         r"0 to 10 s",
     ):
         metric("rms(y, after=20)", {"y": ""}, "m")(T, {"y": T})
@@ -219,7 +219,9 @@ def test_what_is_no_list_of_metrics():
 def test_where_no_metric_is_usual_the_example_can_be_typed():
     with pytest.raises(ParameterError) as found:
         metrics(None, {"turn": "rad", "gain.y": "rad"})
-    said = "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for example 'rms(turn)'."
+    said = (
+        "no metrics are given, and the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for example 'rms(turn)'."
+    )
     assert str(found.value) == said
     assert metrics("rms(turn)", {"turn": "rad"})
 

@@ -588,10 +588,10 @@ REFUSED = {
         "diagram 'lag' has no parameter 'time_constant'. Did you mean 'lag.time_constant'?",
     ),
     "metric": (dict(metrics="rms(z)"), "metric: there is no signal 'z'. Known here: gain.y, lag.value, lag.y,"),
-    "no metric": (dict(metrics=None), "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'."),
+    "no metric": (dict(metrics=None), "no metrics are given, and the diagram has no 'x_ref' with 'x_out', and no 'u'."),
     "no instant": (
         dict(metrics="rms(y, after=7)"),
-        "metric 'rms(y, after=7)': no instant of the run lies between 7 and inf s; it goes from 0 to 1 s.",
+        "metric 'rms(y, after=7)': no instant of the run lies between 7 and inf s; it is from 0 to 1 s.",
     ),
     "a metric's name": (
         dict(metrics={"gain.gain": "rms(y)"}),
@@ -651,7 +651,7 @@ BROKEN = {
     ),
     (b"run,a\n", FACTS % b"b"): ("s.csv:1: the heading does not have the parameters and metrics of s.study.json."),
     (b"run,a\n0,1\nx,2\n", FACTS % b"a"): (
-        "s.csv:3: 2 columns are wanted, the first being the number of a run; here stands 'x,2'."
+        "s.csv:3: 2 columns are wanted, the first being the number of a run; got 'x,2'."
     ),
 }
 

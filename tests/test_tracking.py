@@ -277,7 +277,7 @@ REFUSED = {
     GUARD + "[cases]\na = { kp = 1 }\n": "10: diagram",
     GUARD.replace("[metrics]", "metrics = 3\n[set]"): "6: metrics must be a table, written [metrics], got 3.",
     GUARD.replace("rms(u)", "rms(u"): "8: metric 'effort': this cannot be read from here on.",
-    GUARD.replace('of = "rms(u)", ', ""): '8: a metric with a tolerance says what it measures: { of = "rms(u)", '
+    GUARD.replace('of = "rms(u)", ', ""): '8: a metric with a tolerance has its text under of: { of = "rms(u)", '
     'tolerance = "loose" }.',
     GUARD.replace(
         "format = 1\n", 'format = 1\ntolerance = "lose"\n'

@@ -583,7 +583,7 @@ REFUSED = {
     ),
     "no instant": (
         dict(minimise="rms(y, after=3)"),
-        "metric 'rms(y, after=3)': no instant of the run lies between 3 and inf s; it goes from 0 to 0.1 s.",
+        "metric 'rms(y, after=3)': no instant of the run lies between 3 and inf s; it is from 0 to 0.1 s.",
     ),
     "two metrics": (
         dict(minimise={"a": "rms(y)", "b": "mean(y)"}),

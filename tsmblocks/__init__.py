@@ -2,7 +2,20 @@
 
 The packages stand in layers, and each imports only what is below it: ``common``; ``model`` (blocks and diagrams as
 values); ``compiler`` (a diagram as one set of equations); ``engine`` (equations at a fixed step); ``simulation``; then
-``fitting``, ``diagnosis`` and what else is built on runs; at the top ``html``, ``plots`` and ``cli``, which show it.
+``fitting``, ``diagnosis`` and what else is built on runs; at the top ``html``, ``plots`` and ``cli``, which present it.
+
+How a diagram becomes machine code, in the order of reading:
+
+1. ``model.block``: a block, its declarations and its three equations.
+2. ``model.diagram``: named blocks and wires as a value.
+3. ``compiler.flatten``: nested diagrams as one level of blocks, with a symbol for each parameter and state.
+4. ``compiler.dependencies``: the equations of a block as expressions, and which inputs each of them reads.
+5. ``compiler.evaluate``: expressions of all signals, formed in the order that these dependencies dictate.
+6. ``compiler.compile``: from these the functions of x' = f(t, x, d, u, q, p), for an engine that knows no blocks.
+7. ``engine.program``: such a function as a list of scalar operations.
+8. ``engine.register_kernel``: the loop over steps, written in LLVM IR from these lists.
+
+``simulation.simulate`` calls all of it. The packages ``engine``, ``data`` and others state their own order.
 """
 
 import re

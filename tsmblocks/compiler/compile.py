@@ -1,7 +1,7 @@
 """From a diagram to one set of equations, every parameter still a symbol.
 
-The only place that calls a block's equations. Feedthrough is read from them, so evaluation order
-and algebraic loops are exact, per port and through hierarchy. It knows nothing of steps or data.
+Evaluation order and algebraic loops are exact, for each port and through hierarchy, since feedthrough is read from the
+equations. Nothing here knows steps or data.
 """
 
 from __future__ import annotations
@@ -16,14 +16,25 @@ from tsmblocks.compiler.flatten import FlatDiagram, flatten
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
 
+_LABELS = {
+    "rhs": (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"]),
+    "update": (["t", "x", "d", "u", "q", "p", "hit"], ["d_next", "x_next"]),
+    "start": (["p"], ["x", "d", "s"]),
+}
+"""Names of the arguments and results of each function."""
+
 
 def compile_diagram(diagram: Diagram) -> Equations:
-    """Equations of a diagram. Raises AlgebraicLoop, EquationError or DiagramError, naming the place."""
+    """Equations of a diagram, as CasADi functions (see ``Equations``).
+
+    ``between`` forms all signals between samples, for ``rhs``; a second evaluator forms them at a sample instant, for
+    ``update``. Raises AlgebraicLoop, EquationError or DiagramError, naming the place.
+    """
     flat = flatten(diagram)
     between = Evaluator(flat, held=True)
-    between.everything()
+    between.form_all()
     names, signals = _signals(flat, between)
-    update = _update(flat, between)  # may ask for slopes of inputs that nothing else needs
+    update = _update(flat, between)  # may add derivatives of inputs that nothing else needs
     results = [_column(between.rates()), _column(signals), _column(between.delayed())]
     rhs = ca.Function("rhs", _reads(flat, between), results, *_LABELS["rhs"])
     p = _column(flat.p)
@@ -34,7 +45,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
         title=diagram.title,
         x=tuple(".".join(k) for k in flat.x),
         d=tuple(flat.d_name(k) for k in flat.d),
-        u=tuple(between.feeds()),
+        u=tuple(between.sampled_inputs()),
         p=tuple(flat.p_names),
         y=tuple(names),
         q=tuple(".".join(k) for k in flat.past_keys),
@@ -54,7 +65,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
 
 
 def _reads(flat: FlatDiagram, evaluator: Evaluator) -> list[Any]:
-    """What every function of the equations reads: t, x, d, u, q, p."""
+    """Arguments of every function of the equations: t, x, d, u, q, p."""
     e = evaluator
     parts = (e.x_symbols(), e.d_symbols(), e.u_symbols(), e.q_symbols(), flat.p)
     return [flat.t, *map(_column, parts)]
@@ -69,19 +80,13 @@ def _update(flat: FlatDiagram, between: Evaluator) -> Any:
     return ca.Function("update", reads, [_column(d_next), _column(x_next)], *_LABELS["update"])
 
 
-_LABELS = {
-    "rhs": (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"]),
-    "update": (["t", "x", "d", "u", "q", "p", "hit"], ["d_next", "x_next"]),
-    "start": (["p"], ["x", "d", "s"]),
-}
-
-
 def _column(elements: list[Any]) -> Any:
+    """A column of expressions, which may be empty."""
     return ca.vertcat(*elements) if elements else ca.SX(0, 1)
 
 
 def _signals(flat: FlatDiagram, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
-    """Everything worth logging, in evaluation order: inputs, outputs of blocks, then states."""
+    """Names and expressions of all signals that can be logged: inputs, outputs of blocks as evaluated, states."""
     names = list(flat.inputs)
     values = [evaluator.value[("u", k)] for k in flat.inputs]
     for node, value in evaluator.value.items():
@@ -98,6 +103,7 @@ def _signals(flat: FlatDiagram, evaluator: Evaluator) -> tuple[list[str], list[A
 
 
 def _units(diagram: Diagram, flat: FlatDiagram, names: list[str]) -> dict[str, str]:
+    """Units of signals, where they are known."""
     found = {name: diagram.unit(name) for name in names}
     for key, block in flat.blocks.items():
         for name, state in block.states.items():

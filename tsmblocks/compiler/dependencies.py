@@ -1,6 +1,6 @@
-"""What a block's equations depend on, found by reading them: feedthrough per port, kinds of states.
+"""The equations of a block as expressions, and what they depend on: feedthrough of each port, kinds of states.
 
-Nothing here is declared by a block; it is computed once for each class and shape of options.
+A block declares none of this: it is read from its equations, once for each class and shape of options.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _HERE = str(Path(__file__).parent.parent)
 
 @attrs.frozen
 class Structure:
-    """Dependencies of one block: which inputs each output and each rate reads, at the same instant.
+    """Dependencies of one block: which inputs each output and each derivative reads, at the same instant.
 
-    Of its states, ``continuous`` ones have a rate, ``memory`` ones only an update, ``resets`` both. ``moving`` are
-    the outputs that change between steps though their inputs do not.
+    ``continuous`` states have a derivative, ``memory`` states only an update, ``resets`` both. ``moving`` are the
+    outputs that change between steps though their inputs do not.
     """
 
     outputs: dict[str, frozenset[str]]
@@ -41,7 +41,7 @@ _CACHE: dict[Any, Structure] = {}
 
 
 def structure_of(block: Block) -> Structure:
-    """The structure of a block's equations. Raises EquationError when they do not fit what it declares."""
+    """The structure of a block. Raises EquationError when its equations do not agree with its declarations."""
     key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
     found = _CACHE.get(key)
     if found is None:
@@ -118,7 +118,7 @@ def call(block: Any, equation: str, t: Any, x: Any, u: Any, name: str = "") -> d
 
 
 def _failure_reason(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, bool]:
-    """What an equation did wrong, and whether that is a mistake of which nothing else need be known."""
+    """Why an equation failed, and whether that explains it completely (the original error is then left out)."""
     text = " ".join(str(error).split()).rstrip(".")
     if any(sign in text for sign in ("truth value", "__bool__", "Only scalars")):
         return (
@@ -139,13 +139,14 @@ def _failure_reason(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, 
 
 
 def _line(error: Exception) -> str:
-    """``file:line`` where an equation raised: the last line before it went into other packages, or into this one."""
+    """``file:line`` where an equation failed: its last line outside this package and other packages."""
     frames = traceback.extract_tb(error.__traceback__)[1:]
     own = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith(_HERE)] or frames
     return f"{own[-1].filename}:{own[-1].lineno}"
 
 
 def _read(block: Block) -> Structure:
+    """Form the equations of a block, check them, and find what they depend on."""
     _check_ports(block)
     made, owner, states = symbolic(block), type(block).__name__, list(block.states)
     y, dx, fresh = map(made.of, EQUATIONS)
@@ -176,7 +177,7 @@ def _read(block: Block) -> Structure:
 
 
 def _check_rates(owner: str, inports: Mapping[str, Input]) -> None:
-    """Raise EquationError for an input that is the rate of no input, or in the end of itself."""
+    """Raise EquationError for an input that is the rate of no input, or of itself through others."""
     for name, port in inports.items():
         if port.rate_of and port.rate_of not in inports:
             raise EquationError(
@@ -192,7 +193,7 @@ def _check_rates(owner: str, inports: Mapping[str, Input]) -> None:
 
 
 def _check_ports(block: Block) -> None:
-    """Raise EquationError when ports or states name what is not there, or one name means two things."""
+    """Raise EquationError when a port refers to an unknown one, or a name is used twice."""
     owner, inports = type(block).__name__, block.inports
     _check_rates(owner, inports)
     for name, past in block.past_ports.items():
@@ -217,15 +218,17 @@ def _check_ports(block: Block) -> None:
 
 
 def _needs(expression: Any, u: Any) -> frozenset[str]:
+    """The inputs that an expression depends on."""
     return frozenset(k for k, s in zip(u._fields, u, strict=True) if ca.depends_on(expression, s))
 
 
 def _moves(expression: Any, t: Any, x: list[Any]) -> bool:
-    """Whether an output follows time or continuous states; what only jumps with time does not."""
+    """Whether an output changes with time or continuous states; a jump at an instant does not count."""
     return not ca.jtimes(expression, t, 1).is_zero() or ca.depends_on(expression, ca.vertcat(*x))
 
 
 def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) -> None:
+    """Raise EquationError unless exactly the declared names are returned."""
     missing, extra = [k for k in wanted if k not in given], [k for k in given if k not in wanted]
     said = []
     if missing:
@@ -237,6 +240,7 @@ def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) 
 
 
 def _known_names(owner: str, equation: str, given: dict[str, Any], states: list[str]) -> None:
+    """Raise EquationError for a returned name that is no state."""
     extra = [k for k in given if k not in states]
     if extra:
         raise EquationError(

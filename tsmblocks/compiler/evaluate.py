@@ -1,8 +1,8 @@
-"""Signals as expressions, formed on demand in the order the equations themselves dictate.
+"""Signals as expressions, formed on demand in the order that the equations dictate.
 
-A node is an output of a block, the rate of a state, or the time derivative of a signal. Each is
-formed when all it reads is there; a node that is needed while it is being formed is an algebraic
-loop, and the way back to it is the loop's path. No recursion, so long chains are welcome.
+A node is an output of a block, the derivative of a state, the time derivative of a signal, or a past value. It is
+formed when all nodes that it reads are formed. A node that is needed while it is being formed is part of an algebraic
+loop, and the stack is the path of the loop. There is no recursion, so chains may be long.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
 
 _PENDING = ca.SX.sym("pending")
+"""Placeholder of an input that has not been formed."""
 
 
 class Evaluator:
     """Expressions of all signals, either between samples (``held``) or at a sample instant.
 
-    ``value`` holds what has been formed. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and their slopes,
-    ``q`` of what is kept of delayed signals, ``hit`` whether each rate group acts; ``owner`` says whose a symbol is.
+    ``value`` holds the nodes that have been formed. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and
+    their derivatives, ``q`` of the stored past of delayed signals, ``hit`` whether each rate group is sampled now;
+    ``owner`` maps a symbol to what it denotes.
     """
 
     def __init__(self, flat: FlatDiagram, *, held: bool, share: Evaluator | None = None) -> None:
@@ -43,7 +45,7 @@ class Evaluator:
                 self.owner |= {s.element_hash(): (kind, k) for k, s in table.items()}
             self.owner[flat.t.element_hash()] = ("t",)
             for name in flat.inputs:
-                self._feed(("u", name, 0))
+                self._input_symbol(("u", name, 0))
         else:
             self.x, self.d, self.u, self.q, self.owner = share.x, share.d, share.u, share.q, share.owner
         for name in flat.inputs:
@@ -51,20 +53,20 @@ class Evaluator:
         self.hit = ca.SX.sym("hit", len(flat.periods))
         self.past = {key: k for k, key in enumerate(flat.past_keys)}
 
-    # ---- what compile asks for
+    # ---- results, for ``compile``
 
-    def everything(self) -> None:
-        """Form every output and every rate."""
+    def form_all(self) -> None:
+        """Form every output and every derivative."""
         flat = self.flat
-        self.demand(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
-        self.demand(("dx", *key) for key in flat.x)
+        self.form(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
+        self.form(("dx", *key) for key in flat.x)
 
     def rates(self) -> list[Any]:
-        """Rates of the continuous states, in order."""
+        """Derivatives of the continuous states, in order."""
         return [self.value["dx", *key] for key in self.flat.x]
 
     def delayed(self) -> list[Any]:
-        """Signals that are delayed somewhere, one per delay."""
+        """Signals that are delayed, one for each delay."""
         return [self.value[node] for node in self.flat.past_source]
 
     def updates(self) -> tuple[list[Any], list[Any], Any]:
@@ -75,16 +77,17 @@ class Evaluator:
             if shape.memory or shape.resets:
                 fresh |= self._updated(path)
         held = [key[:2] for key in flat.d if len(key) == 3]
-        self.demand(("y", *key) for key in held)
+        self.form(("y", *key) for key in held)
         fresh |= {(*key, "held"): self.value["y", *key] for key in held}
         d = [fresh[key] for key in flat.d]
         x = [fresh.get(key, self.x[key]) for key in flat.x]
         return d, x, self.hit
 
     def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
+        """New memory of one block; a sampled block keeps its own between samples."""
         flat, block = self.flat, self.flat.symbolic_blocks[path]
         nodes = {name: self._source(path, name) for name in block.read_names}
-        self.demand(node for node in nodes.values() if node[0] != "read")
+        self.form(node for node in nodes.values() if node[0] != "read")
         values = [self._read(path, name, node) for name, node in nodes.items()]
         new = self._call(path, "updates", values)
         if path in flat.group:
@@ -93,11 +96,11 @@ class Evaluator:
         return {(path, k): v for k, v in new.items()}
 
     def starts(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
-        """Start values of states, in terms of parameters; a held output is set by its first sample."""
+        """Initial states in terms of parameters; a held output is set by its first sample."""
         states = {path: self.flat.symbolic_blocks[path].states for path in {path for path, *_ in keys}}
         return [ca.SX(0) if len(key) == 3 else ca.SX(states[key[0]][key[1]].start) for key in keys]
 
-    def feeds(self) -> Iterable[Any]:
+    def sampled_inputs(self) -> Iterable[Any]:
         """The sampled inputs in use, in the order of ``u_symbols``."""
         for kind, *rest in self.u:
             if kind == "u":
@@ -116,17 +119,17 @@ class Evaluator:
         return [self.d[k] for k in self.flat.d]
 
     def u_symbols(self) -> list[Any]:
-        """Symbols of the sampled inputs asked for so far, in order."""
+        """Symbols of the sampled inputs in use, in order."""
         return list(self.u.values())
 
     def q_symbols(self) -> list[Any]:
-        """Symbols of what is kept of the delayed signals, in order."""
+        """Symbols of the stored past of delayed signals, in order."""
         return [s for kept in self.q for s in kept]
 
-    # ---- the walk
+    # ---- forming nodes
 
-    def demand(self, goals: Iterable[Node]) -> None:
-        """Form the goals and all they need, depth first without recursion."""
+    def form(self, goals: Iterable[Node]) -> None:
+        """Form nodes and all that they need, depth first, with a stack."""
         for goal in goals:
             if goal in self.value:
                 continue
@@ -139,12 +142,12 @@ class Evaluator:
                     del open_[node]
                     continue
                 if missing in open_:
-                    self._loop([*stack[open_[missing] :], missing])
+                    self._raise_loop([*stack[open_[missing] :], missing])
                 open_[missing] = len(stack)
                 stack.append(missing)
 
     def _form(self, node: Node) -> Iterable[Node]:
-        """Nodes still missing before this one can be formed; forms it when there is none."""
+        """Form a node, or return the nodes that must be formed before it."""
         if node[0] == "rate":
             return self._form_rate(node)
         if node[0] == "past":
@@ -164,9 +167,10 @@ class Evaluator:
         return ()
 
     def _evaluate(self, path: str, kind: str) -> None:
-        """Form every output (or rate) of a block whose inputs are all there.
+        """Form every output (or derivative) of a block whose inputs have been formed.
 
-        The equation gives all of them at once; an input still missing is a stand-in, and what reads it is left out.
+        The equation gives all results at once; an input that has not been formed is replaced by a placeholder, and
+        results that depend on it are discarded.
         """
         flat, block, shape = self.flat, self.flat.symbolic_blocks[path], self.flat.structures[path]
         ready, values = set(), []
@@ -186,7 +190,7 @@ class Evaluator:
                 self.value[kind, path, name] = value
 
     def _form_past(self, node: Node) -> Iterable[Node]:
-        """A signal as it was; where the present value takes part, that is formed first."""
+        """A past value; where the present value takes part in it, that is formed first."""
         flat, k = self.flat, self.past[node[1], node[2]]
         source, past = flat.past_source[k], flat.pasts[k]
         if past.now and source not in self.value:
@@ -200,7 +204,7 @@ class Evaluator:
         return ()
 
     def _holds(self, source: Node) -> bool:
-        """Whether a signal stands still within steps: made of samples, memory and jumps in time alone."""
+        """Whether a signal is constant within steps: a function of samples, memory and jumps in time alone."""
         flat, seen, left = self.flat, set[Node](), [source]
         while left:
             node = left.pop()
@@ -217,7 +221,7 @@ class Evaluator:
         return True
 
     def _form_rate(self, node: Node) -> Iterable[Node]:
-        """The time derivative of a signal: along the rates of the states it depends on, and of its inputs."""
+        """The time derivative of a signal, by the chain rule over its states, inputs and time."""
         source: Node = node[1:]
         if source not in self.value:
             return (source,)
@@ -237,24 +241,24 @@ class Evaluator:
         return ()
 
     def _symbol_rate(self, owner: tuple[Any, ...], source: Node) -> Any:
-        """How fast a symbol moves; None for what stands still between steps."""
+        """The time derivative of a symbol; None for what is constant between steps."""
         kind = owner[0]
         if kind == "t":
             return ca.SX(1)
         if kind == "x":
             return self.value["dx", *owner[1]]
-        if kind == "feed":
+        if kind == "input":
             *name, order = owner[1]
-            return self._feed((*name, order + 1))
+            return self._input_symbol((*name, order + 1))
         if kind == "d" and len(owner[1]) == 3:
-            self._refuse(
-                f"{self._wanted(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
+            self._raise_fault(
+                f"{self._ports_with_rate(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
                 "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
             )
         return None
 
-    def _wanted(self, source: Node) -> str:
-        """Which port asks for the derivative of a signal; all of them where there are several."""
+    def _ports_with_rate(self, source: Node) -> str:
+        """The ports that need the derivative of a signal."""
         flat = self.flat
         ports = [
             f"{path}.{name}"
@@ -273,19 +277,20 @@ class Evaluator:
         """The log name of a signal, or of its rate."""
         return f"d/dt {self._named(node[1:])}" if node[0] == "rate" else self.flat.signal_name(node)
 
-    def _refuse(self, text: str) -> None:
+    def _raise_fault(self, text: str) -> None:
+        """Raise DiagramError."""
         raise DiagramError(self.flat.title, [text], self.flat.where)
 
-    def _feed(self, key: tuple[Any, ...]) -> Any:
-        """The symbol of a sampled input, or of its slope of some order; made when first asked for."""
+    def _input_symbol(self, key: tuple[Any, ...]) -> Any:
+        """The symbol of a sampled input, or of its derivative of some order; made on first use."""
         if key not in self.u:
             symbol = ca.SX.sym(" ".join(map(str, key[1:])))
             self.u[key] = symbol
-            self.owner[symbol.element_hash()] = ("feed", key)
+            self.owner[symbol.element_hash()] = ("input", key)
         return self.u[key]
 
     def _source(self, path: str, name: str, strict: bool = True) -> Any:
-        """The node an input reads: a signal, its rate, a past value, or ``("read", …)`` for a tape."""
+        """The node that an input reads: a signal, its derivative, a past value, or ``("read", …)`` for a tape."""
         flat = self.flat
         port = flat.symbolic_blocks[path].inports.get(name)
         if port is None:
@@ -294,26 +299,28 @@ class Evaluator:
             return flat.driver[path, name]
         driver = self._source(path, port.rate_of, strict=False) if port.rate_of else None
         if driver is None and strict:
-            self._refuse(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
+            self._raise_fault(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
         return None if driver is None else ("rate", *driver)
 
     def _read(self, path: str, name: str, node: Node) -> Any:
+        """The expression of a node, or the symbol of a tape."""
         if node[0] != "read":
             return self.value[node]
-        return self._feed(("tape", path, name, 0))
+        return self._input_symbol(("tape", path, name, 0))
 
     def _states(self, path: str) -> Any:
+        """States of a block by name."""
         block, shape = self.flat.symbolic_blocks[path], self.flat.structures[path]
         names = list(block.states)
         return signals(names, [self.x[path, k] if k in shape.rates else self.d[path, k] for k in names])
 
     def _call(self, path: str, equation: str, values: list[Any]) -> dict[str, Any]:
-        """One equation of a block, reading ``values``."""
+        """One equation of a block, with ``values`` as its inputs."""
         block = self.flat.symbolic_blocks[path]
         return call(block, equation, self.flat.t, self._states(path), signals(block.read_names, values), path)
 
-    def _loop(self, nodes: list[Node]) -> None:
-        """Say which way an algebraic loop runs."""
+    def _raise_loop(self, nodes: list[Node]) -> None:
+        """Raise AlgebraicLoop with the path of the loop."""
         path: list[str] = []
         for node in reversed(nodes):
             signal = self._named(node) if node[0] == "rate" else f"{node[1]}.{node[2]}"
@@ -324,6 +331,7 @@ class Evaluator:
         raise AlgebraicLoop(self.flat.title, [self._loop_text(path, nodes)], self.flat.where, path)
 
     def _loop_text(self, path: list[str], nodes: list[Node]) -> str:
+        """The message of a loop, with the remedy for its kind."""
         ring = " -> ".join(path)
         if any(node[0] == "rate" for node in nodes):
             return (
@@ -342,7 +350,7 @@ class Evaluator:
         )
 
     def _of_zeros(self, nodes: list[Node]) -> str:
-        """Which blocks of a loop pass nothing on with their numbers as they are: a path made of a 0 that was given."""
+        """Which blocks would open the loop if a coefficient that is 0 were left out."""
         flat, idle = self.flat, list[str]()
         numbers = ca.vertcat(*flat.p), ca.DM(flat.p_values)
         for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):

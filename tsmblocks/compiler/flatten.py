@@ -1,7 +1,7 @@
-"""A nested diagram as one level of blocks, each with symbols for its parameters and states.
+"""A nested diagram as one level of blocks, with symbols for parameters.
 
-It resolves wires through the edges of inner diagrams and makes every symbol once; it calls no
-equation.
+Wires are followed through the borders of inner diagrams, and every symbol of a parameter is made once. No equation is
+called here.
 """
 
 from __future__ import annotations
@@ -16,23 +16,25 @@ from tsmblocks.model.block import Block, Past, is_reference
 from tsmblocks.model.diagram import Diagram
 
 Key = tuple[str, str]
+"""Block and port, or block and state."""
 Node = tuple[str, ...]
 """``("y", block, port)`` an output, ``("u", name)`` an input of the diagram.
 
-On the way to them, until wires are followed: ``("in", block, name)`` and ``("out", block, name)``, the edges of a
-diagram inside. Formed later, by ``evaluate``: ``("dx", block, state)`` the rate of a state, ``("rate", *node)`` the
-time derivative of a signal, ``("past", block, name)`` a signal as it was.
+While wires are followed there are ``("in", block, name)`` and ``("out", block, name)`` too, the borders of an inner
+diagram. ``evaluate`` adds ``("dx", block, state)``, the derivative of a state, ``("rate", *node)``, the time derivative
+of a signal, and ``("past", block, name)``, a past value.
 """
 
 
 class FlatDiagram:
     """One level of blocks with symbols. Built once by ``flatten`` and only read afterwards.
 
-    A block's path is its name with the names of the diagrams around it. ``driver`` says what drives each input port,
-    ``shown`` what each output of the diagram shows. ``x`` are the continuous states, ``d`` memory and held outputs,
-    ``p`` the symbols of parameters; ``group`` gives a sampled block's place in ``periods`` [s]. For each value of the
-    past that is read there is one element of ``past_keys`` (block, port), ``pasts`` (its declaration), ``past_source``
-    (the signal), ``delays`` [s] and ``first_past`` (its value before the start).
+    A block's path is its name after the names of the diagrams around it. ``blocks`` and ``symbolic_blocks`` are the
+    blocks as given and with symbols, ``structures`` their dependencies; ``driver`` is the node that drives each input
+    port, ``shown`` the node of each output of the diagram. ``x`` are the continuous states, ``d`` memory and held
+    outputs, ``p`` the symbols of parameters; ``group`` is the place of a sampled block in ``periods`` [s]. For each
+    past value that is read there is one element of ``past_keys`` (block, port), ``pasts`` (its declaration),
+    ``past_source`` (the delayed node), ``delays`` [s] and ``first_past`` (its value before the start).
     """
 
     def __init__(self, diagram: Diagram) -> None:
@@ -49,9 +51,9 @@ class FlatDiagram:
         self._raw: dict[Key, Node] = {}  # an input port (also of an inner diagram) -> what drives it
         self._inner: dict[str, Diagram] = {"": diagram}
         self._collect(diagram, "")
-        followed = {k: self._follow(v) for k, v in self._raw.items()}
+        followed = {k: self._followed(v) for k, v in self._raw.items()}
         self.driver = {k: v for k, v in followed.items() if k[0] in self.blocks}
-        self.shown = {k: self._follow(self._exit(diagram, "", end)) for k, end in diagram.shown.items()}
+        self.shown = {k: self._followed(self._source_node(diagram, "", end)) for k, end in diagram.shown.items()}
         self._make_symbols()
 
     # ---- hierarchy
@@ -68,14 +70,14 @@ class FlatDiagram:
             else:
                 self._add(path, block, scope)
         for link in diagram.links:
-            self._raw[prefix + link.target[0], link.target[1]] = self._exit(diagram, prefix, link.source)
+            self._raw[prefix + link.target[0], link.target[1]] = self._source_node(diagram, prefix, link.source)
         for name, ends in diagram.inlets.items():
             for end in ends:
                 node = ("u", name) if not prefix else ("in", prefix[:-1], name)
                 self._raw[prefix + end[0], end[1]] = node
 
-    def _exit(self, diagram: Diagram, prefix: str, end: Key) -> Node:
-        """The node an output port stands for, one level down if it belongs to an inner diagram."""
+    def _source_node(self, diagram: Diagram, prefix: str, end: Key) -> Node:
+        """The node of an output port; for a port of an inner diagram, the border of that diagram."""
         name, port = end
         if not name:  # an input passed straight through
             return ("u", port) if not prefix else ("in", prefix[:-1], port)
@@ -83,8 +85,8 @@ class FlatDiagram:
             return ("out", prefix + name, port)
         return ("y", prefix + name, port)
 
-    def _follow(self, node: Node) -> Node:
-        """Through the edges of inner diagrams to a block's output or an input of the whole."""
+    def _followed(self, node: Node) -> Node:
+        """Follow wires through the borders of inner diagrams to an output of a block or an input of the whole."""
         seen: list[Node] = []
         while node[0] in ("in", "out"):
             if node in seen:
@@ -102,7 +104,7 @@ class FlatDiagram:
                 node = self._raw[path, port]
             else:
                 inner = self._inner[path + "."]
-                node = self._exit(inner, path + ".", inner.shown[port])
+                node = self._source_node(inner, path + ".", inner.shown[port])
         return node
 
     # ---- symbols
@@ -165,10 +167,10 @@ class FlatDiagram:
         self.past_source.append(source)
         self.pasts.append(past)
 
-    # ---- words
+    # ---- names
 
     def d_name(self, key: tuple[str, ...]) -> str:
-        """A memory state's name; a held output's is marked, for it may share the name of a state."""
+        """The name of a memory state; that of a held output is marked, since a state may have the same name."""
         return f"{key[0]}.{key[1]}" + (" (held)" if len(key) == 3 else "")
 
     def signal_name(self, node: Node) -> str:
@@ -176,7 +178,7 @@ class FlatDiagram:
         return node[1] if node[0] == "u" else f"{node[1]}.{node[2]}"
 
     def reads(self, path: str) -> dict[str, str]:
-        """Which signal each input port of a block reads."""
+        """The signal at each input port of a block."""
         return {
             port: self.signal_name(self.driver[path, port])
             for port in self.blocks[path].inports
@@ -185,5 +187,5 @@ class FlatDiagram:
 
 
 def flatten(diagram: Diagram) -> FlatDiagram:
-    """One level of blocks with symbols. Raises AlgebraicLoop for a ring of empty inner diagrams."""
+    """One level of blocks with symbols. Raises AlgebraicLoop for a ring of inner diagrams without a block."""
     return FlatDiagram(diagram)

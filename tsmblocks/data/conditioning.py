@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import attrs
 import numpy as np
 
-from tsmblocks.data.filters import MIN_SAMPLES
+from tsmblocks.data.filters import MIN_FILTERED_SAMPLES
 from tsmblocks.data.resampling import evenly_sampled
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ BLEND_SAMPLES = 3
 
 def conditioned(record: Record, inputs: Iterable[str]) -> Record:
     """See Record.conditioned."""
-    if len(record) < MIN_SAMPLES:
+    if len(record) < MIN_FILTERED_SAMPLES:
         return record
     even = evenly_sampled(record)
     names = [k for k in inputs if k in even and np.ptp(even[k]) > 0]

@@ -15,7 +15,7 @@ from tsmblocks.data import structures
 from tsmblocks.data.table import Rows, within
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"  # signature of an HDF5 file, from its format specification
-TIME_NAMES = ("t", "time", "tout")
+TIME_ARRAY_NAMES = ("t", "time", "tout")
 """Names of an array of times, whatever their case; ``tout`` is Simulink's."""
 MAX_COLUMNS = 64
 """Columns of a matrix up to which they are taken for signals. Chosen: a matrix of more is an image or a result."""
@@ -41,7 +41,7 @@ class Arrays:
 
 
 def _real_array(value: Any) -> np.ndarray | None:
-    """Return an array of real numbers with lone dimensions dropped, else None."""
+    """Return an array of real numbers without dimensions of length 1, else None."""
     array = np.squeeze(np.asarray(value)) if value is not None else np.empty(())
     return array.astype(float) if array.dtype.kind in "fiub" and array.ndim in (1, 2) else None
 
@@ -56,7 +56,7 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     if columns or not series:
         return _matrix(origin, known, columns)
     lengths = [len(a) for a in series.values()]
-    clock = next((k for k in series if k.rpartition("/")[2].lower() in TIME_NAMES), None)
+    clock = next((k for k in series if k.rpartition("/")[2].lower() in TIME_ARRAY_NAMES), None)
     length = len(series[clock]) if clock else max(set(lengths), key=lengths.count)
     kept = _of_length(known, length)
     others = [k for k in series if len(series[k]) != length]

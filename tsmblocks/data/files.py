@@ -64,7 +64,7 @@ def read(
     path: str | Path,
     *,
     columns: Sequence[str] | str | None = None,
-    map: Mapping[str, str] | None = None,  # noqa: A002 - the word of the command line
+    map: Mapping[str, str] | None = None,  # noqa: A002 - as the command line calls it
     units: Mapping[str, str] | None = None,
     only: Iterable[str] | None = None,
     also: Iterable[str] = (),
@@ -320,7 +320,7 @@ def _named(origin: str, split: list[tuple[str, str]], renamed: Mapping[str, str]
         if name in found:
             raise DataError(
                 f"{origin}: columns {found[name] + 1} and {place + 1} are both named '{name}'. "
-                "Name the columns anew (columns = …)."
+                "Give the columns other names (columns = …)."
             )
         found[name] = place
     mapped = {name: names.index(column) for name, column in renamed.items()}

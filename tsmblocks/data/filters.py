@@ -16,7 +16,7 @@ from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
-MIN_SAMPLES = 16
+MIN_FILTERED_SAMPLES = 16
 """Samples below which a signal is not filtered. Chosen: half of the spectrum, from which its noise is estimated, would
 be fewer than 8 values."""
 CANDIDATES = 120
@@ -55,7 +55,7 @@ def white_noise_power(power: np.ndarray, median: float) -> float:
 
 
 def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 0) -> float | None:
-    r"""Cut-off [Hz] of ``low_pass`` with the least expected error; None when the signal is best left unfiltered.
+    r"""Cut-off [Hz] of ``low_pass`` with the least expected error; None when no filter lowers the expected error.
 
     With :math:`c_k` the sine transform of the signal (less the line through its ends, so that neither jumps nor
     kinks at the ends are taken for fast motion) and :math:`\sigma` the noise in it, the expected square error
@@ -101,7 +101,7 @@ def filtered(
     for name in wanted:
         chosen = cutoff or choose_cutoff(record[name], record.step, order)
         if chosen is None:
-            notes.append(f"{name} was not filtered: no noise stands out in its spectrum.")
+            notes.append(f"{name} was not filtered: its spectrum shows no noise.")
             continue
         signals[name] = low_pass(record[name], record.step, chosen, order)
         notes.append(f"{name} was filtered with zero phase, {_cutoff_text(chosen, cutoff)}.")
@@ -139,8 +139,10 @@ def differentiated(
 
 
 def _check(record: Record, cutoff: float | None, order: int, what: str) -> None:
-    if len(record) < MIN_SAMPLES:
-        raise DataError(f"{record.called}: {what} needs at least {MIN_SAMPLES} samples, there are {len(record)}.")
+    if len(record) < MIN_FILTERED_SAMPLES:
+        raise DataError(
+            f"{record.called}: {what} needs at least {MIN_FILTERED_SAMPLES} samples, there are {len(record)}."
+        )
     refuse_uneven(record, what)
     top = 0.5 / record.step
     if cutoff is not None and not 0 < cutoff < top:

@@ -12,6 +12,8 @@ from tsmblocks.common.errors import DataError
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
+MIN_RECORD_SAMPLES = 4
+"""Samples of a recording, or of a part of one, at least. Chosen: a cubic spline needs as many."""
 MAX_JITTER = 0.01
 """Deviation of a step from the median, in steps, up to which samples count as evenly spaced. Chosen: what loggers that
 round their times to a hundredth of the step make of an even grid."""
@@ -38,7 +40,7 @@ def is_even(t: np.ndarray) -> bool:
 
 
 def usual_step(t: np.ndarray) -> float:
-    """Return the step [s] that nine in ten do not exceed, at least the median: what is no gap in uneven samples."""
+    """Return the 90 % quantile of the steps [s], at least their median: longer steps of uneven samples may be gaps."""
     steps = np.diff(t)
     return float(max(np.median(steps), np.quantile(steps, 0.9, method="lower")))
 
@@ -53,7 +55,7 @@ def refuse_uneven(record: Record, what: str) -> None:
 
 
 def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
-    """Raise DataError for a sample of these signals that is no finite number; ``what`` (filtering) would spread it."""
+    """Raise DataError for samples of these signals that are not finite; ``what`` (filtering) would spread them."""
     for name in names:
         bad = np.flatnonzero(~np.isfinite(record[name]))
         if len(bad):
@@ -65,7 +67,7 @@ def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
 
 
 def interpolation(t: np.ndarray, x: np.ndarray, kind: str) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function of time that goes through the samples: ``"linear"`` or ``"cubic"`` (a spline)."""
+    """Return the function of time that interpolates the samples: ``"linear"`` or ``"cubic"`` (a spline)."""
     if kind == "linear":
         return lambda at: np.interp(at, t, x)
     from scipy.interpolate import CubicSpline

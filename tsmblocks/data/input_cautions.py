@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tsmblocks.data.filters import MIN_SAMPLES, choose_cutoff, low_pass
+from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass
 from tsmblocks.data.noise_floor import is_coarse, sample_to_sample_noise, with_unit
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
@@ -65,7 +65,7 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
 def _long_path(record: Record, name: str) -> str:
     """What to mind where noise or steps lengthen the path of a signal."""
     x = record[name]
-    cutoff = choose_cutoff(x, record.step) if len(x) >= MIN_SAMPLES else None
+    cutoff = choose_cutoff(x, record.step) if len(x) >= MIN_FILTERED_SAMPLES else None
     if cutoff is None:
         return ""
     path, smooth = np.abs(np.diff(x)).sum(), np.abs(np.diff(low_pass(x, record.step, cutoff))).sum()

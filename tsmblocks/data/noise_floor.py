@@ -24,7 +24,7 @@ MIN_FREEDOM = 30
 more than an eighth."""
 MAX_REPEAT_DIFFERENCE = 0.5
 """Differences between repeats, in rms values of the signal, beyond which they are not the same experiment. Chosen."""
-MIN_SAMPLES = 8
+MIN_NOISE_SAMPLES = 8
 """Samples below which no noise is estimated. Chosen: the cubic of ``sample_to_sample_noise`` spans 5."""
 WINDOWS = 8
 """Parts of a period over which two periods are compared, when there are no more than two. Chosen."""
@@ -183,8 +183,8 @@ def fast_noise_of_recordings(records: Mapping[str, Record], name: str, unit: str
 
 
 def _samples(record: Record, name: str) -> np.ndarray:
-    if len(record) < MIN_SAMPLES:
-        raise DataError(f"{record.called}: noise needs at least {MIN_SAMPLES} samples, there are {len(record)}.")
+    if len(record) < MIN_NOISE_SAMPLES:
+        raise DataError(f"{record.called}: noise needs at least {MIN_NOISE_SAMPLES} samples, there are {len(record)}.")
     return record[name]
 
 

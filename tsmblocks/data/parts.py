@@ -8,13 +8,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
+from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.periods import find_period
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
-
-MIN_SAMPLES = 4
-"""Samples that a part has at least. Chosen: as many as ``read`` needs of a file."""
 
 
 def part(record: Record, start: float | None = None, stop: float | None = None) -> Record:
@@ -23,10 +21,10 @@ def part(record: Record, start: float | None = None, stop: float | None = None) 
     first, last = (t[0] if start is None else start), (t[-1] if stop is None else stop)
     kept = (t >= first) & (t <= last)
     count = np.count_nonzero(kept)
-    if count < MIN_SAMPLES:
+    if count < MIN_RECORD_SAMPLES:
         raise DataError(
             f"{record.called}: only {count} samples lie between {first:g} s and {last:g} s; "
-            f"{MIN_SAMPLES} are the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
+            f"{MIN_RECORD_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
         )
     return _taken(record, kept)
 
@@ -50,10 +48,10 @@ def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tup
     boundary = t[0] + fraction * (t[-1] - t[0]) if at is None else at
     before = t < boundary
     smaller = min(np.count_nonzero(before), np.count_nonzero(~before))
-    if smaller < MIN_SAMPLES:
+    if smaller < MIN_RECORD_SAMPLES:
         raise DataError(
-            f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; {MIN_SAMPLES} are "
-            f"the least. The record goes from {t[0]:g} s to {t[-1]:g} s."
+            f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; "
+            f"{MIN_RECORD_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
         )
     return _taken(record, before), _taken(record, ~before)
 

@@ -14,13 +14,12 @@ import numpy as np
 from tsmblocks.common.errors import DataError
 from tsmblocks.common.tables import listed
 from tsmblocks.data import repair_time
+from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.signals import first_wrap
 from tsmblocks.data.table import Table, noted, plural
 
 MAX_FILLED_GAP = 3
 """Missing samples in a row that are interpolated at most. Chosen: more would be invented data."""
-MIN_SAMPLES = 4
-"""Samples of a recording at least. Chosen: a spline needs as many."""
 SPIKE_DISTANCE = 0.5
 """Distance of a spike from the range of all other samples, as a share of that range. Chosen."""
 MAX_SPIKE_SHARE = 0.005
@@ -44,9 +43,9 @@ white noise."""
 
 def enough_samples(table: Table) -> Table:
     """Refuse a handful of samples: they are no measurement."""
-    if len(table.values) < MIN_SAMPLES:
+    if len(table.values) < MIN_RECORD_SAMPLES:
         raise DataError(
-            f"{table.origin}: only {plural(len(table.values), 'sample')} found; {MIN_SAMPLES} are the least."
+            f"{table.origin}: only {plural(len(table.values), 'sample')} found; {MIN_RECORD_SAMPLES} are the least."
         )
     return table
 

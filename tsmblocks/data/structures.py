@@ -12,7 +12,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, clip
 
-MAX_DEPTH = 12
+MAX_NESTING = 12
 """Structures within structures that are followed at most. Chosen: references of a file may form a ring."""
 OBJECT = object()
 """Denotes an object of a MATLAB class, which only MATLAB can read."""
@@ -45,7 +45,7 @@ def _without_lone_dimension(items: list[Any]) -> Any:
 def tree_of_hdf5(file: Any, item: Any, depth: int = 0) -> Any:
     """Plain Python of a group or data set of a MAT file of version 7.3, which keeps structures by references."""
     kind = _text_of(item.attrs.get("MATLAB_class", ""))
-    if depth > MAX_DEPTH or "MATLAB_object_decode" in item.attrs:
+    if depth > MAX_NESTING or "MATLAB_object_decode" in item.attrs:
         return OBJECT
     if hasattr(item, "items"):
         return _structure(file, {k: v for k, v in item.items() if not k.startswith("#")}, depth)
@@ -135,7 +135,7 @@ def signals_of(tree: Mapping[str, Any]) -> MatSignals:
 def _collect(
     name: str, value: Any, axes: list[tuple[str, Axis]], plain: dict[str, Any], objects: list[str], depth: int = 0
 ) -> None:
-    if depth > MAX_DEPTH:
+    if depth > MAX_NESTING:
         return
     if value is OBJECT:
         objects.append(name)

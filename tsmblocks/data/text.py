@@ -57,7 +57,7 @@ def _decoded(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
 
 
 def _separator(lines: Sequence[str]) -> str | None:
-    """Find what stands between the cells; None is white space."""
+    """The separator of the cells; None is white space."""
     return next((c for c in ";\t," if 2 * sum(c in line for line in lines) > len(lines)), None)
 
 
@@ -94,7 +94,7 @@ def _instant(cell: str) -> datetime | None:
 
 
 def _seconds(cell: str, first: datetime) -> float | None:
-    """Seconds since ``first``, NaN for a blank cell, None for what is no such time (or has a zone, or none)."""
+    """Seconds since ``first``, NaN for a blank cell, None for anything else (one of both having a time zone too)."""
     instant = _instant(cell)
     if instant is None:
         return float("nan") if cell.strip().lower() in BLANK else None

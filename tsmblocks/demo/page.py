@@ -36,12 +36,12 @@ Line = tuple[np.ndarray, np.ndarray, str]
 
 def page(cases: Sequence[Case], story: Story) -> str:
     """The whole page; the same numbers give the same text."""
-    found = story.diagnosis
+    diagnosis = story.diagnosis
     ends = [story.tracked[0], *(best(story, model) for model in story.models)]
     values = dict(
         title="tsmblocks: from measurements to the missing effect, and to better control",
-        diagnosis=found,
-        in_one_line=_found(found),
+        diagnosis=diagnosis,
+        in_one_line=_summary(diagnosis),
         errors=[digits(one.error.peak_to_peak) for one in ends],
         paper=_paper(cases),
         floor=digits(FLOOR / DEG),
@@ -52,9 +52,9 @@ def page(cases: Sequence[Case], story: Story) -> str:
             "rms": digits(story.fit.differences.rms / DEG),
             "times_noise": f"{story.fit.differences.rms / FLOOR:.1f}",
         },
-        verdict=verdict_sentence(found.worst),
-        augmented=to_svg(found.augmented, highlight=[e.block for e in found.effects]),
-        diagnosed=_diagnosed(found),
+        verdict=verdict_sentence(diagnosis.worst),
+        augmented=to_svg(diagnosis.augmented, highlight=[e.block for e in diagnosis.effects]),
+        diagnosed=_diagnosed(diagnosis),
         reference=REFERENCE,
         rebuilt=_rebuilt(story),
         hidden=_revealed(story),
@@ -67,7 +67,7 @@ def page(cases: Sequence[Case], story: Story) -> str:
 # ---- chapters ------------------------------------------------------------------------------------
 
 
-def _found(diagnosis: Diagnosis) -> str:
+def _summary(diagnosis: Diagnosis) -> str:
     words = " and ".join(f"{e.words} on {e.wire.strip()}" for e in diagnosis.effects)
     return f"{WORDS[diagnosis.verdict]}{': ' + words if words else ''}."
 
@@ -102,23 +102,23 @@ def _recordings(story: Story) -> list[Markup]:
     return [*(_recording(name, record) for name, record in story.records.items()), last]
 
 
-def _diagnosed(found: Diagnosis) -> dict[str, Any]:
-    segment = found.worst
+def _diagnosed(diagnosis: Diagnosis) -> dict[str, Any]:
+    segment = diagnosis.worst
     gap = worst_gap(segment)
     worst = by_excess(output_traces(segment, gap.output))[0]
-    along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, found.base))]
+    along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, diagnosis.base))]
     colours = [
         ("measured", "measured"),
         ("before", "before"),
-        ("after", "with what was found"),
-        ("hollow", "hollow: fitted to these data too"),
+        ("after", "with the reported effects"),
+        ("hollow", "hollow: on the data it was fitted to"),
         ("noise", "noise, ± 2 rms"),
     ]
     return {
-        "colours": [one for one in colours if found.effects or one[0] != "after"],
+        "colours": [one for one in colours if diagnosis.effects or one[0] != "after"],
         "charts": [
             figures.gap_bars(segment, gap),
-            *(figures.residual_over_coordinate(one, explained=bool(found.effects)) for one in along),
+            *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects)) for one in along),
             figures.signals_over_time(worst, POINTS),
             figures.residual_over_time(worst, gap.noise_floor, POINTS),
         ],

@@ -13,17 +13,17 @@ from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
-from tsmblocks.diagnosis.summary import PartDiagnosis, segment_summary
+from tsmblocks.diagnosis.summary import DiagnosedPart, segment_summary
 from tsmblocks.model.diagram import Diagram
 
 VERDICT_RANK = {"named": 2, "unknown": 1, "none": 0}
 """Verdicts by what they say: that of the whole diagram is the highest of its segments."""
 
 
-def assembled(request: Request, parts: Sequence[PartDiagnosis], notes: Sequence[str], interrupted: bool) -> Diagnosis:
+def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[str], interrupted: bool) -> Diagnosis:
     """The diagnosis of the whole diagram from those of its parts."""
     diagram = request.diagram
-    segments = tuple(segment_summary(part, diagram) for part in parts)
+    segments = tuple(segment_summary(diagnosed, diagram) for diagnosed in parts)
     verdict = max((s.verdict for s in segments), key=lambda v: VERDICT_RANK[v])
     sentences = [s.sentence for s in segments if s.verdict == verdict]
     if interrupted:
@@ -55,34 +55,34 @@ def assembled(request: Request, parts: Sequence[PartDiagnosis], notes: Sequence[
     )
 
 
-def _whole_diagram(diagram: Diagram, parts: Sequence[PartDiagnosis], *, with_effects: bool) -> Diagram:
+def _whole_diagram(diagram: Diagram, parts: Sequence[DiagnosedPart], *, with_effects: bool) -> Diagram:
     """The whole diagram with the fitted parameters, and with the blocks of the named effects."""
     result = diagram
-    for part in parts:
-        last = part.models[-1 if with_effects else 0]
-        for one in part.named if with_effects else ():
+    for diagnosed in parts:
+        last = diagnosed.models[-1 if with_effects else 0]
+        for one in diagnosed.named if with_effects else ():
             c = one.candidate
-            result = in_whole_diagram(c.site, part.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
+            result = in_whole_diagram(c.site, diagnosed.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
         items = last.problem.unknowns.items
         own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
         result = result.untied(own).with_parameters(own)
-    named = [one.candidate.block for part in parts for one in part.named] if with_effects else []
+    named = [one.candidate.block for diagnosed in parts for one in diagnosed.named] if with_effects else []
     return result.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else result
 
 
-def _consequence(parts: Sequence[PartDiagnosis], segments: Sequence[Segment]) -> Consequence | str:
+def _consequence(parts: Sequence[DiagnosedPart], segments: Sequence[Segment]) -> Consequence | str:
     """What the effects mean for control, for the last part with effects; a sentence where that cannot be simulated."""
-    for part, segment in zip(reversed(parts), reversed(segments), strict=True):
+    for diagnosed, segment in zip(reversed(parts), reversed(segments), strict=True):
         if segment.effects:
-            return consequence(part.models[0], part.models[-1])
+            return consequence(diagnosed.models[0], diagnosed.models[-1])
     return ""
 
 
-def _simulated(request: Request, parts: Sequence[PartDiagnosis]) -> Simulated:
+def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
     """How the last models were simulated, with the fitted initial states."""
     starts, steps, pieces = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float, float]]()
-    for part in parts:
-        last = part.final
+    for diagnosed in parts:
+        last = diagnosed.final
         for trial in last.setup.experiments:
             own = {
                 i.parameter: float(v)
@@ -93,22 +93,26 @@ def _simulated(request: Request, parts: Sequence[PartDiagnosis]) -> Simulated:
             steps[trial.name] = trial.times.h
             if experiment_of(trial.name) != trial.name:
                 pieces[trial.name] = float(trial.record.t[0]), float(trial.t[0]), float(trial.record.t[-1])
-    inputs = tuple(dict.fromkeys(k for part in parts for k in part.part.diagram.inputs)) if request.condition else ()
-    outputs = tuple(k for part in parts for k in part.part.outputs)
+    inputs = (
+        tuple(dict.fromkeys(k for diagnosed in parts for k in diagnosed.part.diagram.inputs))
+        if request.condition
+        else ()
+    )
+    outputs = tuple(k for diagnosed in parts for k in diagnosed.part.outputs)
     return Simulated(starts, steps, outputs, inputs, request.settings.integrator, request.settings.hold, pieces)
 
 
-def _options(request: Request, parts: Sequence[PartDiagnosis]) -> dict[str, str]:
+def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]:
     """The options of the diagnosis, in words."""
     settings = request.settings
-    steps = sorted({trial.times.h for part in parts for trial in part.final.setup.experiments})
-    floors = {
-        k: f"{part.floors.given.get(k) or in_display_units(v, part.part.diagram.unit(k))} ({part.floors.method[k]})"
-        for part in parts
-        for k, v in part.floors.sigma.items()
-    }
+    steps = sorted({trial.times.h for diagnosed in parts for trial in diagnosed.final.setup.experiments})
+    floors = [
+        f"{k} {one.floors.given.get(k) or in_display_units(v, one.part.diagram.unit(k))} ({one.floors.method[k]})"
+        for one in parts
+        for k, v in one.floors.sigma.items()
+    ]
     return {
-        "noise floor": ", ".join(f"{k} {words}" for k, words in floors.items()),
+        "noise floor": ", ".join(floors),
         "effects": "all of the catalogue" if request.patterns is None else ", ".join(request.patterns),
         "free": "all but initial states" if settings.free is None else ", ".join(settings.free),
         "start states": "estimated for each experiment" if settings.start_states else "as in the diagram",

@@ -37,7 +37,7 @@ from tsmblocks.diagnosis.partition import (
 )
 from tsmblocks.diagnosis.refinement import with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.summary import PartDiagnosis
+from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.fitting.input_checks import standing
 from tsmblocks.fitting.setup import Data
 from tsmblocks.model.diagram import Diagram
@@ -146,11 +146,8 @@ def diagnose(
         hold=hold,
         progress=progress,
     )
-    done, interrupted, notes = list[PartDiagnosis](), False, request.notes
-    with (
-        defer_interrupt() as stop,
-        np.errstate(over="ignore", invalid="ignore"),
-    ):  # simulations that diverge are left out
+    done, interrupted, notes = list[DiagnosedPart](), False, request.notes
+    with defer_interrupt() as stop, np.errstate(over="ignore", invalid="ignore"):  # diverged simulations are left out
 
         def report(stage: str, count: int, of: int) -> None:
             stop.check()
@@ -172,12 +169,12 @@ def diagnose(
 class _Interrupted(Exception):
     """Ctrl-C was pressed; ``part`` holds the results of the part until then."""
 
-    def __init__(self, part: PartDiagnosis | None) -> None:
+    def __init__(self, part: DiagnosedPart | None) -> None:
         super().__init__()
         self.part = part
 
 
-def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> PartDiagnosis:
+def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> DiagnosedPart:
     """All steps for one part of the diagram."""
     records, settings = _conditioned(part, request, progress, notes), request.settings
     raw, compared = request.records, within_windows(request.records, settings.window)
@@ -206,11 +203,11 @@ def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: 
         if search is None or not rounds:
             raise _Interrupted(None) from None
         count = accepted_count(rounds, search)
-        raise _Interrupted(PartDiagnosis(part, search, floors, rounds, count, rounds[count].base)) from None
+        raise _Interrupted(DiagnosedPart(part, search, floors, rounds, count, rounds[count].base)) from None
     count = accepted_count(rounds, search)
     final, words = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     notes += [f"{part.name}: {text}" for text in words]
-    return PartDiagnosis(part, search, floors, rounds, count, final)
+    return DiagnosedPart(part, search, floors, rounds, count, final)
 
 
 def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:

@@ -38,7 +38,7 @@ INPUT_NOISE_THRESHOLD = 1e-3
 
 
 @attrs.frozen(eq=False)
-class PartDiagnosis:
+class DiagnosedPart:
     """The search for one part of a diagram: its rounds, how many effects are accepted, and the final model."""
 
     part: Part
@@ -60,100 +60,100 @@ class PartDiagnosis:
         return [one.verdict.named for one in self.rounds[: self.count] if one.verdict.named is not None]
 
 
-def segment_summary(work: PartDiagnosis, whole_diagram: Diagram) -> Segment:
+def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment:
     """The result of a segment."""
-    noise_variance, search = work.search.noise_variance, work.search
-    losses = [mean_loss(one.losses, search.blocks) for one in work.rounds[: work.count + 1]]
+    noise_variance, search = diagnosed.search.noise_variance, diagnosed.search
+    losses = [mean_loss(one.losses, search.blocks) for one in diagnosed.rounds[: diagnosed.count + 1]]
     excess = losses[0] / noise_variance - 1
-    base = work.models[0]
-    known = _coordinates(base, work.part)
+    base = diagnosed.models[0]
+    known = _coordinates(base, diagnosed.part)
     excess_variance = max(float(np.mean(base.r**2)) - noise_variance, 0.0)
     located = residual_coordinates(base.r, known, search.blocks, excess_variance)
     ceiling = explainable_share(base.r, known, search.blocks, excess_variance)
-    reliable = work.floors.reliable or ceiling >= MIN_PREDICTABLE_SHARE or excess > CERTAIN_EXCESS
-    verdict = "named" if work.count else "unknown" if excess > UNKNOWN_EXCESS and reliable else "none"
-    held = _held_out(work)
-    effects = tuple(_named(work, k, losses, whole_diagram) for k in range(work.count))
-    gaps = tuple(_gap(work, i, held) for i in range(len(base.setup.outputs)))
-    limits = _limits(work)
+    reliable = diagnosed.floors.reliable or ceiling >= MIN_PREDICTABLE_SHARE or excess > CERTAIN_EXCESS
+    verdict = "named" if diagnosed.count else "unknown" if excess > UNKNOWN_EXCESS and reliable else "none"
+    held = _held_out(diagnosed)
+    effects = tuple(_named(diagnosed, k, losses, whole_diagram) for k in range(diagnosed.count))
+    gaps = tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs)))
+    limits = _limits(diagnosed)
     result = Segment(
-        work.part.name,
-        tuple(work.part.diagram.inputs),
-        work.part.outputs,
+        diagnosed.part.name,
+        tuple(diagnosed.part.diagram.inputs),
+        diagnosed.part.outputs,
         verdict,
         float(excess),
-        {k: v * np.sqrt(noise_variance) for k, v in work.floors.sigma.items()},
+        {k: v * np.sqrt(noise_variance) for k, v in diagnosed.floors.sigma.items()},
         effects,
         gaps,
         located,
-        _ranking(work),
+        _ranking(diagnosed),
         limits,
-        _traces(work),
+        _traces(diagnosed),
         ceiling,
         "",
-        as_fit(work.final),
+        as_fit(diagnosed.final),
     )
     return attrs.evolve(result, sentence=verdict_sentence(result))
 
 
-def _shrinkage(work: PartDiagnosis, k: int) -> dict[str, tuple[float, float]]:
+def _shrinkage(diagnosed: DiagnosedPart, k: int) -> dict[str, tuple[float, float]]:
     """Shrinkage of the effects in model ``k``."""
-    return {name: pair for one in work.named[:k] for name, pair in shrinkage_of(one.candidate).items()}
+    return {name: pair for one in diagnosed.named[:k] for name, pair in shrinkage_of(one.candidate).items()}
 
 
-def _held_out(work: PartDiagnosis) -> list[np.ndarray]:
+def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:
     """Held-out residuals (N,) of each model."""
     result = []
-    for k, model in enumerate(work.models):
-        ridge, null = ridge_weights(_shrinkage(work, k), model)
-        result.append(held_out_residuals(model, work.search.blocks.fold, ridge, null))
+    for k, model in enumerate(diagnosed.models):
+        ridge, null = ridge_weights(_shrinkage(diagnosed, k), model)
+        result.append(held_out_residuals(model, diagnosed.search.blocks.fold, ridge, null))
     return result
 
 
-def _named(work: PartDiagnosis, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
+def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
     """One effect, with its parameters in the final model."""
-    noise_variance, blocks = work.search.noise_variance, work.search.blocks
-    indistinguishable, candidate = work.rounds[k].indistinguishable, work.named[k].candidate
+    noise_variance, blocks = diagnosed.search.noise_variance, diagnosed.search.blocks
+    indistinguishable, candidate = diagnosed.rounds[k].indistinguishable, diagnosed.named[k].candidate
     explainable = max(losses[0] - noise_variance, 1e-12)
-    whole_losses = [mean_loss(r.experiment_losses, blocks) for r in work.rounds[: work.count + 1]]
+    whole_losses = [mean_loss(r.experiment_losses, blocks) for r in diagnosed.rounds[: diagnosed.count + 1]]
     across = (
         (whole_losses[k] - whole_losses[k + 1]) / max(whole_losses[0] - noise_variance, 1e-12)
-        if _has_several_experiments(work)
+        if _has_several_experiments(diagnosed)
         else None
     )
-    site = in_whole_diagram(candidate.site, work.part)
+    site = in_whole_diagram(candidate.site, diagnosed.part)
     also = list(dict.fromkeys(o.candidate.effect.name for o in indistinguishable))
     effect = candidate.effect
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
-    same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), work.named[k])
+    same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(
         effect.name,
         effect.family,
         effect.words,
-        work.part.name,
-        site.words(_with_effects(work, k, whole_diagram)),
+        diagnosed.part.name,
+        site.words(_with_effects(diagnosed, k, whole_diagram)),
         candidate.block,
-        _quantities(work.models[-1], candidate.block, candidate.free),
+        _quantities(diagnosed.models[-1], candidate.block, candidate.free),
         float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
         None if across is None else float(min(across, 1.0)),
         tuple(name for name in also if name != effect.name),
-        separating_experiment(same, indistinguishable, work.search.records, work.search.settings),
+        separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
         site.code(candidate.block, effect.block),
     )
 
 
-def _with_effects(work: PartDiagnosis, k: int, whole_diagram: Diagram) -> Diagram:
+def _with_effects(diagnosed: DiagnosedPart, k: int, whole_diagram: Diagram) -> Diagram:
     """The whole diagram with the first ``k`` effects in place."""
     result = whole_diagram
-    for one in work.named[:k]:
+    for one in diagnosed.named[:k]:
         c = one.candidate
-        result = in_whole_diagram(c.site, work.part).put(result, c.block, c.effect.block)
+        result = in_whole_diagram(c.site, diagnosed.part).put(result, c.block, c.effect.block)
     return result
 
 
-def _has_several_experiments(work: PartDiagnosis) -> bool:
+def _has_several_experiments(diagnosed: DiagnosedPart) -> bool:
     """Whether there is more than one experiment, so that whole ones can be held out."""
-    return len({experiment_of(t.name) for t in work.models[0].setup.experiments}) > 1
+    return len({experiment_of(t.name) for t in diagnosed.models[0].setup.experiments}) > 1
 
 
 def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quantity]:
@@ -169,11 +169,11 @@ def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quan
     return result
 
 
-def _gap(work: PartDiagnosis, i: int, held: Sequence[np.ndarray]) -> Gap:
+def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
     """The error of one output before and after each effect, fitted and held out."""
-    base = work.models[0]
+    base = diagnosed.models[0]
     name, problem = base.setup.outputs[i], base.problem
-    sigma, count = work.floors.sigma[name], len(base.setup.outputs)
+    sigma, count = diagnosed.floors.sigma[name], len(base.setup.outputs)
     rows = [problem.segments[e * count + i] for e in range(len(problem.experiments))]
     groups: dict[str, list[slice]] = {}
     for trial, row in zip(problem.experiments, rows, strict=True):
@@ -186,30 +186,30 @@ def _gap(work: PartDiagnosis, i: int, held: Sequence[np.ndarray]) -> Gap:
     return Gap(
         name,
         base.diagram.unit(name),
-        sigma * float(np.sqrt(work.search.noise_variance)),
-        work.floors.method[name],
-        tuple(rms(m.r, rows) for m in work.models),
+        sigma * float(np.sqrt(diagnosed.search.noise_variance)),
+        diagnosed.floors.method[name],
+        tuple(rms(m.r, rows) for m in diagnosed.models),
         tuple(rms(r, rows) for r in held),
         each,
-        _given(work, name),
+        _given(diagnosed, name),
     )
 
 
-def _given(work: PartDiagnosis, output: str) -> str:
+def _given(diagnosed: DiagnosedPart, output: str) -> str:
     """The floor as it was given, and whether input noise was added; empty where it was estimated."""
-    words = work.floors.given.get(output, "")
-    more = ", and noise of the inputs" if work.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
+    words = diagnosed.floors.given.get(output, "")
+    more = ", and noise of the inputs" if diagnosed.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
     return words and f"{words} given{more}"
 
 
-def _ranking(work: PartDiagnosis) -> tuple[RankedCandidate, ...]:
+def _ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
     """Every candidate of every accepted round, and of the one after."""
     result: list[RankedCandidate] = []
-    for number, one in enumerate((r.most_complete for r in work.rounds[: work.count + 1]), 1):
-        blocks, noise_variance = work.search.blocks, work.search.noise_variance
+    for number, one in enumerate((r.most_complete for r in diagnosed.rounds[: diagnosed.count + 1]), 1):
+        blocks, noise_variance = diagnosed.search.blocks, diagnosed.search.noise_variance
         before = mean_loss(one.losses, blocks)
         # A base at the noise floor has no excess, and a share of it has no meaning: the least one counts instead.
-        row = _RankingRow(number, one, work, max(before - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance))
+        row = _RankingRow(number, one, diagnosed, max(before - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance))
         fitted = {tried.candidate.key for tried in one.verdict.ranking}
         result += [
             row.fitted(tried, float(t), before, mean_loss(one.experiment_losses, blocks), noise_variance)
@@ -225,7 +225,7 @@ class _RankingRow:
 
     number: int
     round: SearchRound
-    work: PartDiagnosis
+    diagnosed: DiagnosedPart
     excess: float
 
     def screened(self, p: ScreeningScore) -> RankedCandidate:
@@ -236,12 +236,12 @@ class _RankingRow:
         self, one: FittedCandidate, t: float, before: float, across: float, noise_variance: float
     ) -> RankedCandidate:
         """A candidate that was fitted; ``across`` is the base's loss with whole experiments held out."""
-        c, verdict, blocks = one.candidate, self.round.verdict, self.work.search.blocks
+        c, verdict, blocks = one.candidate, self.round.verdict, self.diagnosed.search.blocks
         items = [i for i in one.model.problem.unknowns.items if i.parameter in c.free]
         units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
         values = {i.parameter.removeprefix(f"{c.block}."): one.model.values[i.name] for i in items}
-        added = verdict.named is not None and self.number <= self.work.count
-        several = _has_several_experiments(self.work)
+        added = verdict.named is not None and self.number <= self.diagnosed.count
+        several = _has_several_experiments(self.diagnosed)
         removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
         return attrs.evolve(
             self._made(c, before - one.loss),
@@ -260,7 +260,7 @@ class _RankingRow:
         wire, nothing = c.site.words(self.round.base.diagram), float("nan")
         return RankedCandidate(
             self.number,
-            self.work.part.name,
+            self.diagnosed.part.name,
             c.effect.name,
             c.effect.variant,
             c.effect.family,
@@ -279,19 +279,19 @@ class _RankingRow:
         )
 
 
-def _limits(work: PartDiagnosis) -> tuple[DetectionLimit, ...]:
+def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     """For each effect the smallest size detectable in these experiments."""
     found: dict[str, DetectionLimit] = {}
-    for p in work.rounds[0].screening_scores:
+    for p in diagnosed.rounds[0].screening_scores:
         effect, limit = p.candidate.effect, p.detection_limit
         parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
         unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
         old = found.get(effect.name)
         if old is None or (old.value is None and limit is not None):
             found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites)
-    for effect in work.search.effects:
+    for effect in diagnosed.search.effects:
         found.setdefault(effect.name, DetectionLimit(effect.name, effect.free[0], None, "", effect.excites))
-    order = {effect.name: k for k, effect in enumerate(work.search.effects)}
+    order = {effect.name: k for k, effect in enumerate(diagnosed.search.effects)}
     return tuple(sorted(found.values(), key=lambda m: order[m.name]))
 
 
@@ -312,13 +312,13 @@ def _drive(trial: Experiment, model: Model, name: str) -> np.ndarray:
     return np.interp(trial.t, trial.record.t, trial.record.values(name, model.diagram.unit(name)))
 
 
-def _traces(work: PartDiagnosis) -> tuple[Trace, ...]:
+def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
     """Measured and simulated signals for figures."""
-    base, final, inputs = work.models[0], work.models[-1], list(work.part.diagram.inputs)
+    base, final, inputs = diagnosed.models[0], diagnosed.models[-1], list(diagnosed.part.diagram.inputs)
     count, result = len(base.setup.outputs), list[Trace]()
     for e, trial in enumerate(base.setup.experiments):
         for i, name in enumerate(base.setup.outputs):
-            rows, sigma = base.problem.segments[e * count + i], work.floors.sigma[name]
+            rows, sigma = base.problem.segments[e * count + i], diagnosed.floors.sigma[name]
             drive = _drive(trial, base, inputs[0]) if inputs else np.empty(0)
             result.append(
                 Trace(
@@ -331,7 +331,7 @@ def _traces(work: PartDiagnosis) -> tuple[Trace, ...]:
                     trial.measured[:, i] + sigma * final.r[rows],
                     drive,
                     inputs[0] if inputs else "",
-                    _blocks(base.r[rows], work.search.blocks.block[rows], trial.t),
+                    _blocks(base.r[rows], diagnosed.search.blocks.block[rows], trial.t),
                 )
             )
     return tuple(result)

@@ -22,7 +22,7 @@ from tsmblocks.files.faults import (
     misspelling_hint,
 )
 from tsmblocks.files.shipped import shipped_folder, shipped_names
-from tsmblocks.files.toml_text import parse_tables, read_text
+from tsmblocks.files.toml_text import load_text, parse_tables
 from tsmblocks.model.aliases import block_hint
 from tsmblocks.model.block import REGISTRY, Block, plain, validate
 from tsmblocks.model.diagram import DEEPEST, Diagram
@@ -182,7 +182,7 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
     reading.open.append(key)
     part = FAULTY
     try:
-        table, places = parse_tables(read_text(file), str(file))
+        table, places = parse_tables(load_text(file), str(file))
         part = type(page)(reading, str(file), places, file.parent).whole(table, level + 1)
     except FileError as error:
         for problem in error.problems:

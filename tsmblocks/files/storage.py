@@ -43,11 +43,11 @@ def load(name_or_path: str | os.PathLike[str]) -> Diagram:
     Diagram('Tendon sheath: a gain and an offset', 2 blocks, inputs x_in [rad], outputs x_out [rad])
     """
     from tsmblocks.files.reader import diagram_from
-    from tsmblocks.files.toml_text import read_text
+    from tsmblocks.files.toml_text import load_text
 
     _fill_registry()
     path = _path_of(name_or_path)
-    return diagram_from(read_text(path), str(path), path.parent, path.resolve())
+    return diagram_from(load_text(path), str(path), path.parent, path.resolve())
 
 
 def load_beside(folder: Path, name: str) -> Diagram:

@@ -17,7 +17,7 @@ MOST_BYTES = 20_000_000
 """Bytes of one file. Recordings that need more belong in data files, not in a diagram."""
 
 
-def read_text(path: Path) -> str:
+def load_text(path: Path) -> str:
     """Return the text of a file; raises FileError where it cannot be had."""
     try:
         if path.is_dir():

@@ -12,18 +12,18 @@ view = functools.singledispatch(no_view)
 
 
 @view.register
-def frequency_card(found: FrequencyResponse) -> str:
+def frequency_card(response: FrequencyResponse) -> str:
     """A frequency response: gain, phase and distortion at each frequency, for each amplitude."""
     cells = [
         (
             table_number(a),
             table_number(f),
-            table_number(found.gain[i, k]),
-            table_number(found.phase[i, k]),
-            table_number(100 * found.distortion[i, k]),
+            table_number(response.gain[i, k]),
+            table_number(response.phase[i, k]),
+            table_number(100 * response.distortion[i, k]),
         )
-        for i, a in enumerate(found.amplitudes)
-        for k, f in enumerate(found.frequencies)
+        for i, a in enumerate(response.amplitudes)
+        for k, f in enumerate(response.frequencies)
     ]
-    head = (f"size of {found.driven}", "frequency [Hz]", "gain", "phase [deg]", "distortion [%]")
-    return card(f"{found.title}: {found.output} over {found.driven}", "", rows(head, cells, most=40))
+    head = (f"size of {response.driven}", "frequency [Hz]", "gain", "phase [deg]", "distortion [%]")
+    return card(f"{response.title}: {response.output} over {response.driven}", "", rows(head, cells, most=40))

@@ -31,10 +31,10 @@ def family(cls: type) -> str:
 
 def by_family(registry: Mapping[str, type]) -> dict[str, dict[str, type]]:
     """Blocks by family and name; the families from sources to sensors, then those of other modules."""
-    found: dict[str, dict[str, type]] = {}
+    families: dict[str, dict[str, type]] = {}
     for name, cls in sorted(registry.items()):
-        found.setdefault(family(cls), {})[name] = cls
-    return {k: found[k] for k in sorted(found, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))}
+        families.setdefault(family(cls), {})[name] = cls
+    return {k: families[k] for k in sorted(families, key=lambda f: (ORDER.index(f) if f in ORDER else len(ORDER), f))}
 
 
 def words(cls: type) -> tuple[str, str, str]:

@@ -19,11 +19,11 @@ view = functools.singledispatch(no_view)
 
 
 @view.register
-def diagnosis_card(found: Diagnosis) -> str:
+def diagnosis_card(diagnosis: Diagnosis) -> str:
     """A diagnosis: verdict, effects with their parameters, errors before and after; ``save`` writes the report."""
     boxes = [
         part("verdict", s.verdict, WORDS.get(s.verdict, s.verdict), verdict_sentence(s))
-        for s in segments_by_verdict(found)
+        for s in segments_by_verdict(diagnosis)
     ]
     effects = [
         (
@@ -33,21 +33,21 @@ def diagnosis_card(found: Diagnosis) -> str:
             percent(e.share_removed),
             ", ".join(e.also_possible),
         )
-        for e in found.effects
+        for e in diagnosis.effects
     ]
     head = ("effect", "insertion point", "parameters", "removes", "indistinguishable from")
     named = table_of([head, *effects], {0, 1, 2, 4}) if effects else ""
-    gaps = [gap_bars(s, g) for s in found.segments for g in s.gaps][:MOST_CHARTS]
+    gaps = [gap_bars(s, g) for s in diagnosis.segments for g in s.gaps][:MOST_CHARTS]
     colours = [
         ("before", "before"),
         ("after", "with all reported effects"),
         ("hollow", "hollow: on the data it was fitted to"),
     ]
-    stopped = "" if found.status == "done" else f"; {STATUS.get(found.status, found.status)}"
-    count = len(found.experiments)
-    about = f"{count} experiment{'s' if count > 1 else ''}: {few(found.experiments)}{stopped}"
+    stopped = "" if diagnosis.status == "done" else f"; {STATUS.get(diagnosis.status, diagnosis.status)}"
+    count = len(diagnosis.experiments)
+    about = f"{count} experiment{'s' if count > 1 else ''}: {few(diagnosis.experiments)}{stopped}"
     return card(
-        f"Diagnosis: {found.diagram or 'diagram'}",
+        f"Diagnosis: {diagnosis.diagram or 'diagram'}",
         about,
         *boxes,
         named,

@@ -165,19 +165,19 @@ def _models(trace: Trace) -> list[np.ndarray]:
 # ---- along a coordinate --------------------------------------------------------------------------
 
 
-def residual_over_coordinate(found: Profile, *, explained: bool) -> Markup:
+def residual_over_coordinate(curve: Profile, *, explained: bool) -> Markup:
     """Mean residual in bins of a coordinate with standard errors, before and after, and the effects' contribution."""
-    k, unit = display_unit(found.error_unit)
-    k_in, unit_in = display_unit(found.unit)
-    x, before, after = k_in * found.x, k * found.before, k * found.after
-    wide = [before, before - k * found.error_before, before + k * found.error_before]
+    k, unit = display_unit(curve.error_unit)
+    k_in, unit_in = display_unit(curve.unit)
+    x, before, after = k_in * curve.x, k * curve.before, k * curve.after
+    wide = [before, before - k * curve.error_before, before + k * curve.error_before]
     frame = Frame(LEFT, 22, RIGHT, 170, charts.spread(x), charts.spread(*wide, after, zero=True))
-    parts = [charts.axes(frame, heading(found.coordinate, unit_in), heading("mean residual", unit))]
+    parts = [charts.axes(frame, heading(curve.coordinate, unit_in), heading("mean residual", unit))]
     zero = float(frame.up(np.array(0.0)))
     parts.append(charts.rule(LEFT, zero, RIGHT, zero, "zero"))
     if explained:
-        parts.append(charts.line(frame, x, k * found.explained, "explained"))
-    parts.append(charts.points(frame, x, before, k * found.error_before, "before"))
+        parts.append(charts.line(frame, x, k * curve.explained, "explained"))
+    parts.append(charts.points(frame, x, before, k * curve.error_before, "before"))
     if explained:
-        parts.append(charts.points(frame, x, after, k * found.error_after, "after"))
-    return charts.chart(parts, 204, f"mean residual over {found.coordinate}")
+        parts.append(charts.points(frame, x, after, k * curve.error_after, "after"))
+    return charts.chart(parts, 204, f"mean residual over {curve.coordinate}")

@@ -44,17 +44,17 @@ def differences_card(differences: Differences) -> str:
 
 
 @view.register
-def comparison_card(found: Comparison) -> str:
+def comparison_card(comparison: Comparison) -> str:
     """Models from best to worst, those that could not be fitted, and the largest residual of the best one."""
-    faults = [f"{row.name}: {row.fault}" for row in found if row.fit is None]
-    warnings = [f"{row.name}: {text}" for row in found for text in row_doubts(row)]
-    best = found.best.held_out or found.best.train
-    shown = _chart(_worst(best), f"{found.best.name}: ") if best is not None and len(best) else ""
-    about = "interrupted; these are the models that were reached" if found.interrupted else ""
+    faults = [f"{row.name}: {row.fault}" for row in comparison if row.fit is None]
+    warnings = [f"{row.name}: {text}" for row in comparison for text in row_doubts(row)]
+    best = comparison.best.held_out or comparison.best.train
+    shown = _chart(_worst(best), f"{comparison.best.name}: ") if best is not None and len(best) else ""
+    about = "interrupted; these are the models that were reached" if comparison.interrupted else ""
     return card(
-        f"{len(found)} models compared",
+        f"{len(comparison)} models compared",
         about,
-        table_of(ranking_rows(found), {0}, MOST),
+        table_of(ranking_rows(comparison), {0}, MOST),
         shown,
         listed(faults, "could not be fitted"),
         listed(warnings, "beware"),

@@ -20,17 +20,17 @@ FLUSH_LEFT = "l:"
 
 @functools.cache
 def _templates() -> Environment:
-    found = Environment(
+    environment = Environment(
         loader=PackageLoader("tsmblocks.html"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.globals["style"] = style
-    found.filters["sentence"] = sentence
-    found.tests["flush_left"] = lambda name: name.startswith(FLUSH_LEFT)
-    return found
+    environment.globals["style"] = style
+    environment.filters["sentence"] = sentence
+    environment.tests["flush_left"] = lambda name: name.startswith(FLUSH_LEFT)
+    return environment
 
 
 def rendered(template: str, values: Mapping[str, Any]) -> str:

@@ -32,9 +32,9 @@ def plain(latex: str) -> str:
     return "\n".join(_spaced(line) for line in lines)
 
 
-def _cases(found: re.Match[str]) -> str:
+def _cases(cases: re.Match[str]) -> str:
     """Cases on one line, each with its condition."""
-    rows = [row.split("&") for row in re.split(r"\\\\", found[1].strip())]
+    rows = [row.split("&") for row in re.split(r"\\\\", cases[1].strip())]
     return (
         r"\{"
         + "; ".join(" if ".join(part.strip() for part in row) for row in rows).replace(
@@ -88,14 +88,14 @@ def _argument(tokens: list[str]) -> str:
 
 def _group(tokens: list[str]) -> list[str]:
     """Tokens up to the brace that closes a group, taken off."""
-    depth, found = 1, list[str]()
+    depth, group = 1, list[str]()
     while tokens:
         token = tokens.pop(0)
         depth += (token == "{") - (token == "}")
         if not depth:
             break
-        found.append(token)
-    return found
+        group.append(token)
+    return group
 
 
 def _bracketed(text: str) -> str:

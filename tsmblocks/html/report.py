@@ -51,7 +51,7 @@ def page(diagnosis: Diagnosis) -> str:
     segments, effects = diagnosis.segments, diagnosis.effects
     values = dict(
         title=f"Diagnosis: {diagnosis.diagram or 'diagram'}",
-        found=diagnosis,
+        diagnosis=diagnosis,
         experiments=diagnosis.experiments,
         in_order=segments_by_verdict(diagnosis),
         several=len(segments) > 1,
@@ -74,7 +74,7 @@ def page(diagnosis: Diagnosis) -> str:
         tracking=_tracking(diagnosis),
         origin=_origin(diagnosis),
         notes=merged_notes(diagnosis.notes, diagnosis.experiments),
-        says=verdict_sentence,
+        verdict_sentence=verdict_sentence,
         percent=percent,
         listed=listed,
         plural=lambda things: "s" if len(things) > 1 else "",
@@ -216,17 +216,17 @@ def _limits(segment: Segment) -> dict[str, Any]:
 
 
 def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    found = diagnosis.consequence
-    if found is None:
+    tracking = diagnosis.consequence
+    if tracking is None:
         return None
-    k, unit = display_unit(found.unit)
+    k, unit = display_unit(tracking.unit)
     runs = {
-        "no compensation": found.none,
-        "compensator on the base model": found.base,
-        "compensator on the new model": found.augmented,
+        "no compensation": tracking.none,
+        "compensator on the base model": tracking.base,
+        "compensator on the new model": tracking.augmented,
     }
     rows = [(words, digits(k * peak), digits(k * rms)) for words, (peak, rms) in runs.items()]
-    return {"reference": found.reference, "unit": unit, "rows": rows, "words": found.words}
+    return {"reference": tracking.reference, "unit": unit, "rows": rows, "words": tracking.words}
 
 
 def _origin(diagnosis: Diagnosis) -> Sequence[tuple[str, str]]:

@@ -29,21 +29,21 @@ INSTANTS = 200
 
 
 @view.register
-def study_card(found: Results) -> str:
+def study_card(results: Results) -> str:
     """The results of a study: quantiles of each metric, the run where it is lowest, its distribution."""
-    done = f"{len(found)} of {found.count} runs" if len(found) < found.count else f"{found.count} runs"
+    done = f"{len(results)} of {results.count} runs" if len(results) < results.count else f"{results.count} runs"
     cells = []
-    for name in found.metrics:
-        k, unit = units.display_unit(found.units[name])
-        best = found.best(name) if np.isfinite(found[name]).any() else {}
-        where = ", ".join(f"{one} {_value(best[one])}" for one in found.parameters if one in best)
-        cells.append([heading(name, unit), *(table_number(k * v) for v in found.quantiles(name).values()), where])
-    failed = int(found.failed.sum())
+    for name in results.metrics:
+        k, unit = units.display_unit(results.units[name])
+        best = results.best(name) if np.isfinite(results[name]).any() else {}
+        where = ", ".join(f"{one} {_value(best[one])}" for one in results.parameters if one in best)
+        cells.append([heading(name, unit), *(table_number(k * v) for v in results.quantiles(name).values()), where])
+    failed = int(results.failed.sum())
     said = [f"{failed} runs have a metric that is not a number (an unstable loop, say)."] if failed else []
-    drawn = [_spread(found, name) for name in list(found.metrics)[:MOST_CHARTS]]
+    drawn = [_spread(results, name) for name in list(results.metrics)[:MOST_CHARTS]]
     return card(
-        f"{found.title}: {found.kind}, {done}",
-        f"over {few(found.parameters)}",
+        f"{results.title}: {results.kind}, {done}",
+        f"over {few(results.parameters)}",
         rows(["l:metric", *QUANTILES, "l:lowest at"], cells),
         part("charts", drawn),
         listed(said),
@@ -51,18 +51,20 @@ def study_card(found: Results) -> str:
 
 
 @view.register
-def responses_card(found: Responses) -> str:
+def responses_card(responses: Responses) -> str:
     """Responses of many runs: median and quantiles of each signal over time."""
-    count = len(next(iter(found.signals.values()), ()))
-    drawn = [_envelope(found, name) for name in list(found.signals)[:MOST_ROWS]]
+    count = len(next(iter(responses.signals.values()), ()))
+    drawn = [_envelope(responses, name) for name in list(responses.signals)[:MOST_ROWS]]
     bands = part("key", [("c0", "median"), ("band", "5 to 95 %, and 25 to 75 %")])
-    return card(f"{found.title}: responses of {count} runs", f"{len(found.t)} instants", part("charts", drawn), bands)
+    return card(
+        f"{responses.title}: responses of {count} runs", f"{len(responses.t)} instants", part("charts", drawn), bands
+    )
 
 
-def _spread(found: Results, name: str) -> str:
+def _spread(results: Results, name: str) -> str:
     """The distribution of a metric, as bars."""
-    k, unit = units.display_unit(found.units[name])
-    values = k * found[name][np.isfinite(found[name])]
+    k, unit = units.display_unit(results.units[name])
+    values = k * results[name][np.isfinite(results[name])]
     if len(values) < 2:
         return ""
     counts, edges = np.histogram(values, bins=min(BARS, max(4, int(np.sqrt(len(values))))))
@@ -80,10 +82,10 @@ def _value(value: Any) -> str:
     return table_number(value) if isinstance(value, float) else str(value)
 
 
-def _envelope(found: Responses, name: str) -> str:
+def _envelope(responses: Responses, name: str) -> str:
     """Bands and median of one signal over time."""
-    k, unit = units.display_unit(found.unit(name))
-    t, *every = charts.sampled(INSTANTS, found.t, *(k * found[name]))
+    k, unit = units.display_unit(responses.unit(name))
+    t, *every = charts.sampled(INSTANTS, responses.t, *(k * responses[name]))
     y = np.array(every)
     y = y[np.isfinite(y).all(axis=1)]
     if not len(y):

@@ -14,30 +14,30 @@ view = functools.singledispatch(no_view)
 
 
 @view.register
-def tuned_card(found: Tuned) -> str:
+def tuned_card(tuned: Tuned) -> str:
     """The result of a tuning: the parameters, and each metric in each case before and after."""
-    at = found.at_bounds
+    at = tuned.at_bounds
     values = rows(
         ["l:parameter", "before", "tuned", "from", "to", "l:"],
         [
             (
                 name,
-                *map(table_number, (found.own[name], v, *found.bounds[name])),
+                *map(table_number, (tuned.own[name], v, *tuned.bounds[name])),
                 f"at its {at[name]} bound" if name in at else "",
             )
-            for name, v in found.values.items()
+            for name, v in tuned.values.items()
         ],
     )
-    people = {name: units.display_unit(unit) for name, unit in found.units.items()}
+    display = {name: units.display_unit(unit) for name, unit in tuned.units.items()}
     cells = [
-        (case, found.title(name), table_number(k * found.before[case][name]), table_number(k * after[name]))
-        for case, after in found.after.items()
-        for name, (k, _) in people.items()
+        (case, tuned.title(name), table_number(k * tuned.before[case][name]), table_number(k * after[name]))
+        for case, after in tuned.after.items()
+        for name, (k, _) in display.items()
     ]
-    k, unit = people[found.objective]
-    worst = f"{named(found.objective)[0]} in the worst case: {_ends([k * v for v in found.worst], unit)}"
+    k, unit = display[tuned.objective]
+    worst = f"{named(tuned.objective)[0]} in the worst case: {_ends([k * v for v in tuned.worst], unit)}"
     return card(
-        "Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(list(found.remarks))
+        "Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(list(tuned.remarks))
     )
 
 

@@ -216,7 +216,7 @@ class Reader:
 
 
 def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") -> Reader:
-    """Parse a text. Raises ParameterError for what is none, is too long, or has no tree."""
+    """Parse a text. Raises ParameterError for anything else, for one that is too long or cannot be parsed."""
     if not isinstance(text, str):
         raise ParameterError(f"{what}: a text such as '2 * theta' is wanted, got {in_words(text)}.")
     if len(text) > MAX_LENGTH:

@@ -46,7 +46,7 @@ class Part:
         if not inside.any():
             raise DataError(
                 f"metric '{clip(name)}': no instant of the run lies between {self.after:g} and "
-                f"{self.before:g} s; it goes from {t[0]:g} to {t[-1]:g} s."
+                f"{self.before:g} s; it is from {t[0]:g} to {t[-1]:g} s."
             )
         if not inside.all():
             t, signals = t[inside], {k: v[inside] for k, v in signals.items()}
@@ -60,8 +60,8 @@ class Part:
 class Metric:
     """One number of a run, as it was written in ``text``, shown as ``name`` in ``unit`` (``""`` where none is known).
 
-    ``outer`` is arithmetic of the ``parts``, which it knows as ``#0``, ``#1``, …; ``factor`` turns what it gives into
-    ``unit``. ``asked`` is the name as it was asked for: ``"error [deg]"`` of a metric called ``"error"``.
+    ``outer`` is arithmetic of the ``parts``, named ``#0``, ``#1``, … there; ``factor`` converts its value to
+    ``unit``. ``asked`` is the name as it was given: ``"error [deg]"`` of a metric called ``"error"``.
     """
 
     name: str
@@ -95,7 +95,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
 
     ``signals`` maps the signals that may be named to their units (``""`` where unknown). Every reduction takes
     ``after=`` and ``before=`` [s]; which there are is in ``reductions.REDUCTIONS``. A ``name`` such as
-    ``"error [deg]"`` says the unit of the result as well. Raises ParameterError for what is no metric, for unknown
+    ``"error [deg]"`` states the unit of the result as well. Raises ParameterError for anything else, for unknown
     names, and for signals added up in different units; UnitError for a unit that does not fit.
     """
     asked = name
@@ -138,7 +138,7 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
         given = {name: text for name, text in DEFAULT_METRICS.items() if _reads(text, signals)}
         if not given:
             raise ParameterError(
-                "say which metrics: the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
+                "no metrics are given, and the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
                 f"example 'rms({next(iter(signals), 'y')})'."
             )
     if isinstance(given, str):
@@ -220,7 +220,7 @@ def _reads(text: str, signals: Mapping[str, str]) -> bool:
 
 
 class _Lift:
-    """Takes the reductions out of a tree, and leaves a name ``#k`` where each stood."""
+    """Replaces the reductions in a tree by names ``#k``."""
 
     def __init__(self, read: Reader, signals: Mapping[str, str]) -> None:
         self.read, self.signals = read, signals

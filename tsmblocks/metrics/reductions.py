@@ -80,7 +80,7 @@ def _step_share(e: Array, target: float) -> Array:
 
 @attrs.frozen
 class Reduction:
-    """A way to make one number of a signal.
+    """A reduction of a signal to one number.
 
     ``run(e, t, *numbers)`` takes a signal (N, runs) and the instants (N,) in s and gives (runs,); ``numbers`` are the
     names of what else it takes, in the unit of the signal. ``unit`` gives the unit of the number from the signal's.

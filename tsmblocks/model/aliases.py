@@ -1,4 +1,4 @@
-"""What blocks are called in other programs, for those who come from there."""
+"""Names of blocks in other programs, for hints in messages."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ OTHER_NAMES: dict[str, tuple[str, ...]] = {
     "Ramp": ("Clock", "Time"),
     "StribeckFriction": ("Joint friction",),
 }
-"""Names elsewhere, for each block."""
+"""Block -> its names in other programs."""
 
 
 def _letters_and_digits(name: str) -> str:
+    """A name without case, blanks and signs."""
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
@@ -43,6 +44,6 @@ BLOCK_NAMES = {_letters_and_digits(name): block for block, names in OTHER_NAMES.
 
 
 def block_hint(name: str, known: Collection[str], otherwise: str = "") -> str:
-    """What a block is called here that is called ``name`` elsewhere; else what is near, as ``errors.near`` says it."""
+    """A hint with the block that has another name elsewhere; else the near miss, as ``errors.near``."""
     here = BLOCK_NAMES.get(_letters_and_digits(name))
     return f" Here that is '{here}'." if here and here in known else near(name, known, otherwise=otherwise)

@@ -1,4 +1,4 @@
-"""How a diagram is edited, and its parameters changed: functions from a diagram to a new one, called by its methods."""
+"""Edits of a diagram, and of its parameters: functions from a diagram to a new one, called by its methods."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _fail(diagram: Diagram, text: str) -> DiagramError:
 
 
 def wires_in(diagram: Diagram, name: str, given: Any) -> tuple[str, ...]:
-    """Chains given to an edit as its argument ``name``; raises DiagramError for anything but a list of them."""
+    """The chains in the argument ``name`` of an edit; raises DiagramError for anything but a list of them."""
     wrong = wires_fault(name, given)
     if wrong:
         raise _fail(diagram, wrong)
@@ -29,7 +29,7 @@ def wires_in(diagram: Diagram, name: str, given: Any) -> tuple[str, ...]:
 
 
 def _default_port(diagram: Diagram, name: str, block: Any, side: str, wires: tuple[str, ...]) -> str:
-    """The port of a block that stands on a wire: the only one that no other wire has, or the input named u."""
+    """The port of a block that is put on a wire: the only unused one, or the input named u."""
     ports = block.inports if side == "input" else block.outports
     taken = {end.strip() for wire in wires for stage in wire.split("->") for end in stage.split(",")}
     usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "") and f"{name}.{k}" not in taken]
@@ -123,7 +123,7 @@ def _before(diagram: Diagram, receiver: str, enter: tuple[str, str], leave: tupl
 
 
 def _instead(place: str, fault: Fault, name: str, known: list[str]) -> str:
-    """The fault; the near miss of a plain name is looked for among inputs or outputs of the diagram too."""
+    """The fault; for a name without a dot, with the near miss among inputs or outputs of the diagram too."""
     if "." in name or name in known or not str(fault).startswith("names block"):
         return fault_sentence(place, fault)
     return f"{place} names nothing in this diagram.{near(name, known)}"
@@ -183,7 +183,7 @@ def removed(diagram: Diagram, name: str) -> Diagram:
             "in use, so what should take its place is not known. Use rewire or replace.",
         )
     heads = {x.target[1] for x in into} | {e[1] for _, e in feeding}
-    if leaving and heads == {"v"}:  # friction, an observer: what comes out is of another kind, units told or not
+    if leaving and heads == {"v"}:  # friction, an observer: the output is another quantity, whatever the units
         raise _fail(
             diagram,
             f"remove '{name}': its input v is a rate, which cannot take the place of what it gives. To do without it: "
@@ -227,7 +227,7 @@ def rewired(diagram: Diagram, cut: tuple[str, ...], add: tuple[str, ...], change
 
 
 def overridden(diagram: Diagram, changes: Mapping[str, Any], whole: Diagram, prefix: str) -> Diagram:
-    """See Diagram.with_parameters; ``whole`` is the diagram that was asked, ``prefix`` the way here."""
+    """See Diagram.with_parameters; ``whole`` is the outermost diagram, ``prefix`` the path from it."""
     grouped: dict[str, dict[str, Any]] = {}
     values = dict(diagram.values)
     for name, value in changes.items():
@@ -279,7 +279,7 @@ def _set_leaf(whole: Any, name: str, key: str, value: Any) -> Any:
 
 
 def near_path(name: str, known: Iterable[str]) -> str:
-    """Near misses of a dotted name; of one without a dot, those that end in it come first."""
+    """Near misses of a dotted name; for one without a dot, the names that end in it come first."""
     known = list(known)
     hint = near(name, known)
     tail = [k for k in known if k.rpartition(".")[2] == name.rpartition(".")[2]]

@@ -1,7 +1,7 @@
-"""Whether wires join like units. A port without a declared unit takes that of what it is wired to.
+"""Units of ports, and wires that join different ones. A port without a declared unit takes that of its wires.
 
-Every port's unit is a known label, or a power of s times an unknown that some ports share. Blocks that
-take anything (a sum, an integrator) pass units on, so a mismatch is found across them too.
+The unit of a port is a known label, or a power of s times an unknown that some ports share. Blocks for any unit (a sum,
+an integrator) pass units on, so a mismatch is found across them too.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ Wire = tuple[End, End, str, str]
 Interface = dict[str, tuple[str, units.Unit]]
 """Port -> the group of ports that share its unknown unit ("" where it is known), and its unit or power in the group."""
 SHARED_UNIT = re.compile(r"\?(\w+?)((?:[*/].*)?)")
-"""A unit that a block's ports share: a letter, times a known unit."""
+"""A unit that ports of a block share: a letter, times a known unit."""
 READABLE_LABELS = (  # noqa: SIM905
     "1 rad deg rad/s deg/s rad/s^2 deg/s^2 rad*s deg*s mrad mrad/s rev rev/s V A N N*m m m/s m/s^2 m*s mm mm/s s 1/s "
     "1/s^2 ms V*s V/s mV mA K kg N/m N*s/m N*m/rad rad/V"
 ).split()
-"""Labels tried first for a unit that nobody named."""
+"""Labels tried first for an inferred unit."""
 DIMENSIONLESS = units.Unit(1.0, ())
 SI = "SI"
-"""The node of pure numbers, to which every known unit is tied."""
+"""The node of pure numbers, which every known unit is related to."""
 
 
 class _Units:
     """Union-find over ports whose edges carry a factor: ``unit(a) = ratio * unit(b)``.
 
-    A node is a port, an unknown of a block, or ``SI``. The ratio is a (factor, dimension) pair, so
-    that two routes to one node can be compared.
+    A node is a port, an unknown of a block, or ``SI``. The ratio is a (factor, dimension) pair, so that two paths to
+    one node can be compared.
     """
 
     def __init__(self) -> None:
         self.parent: dict[Any, tuple[Any, units.Unit]] = {}
 
     def find(self, node: Any) -> tuple[Any, units.Unit]:
-        """The root of a node and unit(node)/unit(root); the way there is shortened for the next call."""
+        """The root of a node and unit(node)/unit(root); the path is shortened for the next call."""
         way = []
         while node in self.parent:
             way.append(node)
@@ -54,7 +54,7 @@ class _Units:
         return node, ratio
 
     def join(self, a: Any, b: Any, ratio: units.Unit) -> bool:
-        """State unit(a) = ratio * unit(b); False when that contradicts what is known already."""
+        """State unit(a) = ratio * unit(b); False when that contradicts earlier statements."""
         (ra, fa), (rb, fb) = self.find(a), self.find(b)
         if ra == rb:
             known = _times(fa, fb, -1)
@@ -73,6 +73,7 @@ class _Units:
 
 
 def _times(a: units.Unit, b: units.Unit, power: int = 1) -> units.Unit:
+    """The product of a unit and a power of another."""
     if b == DIMENSIONLESS:
         return a
     total = dict(a.dimension)
@@ -82,7 +83,7 @@ def _times(a: units.Unit, b: units.Unit, power: int = 1) -> units.Unit:
 
 
 class _Survey:
-    """What a diagram's ports declare of their units, and which of them share one."""
+    """The declared units of the ports of a diagram, and which ports share one."""
 
     def __init__(self) -> None:
         self.units = _Units()
@@ -91,7 +92,7 @@ class _Survey:
         self.faults: list[str] = []
 
     def block(self, name: str, block: Any) -> None:
-        """Take in the ports of a block, or those of a diagram as they were found inside it."""
+        """Add the ports of a block, or those of an inner diagram as they were inferred inside it."""
         for port, (group, unit) in getattr(block, "interface", {}).items():
             node = (name, "?", group) if group else SI
             self.units.join((name, port), node, unit)
@@ -120,6 +121,7 @@ class _Survey:
                     )
 
     def _port(self, end: End, unit: str) -> bool:
+        """Add one port; False when its unit contradicts the other ports of the block."""
         match = SHARED_UNIT.fullmatch(unit)
         if match is None:
             self.labels[end] = unit
@@ -129,7 +131,7 @@ class _Survey:
         return self.units.join(end, unknown, units.parse("1" + match[2]))
 
     def interface(self, ends: Mapping[str, End]) -> Interface:
-        """How a diagram's inputs and outputs hang together, for the diagram around it."""
+        """Which inputs and outputs of the diagram share a unit, for the diagram around it."""
         groups: dict[Any, str] = {SI: ""}
         made = {}
         for name, end in ends.items():
@@ -138,7 +140,7 @@ class _Survey:
         return made
 
     def inlet(self, name: str, unit: str) -> None:
-        """Take in an input of the diagram."""
+        """Add an input of the diagram."""
         try:
             self.units.join(("", name), SI, units.parse(unit))
             self.labels["", name] = unit
@@ -146,7 +148,7 @@ class _Survey:
             self.faults.append(placed(f"input '{name}': {error}", place_of(name)))
 
     def label(self, end: End) -> str:
-        """How a message calls the unit of a port whose unit is known."""
+        """The label of a port whose unit is known."""
         return self.labels.get(end) or unit_label(self.units.known(end) or DIMENSIONLESS)
 
 
@@ -157,9 +159,9 @@ def unit_faults(
     blocks: Mapping[str, Any],
     shown: Mapping[str, End],
 ) -> tuple[list[str], dict[End, units.Unit], Interface]:
-    """Wires that join different units, the unit of every port that has one, and how the outer ports hang together.
+    """Faults of wires that join different units, the unit of every port that has one, and the interface.
 
-    A ring in which only unknown units disagree is let pass: nobody said what they are.
+    A ring in which only unknown units disagree is accepted, since none of its units is declared.
     """
     survey = _Survey()
     for name, block in blocks.items():
@@ -200,7 +202,7 @@ def _neighbours(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
 
 
 def _reason(survey: _Survey, beside: Mapping[Any, list[Any]], end: End) -> str:
-    """Where a port that declares no unit of its own has it from: the nearest port that declares one."""
+    """The nearest port with a declared unit, from which a port without one has its unit, as a sentence."""
     if end in survey.labels:
         return ""
     seen, queue = {end}, deque([end])
@@ -218,6 +220,7 @@ def _reason(survey: _Survey, beside: Mapping[Any, list[Any]], end: End) -> str:
 
 
 def _advice(a: str, b: str) -> str:
+    """The remedy for a wire that joins two units."""
     try:
         units.factor(a, b)
     except units.UnitError:
@@ -229,7 +232,7 @@ def _advice(a: str, b: str) -> str:
 
 
 def unit_label(unit: units.Unit) -> str:
-    """A readable label of a unit found by inference."""
+    """A readable label of an inferred unit."""
     for label in READABLE_LABELS:
         u = units.parse(label)
         if u.dimension == unit.dimension and abs(u.factor / unit.factor - 1) < 1e-12:

@@ -1,7 +1,7 @@
-"""What must hold of a diagram before it means anything: names, drivers, open inputs, units.
+"""Checks of a diagram: names, drivers, unconnected inputs, units.
 
-Every fault is collected and said once; a fault that only follows from another (a misspelt wire
-leaves a port open) is not said.
+Every fault is collected and reported once; a fault that only follows from another (a misspelt wire leaves a port
+unconnected) is left out.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 End = tuple[str, str]
 MOST_FAULTS = 50
-"""Faults of one kind after which no more are looked for; looking for near misses takes time."""
+"""Faults of one kind after which the search for more ends: near misses take time. Chosen: more than a person reads."""
 
 
 MAPPINGS = {
@@ -31,12 +31,12 @@ MAPPINGS = {
     "outputs": ("signals", "'x': 'motor.y'"),
     "values": ("numbers", "'theta': 5.0"),
 }
-"""What each mapping of a diagram maps names to, and an example."""
+"""Meaning of the entries of each mapping of a diagram, and an example."""
 
 
 @attrs.frozen
 class Checked:
-    """What wires, inputs and outputs were found to mean, and a sentence for each fault."""
+    """The meaning of wires, inputs and outputs, and a sentence for each fault."""
 
     links: list[Link]
     inlets: dict[str, tuple[End, ...]]
@@ -56,11 +56,11 @@ def examine(
     unsure: Collection[str] = (),
     silent: bool = False,
 ) -> Checked:
-    """Everything that must hold of a diagram's parts.
+    """Check the parts of a diagram.
 
-    ``unsure`` names blocks whose ports, and values whose number, are not known because they are
-    faulty themselves; nothing is said that could follow from that. ``silent`` leaves out open
-    inputs, for use when some wires could not be read.
+    ``unsure`` names blocks whose ports, and values whose number, are unknown because they are faulty; no fault is
+    reported that could follow from these. ``silent`` leaves out unconnected inputs, for use when some wires could not
+    be read.
     """
     faults = [
         *name_faults(blocks, "block"),
@@ -72,7 +72,9 @@ def examine(
     links, bad_wires = read_wires(wires, blocks, inputs, outputs)
     inlets, bad_inputs = resolve_inlets(inputs, blocks)
     shown, bad_outputs = resolve_outputs(outputs, blocks, inputs)
-    echoes = silent or bool(bad_wires or bad_inputs)  # a misspelt wire leaves a port open: say the spelling
+    echoes = silent or bool(
+        bad_wires or bad_inputs
+    )  # a misspelt wire leaves a port unconnected: only the spelling is reported
     known = {k: b for k, b in blocks.items() if k not in unsure}
     faults += [*bad_wires, *bad_inputs, *bad_outputs]
     faults += driver_faults(links, inlets, known, silent=echoes)
@@ -83,7 +85,7 @@ def examine(
 
 
 def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
-    """Parts of a diagram that are no text, or no mapping, where one is needed; nothing else can be said of those."""
+    """Parts of a diagram that are no text, or no mapping, where one is needed; they are not checked further."""
     for name, given in parts.items():
         what, example = MAPPINGS.get(name, ("", ""))
         if what and not isinstance(given, Mapping):
@@ -95,7 +97,7 @@ def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
 def read_wires(
     wires: Any, blocks: Mapping[str, Any], inputs: Collection[str] = (), outputs: Collection[str] = ()
 ) -> tuple[list[Link], list[str]]:
-    """Links from chains (or links already read), with the faults found."""
+    """Links of chains (or links that were read before), and a sentence for each fault."""
     no_list = wires_fault("wires", wires)
     if no_list:
         return [], [no_list]
@@ -117,7 +119,7 @@ def read_wires(
 
 
 def wires_fault(name: str, given: Any) -> str:
-    """What is wrong with ``given`` as a list of chains, ``""`` if it is one; ``name`` is the argument's."""
+    """What is wrong with ``given`` as a list of chains, ``""`` if nothing is; ``name`` is that of the argument."""
     if isinstance(given, Iterable) and not isinstance(given, str):
         return ""
     one = "one text, " if isinstance(given, str) else ""
@@ -125,13 +127,13 @@ def wires_fault(name: str, given: Any) -> str:
 
 
 def _still_valid(link: Link, blocks: Mapping[str, Any]) -> bool:
-    """Whether a link read before still joins two ports (its blocks may have been changed since)."""
+    """Whether a link that was read before still joins two ports (its blocks may have changed)."""
     (source, out), (target, into) = link.source, link.target
     return source in blocks and target in blocks and out in blocks[source].outports and into in blocks[target].inports
 
 
 def _instead(fault: str, inputs: Collection[str], outputs: Collection[str]) -> str:
-    """The fault, or what to write where an input or output of the diagram was taken for a block."""
+    """The fault, or the correct form where an input or output of the diagram was taken for a block."""
     wire, names, rest = fault.partition(" names block '")
     name = rest.partition("'")[0]
     if names and name in inputs:
@@ -146,7 +148,7 @@ def _is_name(name: Any) -> bool:
 
 
 def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
-    """Names that cannot stand in wire notation."""
+    """Names that wire notation cannot hold."""
     for name in names:
         if not _is_name(name):
             yield placed(
@@ -158,7 +160,7 @@ def name_faults(names: Mapping[str, Any], what: str) -> Iterator[str]:
 def resolve_inlets(
     inlets: Mapping[str, Inlet], blocks: Mapping[str, Any]
 ) -> tuple[dict[str, tuple[End, ...]], list[str]]:
-    """Ports that each input of the diagram drives."""
+    """The ports that each input of the diagram drives, and a sentence for each fault."""
     found: dict[str, tuple[End, ...]] = {}
     faults: list[str] = []
     for name, inlet in inlets.items():
@@ -184,7 +186,7 @@ def resolve_inlets(
 def resolve_outputs(
     outputs: Mapping[str, str], blocks: Mapping[str, Any], inputs: Mapping[str, Any]
 ) -> tuple[dict[str, End], list[str]]:
-    """Signal that each output shows; ``("", name)`` stands for an input of the diagram passed through."""
+    """The signal of each output, and a sentence for each fault; ``("", name)`` is an input passed through."""
     found: dict[str, End] = {}
     faults: list[str] = []
     for name, signal in outputs.items():
@@ -210,7 +212,7 @@ def resolve_outputs(
 def driver_faults(
     links: list[Link], inlets: Mapping[str, tuple[End, ...]], blocks: Mapping[str, Any], silent: bool
 ) -> Iterator[str]:
-    """Inputs driven twice, and (unless ``silent``) inputs driven by nothing."""
+    """Inputs with several drivers, and (unless ``silent``) inputs with none."""
     driven: dict[End, list[tuple[str, str]]] = {}
     for link in links:
         driven.setdefault(link.target, []).append((str(link), link.place))
@@ -238,9 +240,9 @@ def driver_faults(
 
 
 def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str] = ()) -> Iterator[str]:
-    """References to numbers that are not in the table, and referenced numbers a block refuses.
+    """References to numbers that are not in the table, and referenced numbers that a block refuses.
 
-    Numbers named in ``unsure`` exist, and are not to be judged by.
+    Numbers named in ``unsure`` exist, and are not judged.
     """
     from tsmblocks.common.errors import ParameterError
     from tsmblocks.model.block import Block, is_reference, leaves, map_leaves

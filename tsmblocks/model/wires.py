@@ -1,7 +1,7 @@
-"""The one wire notation: ``"error -> pid -> drive.u, scope"``. It knows text, ports and names, no equations.
+"""The one notation of wires: ``"error -> pid -> drive.u, scope"``. It knows text, ports and names, no equations.
 
-Arrow for flow, dot for port, comma for several receivers; a port is left out where a block has
-only one. The same text stands in scripts, files, messages and log names.
+An arrow is the direction of the signal, a dot separates block and port, a comma separates receivers; a port is left out
+where a block has only one. The same text is used in scripts, files, messages and names of logged signals.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class Ported(Protocol):
-    """Anything with ports: a block, or a diagram standing as one."""
+    """Anything with ports: a block, or a diagram as a block."""
 
     @property
     def inports(self) -> Mapping[str, Any]: ...
@@ -29,7 +29,7 @@ class Ported(Protocol):
 
 
 class PlacedText(str):
-    """Text that remembers where it was written (``place`` is ``"file:line"``)."""
+    """Text with the place where it was written (``"file:line"``)."""
 
     place: str = ""
 
@@ -43,7 +43,7 @@ class PlacedText(str):
 
 @attrs.frozen
 class Link:
-    """One connection between two ports; ``place`` is where it was written."""
+    """A connection of two ports; ``place`` is where it was written."""
 
     source: tuple[str, str]
     target: tuple[str, str]
@@ -54,32 +54,32 @@ class Link:
 
 
 def placed(text: str, place: str) -> str:
-    """The sentence with its ``file:line`` in front, where one is known."""
+    """A sentence with ``file:line`` in front, where a place is known."""
     return f"{place}: {text}" if place else text
 
 
 def place_of(text: Any) -> str:
-    """``file:line`` of a name or wire text, or ``""`` where it is not known."""
+    """``file:line`` of a name or wire, ``""`` where it is not known."""
     return getattr(text, "place", "")
 
 
 class Fault(Exception):
-    """One sentence about one piece of wire text; collected by the caller."""
+    """A fault of one piece of wire notation, as a sentence; collected by the caller."""
 
 
 def class_name(block: Ported) -> str:
-    """What a message calls a block: its class."""
+    """The class of a block, for messages."""
     return type(block).__name__
 
 
 def not_a_block(name: str, given: object) -> str:
-    """A sentence about something that stands where a block should."""
+    """The message for something else in the place of a block."""
     hint = f" Write {given.__name__}()." if isinstance(given, type) else ""
     return f"{name} must be a block or a diagram, got {in_words(given)}.{hint}"
 
 
 def _choose(name: str, block: Ported, port: str, side: str) -> str:
-    """The port meant by ``name`` or ``name.port`` on one side of a block; raises Fault."""
+    """The port that ``name`` or ``name.port`` refers to, on one side of a block; raises Fault."""
     ports = block.inports if side == "input" else block.outports
     other = block.outports if side == "input" else block.inports
     if port:
@@ -122,7 +122,7 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, st
 
 
 def parse_chain(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str]]:
-    """The links of one chain, and a sentence for each fault found in it."""
+    """The links of one chain, and a sentence for each fault in it."""
     place = getattr(text, "place", "")
     stages = [[part.strip() for part in stage.split(",")] for stage in text.split("->")]
     links: list[Link] = []
@@ -151,12 +151,12 @@ def parse_chain(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], li
 
 
 def fault_sentence(place: str, fault: object) -> str:
-    """A fault with the piece of text it was found in: ``wire 'a -> b' names block 'a', …``."""
+    """A fault after the text that it is a fault of: ``wire 'a -> b' names block 'a', …``."""
     return f"{place} {fault}" if str(fault).startswith("names ") else f"{place}: {fault}"
 
 
 def short_name(end: tuple[str, str], blocks: Mapping[str, Ported], side: str) -> str:
-    """``block`` where its only port is meant, else ``block.port``."""
+    """``block`` where the port is its only one, else ``block.port``."""
     name, port = end
     try:
         plain = _choose(name, blocks[name], "", side)
@@ -166,10 +166,10 @@ def short_name(end: tuple[str, str], blocks: Mapping[str, Ported], side: str) ->
 
 
 def chains(links: Iterable[Link], blocks: Mapping[str, Ported]) -> list[str]:
-    """The links written as few chains as read well, in the order in which they were given.
+    """The links as few readable chains, in the order of the links.
 
-    A chain goes on through a block when it leaves by the only output and that signal has not been
-    written yet; several receivers of one signal share a line.
+    A chain continues through a block when it leaves by the only output and that signal has not been written yet;
+    several receivers of one signal share a line.
     """
     targets: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for link in links:

@@ -14,25 +14,31 @@ from tsmblocks.data import heading
 from tsmblocks.plots.panels import COLOURS, axes, decimal, dress, shown
 
 
-def plot_frequency_response(found: FrequencyResponse, ax: Any = None) -> Any:
+def plot_frequency_response(response: FrequencyResponse, ax: Any = None) -> Any:
     """Gain, phase and distortion over frequency, a line for each amplitude (angles in deg).
 
     Where the output is constant, or never becomes periodic, there is a cross below the gain. ``ax`` may be three axes.
     Returns the figure.
     """
     panels = axes(ax, 3, height=2.2)
-    sizes, unit = shown(found.amplitudes, found.unit)
-    gain = np.where(found.gain > 0, found.gain, np.nan)  # there is no zero on an axis of decades
-    rows = ((gain, "gain"), (found.phase, "phase [deg]"), (100 * found.distortion, "distortion [%]"))
+    sizes, unit = shown(response.amplitudes, response.unit)
+    gain = np.where(response.gain > 0, response.gain, np.nan)  # there is no zero on an axis of decades
+    rows = ((gain, "gain"), (response.phase, "phase [deg]"), (100 * response.distortion, "distortion [%]"))
     for panel, (values, label) in zip(panels, rows, strict=True):
         for k, (amplitude, line) in enumerate(zip(sizes, values, strict=True)):
             panel.semilogx(
-                found.frequencies, line, "o-", ms=3, lw=1.2, color=COLOURS[k % len(COLOURS)], label=f"{amplitude:.3g}"
+                response.frequencies,
+                line,
+                "o-",
+                ms=3,
+                lw=1.2,
+                color=COLOURS[k % len(COLOURS)],
+                label=f"{amplitude:.3g}",
             )
         panel.set_ylabel(label)
         dress(panel, legend=False)
     for k, line in enumerate(gain):
-        none = found.frequencies[np.isnan(line)]
+        none = response.frequencies[np.isnan(line)]
         if len(none):
             panels[0].plot(
                 none,
@@ -50,11 +56,11 @@ def plot_frequency_response(found: FrequencyResponse, ax: Any = None) -> Any:
         decimal(panel.xaxis)
     panels[-1].set_xlabel("frequency [Hz]")
     panels[0].legend(
-        title=heading(f"size of {found.driven}", unit),
+        title=heading(f"size of {response.driven}", unit),
         frameon=False,
         fontsize=9,
         loc="center left",
         bbox_to_anchor=(1.0, 0.5),
     )
-    panels[0].set_title(f"{found.title}: {found.output} over {found.driven}", loc="left", fontsize=11)
+    panels[0].set_title(f"{response.title}: {response.output} over {response.driven}", loc="left", fontsize=11)
     return panels[0].figure

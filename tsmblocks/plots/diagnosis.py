@@ -84,13 +84,13 @@ def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
     traces = by_excess(output_traces(segment, gap.output))
     if not experiment:
         return traces[0]
-    found = [one for one in traces if one.experiment == experiment]
-    if not found:
+    matching = [one for one in traces if one.experiment == experiment]
+    if not matching:
         raise TsmError(
             f"there is no experiment '{experiment}' in this diagnosis."
             f"{near(experiment, [one.experiment for one in traces])}"
         )
-    return found[0]
+    return matching[0]
 
 
 def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
@@ -173,20 +173,20 @@ def _worst_stretch(trace: Trace) -> slice:
 
 
 def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None:
-    found = profile(segment, gap.output, segment.where[0].coordinate, diagnosis.base) if segment.where else None
-    if found is None:
+    curve = profile(segment, gap.output, segment.where[0].coordinate, diagnosis.base) if segment.where else None
+    if curve is None:
         panel.text(0.5, 0.5, "no coordinate predicts the residual", ha="center", color=INK, transform=panel.transAxes)
         panel.set_axis_off()
         return
-    k, unit = display_unit(found.error_unit)
-    k_in, unit_in = display_unit(found.unit)
-    x = k_in * found.x
+    k, unit = display_unit(curve.error_unit)
+    k_in, unit_in = display_unit(curve.unit)
+    x = k_in * curve.x
     if segment.effects:
-        panel.plot(x, k * found.explained, color=AFTER, ls="--", lw=1.2, label="reported effects")
-        panel.errorbar(x, k * found.after, k * found.error_after, fmt="o", ms=3, color=AFTER, lw=1, label="after")
-    panel.errorbar(x, k * found.before, k * found.error_before, fmt="o", ms=3, color=BEFORE, lw=1, label="before")
+        panel.plot(x, k * curve.explained, color=AFTER, ls="--", lw=1.2, label="reported effects")
+        panel.errorbar(x, k * curve.after, k * curve.error_after, fmt="o", ms=3, color=AFTER, lw=1, label="after")
+    panel.errorbar(x, k * curve.before, k * curve.error_before, fmt="o", ms=3, color=BEFORE, lw=1, label="before")
     panel.axhline(0.0, color=INK, lw=0.6)
-    panel.set_xlabel(heading(found.coordinate, unit_in))
+    panel.set_xlabel(heading(curve.coordinate, unit_in))
     panel.set_ylabel(heading("mean residual", unit))
     dress(panel, legend=False)
     panel.legend(fontsize=8, frameon=False)

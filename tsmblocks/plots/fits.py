@@ -159,10 +159,10 @@ def _loop(panel: Any, one: Difference) -> None:
 
 
 def _autocorrelation(panel: Any, one: Difference) -> None:
-    (found,) = whiteness(one.residual, lags=LAGS)
-    lag = float(np.median(np.diff(one.t))) * np.arange(len(found.autocorrelation))
-    panel.axhspan(-found.band, found.band, color=PALE, lw=0, label="white noise")
-    panel.plot(lag, found.autocorrelation, color=COLOURS[1], lw=1.0, label="residual")
+    (test,) = whiteness(one.residual, lags=LAGS)
+    lag = float(np.median(np.diff(one.t))) * np.arange(len(test.autocorrelation))
+    panel.axhspan(-test.band, test.band, color=PALE, lw=0, label="white noise")
+    panel.plot(lag, test.autocorrelation, color=COLOURS[1], lw=1.0, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
     panel.set_ylim(-1.05, 1.05)
     panel.set_xlabel("lag [s]")

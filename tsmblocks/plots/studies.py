@@ -78,11 +78,11 @@ def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
 
     The end at a parameter's low value is pale, that at its high value dark. Returns the figure.
     """
-    found = list(results.influence(metric).items())[:MOST]
-    (panel,) = axes(ax, 1, height=0.8 + 0.35 * len(found))
+    influences = list(results.influence(metric).items())[:MOST]
+    (panel,) = axes(ax, 1, height=0.8 + 0.35 * len(influences))
     factor, unit = _display_unit(results, metric)
     middle = factor * base_value(results, metric)
-    for k, (name, ends) in enumerate(reversed(found)):
+    for k, (name, ends) in enumerate(reversed(influences)):
         for end, colour, up in zip(ends, (COLOURS[5], COLOURS[0]), (0.18, -0.18), strict=True):
             panel.barh(k + up, factor * end - middle, left=middle, height=0.36, color=colour)
         panel.annotate(f"{name} ", (0, k), xycoords=("axes fraction", "data"), ha="right", va="center", fontsize=9)
@@ -176,12 +176,12 @@ def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
     values = factor * results[metric][np.isfinite(results[metric])]
     if len(values):
         panel.hist(values, bins=min(60, max(8, int(np.sqrt(len(values))))), color=COLOURS[5], alpha=0.8)
-    found = {name: factor * value for name, value in results.quantiles(metric).items()}
-    for name in ("5 %", "median", "95 %"):
-        panel.axvline(found[name], color=INK, lw=1.4 if name == "median" else 0.8, ls="-" if name == "median" else "--")
-    panel.set_xlabel(
-        f"{heading(metric, unit)}: median {found['median']:.4g}, 5 to 95 % {found['5 %']:.4g} to {found['95 %']:.4g}"
-    )
+    quantiles = results.quantiles(metric)
+    low, middle, high = (factor * quantiles[name] for name in ("5 %", "median", "95 %"))
+    panel.axvline(middle, color=INK, lw=1.4)
+    for end in (low, high):
+        panel.axvline(end, color=INK, lw=0.8, ls="--")
+    panel.set_xlabel(f"{heading(metric, unit)}: median {middle:.4g}, 5 to 95 % {low:.4g} to {high:.4g}")
     panel.set_ylabel("runs")
     dress(panel, legend=False)
     return panel.figure

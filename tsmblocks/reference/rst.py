@@ -67,11 +67,6 @@ def formula(latex: str) -> str:
     return f".. math::\n\n{textwrap.indent(latex, '   ')}\n"
 
 
-def folded(summary: str, inside: str) -> str:
-    """Markup that shows when its summary is clicked."""
-    return "\n".join([html(f"<details><summary>{summary}</summary>"), inside, html("</details>")])
-
-
 def contents(pages: Iterable[str]) -> str:
     """What lies below a page, in its order, for the navigation; it does not show on the page itself."""
     return "\n".join([".. toctree::\n   :hidden:\n", *(f"   {name}" for name in pages)]) + "\n"

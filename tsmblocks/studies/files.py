@@ -78,7 +78,7 @@ class _StudyPage(RunPage):
         allowed = ("kind", "runs", "seed") if kind in RANDOM_PLANS else ("kind",)
         self.known_keys(plan, allowed, ("plan",), f"a {kind}")
         if not vary:
-            self.fault(("vary",), 'say what varies: [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].')
+            self.fault(("vary",), 'nothing varies: write [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].')
             return None
         if kind in RANDOM_PLANS and "runs" not in plan:
             self.fault(("plan",), f"a {kind} needs runs = …, how many.")

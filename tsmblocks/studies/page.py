@@ -15,7 +15,7 @@ from typing import Any
 from tsmblocks.common.errors import FileError, TsmError, in_words
 from tsmblocks.files import load_beside
 from tsmblocks.files.faults import Page, Reading, TooManyFaults
-from tsmblocks.files.toml_text import parse_tables, read_text
+from tsmblocks.files.toml_text import load_text, parse_tables
 from tsmblocks.metrics.metrics import metric, metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.studies.study import signal_units
@@ -32,7 +32,7 @@ class RunPage(Page):
     """
 
     def __init__(self, path: str | Path, kind: str, keys: tuple[str, ...]) -> None:
-        content, places = parse_tables(read_text(Path(path)), str(path))
+        content, places = parse_tables(load_text(Path(path)), str(path))
         super().__init__(Reading(), str(path), places, Path(path).parent)
         self.kind, self.content = kind, content
         self.known_keys(content, keys, (), f"a {kind}")
@@ -40,7 +40,7 @@ class RunPage(Page):
             self.fault(("format",), f"format = {FORMAT} is needed, got {in_words(content.get('format'))}.")
 
     def fault(self, path: tuple[str | int, ...], text: str) -> None:
-        """Collect a fault of what stands at ``path``; raises FileError where there are too many to go on."""
+        """Collect a fault of the value at ``path``; raises FileError when there are too many."""
         try:
             super().fault(path, text)
         except TooManyFaults:

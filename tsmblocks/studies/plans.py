@@ -446,7 +446,7 @@ def between(name: str, low: Any, high: Any, log: bool = False) -> Uniform:
 def _distributions(given: Any) -> dict[str, Distribution]:
     if not isinstance(given, Mapping) or not given:
         raise ParameterError(
-            f"say what to vary: {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, got {in_words(given)}."
+            f"nothing varies: write {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, got {in_words(given)}."
         )
     made: dict[str, Distribution] = {}
     for name, one in given.items():

@@ -27,7 +27,7 @@ BATCHES_PER_THREAD = 4
 """Groups of lanes that every thread runs in one piece of work of this process. Chosen: threads end nearly together, and
 results are written often enough."""
 LANE_GROUPS_PER_PIECE = 8
-"""Groups of lanes in one piece of work of an executor. Chosen: a piece takes far longer than its way to a worker."""
+"""Groups of lanes in one piece of work of an executor. Chosen: it takes far longer than its transfer to a worker."""
 MAX_SUBMITTED = 256
 """Pieces that an executor is given ahead. Chosen: workers never wait, and memory stays bounded."""
 MAX_ATTEMPTS = 3

@@ -27,7 +27,7 @@ DIGESTS = {"diagram": "other blocks, wires or numbers", "plan": "other parameter
 
 
 def facts_path(path: Path) -> Path:
-    """The file with the facts of the study whose results stand in a file."""
+    """The file with the facts of the study, beside the file of its results."""
     return path.with_suffix(".study.json")
 
 
@@ -58,7 +58,7 @@ def read_table(path: Path) -> Table:
         if len(row) != len(heading) or not (row[0].isascii() and row[0].isdecimal()):
             raise DataError(
                 f"{path}:{k}: {len(heading)} columns are wanted, the first being the number of a run; "
-                f"here stands {clip(','.join(row), 60)!r}."
+                f"got {clip(','.join(row), 60)!r}."
             )
         rows[int(row[0])] = tuple(row[1:])
     return Table(facts, heading, rows)

@@ -51,7 +51,7 @@ def _text(page: RunPage, name: str, given: Any) -> Any:
     page.known_keys(given, ("of", "tolerance"), ("metrics", name), "a metric")
     if "of" not in given:
         expected = '{ of = "rms(u)", tolerance = "loose" }'
-        page.fault(("metrics", name), f"a metric with a tolerance says what it measures: {expected}.")
+        page.fault(("metrics", name), f"a metric with a tolerance has its text under of: {expected}.")
     return given.get("of")
 
 

@@ -78,7 +78,7 @@ class GuardItem(pytest.Item):
         return super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """Where the test stands."""
+        """File, line and name of the test."""
         return self.path, None, f"tracking: {self.name}"
 
 
@@ -164,7 +164,7 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
 
 
 def _file_name(text: str) -> str:
-    """A text as it may stand in the name of a file; one that loses more than blanks has a mark of its own."""
+    """A text as part of a file name; one that loses more than blanks gets a digest, so that names stay different."""
     made = re.sub(r"[^a-zA-Z0-9_.-]+", "_", text).strip("_")
     if made == text.replace(" ", "_"):
         return made

@@ -1,4 +1,4 @@
-"""The promises every block keeps, as checks. A check's name is the promise, its docstring says it in words.
+"""The promises every block keeps, as checks. A check's name is the promise, its docstring states it in words.
 
 from tsmblocks.testing import checks_for
 
@@ -172,7 +172,7 @@ def _points(block: Block) -> list[tuple[float, np.ndarray, np.ndarray]]:
 
 @promise
 def documented(block: Block) -> None:
-    """A sentence, an equation, a source, a short symbol, and words on every port and field."""
+    """A sentence, an equation, a source, a short symbol, and a description of every port and field."""
     owner = type(block).__name__
     text = inspect.cleandoc(type(block).__dict__.get("__doc__") or "")
     need(text.partition("\n\n")[0].endswith("."), f"{owner} has no opening sentence.")
@@ -190,7 +190,7 @@ def documented(block: Block) -> None:
         *block.fields().items(),
     ]
     for name, part in parts:
-        need(part.about.strip(), f"{owner}.{name} has no words.")
+        need(part.about.strip(), f"{owner}.{name} has no description.")
 
 
 @promise
@@ -308,7 +308,7 @@ def _singular(block: Block) -> bool:
 def finite_everywhere(block: Block) -> None:
     """No NaN or infinity: at rest, at zero, and far outside normal use."""
     if _singular(block):
-        return  # says itself where it is not finite (a division by zero)
+        return  # declared to be infinite somewhere (a division by zero)
     f, results, _ = _functions(block)
     for t, x, u in _points(block):
         values = np.asarray(f(t, x, u, _numbers(block))).ravel()
