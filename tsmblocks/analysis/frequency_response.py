@@ -155,8 +155,8 @@ class FrequencyResponse:
 
         Returns
         -------
-        sequence of matplotlib.axes.Axes
-            The axes. Needs matplotlib.
+        matplotlib.figure.Figure
+            The figure. Needs matplotlib.
         """
         return view("plot", self, ax=ax)
 

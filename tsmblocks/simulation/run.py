@@ -212,8 +212,8 @@ class Run:
 
         Returns
         -------
-        matplotlib.axes.Axes
-            The axes. Needs matplotlib.
+        matplotlib.figure.Figure
+            The figure. Needs matplotlib.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What tuning is to keep to: metrics of the runs, and margins of loops opened at a wire."""
+"""Limits of tuning: on metrics of the runs, and on stability margins of a loop opened at a wire."""
 
 from __future__ import annotations
 
@@ -16,30 +16,31 @@ from tsmblocks.analysis import loop_gain
 from tsmblocks.common.errors import ParameterError, TsmError, clip
 from tsmblocks.metrics.metrics import Metric, metric
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.tuning.smooth_metrics import sloped
+from tsmblocks.tuning.smooth_metrics import differentiable
 
 EXAMPLE = "Write for example 'largest(u) <= 20'."
+"""End of messages on a limit that cannot be read."""
 MARGINS = {"gain_margin": (0, ""), "phase_margin": (1, "deg")}
-"""Margins by name: their place in what ``_margins`` gives, and their unit."""
-PADE = 5
-"""Order of the approximation of dead times, exact to a hundredth of a degree up to half a turn of phase."""
-MET = 1e-9
-"""Share of a limit by which it may be missed through rounding and still counts as met."""
-INSIDE = 1e-3
-"""Share of a limit by which a search aims to stay within it, so that what it ends at is not just beyond."""
-STILL = 1e-6
-"""Share of the fastest pole by which one may be to the right of the axis through rounding only."""
-ALONG = np.pi * np.concatenate([np.geomspace(1e-7, 0.01, 400), np.linspace(0.01, 1 - 1e-9, 1000)[1:]])
-"""Angles of the unit circle at which the loop of samples is looked at."""
-SPREAD = np.geomspace(0.1, 30.0, 12)
-"""More of them: how far to each side of a pole, in its distances from the circle."""
-ENOUGH = {"gain_margin": 1e3, "phase_margin": 180.0}
-"""Margins of a loop that never crosses, in their unit; a larger one counts as this."""
+"""Margins by name: their position in the result of ``_margins``, and their unit."""
+PADE_ORDER = 5
+"""Order of the Padé approximation of delays. Chosen: exact to 0.01 deg up to a phase of 180 deg."""
+LIMIT_TOLERANCE = 1e-9
+"""Excess of a limit, as a share of it, that is rounding. Chosen."""
+LIMIT_MARGIN = 1e-3
+"""Share of a limit by which a search stays within it. Chosen: its end is then not just beyond the limit."""
+STABILITY_TOLERANCE = 1e-6
+"""Real part of a stable pole, as a share of the fastest pole, that is rounding. Chosen."""
+UNIT_CIRCLE_ANGLES = np.pi * np.concatenate([np.geomspace(1e-7, 0.01, 400), np.linspace(0.01, 1 - 1e-9, 1000)[1:]])
+"""Angles of the unit circle at which a discrete-time loop is evaluated. Chosen: dense at low frequencies."""
+POLE_DISTANCES = np.geomspace(0.1, 30.0, 12)
+"""Further angles to each side of a pole, in multiples of its distance from the circle. Chosen."""
+LARGEST_MARGINS = {"gain_margin": 1e3, "phase_margin": 180.0}
+"""Largest margins, in their unit: those of a loop without a crossover. Chosen."""
 
 
 @attrs.frozen(eq=False)
 class Limit:
-    """What is to stay below ``most``, or above it where ``sign`` is -1: a metric, or a margin at a wire ``at``."""
+    """An upper limit ``most``, a lower one where ``sign`` is -1, of a metric or of a margin at the wire ``at``."""
 
     text: str
     name: str
@@ -51,37 +52,37 @@ class Limit:
 
     @property
     def unit(self) -> str:
-        """Unit of what is limited."""
+        """Unit of the metric or margin."""
         return self.metric.unit if self.metric is not None else MARGINS[self.margin][1]
 
     def excess(self, value: Any) -> Any:
-        """How far values are beyond the limit, as a share of it; negative within."""
+        """Excess of values over the limit, as a share of it; negative within."""
         return self.sign * (value - self.most) / max(abs(self.most), 1e-9)
 
     def aimed(self, value: Any) -> Any:
-        """As ``excess``, of the limit that a search aims at: a little within, but for one that is zero."""
-        return self.excess(value) + (INSIDE if self.most else 0.0)
+        """As ``excess``, with ``LIMIT_MARGIN`` added unless the limit is zero."""
+        return self.excess(value) + (LIMIT_MARGIN if self.most else 0.0)
 
     def margin_of(self, diagram: Diagram) -> float:
-        """The margin of a diagram, linear around its start; NaN where there is no such linear model.
+        """The margin of a diagram, linearised at its initial states; NaN where there is no linear model.
 
         A gain margin is the smallest factor, up or down, that makes the loop unstable; one that is unstable has a gain
         margin below 1. The phase margin is python-control's, negative where the loop is unstable. Dead times are
-        taken by Padé's approximation of order ``PADE``.
+        taken by Padé's approximation of order ``PADE_ORDER``.
         """
         try:
-            system = loop_gain(diagram, self.at, pade=PADE)
+            system = loop_gain(diagram, self.at, pade=PADE_ORDER)
         except TsmError:
             return math.nan
         matrices = tuple((part.shape, part.tobytes()) for part in (system.A, system.B, system.C, system.D))
-        return min(_margins(matrices, float(system.dt or 0.0))[MARGINS[self.margin][0]], ENOUGH[self.margin])
+        return min(_margins(matrices, float(system.dt or 0.0))[MARGINS[self.margin][0]], LARGEST_MARGINS[self.margin])
 
 
 @lru_cache(maxsize=4096)
 def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...], dt: float) -> tuple[float, float]:
     """Gain and phase margin of a state space, of samples where ``dt`` is not 0.
 
-    They are kept, since cases that differ in their signals share their loop.
+    They are cached: cases that differ in their signals only share their loop.
     """
     parts = [np.frombuffer(data).reshape(shape) for shape, data in matrices]
     with np.errstate(all="ignore"):
@@ -98,15 +99,15 @@ def _crossings(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     import control
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a loop that never crosses
+        warnings.simplefilter("ignore")  # of a loop without a crossover
         gains, phases, *_ = control.stability_margins(control.ss(*parts), returnall=True)
     return np.asarray(gains), np.asarray(phases)
 
 
 def _sampled_crossings(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As ``_crossings``, of samples: looked for along the unit circle, closer together where poles are near to it.
+    """As ``_crossings``, in discrete time: searched along the unit circle, densely near poles.
 
-    python-control, which solves for the roots of polynomials, loses some where poles lie close together.
+    python-control solves for roots of polynomials, and misses some where poles are close together.
     """
     from scipy.optimize import brentq
 
@@ -120,9 +121,9 @@ def _sampled_crossings(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarra
         return [brentq(lambda a: float(of(loop(a))[0]), angles[k], angles[k + 1], xtol=1e-15) for k in places]
 
     poles = np.linalg.eigvals(A)
-    near = (np.abs(1 - np.abs(poles)) + 1e-9)[:, None] * np.concatenate([-SPREAD, SPREAD])
-    angles = np.concatenate([ALONG, (np.abs(np.angle(poles))[:, None] + near).ravel()])
-    angles = np.unique(np.clip(angles, ALONG[0], ALONG[-1]))
+    near = (np.abs(1 - np.abs(poles)) + 1e-9)[:, None] * np.concatenate([-POLE_DISTANCES, POLE_DISTANCES])
+    angles = np.concatenate([UNIT_CIRCLE_ANGLES, (np.abs(np.angle(poles))[:, None] + near).ravel()])
+    angles = np.unique(np.clip(angles, UNIT_CIRCLE_ANGLES[0], UNIT_CIRCLE_ANGLES[-1]))
     along = loop(angles)
     turned = np.concatenate([loop(roots(np.imag)), along[[0, -1]]])
     turned = turned[(turned.real < 0) & (np.abs(turned.imag) <= 1e-6 * np.abs(turned.real))]
@@ -130,14 +131,14 @@ def _sampled_crossings(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarra
 
 
 def _stable(parts: Sequence[np.ndarray], dt: float) -> bool:
-    """Whether the loop is stable when it is closed."""
+    """Whether the closed loop is stable."""
     A, B, C, D = parts
     if not A.size or 1.0 + D.item() == 0.0:
         return 1.0 + D.item() > 0.0
     found = np.linalg.eigvals(A - B @ C / (1.0 + D.item()))
     if dt:
-        return bool(np.all(np.abs(found) <= 1.0 + STILL))
-    return bool(np.all(found.real <= STILL * np.abs(found).max()))
+        return bool(np.all(np.abs(found) <= 1.0 + STABILITY_TOLERANCE))
+    return bool(np.all(found.real <= STABILITY_TOLERANCE * np.abs(found).max()))
 
 
 def limit(text: Any, units: Mapping[str, str], diagram: Diagram) -> Limit:
@@ -168,7 +169,7 @@ def limit(text: Any, units: Mapping[str, str], diagram: Diagram) -> Limit:
         one = metric(name, units)
     except TsmError as error:
         raise ParameterError(f"limit: {error}") from None
-    sloped(one)
+    differentiable(one)
     return Limit(str(text), name, most, sign, one)
 
 
@@ -178,7 +179,7 @@ def _wire(call: ast.Call, kind: str, diagram: Diagram) -> str:
     if not isinstance(where, str) or call.keywords:
         raise ParameterError(f"{kind} takes the wire at which the loop is opened: {kind}('controller -> drive').")
     try:
-        loop_gain(diagram, where, pade=PADE)  # what no gains can mend is said before any search
+        loop_gain(diagram, where, pade=PADE_ORDER)  # an error that no parameters can mend is raised before any search
     except TsmError as error:
         raise ParameterError(f"{kind}: {error}") from None
     return where

@@ -1,4 +1,4 @@
-"""What tuning returns: the parameters found, and what they do in each case before and after."""
+"""The result of tuning: the parameters, and the metrics in each case before and after."""
 
 from __future__ import annotations
 
@@ -15,23 +15,57 @@ from tsmblocks.common.views import view
 from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.tuning.constraints import MET, Limit
+from tsmblocks.tuning.constraints import LIMIT_TOLERANCE, Limit
 
-TOUCHING = 1e-6
-"""Distance from a bound, as a share of the way between the bounds, that counts as none."""
-CASES = 12
-"""Cases that are shown: those where the objective is largest."""
+BOUND_TOLERANCE = 1e-6
+"""Distance from a bound, as a share of the range, that counts as at the bound. Chosen."""
+MOST_CASES = 12
+"""Cases in a printed table, at most: those where the objective is largest. Chosen."""
 
 
 @attrs.frozen(eq=False)
 class Tuned:
-    """Parameters found. ``before`` and ``after`` map cases to metrics by name, with the diagrams' numbers and these.
+    """Tuned parameters, and the metrics of each case before and after.
 
-    ``diagrams`` are the diagrams with the numbers, by case as they were given; ``met`` whether all limits hold
-    everywhere, ``objective`` the name of the metric that was to be small, in ``units`` as all others. ``own`` are the
-    diagrams' own numbers, ``bounds`` what was searched. Of ``starts`` searches ``agreeing`` ended about as low as the
-    best; ``idle`` are numbers that change nothing, and ``hunting`` says in words which signals go to and fro far more
-    than before. ``remarks`` say all that is to be known of the numbers before they are taken.
+    Parameters
+    ----------
+    values : dict of str to float
+        The parameters.
+    diagrams : dict of str to Diagram
+        The diagrams with these parameters, by case.
+    objective : str
+        Name of the metric that was minimised.
+    units : dict of str to str
+        Units of the metrics.
+    before, after : dict of str to dict of str to float
+        Metrics by case and name, with the diagrams' own parameters and with these.
+    met : bool
+        Whether all limits hold in all cases.
+    status : str
+        "complete" or "interrupted".
+    own : dict of str to float
+        The diagrams' own parameters.
+    bounds : dict of str to (float, float)
+        Bounds of the parameters.
+    limits : list of Limit
+        The limits.
+    starts : int
+        Number of searches.
+    agreeing : int
+        Number of searches that ended about as low as the best.
+    idle : tuple of str, optional
+        Parameters without effect.
+    hunting : tuple of str, optional
+        Texts on signals that oscillate far more than before.
+
+    Attributes
+    ----------
+    remarks : tuple of str
+        Warnings to read before the parameters are used.
+    worst : tuple of float
+        The objective in the worst case, before and after.
+    at_bounds : dict of str to str
+        Parameters at a bound, and at which side.
     """
 
     values: Mapping[str, float]
@@ -63,48 +97,61 @@ class Tuned:
 
     @property
     def improved(self) -> bool:
-        """Whether these are other numbers than the diagrams' own."""
+        """Whether the parameters differ from the diagrams' own."""
         return dict(self.values) != dict(self.own)
 
     @property
     def at_bounds(self) -> dict[str, str]:
-        """Numbers at a bound, and at which side."""
+        """Parameters at a bound, and at which side."""
         made = {}
         for name, (low, high) in self.bounds.items():
             if name in self.idle:
                 continue
             for bound, side in ((low, "lower"), (high, "upper")):
-                if abs(self.values[name] - bound) <= TOUCHING * (high - low):
+                if abs(self.values[name] - bound) <= BOUND_TOLERANCE * (high - low):
                     made[name] = side
         return made
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a reader should know before taking these numbers, in words."""
-        made = [self._missed(one) for one in self.limits]
+        """Warnings to read before the parameters are used."""
+        made = [self._violation(one) for one in self.limits]
         if self.status != "complete":
-            made.append("interrupted: these are the best numbers so far")
+            made.append("interrupted: these are the best parameters so far")
         if not self.improved:
-            made.append("nothing better was found than the diagram's own numbers")
+            made.append("nothing better was found than the diagram's own parameters")
         if self.starts > 1 and self.agreeing == 1:
-            made.append("no two starts ended here: more starts may find better numbers")
+            made.append("no two starts ended here: more starts may find better parameters")
         held = [f"{name} is at its {side} bound ({self.values[name]:.4g})" for name, side in self.at_bounds.items()]
         if held and self.improved:
-            made.append(f"{', '.join(held)}: beyond it there may be better numbers")
-        made += [f"{name} changes nothing that was asked about" for name in self.idle]
+            made.append(f"{', '.join(held)}: beyond it there may be better parameters")
+        made += [f"{name} has no effect on the objective and the limits" for name in self.idle]
         return tuple(text for text in (*made, *self.hunting) if text)
 
-    def _missed(self, one: Limit) -> str:
-        """How far a limit is missed in the worst case; nothing where it holds."""
+    def _violation(self, one: Limit) -> str:
+        """A text on a limit that is violated in the worst case, ``""`` where it holds."""
         case, value = max(((c, v[one.name]) for c, v in self.after.items()), key=lambda pair: one.excess(pair[1]))
-        if not one.excess(value) > MET:
+        if not one.excess(value) > LIMIT_TOLERANCE:
             return ""
         where = f" in case '{case}'" if len(self.after) > 1 else ""
-        shown = next((text for n in (4, 6, 9) if one.excess(float(text := f"{value:.{n}g}")) > MET), f"{value!r}")
+        shown = next(
+            (text for n in (4, 6, 9) if one.excess(float(text := f"{value:.{n}g}")) > LIMIT_TOLERANCE), f"{value!r}"
+        )
         return f"{one.text} is not met: it is {shown} {one.unit}".rstrip() + where
 
     def title(self, name: str) -> str:
-        """A metric by name as tables and plots show it: its unit (degrees for angles) and the limits it is to keep."""
+        """A metric as tables and plots show it: with its unit (degrees for angles) and its limits.
+
+        Parameters
+        ----------
+        name : str
+            The metric.
+
+        Returns
+        -------
+        str
+            The text.
+        """
         k, unit = units.display_unit(self.units[name])
         most = [
             f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}" for one in self.limits if one.name == name
@@ -112,7 +159,13 @@ class Tuned:
         return ", ".join([heading(named(name)[0], unit), *most])
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain values."""
+        """The result as plain values.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and dicts, as JSON takes them.
+        """
         return {
             "values": dict(self.values),
             "objective": self.objective,
@@ -129,9 +182,12 @@ class Tuned:
         }
 
     def to_pandas(self) -> Any:
-        """A frame with a row per case and side (``"before"``, ``"tuned"``): metrics, their units in ``attrs``.
+        """A table of the metrics with a row for each case, before and tuned.
 
-        Needs pandas.
+        Returns
+        -------
+        pandas.DataFrame
+            The table; ``attrs["units"]`` has the units. Needs pandas.
         """
         pd = optional_library("pandas")
         sides = {"before": self.before, "tuned": self.after}
@@ -143,7 +199,20 @@ class Tuned:
         )
 
     def plot(self, *metrics: str, ax: Any = None) -> Any:
-        """Each metric in each case, before and tuned; see ``plots.plot_tuned``. Needs matplotlib."""
+        """Plot metrics of each case, before and tuned.
+
+        Parameters
+        ----------
+        *metrics : str
+            The metrics; all unless given.
+        ax : matplotlib.axes.Axes, optional
+            Where to draw a single metric. By default in a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure. Needs matplotlib.
+        """
         return view("plot", self, metrics=metrics, ax=ax)
 
     def __repr__(self) -> str:
@@ -174,8 +243,8 @@ class Tuned:
         return "\n\n".join(parts)
 
     def _measured(self) -> list[tuple[str, str, str]]:
-        """Rows of all metrics, before and tuned, in degrees where they are angles; an empty row between two."""
-        worst = sorted(self.after, key=lambda case: -self.after[case][self.objective])[:CASES]
+        """Rows of all metrics, before and tuned, angles in degrees; an empty row between two metrics."""
+        worst = sorted(self.after, key=lambda case: -self.after[case][self.objective])[:MOST_CASES]
         shown, rows = [case for case in self.after if case in worst], list[tuple[str, str, str]]()
         more = [(f"… ({len(self.after)} in all, the worst shown)", "", "")] if len(self.after) > len(shown) else []
         for name in next(iter(self.after.values())):

@@ -1,4 +1,4 @@
-"""Metrics that can be differentiated: each reduction with its weights, peaks and shares rounded off by a sharpness."""
+"""Differentiable metrics: each reduction with its derivatives, peaks and shares smoothed."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ Weighed = tuple[float, Array]
 
 
 def _peak(e: Array, sharp: float, least: float | None = None) -> Weighed:
-    """The highest value, rounded: the mean of the samples, those near the top weighed most.
+    """The smoothed maximum: the mean of the samples with weights exp((e - max) / width).
 
-    It is rounded over a share of its height above the lowest sample, or above ``least``.
+    The width is a share ``sharp`` of the height above the lowest sample, or above ``least``.
     """
     size = max(float(e.max() - (e.min() if least is None else least)), 1e-300) * sharp
     w = np.exp((e - e.max()) / size)
     w /= w.sum()
     value = float(w @ e)
     by = w * (1.0 + (e - value) / size)
-    spread = sharp * float(w @ (e - value) ** 2) / size**2  # the size over which it is rounded moves too
+    spread = sharp * float(w @ (e - value) ** 2) / size**2  # the width depends on the signal too
     by[int(np.argmax(e))] -= spread
     if least is None:
         by[int(np.argmin(e))] += spread
@@ -50,7 +50,7 @@ def _peak_to_peak(e: Array, t: Array, sharp: float) -> Weighed:
 
 
 def _largest(e: Array, _: Array, sharp: float) -> Weighed:
-    value, w = _peak(np.abs(e), sharp, 0.0)  # above zero: the smallest sample flips its sign where it passes zero
+    value, w = _peak(np.abs(e), sharp, 0.0)  # above zero: the smallest sample changes its sign at zero
     return value, w * np.sign(e)
 
 
@@ -84,25 +84,25 @@ def _variation(e: Array, _: Array, __: float) -> Weighed:
 
 
 def _share(e: Array, _: Array, sharp: float) -> Weighed:
-    """How much lies above zero, rounded over a share of the signal's size."""
+    """The share of samples above zero, smoothed over a share of the signal's size."""
     size = max(float(np.abs(e).max()), 1e-300) * sharp
     above = 0.5 * (1.0 + np.tanh(0.5 * e / size))
     w = above * (1.0 - above) / (size * len(e))
     top = int(np.argmax(np.abs(e)))
-    w[top] -= sharp * np.sign(e[top]) * float(w @ e) / size  # the size over which it is rounded moves too
+    w[top] -= sharp * np.sign(e[top]) * float(w @ e) / size  # the width depends on the signal too
     return float(above.mean()), w
 
 
 def _overshoot(e: Array, t: Array, sharp: float, target: float) -> Weighed:
     way = target - e[0]
     value, w = _highest((e - target) / way, t, sharp)
-    first = float(w @ (e - target)) / way**2  # the way there begins at the first sample
+    first = float(w @ (e - target)) / way**2  # the height of the step depends on the first sample
     w = w / way
     w[0] += first
     return max(value, 0.0), w * (value > 0)
 
 
-SMOOTH: Mapping[str, Callable[..., Weighed]] = {
+SMOOTH_REDUCTIONS: Mapping[str, Callable[..., Weighed]] = {
     "peak_to_peak": _peak_to_peak,
     "rms": _rms,
     "largest": _largest,
@@ -115,16 +115,16 @@ SMOOTH: Mapping[str, Callable[..., Weighed]] = {
     "share": _share,
     "overshoot": _overshoot,
 }
-"""Reductions that have slopes: of (signal, instants, sharpness, numbers)."""
+"""Differentiable reductions, as functions of (signal, instants, smoothing, further arguments)."""
 
 
-BLOCKS = 40
-"""Stretches of time of which each gives its own extreme, where a metric is a peak."""
+PEAK_INTERVALS = 40
+"""Intervals of time of which each contributes its extreme, where a metric is a peak. Chosen."""
 
 
 def _tops(e: Array) -> Array:
-    """Where each stretch of a signal is highest."""
-    edges = np.unique(np.linspace(0, len(e), min(BLOCKS, len(e)) + 1).astype(int))
+    """Positions of the maximum of each interval of a signal."""
+    edges = np.unique(np.linspace(0, len(e), min(PEAK_INTERVALS, len(e)) + 1).astype(int))
     return np.array([a + int(np.argmax(e[a:b])) for a, b in pairwise(edges)])
 
 
@@ -153,11 +153,11 @@ def _peaks(name: str, e: Array, along: Array, numbers: tuple[float, ...]) -> tup
 
 
 @attrs.frozen(eq=False)
-class Sloped:
-    """A metric with what it takes to differentiate it.
+class DifferentiableMetric:
+    """A metric with its derivatives.
 
-    A metric that is a peak is given as many extremes, of which it is the largest (the smallest, for ``lowest``): so a
-    search sees each of them go up and down, and not only the one that happens to be the peak.
+    A metric that is a peak has many values, the extremes of intervals, of which it is the largest (the smallest for
+    ``lowest``): so a search takes all of them into account, not only the present peak.
     """
 
     metric: Metric
@@ -179,7 +179,7 @@ class Sloped:
         for part, inner in zip(self.metric.parts, self._inner, strict=True):
             e, along = _along(part, inner, t, signals, slopes)
             kept = t[_inside(part, t)]
-            value, w = SMOOTH[part.reduction](e, kept, sharp, *part.numbers)
+            value, w = SMOOTH_REDUCTIONS[part.reduction](e, kept, sharp, *part.numbers)
             values.append(value)
             weights.append(w @ along)
         made, *by_part = (float(v) for v in self._outer(*values))
@@ -188,12 +188,13 @@ class Sloped:
 
     @property
     def rounded(self) -> bool:
-        """Whether a sharpness enters."""
+        """Whether it depends on the smoothing."""
         one = self._gain is not None and self.metric.parts[0].reduction not in ("share",)
-        return not one and any(part.reduction in ROUNDED for part in self.metric.parts)
+        return not one and any(part.reduction in SMOOTHED_REDUCTIONS for part in self.metric.parts)
 
 
-ROUNDED = ("share", "highest", "lowest", "largest", "peak_to_peak", "overshoot")
+SMOOTHED_REDUCTIONS = ("share", "highest", "lowest", "largest", "peak_to_peak", "overshoot")
+"""Reductions that are smoothed."""
 
 
 def _inside(part: Part, t: Array) -> Array:
@@ -203,20 +204,20 @@ def _inside(part: Part, t: Array) -> Array:
 def _along(
     part: Part, inner: Callable[..., list[Array]], t: Array, signals: Mapping[str, Array], slopes: Mapping[str, Array]
 ) -> tuple[Array, Array]:
-    """What a reduction reduces (n,) and its derivatives (n, p), at the instants that count."""
+    """The argument of a reduction (n,) and its derivatives (n, p), at its instants."""
     kept, names = _inside(part, t), part.of.names
     e, *by = (np.broadcast_to(np.asarray(v).ravel(), kept.sum()) for v in inner(*(signals[k][kept] for k in names)))
     parts = [d[:, None] * slopes[name][kept] for name, d in zip(names, by, strict=True)]
     return e, np.sum(parts, axis=0)
 
 
-def sloped(metric: Metric) -> Sloped:
+def differentiable(metric: Metric) -> DifferentiableMetric:
     """The metric with its derivatives. Raises ParameterError for a reduction that has none."""
     for part in metric.parts:
-        if part.reduction not in SMOOTH:
+        if part.reduction not in SMOOTH_REDUCTIONS:
             raise ParameterError(
-                f"metric '{metric.name}': {part.reduction} has no slope, so nothing can be tuned by "
-                f"it. Known here: {', '.join(SMOOTH)}."
+                f"metric '{metric.name}': {part.reduction} is not differentiable, so nothing can be tuned by "
+                f"it. Known here: {', '.join(SMOOTH_REDUCTIONS)}."
             )
     marks = [ca.SX.sym(f"m{k}") for k in range(len(metric.parts))]
     value = metric.outer.symbolic({f"#{k}": m for k, m in enumerate(marks)})
@@ -224,7 +225,7 @@ def sloped(metric: Metric) -> Sloped:
     outer = ca.Function("outer", marks, [value, *slopes])
     plain = len(marks) == 1 and slopes[0].is_constant() and float(outer(0.0)[0]) == 0.0 and float(slopes[0]) > 0
     gain = metric.factor * float(slopes[0]) if plain else None
-    return Sloped(metric, outer, tuple(_inner(part) for part in metric.parts), gain)
+    return DifferentiableMetric(metric, outer, tuple(_inner(part) for part in metric.parts), gain)
 
 
 def _inner(part: Part) -> Callable[..., list[Array]]:

@@ -1,4 +1,4 @@
-"""Find the parameters of a controller: exact gradients, constraints, several starts, the worst of several plants."""
+"""Tuning of the parameters of a controller: arguments, search and result."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.plans import between
 from tsmblocks.studies.study import signal_units
-from tsmblocks.tuning.constraints import MET, limit
+from tsmblocks.tuning.constraints import LIMIT_TOLERANCE, limit
 from tsmblocks.tuning.hunting import hunting
 from tsmblocks.tuning.result import Tuned
 from tsmblocks.tuning.search import Search
-from tsmblocks.tuning.smooth_metrics import sloped
+from tsmblocks.tuning.smooth_metrics import differentiable
 
-WIDE = 20.0
-"""Ratio of bounds above which a number is searched by ratios."""
+LOG_SCALE_RATIO = 20.0
+"""Ratio of bounds above which a parameter is searched on a logarithmic scale. Chosen."""
 
 
 def tune(
@@ -44,26 +44,83 @@ def tune(
     progress: Callable[[str, int, int], Any] | None = None,
     backend: str = "",
 ) -> Tuned:
-    """Find parameters that make a metric small, in the worst case, within limits.
+    """Find parameters that make a metric small within limits, in the worst of several cases.
 
-    ``free`` maps parameters to bounds ``(low, high)``; ``minimise`` is a metric such as
-    ``"peak_to_peak(x_ref - x_out, after=10)"``, or that with a name and a unit,
-    ``{"error [deg]": "…"}``; ``subject_to`` is a limit, or several, such as ``"share(abs(u) > 23.9) <= 0.01"``, or
-    ``"phase_margin('controller -> drive') >= 45"`` [deg] and ``gain_margin`` of the loop opened at a wire, which is the
-    smallest factor, up or down, that makes the loop unstable (below 1 where it is unstable as it stands).
-    Several ``diagrams`` (signals, say) are cases, and so is every set of ``plants``; what counts is the worst of them.
+    The searches use exact derivatives of the runs, with peaks and shares smoothed less and less; they start at the
+    diagrams' own parameters and at the best of some random sets. Every set that a search evaluates is then measured
+    without smoothing, and the best is returned: it is never worse than the diagrams' own where those meet the limits.
 
-    The searches use exact derivatives of the runs (shares are rounded off, less and less); they begin at the diagrams'
-    own numbers and at the best of some random sets. Every set on the way is measured without rounding, and the best is
-    returned: it is never worse than the diagrams' own where those meet the limits. What to beware of is said with it:
-    a signal that goes to and fro far more than before (limit its ``variation``), a number at its bound, nothing better
-    found. ``progress(stage, done, all)`` is called as it goes. Other arguments as for ``simulate``. Raises
-    ParameterError, and what ``study`` raises, before any search.
+    Parameters
+    ----------
+    diagrams : Diagram or dict of str to Diagram
+        The closed loop, or several cases of it (different references, for example).
+    free : dict of str to (float, float)
+        Parameters and their bounds (low, high), in the unit of the parameter.
+    minimise : str or dict of str to str
+        A metric such as ``"peak_to_peak(x_ref - x_out, after=10)"``, or that with a name and a unit,
+        ``{"error [deg]": "..."}``.
+    subject_to : str or list of str, optional
+        Limits: metrics such as ``"share(abs(u) > 23.9) <= 0.01"``, and stability margins of the loop opened at a wire,
+        such as ``"phase_margin('controller -> drive') >= 45"`` in degrees. ``gain_margin`` is the smallest factor, up
+        or down, that makes the loop unstable, below 1 where it is unstable already.
+    plants : Plan, optional
+        Sets of parameters; each diagram with each set is a case.
+    stop : float, optional
+        End of the runs in s, as for ``simulate``.
+    step : float, default 1e-3
+        Step in s.
+    method : {"rk4", "euler", "heun"}
+        Runge-Kutta method.
+    inputs : dict of str to signal, optional
+        Inputs of the diagrams, as for ``simulate``.
+    hold : {"linear", "zero", "cubic"}
+        Interpolation between samples of the inputs.
+    starts : int, default 4
+        Number of searches.
+    seed : int, default 0
+        Seed of the random sets.
+    threads : int, optional
+        Number of threads. By default one for each processor.
+    progress : callable, optional
+        Called with a stage, how much of it is done, and of how much.
+    backend : {"", "llvm", "casadi"}
+        As for ``simulate``.
+
+    Returns
+    -------
+    Tuned
+        The parameters and the metrics before and after. ``remarks`` warn of a signal that oscillates far more than
+        before (limit its ``variation``), of a parameter at its bound, and where nothing better was found.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter, bounds, metrics or limits that are not possible; before any search.
+    RunError
+        As for ``simulate``, and where the runs diverge with every set of parameters.
+    DataError
+        For missing or unsuitable inputs.
+
+    References
+    ----------
+    K. Madsen, Minimax solution of non-linear equations without calculating derivatives, J. Inst. Maths Applics 16
+    (1975), doi 10.1093/imamat/16.3.321.
+
+    Examples
+    --------
+    >>> import tsmblocks as tsm
+    >>> from tsmblocks.blocks import FirstOrderLag, Gain, Step, Sum
+    >>> parts = {"r": Step(), "error": Sum(signs="+-"), "k": Gain(gain=1.0), "plant": FirstOrderLag(time_constant=0.1)}
+    >>> wires = ["r -> error.plus", "error -> k -> plant -> error.minus"]
+    >>> loop = tsm.Diagram(blocks=parts, wires=wires, outputs={"e": "error", "u": "k"})
+    >>> found = tsm.tune(loop, {"k.gain": (0.5, 50.0)}, "final(e)", subject_to="largest(u) <= 10", stop=3.0, starts=1)
+    >>> print(f"{found.values['k.gain']:.1f}, met: {found.met}")
+    10.0, met: True
     """
     named, tell = _named(diagrams), as_callback(progress, "stage, done and of")
     cases = _cases(named, plants)
     first = next(iter(cases.values()))
-    bounds, units = _bounds(free, first), signal_units(first)
+    bounds, units = _search_bounds(free, first), signal_units(first)
     goal = _goal(minimise, units)
     limits = [limit(text, units, first) for text in _listed(subject_to)]
     options = RunOptions(stop, step, 0.0, method, inputs, hold, backend=backend)
@@ -72,9 +129,9 @@ def tune(
     inside = all(one.low <= own[name] <= one.high for name, one in bounds.items())
     begins = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
     warn_of_fast_poles(search.run_starts(own), options.rule, step)
-    trails, status = _walked(search, begins, tell)
+    trails, status = _searches(search, begins, tell)
     if inside:
-        trails[0].insert(0, own)  # they are never made worse
+        trails[0].insert(0, own)  # the result is never worse
     judged = search.judged(own, trails)
     best = judged.best
     values = dict(judged.sets[best])
@@ -87,7 +144,7 @@ def tune(
         search.units,
         judged.of(0),
         judged.of(best),
-        bool(judged.over[best] <= MET),
+        bool(judged.over[best] <= LIMIT_TOLERANCE),
         status,
         own,
         {name: (one.low, one.high) for name, one in bounds.items()},
@@ -99,10 +156,10 @@ def tune(
     )
 
 
-def _walked(
+def _searches(
     search: Search, begins: Sequence[Mapping[str, float]], tell: Callable[[str, int, int], Any]
 ) -> tuple[list[list[dict[str, float]]], str]:
-    """All sets on the way of a search from each beginning, and how it ended."""
+    """All sets that each search has evaluated, and how it ended."""
     trails: list[list[dict[str, float]]] = []
     try:
         for k, begin in enumerate(begins):
@@ -117,7 +174,7 @@ def _walked(
     return trails, "complete"
 
 
-# ---- what is asked for ------------------------------------------------------------------------------
+# ---- arguments
 
 
 def _named(diagrams: Any) -> dict[str, Diagram]:
@@ -143,19 +200,19 @@ def _cases(named: dict[str, Diagram], plants: Plan | None) -> dict[str, Diagram]
 
 
 def _goal(given: Any, units: Mapping[str, str]) -> Metric:
-    """The one metric that is to be small."""
+    """The metric to minimise. Raises ParameterError."""
     made = metrics(given, units) if isinstance(given, (str, Mapping)) else ()
     if len(made) != 1:
         raise ParameterError(
             "minimise is one metric, such as 'rms(x_ref - x_out)', or with a name and a unit "
             f"{{'error [deg]': 'rms(x_ref - x_out)'}}, got {in_words(given)}."
         )
-    sloped(made[0])
+    differentiable(made[0])
     return made[0]
 
 
 def _listed(given: Any) -> list[Any]:
-    """Limits that are given, of which one alone need not be a list."""
+    """Limits as a list; a single one need not be one. Raises ParameterError."""
     if isinstance(given, str):
         return [given]
     if not isinstance(given, Iterable) or isinstance(given, Mapping):
@@ -165,7 +222,7 @@ def _listed(given: Any) -> list[Any]:
     return list(given)
 
 
-def _bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
+def _search_bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
     if not isinstance(free, Mapping) or not free:
         raise ParameterError(f"free maps parameters to bounds, such as {{'pid.kp': (0.1, 5.0)}}, got {in_words(free)}.")
     made = {}
@@ -177,5 +234,5 @@ def _bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
             low, high = map(float, pair)
         except (TypeError, ValueError):
             raise ParameterError(f"'{name}' needs bounds (low, high), got {in_words(pair)}.") from None
-        made[str(name)] = between(str(name), low, high, log=low > 0 and high / low > WIDE)
+        made[str(name)] = between(str(name), low, high, log=low > 0 and high / low > LOG_SCALE_RATIO)
     return made
