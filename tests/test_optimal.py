@@ -623,7 +623,7 @@ def test_a_mistake_is_told(what):
 
 
 def test_commands_before_their_start_are_refused(best):
-    with pytest.raises(RunError, match="the commands begin at 0 s, so they cannot stop at -1 s"):
+    with pytest.raises(RunError, match="the commands start at 0 s, so they cannot stop at -1 s"):
         best.inputs(-1.0)
 
 

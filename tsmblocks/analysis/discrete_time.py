@@ -123,7 +123,7 @@ def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, A
     given = [x, d, u, t, p]
 
     def jacobians(rows: Any, more: tuple[Any, ...] = ()) -> Any:
-        return ca.Function("slopes", [*given, *more], [ca.densify(ca.jacobian(rows, by)) for by in (x, d, u)])
+        return ca.Function("jacobians", [*given, *more], [ca.densify(ca.jacobian(rows, by)) for by in (x, d, u)])
 
     return jacobians(dx), jacobians(shown), jacobians(ca.vertcat(x_next, d_next), (hit,))
 

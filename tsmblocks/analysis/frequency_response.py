@@ -335,7 +335,7 @@ def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Dia
     known = [*diagram.inputs, *tones]
     if name is None:
         if len(diagram.inputs) != 1 and (diagram.inputs or len(tones) != 1):
-            raise RunError(f"say which input of '{diagram.title}' is driven: driven='…'.{near('', known)}")
+            raise RunError(f"choose which input of '{diagram.title}' is driven: driven='…'.{near('', known)}")
         name = known[0]
     if name in diagram.inputs:
         ports = diagram.inputs[name].ports
@@ -369,7 +369,9 @@ def _output(diagram: Diagram, name: str | None) -> str:
     if name is not None:
         return name
     if len(diagram.outputs) != 1:
-        raise RunError(f"say which signal of '{diagram.title}' is looked at: output='…'.{near('', diagram.outputs)}")
+        raise RunError(
+            f"choose which signal of '{diagram.title}' is the output: output='…'.{near('', diagram.outputs)}"
+        )
     return next(iter(diagram.outputs))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from tsmblocks.analysis.discrete_time import sampled_model
 from tsmblocks.analysis.operating_point import LocalEquations, Point, evaluated, local_equations, point_at
 from tsmblocks.blocks import Encoder, Gain, Quantiser
-from tsmblocks.common.arguments import as_integer, as_number
+from tsmblocks.common.arguments import as_integer, as_list, as_number
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.tables import unique_names
 from tsmblocks.engine.equations import Equations
@@ -291,11 +291,9 @@ def _links(diagram: Diagram, at: str) -> list[Link]:
 
 
 def _chosen(
-    here: LocalEquations, asked: Sequence[str] | None, known: list[str], what: str, usual: list[str] | None = None
+    here: LocalEquations, given: Sequence[str] | None, known: list[str], what: str, usual: list[str] | None = None
 ) -> list[str]:
-    if isinstance(asked, str):
-        asked = [asked]
-    chosen = list(asked) if asked is not None else list(usual if usual is not None else known)
+    chosen = as_list(given) if given is not None else list(usual if usual is not None else known)
     for name in chosen:
         if name not in known:
             raise RunError(f"diagram '{here.eq.title}' has no {what} '{name}'.{near(name, known)}")
@@ -308,11 +306,11 @@ def _chosen(
 def _jacobians(here: LocalEquations, x: np.ndarray, shown: Sequence[str]) -> dict[tuple[str, str], np.ndarray]:
     """Derivatives of rates, signals and delay inputs by states ``x``, samples ``u`` and delay outputs ``w``."""
     eq = here.eq
-    slopes, late = _jacobian_functions(eq, tuple(eq.aliases.get(name, name) for name in shown))
+    jacobians, late = _jacobian_functions(eq, tuple(eq.aliases.get(name, name) for name in shown))
     u, w = np.asarray(here.u, dtype=float), np.zeros(len(eq.q))
     for _ in range(len(eq.q)):
         w = np.asarray(late(x, u, w, here.t, here.p)).ravel()
-    *made, moved = (np.asarray(J, dtype=float) for J in slopes(x, u, w, here.t, here.p))
+    *made, moved = (np.asarray(J, dtype=float) for J in jacobians(x, u, w, here.t, here.p))
     if np.abs(moved).max(initial=0.0) > 1e-9:
         raise RunError(
             f"'{eq.title}' depends on the derivative of a delayed signal, which no state space holds. Put a lag "
@@ -344,7 +342,7 @@ def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, A
     given = [xs, us, ws, t, p]
     made = [ca.jacobian(rows[a], by[b]) for a, b in _KEYS] + [ca.jacobian(ca.vertcat(*rows.values()), moves)]
     still = [ca.densify(ca.substitute(one, moves, ca.DM.zeros(len(eq.q)))) for one in made]
-    return ca.Function("slopes", given, still), ca.Function("delayed", given, [ca.densify(s)])
+    return ca.Function("jacobians", given, still), ca.Function("delayed", given, [ca.densify(s)])
 
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -367,15 +365,15 @@ def _proper(here: LocalEquations, J: dict[tuple[str, str], np.ndarray], names: S
     D = np.hstack([direct[:, own], np.vstack([J["y", "w"], J["s", "w"]])])
     none = NO_DIRECT_EFFECT * max(1.0, float(np.abs(direct).max(initial=0.0)))
     for k, name in enumerate(names):
-        slope = place.get((name, 1))
-        if slope is None:
+        column = place.get((name, 1))
+        if column is None:
             continue
-        if np.abs(direct[:, slope]).max(initial=0.0) > none or (name, 2) in place:
+        if np.abs(direct[:, column]).max(initial=0.0) > none or (name, 2) in place:
             raise RunError(
                 f"a signal of '{eq.title}' depends on the derivative of its input '{name}' at once, so there is no "
                 "state space from there. Put a lag on the input, or choose other outputs."
             )
-        E = J["dx", "u"][:, slope]
+        E = J["dx", "u"][:, column]
         B[:, k] += A @ E
         D[:, k] += rows @ E
     return A, B, rows, D

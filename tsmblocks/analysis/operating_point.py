@@ -83,8 +83,8 @@ class Point:
 class LocalEquations:
     """The equations of a diagram at one instant, as ``trim`` and ``linearize`` use them.
 
-    ``f(x, u)`` gives ``(dx, y)``, ``u`` being the diagram's inputs alone; their slopes are zero and all sources are
-    as they are at ``t``.
+    ``f(x, u)`` gives ``(dx, y)``, ``u`` being the diagram's inputs alone; their time derivatives are zero and all
+    sources are as they are at ``t``.
     """
 
     eq: Equations
@@ -115,8 +115,10 @@ class LocalEquations:
         return evaluated(self.eq, x, u, late, self.t, self.p, d=ca.SX(ca.DM(self.d)))
 
 
-def evaluated(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: Any = None, d: Any = None) -> list[Any]:
-    """``(dx, y, s)`` of the equations with delay outputs ``late`` and their time derivatives ``slopes``.
+def evaluated(
+    eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, derivatives: Any = None, d: Any = None
+) -> list[Any]:
+    """``(dx, y, s)`` of the equations with delay outputs ``late`` and their time derivatives ``derivatives``.
 
     The past of a delayed signal is its values at four instants around the one that is read.
     """
@@ -124,7 +126,7 @@ def evaluated(eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, slopes: 
     held = []
     for k in range(len(eq.q)):
         away = [float(i) - 0.5 * (DELAY_SAMPLES - 1) for i in range(DELAY_SAMPLES)]
-        values = [late[k] + (slopes[k] * a if slopes is not None else 0.0) for a in away]
+        values = [late[k] + (derivatives[k] * a if derivatives is not None else 0.0) for a in away]
         held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, REST_INSTANTS))
     found: list[Any] = eq.rhs.call(
         [t, x, ca.SX(0, 1) if d is None else d, u, ca.vertcat(*held) if held else ca.SX(0, 1), p]
@@ -336,14 +338,14 @@ def _nearest_root(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
     def error(v: np.ndarray) -> np.ndarray:
         return np.asarray(residual(v)[0], dtype=float).ravel()
 
-    def slope(v: np.ndarray) -> np.ndarray:
+    def jacobian(v: np.ndarray) -> np.ndarray:
         return np.asarray(residual(v)[1], dtype=float)
 
     if not count or not len(begin):
         return begin
     z = begin
     for _ in range(50):
-        r, J = error(z), slope(z)
+        r, J = error(z), jacobian(z)
         if not np.isfinite(r).all() or not np.isfinite(J).all():
             raise RunError(
                 f"the equations are not finite at {in_words(z.round(6).tolist())}. Start elsewhere: start={{…}}."
@@ -356,4 +358,4 @@ def _nearest_root(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
         if share is None:
             break
         z = z + share * step
-    return np.asarray(least_squares(error, z, slope, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
+    return np.asarray(least_squares(error, z, jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)

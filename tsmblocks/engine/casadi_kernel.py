@@ -103,14 +103,14 @@ class CasadiKernel(Kernel):
         self, past: _DelayLine, k: int, t: float, h: float, x: Any, d: Any, u: Any, p: Any, first: Any
     ) -> np.ndarray:
         """One step with delays, which are read at each stage."""
-        method, slopes = self.plan.method, [first]
+        method, rates = self.plan.method, [first]
         for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
             ahead = x
-            for a, s in zip(row, slopes, strict=True):
+            for a, s in zip(row, rates, strict=True):
                 ahead = ahead + h * a * s if a else ahead  # summed in the order of _one_step, to the same bits
             inputs = u[method.instants.index(offset)][:, None]
-            slopes.append(self.rhs(_at(t, h, offset, self.jumps), ahead, d, inputs, past.at(k, offset), p)[0])
-        return np.asarray(x + sum(h * b * s for b, s in zip(method.weights, slopes, strict=True)))
+            rates.append(self.rhs(_at(t, h, offset, self.jumps), ahead, d, inputs, past.at(k, offset), p)[0])
+        return np.asarray(x + sum(h * b * s for b, s in zip(method.weights, rates, strict=True)))
 
 
 class _SimpleStep:
@@ -240,14 +240,14 @@ def _one_step(plan: Plan, jumps: bool) -> Any:
     x, d, p = (ca.SX.sym(k, f.size1_in(f.index_in(k))) for k in ("x", "d", "p"))
     u = ca.SX.sym("u", count * len(method.instants))
     q = ca.SX(f.size1_in(f.index_in("q")), 1)
-    slopes: list[Any] = []
+    rates: list[Any] = []
     for row, offset in zip(method.rows, method.offsets, strict=True):
         ahead = x
-        for a, s in zip(row, slopes, strict=True):
+        for a, s in zip(row, rates, strict=True):
             ahead = ahead + h * a * s if a else ahead
         i = method.instants.index(offset)
-        slopes.append(f(_at(t, h, offset, jumps), ahead, d, u[i * count : (i + 1) * count], q, p)[0])
-    new = x + sum(h * b * s for b, s in zip(method.weights, slopes, strict=True))
+        rates.append(f(_at(t, h, offset, jumps), ahead, d, u[i * count : (i + 1) * count], q, p)[0])
+    new = x + sum(h * b * s for b, s in zip(method.weights, rates, strict=True))
     return ca.Function("step", [t, h, x, d, u, p], ca.cse([new]))
 
 

@@ -34,7 +34,7 @@ class SampledInput:
 
 @attrs.frozen(eq=False)
 class Equations:
-    """A diagram as x' = f(t, x, d, u, q, p) with outputs y, ready for an engine that knows no blocks.
+    """A diagram as x' = f(t, x, d, u, q, p) with outputs y, in the form that the engine takes.
 
     ``x`` continuous states, ``d`` memory and held outputs, ``u`` sampled inputs, ``q`` the past of delayed signals
     (``DELAY_NUMBERS`` numbers each), ``p`` parameters. ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being the

@@ -129,7 +129,7 @@ class _Walk:
         """Steps up to the first event and past it; where that fails, some steps without location."""
         n = min(self.length, self.stop - self.k)
         rows, _ = self._frozen(m, n)
-        lost, turns = self._looked_at(rows, m)
+        lost, turns = self._checked(rows, m)
         found = np.flatnonzero(lost[1:] | turns[1:])
         aim = 1 if lost[0] else int(found[0]) + 1 if len(found) else n
         count, passed = (0, None) if lost[0] else self._passed(rows, m, aim)
@@ -147,7 +147,7 @@ class _Walk:
         else:
             self._plainly()
 
-    def _looked_at(self, rows: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _checked(self, rows: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rows with non-finite values, and rows that contradict the modes."""
         g = rows[:, self.now.start :].reshape(len(rows), -1, len(m))
         lost = np.asarray(~np.isfinite(rows[:, : self.states.stop]).all(axis=1) | np.isnan(g).any(axis=(1, 2)))

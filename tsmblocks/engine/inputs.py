@@ -37,7 +37,7 @@ class Signal:
         self._check()
         self._splines: dict[int, Any] = {}
         self._grid: tuple[float, float, bool] | None = None
-        self._slopes: np.ndarray | None = None
+        self._derivatives: np.ndarray | None = None
 
     def _check(self) -> None:
         if self.hold not in HOLDS:
@@ -89,8 +89,8 @@ class Signal:
         if len(self.t) < 2:
             return np.zeros_like(t)
         shifted = t + tiny if side == "right" else t - tiny
-        slopes = np.diff(self.y) / np.diff(self.t)
-        return slopes[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(slopes) - 1)]
+        derivatives = np.diff(self.y) / np.diff(self.t)
+        return derivatives[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(derivatives) - 1)]
 
     def _no_derivative(self, order: int) -> str:
         """The message where a derivative is needed that the hold does not have."""
@@ -117,11 +117,11 @@ class Signal:
 
     def on_steps(self, first: int, count: int, offset: float, order: int) -> np.ndarray:
         """Values at a fraction of the steps ``first`` ... ``first + count``, or the derivatives over those steps."""
-        if self._slopes is None:
-            self._slopes = np.append(np.diff(self.y) / np.diff(self.t), 0.0)
-            self._slopes[-1] = self._slopes[-2]
+        if self._derivatives is None:
+            self._derivatives = np.append(np.diff(self.y) / np.diff(self.t), 0.0)
+            self._derivatives[-1] = self._derivatives[-2]
         if order:
-            return self._slopes[first : first + count + 1]
+            return self._derivatives[first : first + count + 1]
         here = self.y[first : first + count + 1]
         if offset == 0:
             return here

@@ -224,7 +224,7 @@ class KernelFrame:
     # ---- the past of delayed signals
 
     def ring_of(self, k: int) -> str:
-        """Where the past of the k-th delayed signal begins."""
+        """Pointer to the past of the k-th delayed signal."""
         w = self.w
         size = w.emit("add i64 %mask, 1")
         return w.emit(f"getelementptr double, ptr %ring, i64 {w.emit(f'mul i64 {size}, {self.s.offset[k]}')}")

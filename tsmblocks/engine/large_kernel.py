@@ -24,7 +24,7 @@ WIDTH = 8
 _ARGUMENTS = ("x", "d", "p", "u", "q", "hit", "work", "fixed", "o0", "o1", "o2")
 _SIGNATURE = "double %t, " + ", ".join(f"ptr noalias %{a}" for a in _ARGUMENTS)
 Store = tuple[int | None, str, int, bool]
-"""(node or None for zero, array, offset, wide): where a goal's value goes."""
+"""(node or None for zero, array, offset, wide): where the value of an output is stored."""
 
 
 @attrs.define

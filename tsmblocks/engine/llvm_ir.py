@@ -1,8 +1,7 @@
 """LLVM IR for scalar operations, on one number or on one number per SIMD lane.
 
-It knows how an operation is written, nothing of steps. Elementary functions of lanes are
-polynomials written out here, so that they need no library; those of single numbers call libm,
-save tanh, whose libm form is slow.
+Elementary functions of lanes are polynomials written out here, so that they need no library; those of single numbers
+call libm, except tanh, whose libm form is slow.
 """
 
 from __future__ import annotations
@@ -344,9 +343,9 @@ def _expm1_body(m: _Maths, x: str) -> str:
 
 
 def _tanh_body(m: _Maths, x: str) -> str:
-    """Written for a short chain of operations: it stands in the loop of every plant with hysteresis.
+    """Written for a short chain of operations, since every plant with hysteresis evaluates it at each stage.
 
-    Adding 1.5 * 2**52 rounds to whole numbers and leaves them in the low bits; what is beyond the
+    Adding 1.5 * 2**52 rounds to integers and leaves them in the low bits; what is beyond the
     reach of that is set right at the end, beside the chain.
     """
     big = m.c(6755399441055744.0)

@@ -102,7 +102,7 @@ class RegisterKernel:
         w.end_of_entry()
 
     def _widen_constants(self) -> None:
-        """Single numbers that lanes will read at every step, and the step's fractions, widened once."""
+        """Single numbers that lanes read at every step, and the fractions of the step, widened once."""
         f = self.f
         for node in self.need("dx", "y", "s"):
             if f.wide[node]:
@@ -190,23 +190,23 @@ class RegisterKernel:
         now = self._states()
         start, x_wide = now["x"], f.x.wide
         instants: dict[float, tuple[Values, list[str], str]] = {}
-        slopes: list[list[str]] = []
+        rates: list[list[str]] = []
         for stage, (row, offset) in enumerate(zip(method.rows, method.offsets, strict=True)):
             if offset not in instants:
                 instants[offset] = self._instant(offset)
             shared, inputs, t = instants[offset]
-            x = start if stage == 0 else self._ahead(start, slopes, row)
+            x = start if stage == 0 else self._ahead(start, rates, row)
             read = {"t": [t], "x": x, "d": now["d"], "u": inputs, "q": self._past(offset), "p": self.p}
             nodes = self.need("dx", "y", "s") if stage == 0 else self.need("dx")
             values = dict(shared)
             self.write(f.rhs, f.wide, nodes, values, read)
             shared.update({n: v for n, v in values.items() if self.grade[n] <= HELD})
-            slopes.append([self.result(n, values, wide) for n, wide in zip(self.goals["dx"], x_wide, strict=True)])
+            rates.append([self.result(n, values, wide) for n, wide in zip(self.goals["dx"], x_wide, strict=True)])
             if stage == 0:
                 f.log([(self.result(n, values, wide), wide) for n, wide in zip(self.goals["y"], f.y.wide, strict=True)])
                 for k, node in enumerate(self.goals["s"]):
                     f.remember(k, self.result(node, values, f.s.wide[k]))
-        for k, value in enumerate(self._ahead(start, slopes, method.weights)):
+        for k, value in enumerate(self._ahead(start, rates, method.weights)):
             w.store(value, f"%x_{k}", x_wide[k])
         self._carry(instants)
 
@@ -225,14 +225,14 @@ class RegisterKernel:
         for node in self.front:
             self.w.store(values[node], f"%c{node}", self.f.wide[node])
 
-    def _ahead(self, start: list[str], slopes: list[list[str]], weights: tuple[float, ...]) -> list[str]:
-        """x + h * sum of weighted slopes; equal weights share one multiplication."""
+    def _ahead(self, start: list[str], rates: list[list[str]], weights: tuple[float, ...]) -> list[str]:
+        """x + h * sum of weighted rates; equal weights share one multiplication."""
         w, made = self.w, []
         for k, (x, wide) in enumerate(zip(start, self.f.x.wide, strict=True)):
             by_weight: dict[float, str] = {}
-            for weight, slope in zip(weights, slopes, strict=True):
+            for weight, rate in zip(weights, rates, strict=True):
                 if weight:
-                    value = slope[k]
+                    value = rate[k]
                     by_weight[weight] = w.add(by_weight[weight], value, wide) if weight in by_weight else value
             for weight, value in by_weight.items():
                 x = w.add(x, w.mul(self._step_times(weight, wide), value, wide), wide)

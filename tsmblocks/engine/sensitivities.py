@@ -22,7 +22,7 @@ from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.program import Program
-from tsmblocks.engine.session import check_delays, spread
+from tsmblocks.engine.session import check_delays, delay_capacity, spread
 
 
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
@@ -85,12 +85,11 @@ def _start_and_derivatives(eq: Equations) -> Any:
 
 def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
     """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
-    values, slopes = (np.asarray(v) for v in _start_and_derivatives(eq)(p))
+    values, derivatives = (np.asarray(v) for v in _start_and_derivatives(eq)(p))
     ends = np.cumsum([len(eq.x), len(eq.d)])
     x, d, s = np.split(values.ravel(), ends)
-    dx, dd, dsd = np.split(slopes @ seeds, ends)
-    tau = check_delays(eq, p, h)
-    capacity = 1 << int(max(tau, default=0) + 8).bit_length()
+    dx, dd, dsd = np.split(derivatives @ seeds, ends)
+    capacity = delay_capacity(check_delays(eq, p, h))
     ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in dsd]
     return Memory(
         spread([*x, *dx], kernel.layout_x),

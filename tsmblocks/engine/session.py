@@ -22,6 +22,8 @@ from tsmblocks.engine.plan import Layout, Plan
 
 MOST_DELAY_STEPS = 1e8
 """Steps that a delay may be long. Chosen: its past takes 1 GB."""
+SPARE_INSTANTS = 8
+"""Instants stored of a delayed signal beyond its delay. Derived: more than ``DELAY_SAMPLES`` and one stage ahead."""
 PIECE_SECONDS = 0.2
 """Time [s] that a kernel runs before Ctrl-C and the progress callback are served. Chosen: short for a person."""
 
@@ -98,6 +100,11 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     return tau
 
 
+def delay_capacity(tau: np.ndarray) -> int:
+    """Instants stored of each delayed signal: a power of two above the longest delay [steps] and those read at once."""
+    return 1 << int(max(tau, default=0) + SPARE_INSTANTS).bit_length()
+
+
 def spread(values: Sequence[Any] | np.ndarray, layout: Layout) -> np.ndarray:
     """Values in the layout of a kernel: for each element a number, or one number per lane."""
     flat = np.empty(layout.size)
@@ -123,8 +130,7 @@ def start_memory(
             d[eq.d.index(name)] = value
         else:
             raise RunError(f"diagram '{eq.title}' has no state '{name}'.{near(name, [*eq.x, *eq.d])}")
-    tau = check_delays(eq, p, h)
-    capacity = 1 << int(max(tau, default=0) + 8).bit_length()
+    capacity = delay_capacity(check_delays(eq, p, h))
     ring = np.repeat(s, capacity) if len(s) else np.empty(0)
     return Memory(
         spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(p, kernel.layout_p), ring, capacity - 1

@@ -44,7 +44,7 @@ class Frozen:
     the update at its instant; a row of ``part``, which updates nothing, holds g. ``remember(t, x, d, u, q,
     p) -> (d, x)`` updates memory at an event (None where nothing is updated between samples). ``names``
     gives the block and the word of each switch, ``edge`` its mode at g = 0 (NaN where either will do),
-    ``fresh`` the modes to begin with; ``spare`` fills the memory up; ``upstream[i, j]`` says that i reads j.
+    ``fresh`` the initial modes; ``spare`` fills the memory up; ``upstream[i, j]`` means that i depends on j.
     """
 
     whole: Kernel
@@ -157,7 +157,7 @@ def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
     """Rates, signals and updates between samples as one program; its switches; and how each node moves.
 
     Switches are those that rates, signals and memory depend on; those of samples and resets are not.
-    Nodes stand still within a step (0), move with time alone (1) or with states and inputs (2).
+    Nodes are constant within a step (0), change with time alone (1) or with states and inputs (2).
     """
     symbols = eq.rhs.sx_in()
     values, names = eq.rhs.call(symbols)[:2], RHS[1][:2]

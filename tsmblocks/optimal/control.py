@@ -190,15 +190,15 @@ class _Search:
     tell: ProgressCallback
     stopped: InterruptFlag
 
-    def best(self, begins: Sequence[np.ndarray], x: np.ndarray, start: float) -> Solution:
+    def best(self, guesses: Sequence[np.ndarray], x: np.ndarray, start: float) -> Solution:
         """The best result of searches from several initial commands."""
         square, peak, within = (
             Programme(self.interval, self.count, goal, self.periodic, self.options)
             for goal in ("rms", "peak", "within")
         )
         ends = []
-        for k, commands in enumerate(begins):
-            self.tell("searched", k, len(begins))
+        for k, commands in enumerate(guesses):
+            self.tell("searched", k, len(guesses))
             path, _, _ = self.interval.simulated(commands, x, start, self.table)
             path = path if np.isfinite(path).all() else np.tile(x[:, None], self.count + 1)
             known = StartData(
@@ -210,7 +210,7 @@ class _Search:
             ends.append((not end.feasible, self._cost(end, known), k, end))
             if self.stopped.stop:
                 break
-        self.tell("searched", len(begins), len(begins))
+        self.tell("searched", len(guesses), len(guesses))
         end = min(ends, key=lambda one: one[:3])[3]
         if self.stopped.stop and not end.feasible:
             raise KeyboardInterrupt

@@ -122,7 +122,7 @@ class OptimalControl:
         """
         end, step = self.t[-1] if stop is None else as_number("stop", stop), self.t[1] - self.t[0]
         if end <= self.t[0]:
-            raise RunError(f"the commands begin at {self.t[0]:g} s, so they cannot stop at {end:g} s.")
+            raise RunError(f"the commands start at {self.t[0]:g} s, so they cannot stop at {end:g} s.")
         if end <= self.t[-1] + 1e-6 * step:
             kept = int(np.searchsorted(self.t, end - 1e-6 * step)) + 1
             return {k: linear_samples(self.t[:kept], v[:kept]) for k, v in self.commands.items()}

@@ -165,8 +165,8 @@ class Interval:
             stages: list[Any] = []
             for row, share in zip(_RULE.rows, _RULE.offsets, strict=True):
                 moved = state + h * sum((a * k for a, k in zip(row, stages, strict=True)), ca.SX(0.0))
-                slope, measured = rhs(moved, piece, share)
-                stages.append(slope)
+                rate, measured = rhs(moved, piece, share)
+                stages.append(rate)
                 if not row:
                     errors.append(measured[0])
                     limits.append(measured[1])
@@ -371,7 +371,7 @@ def scales_of(interval: Interval, commands: np.ndarray, begin: np.ndarray, start
 class Solution:
     """Commands (c, N + 1) and states (n, N + 1) at the samples, the largest error, and the status of the solver.
 
-    ``feasible`` says whether all limits are kept and the intervals join, be it the best there is or not.
+    ``feasible`` is whether all limits are kept and the intervals join, at an optimum or not.
     """
 
     commands: np.ndarray

@@ -147,9 +147,9 @@ class PreparedBatch:
         Call it from one thread at a time: it uses threads itself.
         """
         lanes = self.lanes
-        begins = range(first, last, lanes)
+        groups = range(first, last, lanes)
         # CasADi functions are not thread-safe, so all memory is made before.
-        memories = [lane_memory(self._eq, self._kernel, self._parameters(k), self._h) for k in begins]
+        memories = [lane_memory(self._eq, self._kernel, self._parameters(k), self._h) for k in groups]
 
         def group(begin: int, memory: Memory) -> dict[str, np.ndarray]:
             y = self._whole(memory)
@@ -159,7 +159,7 @@ class PreparedBatch:
 
         workers = as_integer("threads", threads, 1) if threads is not None else os.cpu_count() or 1
         with ThreadPoolExecutor(workers) as pool:
-            parts = list(pool.map(group, begins, memories))
+            parts = list(pool.map(group, groups, memories))
         return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
 
     def run_start(self, k: int) -> RunStart:

@@ -14,7 +14,7 @@ from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.sensitivities import tangent_plan
-from tsmblocks.engine.session import check_delays, plan_for, spread, steps_per_period
+from tsmblocks.engine.session import check_delays, delay_capacity, plan_for, spread, steps_per_period
 from tsmblocks.simulation.arguments import TimeGrid
 
 MOST_DIRECTIONS = 32
@@ -51,8 +51,7 @@ def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memor
     """Memory before the first step, one parameter set per lane; ``p`` has shape (parameters, lanes)."""
     lanes = kernel.plan.lanes
     x, d, s = (np.asarray(v) for v in _start_function(eq, lanes)(p))
-    tau = max((check_delays(eq, p[:, k], h).max() for k in range(lanes)), default=0.0) if eq.q else 0.0
-    capacity = 1 << int(tau + 8).bit_length()
+    capacity = delay_capacity(np.concatenate([check_delays(eq, p[:, k], h) for k in range(lanes)]))
     ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)
     flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
     return Memory(

@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.tables import few
@@ -173,7 +174,7 @@ class Run:
         RunError
             For an unknown signal.
         """
-        chosen = _listed(names) or self.keys()
+        chosen = as_list(names) or self.keys()
         return frame({n: self[n] for n in chosen}, self.t, "t", {"t": "s", **{n: self.unit(n) for n in chosen}})
 
     def to_xarray(self, names: Sequence[str] | None = None) -> Any:
@@ -195,7 +196,7 @@ class Run:
             For an unknown signal.
         """
         facts = {"title": self.title, "step": self.step, "method": self.method, "complete": self.complete}
-        signals = {n: (("t",), self[n], self.unit(n)) for n in _listed(names) or self.keys()}
+        signals = {n: (("t",), self[n], self.unit(n)) for n in as_list(names) or self.keys()}
         return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
     def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
@@ -252,7 +253,7 @@ class Run:
         DataError
             For another ending, two signals with one name in .mat, and names that cannot be written.
         """
-        chosen = _listed(names) or list(self.aliases) or self.keys()
+        chosen = as_list(names) or list(self.aliases) or self.keys()
         return written(
             path,
             self.t,
@@ -260,8 +261,3 @@ class Run:
             {n: self.unit(n) for n in chosen},
             "Give the output another name, or leave it out with names=[...].",
         )
-
-
-def _listed(names: Sequence[str] | None) -> list[str]:
-    """Names asked for, of which one alone need not be a list."""
-    return [names] if isinstance(names, str) else list(names or ())

@@ -54,13 +54,13 @@ def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> None
     """
     if _SILENT.get():
         return
-    looked = [(fastest_unstable(one, rule, h), one) for one in runs]
-    grown = [(*found, one) for found, one in looked if found is not None]
-    if not grown:
+    checked = [(fastest_unstable(one, rule, h), one) for one in runs]
+    growing = [(*found, one) for found, one in checked if found is not None]
+    if not growing:
         return
-    pole, state, worst = max(grown, key=lambda one: abs(one[0]))
-    concerned = f"Of {len(looked)} sets of parameters that were checked this concerns {len(grown)}, most of all"
-    which = f" {concerned if len(looked) > 1 else 'This is with'} {worst.label}." if worst.label else ""
+    pole, state, worst = max(growing, key=lambda one: abs(one[0]))
+    affected = f"Of {len(checked)} sets of parameters that were checked this concerns {len(growing)}, most of all"
+    which = f" {affected if len(checked) > 1 else 'This is with'} {worst.label}." if worst.label else ""
     warnings.warn(
         f"diagram '{worst.eq.title}': the step of {h:g} s is too long for the fastest pole "
         f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
@@ -113,10 +113,10 @@ def fastest_unstable(run: RunStart, rule: Method, h: float) -> tuple[complex, st
     else:
         values = np.asarray(ca.diag(jacobian)).ravel().astype(complex)
         owners = list(range(len(values)))
-    grown = [k for k, z in enumerate(values) if z.real < 0 and np.isfinite(z) and rule.grows(h * complex(z))]
-    if not grown:
+    growing = [k for k, z in enumerate(values) if z.real < 0 and np.isfinite(z) and rule.grows(h * complex(z))]
+    if not growing:
         return None
-    worst = max(grown, key=lambda k: abs(values[k]))
+    worst = max(growing, key=lambda k: abs(values[k]))
     return complex(values[worst]), eq.x[owners[worst]]
 
 

@@ -123,10 +123,10 @@ class Stepper:
         u = np.tile(values, (2, len(self.kernel.plan.method.instants), 1)) if values else np.empty((2, 1, 0))
         y = np.empty((1, self.kernel.layout_y.size))
         before = self.memory.copy()
-        self._go(self.memory, u, 1, False, 1, y)
+        self._advance(self.memory, u, 1, False, 1, y)
         work = self.memory.copy()  # outputs at the end are read on a copy: sampled blocks act once
         self.k += 1
-        self._go(work, u, 0, True, 0, y)
+        self._advance(work, u, 0, True, 0, y)
         if not (np.isfinite(y).all() and np.isfinite(self.memory.x).all()):
             self.memory, self.k = before, self.k - 1
             raise self._not_finite(before.copy(), values)
@@ -145,7 +145,7 @@ class Stepper:
         error.block, error.time = block, time
         return error
 
-    def _go(self, memory: Memory, u: np.ndarray, n: int, final: bool, skip: int, y: np.ndarray) -> None:
+    def _advance(self, memory: Memory, u: np.ndarray, n: int, final: bool, skip: int, y: np.ndarray) -> None:
         self.kernel.advance(
             memory,
             u,

@@ -156,7 +156,7 @@ class Search:
             goal, over, *_ = at(v[:-1])
             return np.concatenate([v[-1] - goal / size, -over])
 
-        def slope(v: np.ndarray) -> np.ndarray:
+        def gradient(v: np.ndarray) -> np.ndarray:
             _, _, by, beyond = at(v[:-1])
             return np.vstack(
                 [np.column_stack([-by / size, np.ones(len(by))]), np.column_stack([-beyond, np.zeros(len(beyond))])]
@@ -169,7 +169,7 @@ class Search:
             method="SLSQP",
             bounds=[(max(v - LAST_RADIUS, 0.0), min(v + LAST_RADIUS, 1.0)) for v in z] + [(None, None)],
             options={"maxiter": MOST_LAST_STEPS, "ftol": 1e-8},
-            constraints=[{"type": "ineq", "fun": room, "jac": slope}],
+            constraints=[{"type": "ineq", "fun": room, "jac": gradient}],
         ).x[:-1]
         end = np.clip(found, 0.0, 1.0) if np.isfinite(found).all() else z
         return end if self._leads_on(at(z), at(end)) else z
@@ -258,7 +258,7 @@ class Search:
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """For each of ``marks`` its values in all cases, and their derivatives by the scaled parameters."""
         numbers = self._values(z)
-        by = np.array([self._slope(name, numbers[name]) for name in self.bounds])
+        by = np.array([self._scale(name, numbers[name]) for name in self.bounds])
         wanted = list(dict.fromkeys(name for one in marks for name in one.metric.signals))
         found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in marks]
         for diagram in self.cases.values():
@@ -293,7 +293,7 @@ class Search:
     def _values(self, z: np.ndarray) -> dict[str, float]:
         return {name: float(one.quantile(np.asarray(v))) for (name, one), v in zip(self.bounds.items(), z, strict=True)}
 
-    def _slope(self, name: str, value: float) -> float:
+    def _scale(self, name: str, value: float) -> float:
         one = self.bounds[name]
         return value * math.log(one.high / one.low) if one.log else one.high - one.low
 

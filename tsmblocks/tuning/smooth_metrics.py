@@ -166,25 +166,25 @@ class DifferentiableMetric:
     _gain: float | None
 
     def __call__(
-        self, t: Array, signals: Mapping[str, Array], slopes: Mapping[str, Array], sharp: float
+        self, t: Array, signals: Mapping[str, Array], derivatives: Mapping[str, Array], sharp: float
     ) -> tuple[Array, Array]:
         """Values (m,) and derivatives (m, p), from signals (N,) and their derivatives (N, p)."""
         if self._gain is not None:
             (part,), (inner,) = self.metric.parts, self._inner
-            e, along = _along(part, inner, t, signals, slopes)
+            e, along = _along(part, inner, t, signals, derivatives)
             peaks = _peaks(part.reduction, e, along, part.numbers)
             if peaks is not None:
                 return self._gain * peaks[0], self._gain * peaks[1]
         values, weights = [], []
         for part, inner in zip(self.metric.parts, self._inner, strict=True):
-            e, along = _along(part, inner, t, signals, slopes)
+            e, along = _along(part, inner, t, signals, derivatives)
             kept = t[_inside(part, t)]
             value, w = SMOOTH_REDUCTIONS[part.reduction](e, kept, sharp, *part.numbers)
             values.append(value)
             weights.append(w @ along)
         made, *by_part = (float(v) for v in self._outer(*values))
-        slope = sum(d * w for d, w in zip(by_part, weights, strict=True))
-        return np.array([self.metric.factor * made]), self.metric.factor * np.atleast_2d(slope)
+        derivative = sum(d * w for d, w in zip(by_part, weights, strict=True))
+        return np.array([self.metric.factor * made]), self.metric.factor * np.atleast_2d(derivative)
 
     @property
     def rounded(self) -> bool:
@@ -202,12 +202,16 @@ def _inside(part: Part, t: Array) -> Array:
 
 
 def _along(
-    part: Part, inner: Callable[..., list[Array]], t: Array, signals: Mapping[str, Array], slopes: Mapping[str, Array]
+    part: Part,
+    inner: Callable[..., list[Array]],
+    t: Array,
+    signals: Mapping[str, Array],
+    derivatives: Mapping[str, Array],
 ) -> tuple[Array, Array]:
     """The argument of a reduction (n,) and its derivatives (n, p), at its instants."""
     kept, names = _inside(part, t), part.of.names
     e, *by = (np.broadcast_to(np.asarray(v).ravel(), kept.sum()) for v in inner(*(signals[k][kept] for k in names)))
-    parts = [d[:, None] * slopes[name][kept] for name, d in zip(names, by, strict=True)]
+    parts = [d[:, None] * derivatives[name][kept] for name, d in zip(names, by, strict=True)]
     return e, np.sum(parts, axis=0)
 
 
@@ -221,10 +225,12 @@ def differentiable(metric: Metric) -> DifferentiableMetric:
             )
     marks = [ca.SX.sym(f"m{k}") for k in range(len(metric.parts))]
     value = metric.outer.symbolic({f"#{k}": m for k, m in enumerate(marks)})
-    slopes = [ca.jacobian(value, m) for m in marks]
-    outer = ca.Function("outer", marks, [value, *slopes])
-    plain = len(marks) == 1 and slopes[0].is_constant() and float(outer(0.0)[0]) == 0.0 and float(slopes[0]) > 0
-    gain = metric.factor * float(slopes[0]) if plain else None
+    derivatives = [ca.jacobian(value, m) for m in marks]
+    outer = ca.Function("outer", marks, [value, *derivatives])
+    plain = (
+        len(marks) == 1 and derivatives[0].is_constant() and float(outer(0.0)[0]) == 0.0 and float(derivatives[0]) > 0
+    )
+    gain = metric.factor * float(derivatives[0]) if plain else None
     return DifferentiableMetric(metric, outer, tuple(_inner(part) for part in metric.parts), gain)
 
 

@@ -127,16 +127,16 @@ def tune(
     search = Search(cases, bounds, goal, limits, options, threads)
     own = {name: first.parameters[name] for name in bounds}
     inside = all(one.low <= own[name] <= one.high for name, one in bounds.items())
-    begins = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
+    starting_points = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
     warn_of_fast_poles(search.run_starts(own), options.rule, step)
-    trails, status = _searches(search, begins, tell)
+    trails, status = _searches(search, starting_points, tell)
     if inside:
         trails[0].insert(0, own)  # the result is never worse
     judged = search.judged(own, trails)
     best = judged.best
     values = dict(judged.sets[best])
     made = {name: d.with_parameters(values) for name, d in named.items()}
-    said = [] if values == own else hunting(cases, own, values, goal, search.watched, options)
+    warning_texts = [] if values == own else hunting(cases, own, values, goal, search.watched, options)
     return Tuned(
         values,
         made,
@@ -152,21 +152,21 @@ def tune(
         len(judged.ends),
         judged.agreeing,
         tuple(search.idle(values)),
-        tuple(said),
+        tuple(warning_texts),
     )
 
 
 def _searches(
-    search: Search, begins: Sequence[Mapping[str, float]], tell: Callable[[str, int, int], Any]
+    search: Search, starting_points: Sequence[Mapping[str, float]], tell: Callable[[str, int, int], Any]
 ) -> tuple[list[list[dict[str, float]]], str]:
     """All sets that each search has evaluated, and how it ended."""
     trails: list[list[dict[str, float]]] = []
     try:
-        for k, begin in enumerate(begins):
-            tell("searched", k, len(begins))
+        for k, starting_point in enumerate(starting_points):
+            tell("searched", k, len(starting_points))
             trails.append([])
-            search.walk(begin, trails[-1])
-        tell("searched", len(begins), len(begins))
+            search.walk(starting_point, trails[-1])
+        tell("searched", len(starting_points), len(starting_points))
     except KeyboardInterrupt:
         if not any(trails):
             raise
