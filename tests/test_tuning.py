@@ -350,7 +350,8 @@ low                                                57.3  28.65
 high                                              114.6  85.94
 
 beware:
-- r.amplitude is at its lower bound (0.5): beyond it there may be better parameters"""
+- r.amplitude is at its lower bound (0.5): beyond it there may be better
+  parameters"""
 
 
 def test_what_is_found_is_told_in_degrees_with_before_and_bounds():
