@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from tsmblocks.blocks import DeadTime, Lag, RateDependence, Resonance
-from tsmblocks.effects.effect import Effect, Scales, Trials, beside
+from tsmblocks.effects.effect import Effect, Scales, Trials, added_change
 from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
@@ -25,20 +25,20 @@ TWO_LAGS = Diagram(
 """Two equal lags: between a dead time and one lag, as higher-order lags are."""
 
 
-def _times(name: str, scales: Scales, most: float) -> Trials:
+def _trial_times(name: str, scales: Scales, most: float) -> Trials:
     times = [time * max(1.0, scales.step / COARSE_SAMPLING) for time in TRIAL_TIMES]
     return Trials({}, tuple({name: time} for time in times if time < most), bounds={name: (0.0, most)})
 
 
-def _late(scales: Scales) -> Trials:
-    return _times("time", scales, 0.05 * scales.shortest)
+def _dead_time_trials(scales: Scales) -> Trials:
+    return _trial_times("time", scales, 0.05 * scales.shortest)
 
 
-def _lagging(scales: Scales) -> Trials:
-    return _times("time_constant", scales, 0.1 * scales.shortest)
+def _lag_trials(scales: Scales) -> Trials:
+    return _trial_times("time_constant", scales, 0.1 * scales.shortest)
 
 
-def _ringing(scales: Scales) -> Trials:
+def _resonance_trials(scales: Scales) -> Trials:
     slowest, fastest = 2 * math.pi / scales.shortest, 0.35 / scales.step
     count = 9
     grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / (count - 1)) for k in range(count)]
@@ -50,7 +50,7 @@ def _ringing(scales: Scales) -> Trials:
     return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})
 
 
-def _by_speed(scales: Scales) -> Trials | None:
+def _rate_dependence_trials(scales: Scales) -> Trials | None:
     speed = scales.wire.speed
     if not speed > 0:  # a signal at rest
         return None
@@ -62,8 +62,8 @@ def _by_speed(scales: Scales) -> Trials | None:
     )
 
 
-def _by_speed_of_other(scales: Scales) -> Trials | None:
-    trials = _by_speed(scales.of_other)
+def _rate_dependence_trials_of_other(scales: Scales) -> Trials | None:
+    trials = _rate_dependence_trials(scales.of_other)
     return None if trials is None else trials.under("rate")
 
 
@@ -76,7 +76,7 @@ EFFECTS = (
         DeadTime(),
         {"time": 0.0},
         ("time",),
-        _late,
+        _dead_time_trials,
         excites="fast motion, at more than one frequency",
         confused=("first_order_lag", "resonance", "rate_dependence"),
         separates="a chirp to the highest frequency the drive can follow",
@@ -90,7 +90,7 @@ EFFECTS = (
             block,
             {"time_constant": 0.0},
             ("time_constant",),
-            _lagging,
+            _lag_trials,
             excites="fast motion, at more than one frequency",
             confused=("dead_time", "resonance", "rate_dependence"),
             separates="a chirp to the highest frequency the drive can follow",
@@ -109,7 +109,7 @@ EFFECTS = (
         Resonance(),
         {"share": 0.0},
         ("share", "omega", "zeta"),
-        _ringing,
+        _resonance_trials,
         excites="motion near its frequency, or steps",
         confused=("dead_time", "first_order_lag"),
         separates="a chirp through its frequency, or steps",
@@ -133,8 +133,8 @@ EFFECTS = (
             within=(f"{prefix}exponent",),
         )
         for place, block, prefix, trials in (
-            ("output", RateDependence(), "", _by_speed),
-            ("across", beside("rate", RateDependence()), "rate.", _by_speed_of_other),
+            ("output", RateDependence(), "", _rate_dependence_trials),
+            ("across", added_change("rate", RateDependence()), "rate.", _rate_dependence_trials_of_other),
         )
     ),
 )

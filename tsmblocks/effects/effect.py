@@ -157,7 +157,7 @@ class Trials:
         )
 
 
-def beside(name: str, block: Block) -> Diagram:
+def added_change(name: str, block: Block) -> Diagram:
     """A diagram that adds to signal ``u`` the change that a block makes to another signal ``x``."""
     return Diagram(
         title=f"{name} beside",

@@ -41,7 +41,7 @@ class Motion:
         """The same for a law in one block, ``friction``."""
         return self.resisting(title, {"friction": block}, ["rate -> friction -> left.minus"])
 
-    def begins(self, trials: Callable[[Scales], Trials]) -> Callable[[Scales], Trials]:
+    def adapted(self, trials: Callable[[Scales], Trials]) -> Callable[[Scales], Trials]:
         """``trials`` with the scales of the motion as those of a position."""
         return lambda scales: trials(self.scales(scales))
 
@@ -58,38 +58,40 @@ MOTIONS = (Motion("load", "", Derivative(), lambda scales: scales), Motion("brak
 """A position, which is differentiated exactly, and a speed."""
 
 
-def _size(scales: Scales) -> float:
+def _trial_force(scales: Scales) -> float:
     return FRICTION_SHARE * scales.wire.rms
 
 
-def _dry(scales: Scales) -> Trials:
+def _coulomb_trials(scales: Scales) -> Trials:
     speed = scales.other.speed
     shapes = tuple({"friction.smoothing": share * speed} for share in (SMOOTHING_SHARE, SMOOTHING_SHARE / 5))
-    return Trials({"friction.level": _size(scales)}, shapes, bounds={"friction.smoothing": (1e-3 * speed, 0.1 * speed)})
+    return Trials(
+        {"friction.level": _trial_force(scales)}, shapes, bounds={"friction.smoothing": (1e-3 * speed, 0.1 * speed)}
+    )
 
 
 def _drag_trials(scales: Scales) -> Trials:
-    return Trials({"friction.coefficient": _size(scales) / max(scales.other.speed, 1e-12) ** 2})
+    return Trials({"friction.coefficient": _trial_force(scales) / max(scales.other.speed, 1e-12) ** 2})
 
 
-def _one_sided(scales: Scales) -> Trials:
-    return Trials({"difference.gain": _size(scales) / max(scales.other.speed, 1e-12)})
+def _asymmetric_trials(scales: Scales) -> Trials:
+    return Trials({"difference.gain": _trial_force(scales) / max(scales.other.speed, 1e-12)})
 
 
-def _falling(scales: Scales) -> Trials:
+def _stribeck_trials(scales: Scales) -> Trials:
     speed = scales.other.speed
     return Trials(
-        {"friction.static": 2 * _size(scales)},
+        {"friction.static": 2 * _trial_force(scales)},
         tuple({"friction.stribeck": share * speed} for share in (0.1, 0.3, 0.8)),
         {"friction.smoothing": SMOOTHING_SHARE * speed},
         {"friction.stribeck": (3 * SMOOTHING_SHARE * speed, 0.8 * speed)},  # small at working speed
     )
 
 
-def _bristles(scales: Scales) -> Trials:
+def _presliding_trials(scales: Scales) -> Trials:
     travel = scales.other.reach
     return Trials(
-        {"level.gain": _size(scales)},
+        {"level.gain": _trial_force(scales)},
         tuple({"friction.sigma0": 1 / (share * travel)} for share in (0.005, 0.02, 0.08)),
         bounds={"friction.sigma0": (2 / travel, 1e4 / travel), "level.gain": (0.0, None)},  # type: ignore[dict-item]
     )
@@ -110,7 +112,7 @@ def _coulomb(motion: Motion) -> Effect:
         motion.along("Coulomb friction", CoulombFriction(level=0.0)),
         {"friction.level": 0.0},
         ("friction.level", "friction.smoothing"),
-        motion.begins(_dry),
+        motion.adapted(_coulomb_trials),
         excites="reversals of the motion",
         confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
         separates="slow triangles in both directions at two speeds",
@@ -132,7 +134,7 @@ def _asymmetric(motion: Motion) -> Effect:
         ),
         {"difference.gain": 0.0},
         ("difference.gain",),
-        motion.begins(_one_sided),
+        motion.adapted(_asymmetric_trials),
         excites="two speeds or more in each direction",
         confused=("load_offset", "drift", "even_nonlinearity"),
         separates="two speeds in each direction: an offset does not grow with the speed",
@@ -150,7 +152,7 @@ def _drag(motion: Motion) -> Effect:
         motion.along("quadratic drag", QuadraticDrag(coefficient=0.0)),
         {"friction.coefficient": 0.0},
         ("friction.coefficient",),
-        motion.begins(_drag_trials),
+        motion.adapted(_drag_trials),
         excites="slow and fast motion",
         confused=("coulomb_friction", "odd_nonlinearity"),
         separates="constant speeds at three levels or more",
@@ -160,7 +162,7 @@ def _drag(motion: Motion) -> Effect:
 
 def _sticking(motion: Motion) -> tuple[Effect, ...]:
     """Friction at low speed, and before sliding."""
-    place, variant, along, begins = motion.place, motion.variant, motion.along, motion.begins
+    place, variant, along, adapted = motion.place, motion.variant, motion.along, motion.adapted
     return (
         Effect(
             "stribeck_friction",
@@ -170,7 +172,7 @@ def _sticking(motion: Motion) -> tuple[Effect, ...]:
             along("Stribeck friction", StribeckFriction(coulomb=0.0, static=0.0, viscous=0.0)),
             {"friction.static": 0.0},
             ("friction.static", "friction.stribeck"),
-            begins(_falling),
+            adapted(_stribeck_trials),
             excites="very slow motion beside fast motion",
             confused=("coulomb_friction", "nonlocal_memory"),
             separates="very slow ramps and fast sweeps",
@@ -188,7 +190,7 @@ def _sticking(motion: Motion) -> tuple[Effect, ...]:
             ),
             {"level.gain": 0.0},
             ("level.gain", "friction.sigma0"),
-            begins(_bristles),
+            adapted(_presliding_trials),
             excites="reversals with small motion between them",
             confused=("coulomb_friction", "nonlocal_memory", "backlash"),
             separates="tiny amplitudes, below five times the presliding distance",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch
-from tsmblocks.effects.effect import Effect, Scales, Trials, beside
+from tsmblocks.effects.effect import Effect, Scales, Trials, added_change
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
 """Starting half widths of the plays of a nonlocal memory, as shares of half the range. Chosen: a factor of three
@@ -11,12 +11,12 @@ apart."""
 _PLAYS = NonlocalMemory(weights=(0.0,) * len(PLAY_WIDTHS), radii=PLAY_WIDTHS)
 
 
-def _numbered(name: str) -> tuple[str, ...]:
+def _parameter_names(name: str) -> tuple[str, ...]:
     """The parameter names of all plays."""
     return tuple(f"{name}[{k}]" for k in range(len(PLAY_WIDTHS)))
 
 
-def _gap(scales: Scales) -> Trials:
+def _backlash_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     return Trials(
         {},
@@ -25,14 +25,14 @@ def _gap(scales: Scales) -> Trials:
     )
 
 
-def _loop(scales: Scales) -> Trials:
+def _hysteresis_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     bounds = {"half_width": (0.0, reach), "distance": (3e-3 * reach, 2 * reach), "z": (-1.0, 1.0)}
     shapes = tuple({"distance": share * reach} for share in (0.03, 0.12, 0.4))
     return Trials({"half_width": 0.03 * reach}, shapes, bounds=bounds)
 
 
-def _asymmetry(scales: Scales) -> Trials:
+def _asymmetry_trials(scales: Scales) -> Trials:
     share = scales.wire.reach / max(scales.other.reach, 1e-12)
     return Trials(
         {"slope_difference": 0.03 * share, "delta": 0.05 * share},
@@ -45,7 +45,7 @@ def _asymmetry(scales: Scales) -> Trials:
     )
 
 
-def _memory(scales: Scales) -> Trials:
+def _memory_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     wider, closer = (
         {f"radii[{k}]": factor * share * reach for k, share in enumerate(PLAY_WIDTHS)} for factor in (1.0, 0.5)
@@ -57,7 +57,7 @@ def _memory(scales: Scales) -> Trials:
     )
 
 
-def _curvature(scales: Scales) -> Trials:
+def _position_dependence_trials(scales: Scales) -> Trials:
     share = scales.wire.reach / max(scales.other.reach, 1e-12)
     farthest = max(abs(scales.other.low), abs(scales.other.high))
     return Trials(
@@ -77,7 +77,7 @@ EFFECTS = (
             Play(half_width=0.0),
             {"half_width": 0.0},
             ("half_width",),
-            _gap,
+            _backlash_trials,
             excites="reversals at two amplitudes or more",
             settled=("m",),
             confused=("nonlocal_memory", "hysteresis", "presliding_friction"),
@@ -97,7 +97,7 @@ EFFECTS = (
         Stretch(),
         {"half_width": 0.0},
         ("half_width", "distance"),
-        _loop,
+        _hysteresis_trials,
         excites="reversals",
         confused=("backlash", "nonlocal_memory"),
         separates="minor loops of several sizes: a gap has a plateau of one width, hysteresis bends",
@@ -111,7 +111,7 @@ EFFECTS = (
         LoopAsymmetry(),
         {"slope_difference": 0.0, "delta": 0.0},
         ("slope_difference", "delta", "theta", "speed"),
-        _asymmetry,
+        _asymmetry_trials,
         excites="full loops to both ends",
         confused=("even_nonlinearity", "position_dependent_friction"),
         separates="full loops to both ends and small loops at several positions",
@@ -134,13 +134,13 @@ EFFECTS = (
             contains=("backlash",),
         )
         for place, block, weights, radii, trials in (
-            ("output", _PLAYS, _numbered("weights"), _numbered("radii"), _memory),
+            ("output", _PLAYS, _parameter_names("weights"), _parameter_names("radii"), _memory_trials),
             (
                 "across",
-                beside("memory", _PLAYS),
-                _numbered("memory.weights"),
-                _numbered("memory.radii"),
-                lambda scales: _memory(scales.of_other).under("memory"),
+                added_change("memory", _PLAYS),
+                _parameter_names("memory.weights"),
+                _parameter_names("memory.radii"),
+                lambda scales: _memory_trials(scales.of_other).under("memory"),
             ),
         )
     ),
@@ -152,7 +152,7 @@ EFFECTS = (
         PositionDependentLoop(),
         {"gain": 0.0},
         ("gain", "distance"),
-        _curvature,
+        _position_dependence_trials,
         excites="small reversals at several positions",
         confused=("asymmetric_hysteresis", "even_nonlinearity"),
         separates="a staircase with small reversals at several positions",

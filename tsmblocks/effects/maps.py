@@ -42,13 +42,13 @@ def _slack(side: str) -> Effect:
     )
 
 
-def _zone(scales: Scales) -> Trials:
+def _dead_zone_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     shapes = tuple({"low": -share * reach, "high": share * reach} for share in (0.01, 0.03, 0.1, 0.25))
     return Trials({}, shapes, bounds={"low": (-reach, 0.0), "high": (0.0, reach)})
 
 
-def _limits(scales: Scales) -> Trials:
+def _saturation_trials(scales: Scales) -> Trials:
     wire = scales.wire
     margin = 0.02 * wire.reach
     sides = [(a, b) for share in (0.98, 0.9, 0.75, 0.55) for a, b in ((share, share), (share, 1.02), (1.02, share))]
@@ -58,8 +58,8 @@ def _limits(scales: Scales) -> Trials:
     )
 
 
-def _soft_limits(scales: Scales) -> Trials:
-    hard, reach = _limits(scales), scales.wire.reach
+def _soft_saturation_trials(scales: Scales) -> Trials:
+    hard, reach = _saturation_trials(scales), scales.wire.reach
     shapes = tuple({**shape, "softness": share * reach} for shape in hard.shapes for share in (0.03, 0.12))
     return Trials(
         {},
@@ -72,7 +72,7 @@ def _soft_limits(scales: Scales) -> Trials:
     )
 
 
-def _even(scales: Scales) -> Trials:
+def _even_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     return Trials(
         {"quadratic": CURVATURE_SHARE / reach, "quartic": CURVATURE_SHARE / reach**3},
@@ -80,12 +80,12 @@ def _even(scales: Scales) -> Trials:
     )
 
 
-def _odd(scales: Scales) -> Trials:
+def _odd_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     return Trials(
         {"cubic": CURVATURE_SHARE / reach**2, "quintic": CURVATURE_SHARE / reach**4},
         _centres(scales),
-        bounds=_inside(scales),
+        bounds=_centre_bounds(scales),
     )
 
 
@@ -96,19 +96,19 @@ def _centres(scales: Scales) -> tuple[dict[str, float], ...]:
     return (middle, {"centre": 0.0}) if passes else (middle,)
 
 
-def _inside(scales: Scales) -> dict[str, tuple[float | None, float | None]]:
+def _centre_bounds(scales: Scales) -> dict[str, tuple[float | None, float | None]]:
     return {"centre": (scales.wire.low, scales.wire.high)}
 
 
-def _bowed(scales: Scales) -> Trials:
+def _bow_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     shapes = tuple({"width": share * reach, **centre} for share in (0.12, 0.3, 0.7) for centre in _centres(scales))
     return Trials(
-        {"size": CURVATURE_SHARE * reach}, shapes, bounds={"width": (0.03 * reach, 2 * reach), **_inside(scales)}
+        {"size": CURVATURE_SHARE * reach}, shapes, bounds={"width": (0.03 * reach, 2 * reach), **_centre_bounds(scales)}
     )
 
 
-def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = "") -> Trials:
+def _ripple_shapes(reach: float, size: float, names: tuple[str, ...], prefix: str = "") -> Trials:
     """Trial values of a ripple with more than one period in the range: less is a nonlinear characteristic."""
     periods = (1.2, 1.35, 1.5, 1.75, 2.0, 2.4, 2.8, 3.3, 3.9, 4.6, 5.4, 6.3, 7.3, 8.4, 9.6, 11.0, 13.0, 15.0)
     shapes = tuple({f"{prefix}cycles": math.pi * n / reach} for n in periods)
@@ -119,16 +119,16 @@ def _rippled(reach: float, size: float, names: tuple[str, ...], prefix: str = ""
     )
 
 
-def _ripple(scales: Scales) -> Trials:
-    return _rippled(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, ONE_HARMONIC)
+def _ripple_trials(scales: Scales) -> Trials:
+    return _ripple_shapes(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, ONE_HARMONIC)
 
 
-def _two_ripples(scales: Scales) -> Trials:
-    return _rippled(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, TWO_HARMONICS)
+def _two_harmonic_trials(scales: Scales) -> Trials:
+    return _ripple_shapes(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, TWO_HARMONICS)
 
 
-def _cogging(scales: Scales) -> Trials:
-    return _rippled(scales.other.reach, CURVATURE_SHARE * scales.wire.rms, ONE_HARMONIC, "force.")
+def _cogging_trials(scales: Scales) -> Trials:
+    return _ripple_shapes(scales.other.reach, CURVATURE_SHARE * scales.wire.rms, ONE_HARMONIC, "force.")
 
 
 def _spring(part: str, power: int) -> Effect:
@@ -149,7 +149,7 @@ def _spring(part: str, power: int) -> Effect:
         "map",
         words,
         "load",
-        _acting("spring", Bend()),
+        _subtracted_force("spring", Bend()),
         {f"force.{part}": 0.0},
         (f"force.{part}",),
         trials,
@@ -160,7 +160,7 @@ def _spring(part: str, power: int) -> Effect:
     )
 
 
-def _acting(title: str, law: Block) -> Diagram:
+def _subtracted_force(title: str, law: Block) -> Diagram:
     """Drive ``u`` less the change that a block makes to motion ``x``; a gain of 1 converts between their units."""
     return Diagram(
         title=title,
@@ -171,7 +171,7 @@ def _acting(title: str, law: Block) -> Diagram:
     )
 
 
-def _offset(scales: Scales) -> Trials:
+def _offset_trials(scales: Scales) -> Trials:
     return Trials({"bias": 0.05 * scales.wire.rms})
 
 
@@ -186,7 +186,7 @@ EFFECTS = (
         DeadZone(low=0.0, high=0.0),
         {"low": 0.0, "high": 0.0},
         ("low", "high"),
-        _zone,
+        _dead_zone_trials,
         excites="small and large drive",
         confused=("coulomb_friction",),
         separates="a slow ramp of the drive through zero",
@@ -201,7 +201,7 @@ EFFECTS = (
             Saturation(low=-math.inf, high=math.inf),
             {"low": -math.inf, "high": math.inf},
             ("low", "high"),
-            _limits,
+            _saturation_trials,
             excites="large amplitudes",
             confused=("odd_nonlinearity", "rate_limit", "dead_zone"),
             separates="two amplitudes",
@@ -217,7 +217,7 @@ EFFECTS = (
         SoftSaturation(low=-math.inf, high=math.inf),
         {"low": -math.inf, "high": math.inf},
         ("low", "high", "softness"),
-        _soft_limits,
+        _soft_saturation_trials,
         excites="large amplitudes",
         confused=("odd_nonlinearity", "rate_limit", "dead_zone"),
         separates="two amplitudes",
@@ -231,7 +231,7 @@ EFFECTS = (
         Bend(),
         {"quadratic": 0.0, "quartic": 0.0},
         ("quadratic", "quartic"),
-        _even,
+        _even_trials,
         excites="the full range",
         confused=("dead_zone", "asymmetric_hysteresis", "position_ripple"),
         separates="a slow ramp over the full range",
@@ -244,7 +244,7 @@ EFFECTS = (
         Bend(),
         {"cubic": 0.0, "quintic": 0.0},
         ("cubic", "quintic", "centre"),
-        _odd,
+        _odd_trials,
         excites="large and small amplitudes",
         confused=("saturation", "position_ripple"),
         separates="a slow ramp over the full range",
@@ -257,7 +257,7 @@ EFFECTS = (
         Bow(),
         {"size": 0.0},
         ("size", "width", "centre"),
-        _bowed,
+        _bow_trials,
         excites="large and small amplitudes",
         confused=("saturation", "position_ripple"),
         separates="a slow ramp over the full range",
@@ -281,17 +281,20 @@ EFFECTS = (
             variant=variant,
             within=("cycles",),
         )
-        for names, trials, variant in ((ONE_HARMONIC, _ripple, ""), (TWO_HARMONICS, _two_ripples, "two harmonics"))
+        for names, trials, variant in (
+            (ONE_HARMONIC, _ripple_trials, ""),
+            (TWO_HARMONICS, _two_harmonic_trials, "two harmonics"),
+        )
     ),
     Effect(
         "position_ripple",
         "map",
         "a ripple of the force over the position (cogging)",
         "load",
-        _acting("cogging", Ripple()),
+        _subtracted_force("cogging", Ripple()),
         {"force.cosine": 0.0, "force.sine": 0.0},
         ("force.cosine", "force.sine", "force.cycles"),
-        _cogging,
+        _cogging_trials,
         excites="slow motion over several periods",
         confused=("coulomb_friction", "odd_nonlinearity"),
         separates="slow constant speed over three periods or more",
@@ -306,7 +309,7 @@ EFFECTS = (
         Bias(bias=0.0),
         {"bias": 0.0},
         ("bias",),
-        _offset,
+        _offset_trials,
         excites="motion both ways",
         confused=("asymmetric_friction", "drift"),
         separates="the mechanism turned over, or unloaded",

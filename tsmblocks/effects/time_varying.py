@@ -13,7 +13,7 @@ from tsmblocks.blocks import (
     RateLimit,
     SoftRateLimit,
 )
-from tsmblocks.effects.effect import Effect, Scales, Trials, beside
+from tsmblocks.effects.effect import Effect, Scales, Trials, added_change
 
 _LOOP = "a loop that changes at one time"
 NO_LIMIT = 1e12
@@ -22,17 +22,17 @@ INSTANT_COUNT = 48
 """Instants of the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
 
 
-def _since(scales: Scales) -> dict[str, float]:
+def _time_origin(scales: Scales) -> dict[str, float]:
     """Time counted from the first sample: from an earlier origin, a drift would include an offset."""
     return {"since": scales.start}
 
 
-def _drift(scales: Scales) -> Trials:
+def _drift_trials(scales: Scales) -> Trials:
     length, size = max(scales.stop - scales.start, scales.step), 0.02 * scales.wire.reach
-    return Trials({"rate": size / length, "curve": size / length**2}, fixed=_since(scales))
+    return Trials({"rate": size / length, "curve": size / length**2}, fixed=_time_origin(scales))
 
 
-def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
+def _instant_trials(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
     length = (scales.stop - scales.start) / (INSTANT_COUNT + 1)
     times = [scales.start + (k + 1) * length for k in range(INSTANT_COUNT)]
     # A change within the first or the last interval is no change.
@@ -45,25 +45,25 @@ def _instants(scales: Scales, size: dict[str, float], shape: dict[str, float]) -
     )
 
 
-def _jump(scales: Scales) -> Trials:
-    return _instants(scales, {"size": 0.02 * scales.wire.reach}, {})
+def _jump_trials(scales: Scales) -> Trials:
+    return _instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {})
 
 
-def _gain(scales: Scales) -> Trials:
-    return _instants(scales, {"change": 0.05}, {})
+def _gain_change_trials(scales: Scales) -> Trials:
+    return _instant_trials(scales, {"change": 0.05}, {})
 
 
-def _steadily(scales: Scales) -> Trials:
-    return Trials({"rate": 0.05 / max(scales.stop - scales.start, scales.step)}, fixed=_since(scales))
+def _gain_drift_trials(scales: Scales) -> Trials:
+    return Trials({"rate": 0.05 / max(scales.stop - scales.start, scales.step)}, fixed=_time_origin(scales))
 
 
-def _loop(scales: Scales) -> Trials:
+def _loop_change_trials(scales: Scales) -> Trials:
     size = {"change": 0.03 * scales.wire.reach, "gain": 0.03}
-    result = _instants(scales, size, {"distance": 0.15 * scales.wire.reach})
+    result = _instant_trials(scales, size, {"distance": 0.15 * scales.wire.reach})
     return result.with_bounds({"distance": (0.01 * scales.wire.reach, scales.wire.reach), "z": (-1.0, 1.0)})
 
 
-def _creep(scales: Scales) -> Trials | None:
+def _creep_trials(scales: Scales) -> Trials | None:
     longest, least = scales.shortest, max(1.0, 40 * scales.step)  # slower creep is an offset of each experiment
     times = [least * times for times in (1.0, 3.0, 10.0, 30.0) if least * times < longest]
     if not times:
@@ -75,7 +75,7 @@ def _creep(scales: Scales) -> Trials | None:
     )
 
 
-def _clock(scales: Scales) -> Trials | None:
+def _periodic_trials(scales: Scales) -> Trials | None:
     if not scales.lines:
         return None
     reach = 1 / (scales.stop - scales.start)
@@ -83,12 +83,12 @@ def _clock(scales: Scales) -> Trials | None:
     return Trials(
         {"cosine": size, "sine": size},
         tuple({"frequency": f} for f in scales.lines),
-        _since(scales),
+        _time_origin(scales),
         bounds={"frequency": (reach, 0.5 / scales.step)},
     )
 
 
-def _slow(scales: Scales) -> Trials:
+def _rate_limit_trials(scales: Scales) -> Trials:
     fastest = scales.wire.fastest
     shapes = tuple(
         {"rising": share * fastest, "falling": -share * fastest} for share in (0.9, 0.7, 0.5, 0.35, 0.25, 0.15)
@@ -98,8 +98,8 @@ def _slow(scales: Scales) -> Trials:
     )
 
 
-def _slow_and_late(scales: Scales) -> Trials:
-    hard, fastest = _slow(scales), scales.wire.fastest
+def _soft_rate_limit_trials(scales: Scales) -> Trials:
+    hard, fastest = _rate_limit_trials(scales), scales.wire.fastest
     shapes = tuple({**shape, "softness": 0.1 * fastest, "lag": 3 * scales.step} for shape in hard.shapes)
     return Trials({}, shapes).with_bounds(
         {**hard.bounds, "softness": (1e-3 * fastest, 0.5 * fastest), "lag": (0.3 * scales.step, 30 * scales.step)}
@@ -115,7 +115,7 @@ EFFECTS = (
         Drift(),
         {"rate": 0.0, "curve": 0.0},
         ("rate", "curve"),
-        _drift,
+        _drift_trials,
         excites="a long session on one clock",
         confused=("jump", "creep", "parameter_change"),
         separates="the first experiment repeated at the end",
@@ -128,7 +128,7 @@ EFFECTS = (
         Jump(),
         {"size": 0.0},
         ("size", "time"),
-        _jump,
+        _jump_trials,
         excites="samples before and after it",
         confused=("drift", "parameter_change"),
         separates="a reference mark passed again",
@@ -149,17 +149,25 @@ EFFECTS = (
             variant=variant,
         )
         for variant, words, place, block, null, shape, trials in (
-            ("gain", "a gain that changes at one time", "output", GainChange(), ("change",), ("time",), _gain),
-            ("drift", "a gain that drifts", "output", GainDrift(), ("rate",), (), _steadily),
-            ("loop", _LOOP, "output", LoopChange(), ("change", "gain"), ("distance", "time"), _loop),
+            (
+                "gain",
+                "a gain that changes at one time",
+                "output",
+                GainChange(),
+                ("change",),
+                ("time",),
+                _gain_change_trials,
+            ),
+            ("drift", "a gain that drifts", "output", GainDrift(), ("rate",), (), _gain_drift_trials),
+            ("loop", _LOOP, "output", LoopChange(), ("change", "gain"), ("distance", "time"), _loop_change_trials),
             (
                 "loop of the input",
                 _LOOP,
                 "across",
-                beside("loop", LoopChange()),
+                added_change("loop", LoopChange()),
                 ("loop.change", "loop.gain"),
                 ("loop.distance", "loop.time"),
-                lambda scales: _loop(scales.of_other).under("loop"),
+                lambda scales: _loop_change_trials(scales.of_other).under("loop"),
             ),
         )
     ),
@@ -171,7 +179,7 @@ EFFECTS = (
         Creep(),
         {"share": 0.0},
         ("share", "time_constant"),
-        _creep,
+        _creep_trials,
         excites="rests after motion, or an offset",
         confused=("rate_dependence", "drift", "nonlocal_memory"),
         separates="a staircase with rests of 30 s",
@@ -187,7 +195,7 @@ EFFECTS = (
             Disturbance(),
             {"cosine": 0.0, "sine": 0.0},
             ("cosine", "sine", "frequency"),
-            _clock,
+            _periodic_trials,
             excites="a long record",
             confused=("position_ripple",),
             separates="other input frequencies: a disturbance keeps its own",
@@ -204,7 +212,7 @@ EFFECTS = (
             RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
             {"rising": NO_LIMIT, "falling": -NO_LIMIT},
             ("rising", "falling"),
-            _slow,
+            _rate_limit_trials,
             excites="fast motion",
             confused=("saturation", "rate_dependence"),
             separates="one amplitude at rising frequencies",
@@ -220,7 +228,7 @@ EFFECTS = (
         SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
         {"rising": NO_LIMIT, "falling": -NO_LIMIT},
         ("rising", "falling", "softness", "lag"),
-        _slow_and_late,
+        _soft_rate_limit_trials,
         excites="fast motion",
         confused=("saturation", "rate_dependence"),
         separates="one amplitude at rising frequencies",
