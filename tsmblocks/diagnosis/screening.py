@@ -258,7 +258,11 @@ class _Screening:
     def _sizes(self, g: np.ndarray, m: np.ndarray, strengths: list[tuple[str, float]]) -> np.ndarray:
         """Factors on the trial sizes, within bounds."""
         ridge = 1e-9 * np.diag(np.maximum(np.diag(m), 1e-300))
-        size = np.clip(-np.linalg.solve(m + ridge, g), -MAX_SIZE_FACTOR, MAX_SIZE_FACTOR)
+        try:
+            size = -np.linalg.solve(m + ridge, g)
+        except np.linalg.LinAlgError:  # the base absorbs the effect, so that only rounding remains of it
+            size = -np.linalg.lstsq(m + ridge, g, rcond=None)[0]
+        size = np.clip(size, -MAX_SIZE_FACTOR, MAX_SIZE_FACTOR)
         low, high, names = self.problem.unknowns.low, self.problem.unknowns.high, self.problem.unknowns.names
         for j, (name, unit) in enumerate(strengths):
             k = names.index(f"{self.candidate.block}.{name}")
