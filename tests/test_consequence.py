@@ -16,7 +16,9 @@ T = np.arange(0.0, 8.0, 0.01)
 def model(diagram, unit="rad", amplitude=40.0):
     """A model as far as it is asked here: a diagram beside one experiment, at numbers that are its own."""
     record = tsm.Record("run", T, {"x_in": amplitude * DEG * np.sin(1.7 * T)}, {"x_in": unit})
-    setup = SimpleNamespace(trials=[SimpleNamespace(name="run", record=record)], outputs=("x_out",), diagram=diagram)
+    setup = SimpleNamespace(
+        experiments=[SimpleNamespace(name="run", record=record)], outputs=("x_out",), diagram=diagram
+    )
     unknowns = SimpleNamespace(settings=lambda theta, e: {})
     return SimpleNamespace(diagram=diagram, setup=setup, theta=None, problem=SimpleNamespace(unknowns=unknowns))
 

@@ -83,16 +83,20 @@ def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
     starts, steps, pieces = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float, float]]()
     for diagnosed in parts:
         last = diagnosed.final
-        for trial in last.setup.experiments:
+        for experiment in last.setup.experiments:
             own = {
                 i.parameter: float(v)
                 for i, v in zip(last.problem.unknowns.items, last.theta, strict=True)
-                if i.experiment == trial.name
+                if i.experiment == experiment.name
             }
-            starts.setdefault(trial.name, {}).update(own)
-            steps[trial.name] = trial.times.h
-            if experiment_of(trial.name) != trial.name:
-                pieces[trial.name] = float(trial.record.t[0]), float(trial.t[0]), float(trial.record.t[-1])
+            starts.setdefault(experiment.name, {}).update(own)
+            steps[experiment.name] = experiment.times.h
+            if experiment_of(experiment.name) != experiment.name:
+                pieces[experiment.name] = (
+                    float(experiment.record.t[0]),
+                    float(experiment.t[0]),
+                    float(experiment.record.t[-1]),
+                )
     inputs = (
         tuple(dict.fromkeys(k for diagnosed in parts for k in diagnosed.part.diagram.inputs))
         if request.condition
@@ -105,7 +109,7 @@ def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
 def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]:
     """The options of the diagnosis, in words."""
     settings = request.settings
-    steps = sorted({trial.times.h for diagnosed in parts for trial in diagnosed.final.setup.experiments})
+    steps = sorted({experiment.times.h for diagnosed in parts for experiment in diagnosed.final.setup.experiments})
     floors = [
         f"{k} {one.floors.given.get(k) or in_display_units(v, one.part.diagram.unit(k))} ({one.floors.method[k]})"
         for one in parts

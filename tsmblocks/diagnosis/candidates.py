@@ -97,12 +97,12 @@ def wire_signals(model: Model, places: Sequence[InsertionPoint]) -> WireSignals:
     place = {k: eq.y.index(_inner_signal(model.diagram, k)) for k in names}
     columns = tuple(dict.fromkeys(place.values()))
     signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
-    for e, trial in enumerate(model.setup.experiments):
-        y = attrs.evolve(trial, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
+    for e, experiment in enumerate(model.setup.experiments):
+        y = attrs.evolve(experiment, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
         for k in names:
             signals[k].append(y[:, columns.index(place[k])])
-    times = [trial.t for trial in model.setup.experiments]
-    steps = [trial.record.step for trial in model.setup.experiments]
+    times = [experiment.t for experiment in model.setup.experiments]
+    steps = [experiment.record.step for experiment in model.setup.experiments]
     return WireSignals(
         signals,
         steps,
@@ -125,18 +125,18 @@ def _inner_signal(diagram: Diagram, signal: str) -> str:
 
 def spectral_lines(model: Model) -> tuple[float, ...]:
     """Frequencies [Hz] of the strongest lines in the residual, over the whole session, strongest first."""
-    trials, segments = model.setup.experiments, model.problem.segments
-    count, step = trials[0].measured.shape[1], min(trial.record.step for trial in trials)
-    start, end = min(float(t.t[0]) for t in trials), max(float(t.t[-1]) for t in trials)
+    experiments, segments = model.setup.experiments, model.problem.segments
+    count, step = experiments[0].measured.shape[1], min(experiment.record.step for experiment in experiments)
+    start, end = min(float(t.t[0]) for t in experiments), max(float(t.t[-1]) for t in experiments)
     size = int((end - start) / step) + 1
     if size > MAX_SPECTRUM_SAMPLES:
         return ()
     power = np.zeros(1)
     for k in range(count):
         row = np.zeros(size)
-        for e, trial in enumerate(trials):
+        for e, experiment in enumerate(experiments):
             part = model.r[segments[e * count + k]]
-            row[np.minimum(((trial.t - start) / step + 0.5).astype(int), size - 1)] = part - part.mean()
+            row[np.minimum(((experiment.t - start) / step + 0.5).astype(int), size - 1)] = part - part.mean()
         padded = 1 << int(4 * size - 1).bit_length()
         power = power + np.abs(np.fft.rfft(row, padded)) ** 2
     frequency = np.arange(len(power)) / (padded * step)

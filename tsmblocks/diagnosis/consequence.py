@@ -39,7 +39,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     A compensator is a fast loop around a model: the command with which the model tracks the reference. The reference is
     the input of the first experiment; plant and models have the initial states estimated for it.
     """
-    trial, outputs = base.setup.experiments[0], base.setup.outputs
+    experiment, outputs = base.setup.experiments[0], base.setup.outputs
     inputs = list(base.diagram.inputs)
     if len(inputs) != 1 or len(outputs) != 1:
         return "It was not tracked in simulation: that takes one input and one output."
@@ -49,7 +49,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
             f"It was not tracked in simulation: {inputs[0]} and {outputs[0]} are not one motion, since they are "
             "not in one unit."
         )
-    record = trial.record
+    record = experiment.record
     wanted, plant = record.values(inputs[0], unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]
     step = median_step(record.t)  # the median is robust to rounded time stamps
@@ -69,7 +69,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
                     "larger error than a constant command."
                 )
             words = _words(before, after, unit, 4 * loop / LOOP_GAIN_PER_STEP)
-            return Consequence(unit, trial.name, none, before, after, words)
+            return Consequence(unit, experiment.name, none, before, after, words)
     return "It was not tracked in simulation: the loop around the model, which forms the compensator, is unstable."
 
 

@@ -39,14 +39,14 @@ class TimeBlocks:
 def time_blocks(problem: Problem) -> TimeBlocks:
     """Cut all experiments into time blocks of about the same length; each fold takes blocks from every experiment."""
     count = problem.experiments[0].measured.shape[1]
-    total = sum(len(trial.t) for trial in problem.experiments)
+    total = sum(len(experiment.t) for experiment in problem.experiments)
     length = max(total / TARGET_BLOCK_COUNT, MIN_BLOCK_SAMPLES)
     blocks, experiments, first = [], [], 0
-    for e, trial in enumerate(problem.experiments):
-        own = max(1, round(len(trial.t) / length))
-        number = first + np.arange(len(trial.t)) * own // len(trial.t)
+    for e, experiment in enumerate(problem.experiments):
+        own = max(1, round(len(experiment.t) / length))
+        number = first + np.arange(len(experiment.t)) * own // len(experiment.t)
         blocks += [number] * count
-        experiments += [np.full(len(trial.t), e)] * count
+        experiments += [np.full(len(experiment.t), e)] * count
         first += own
     block = np.concatenate(blocks)
     return TimeBlocks(
@@ -92,10 +92,10 @@ def projected_jacobian(model: Model) -> np.ndarray:
 
 def without_initial_states(model: Model, columns: np.ndarray) -> np.ndarray:
     """Columns (N, m) with the columns of the unknowns of single experiments projected out."""
-    trials, segments, local = model.problem.experiments, model.problem.segments, model.is_local
+    experiments, segments, local = model.problem.experiments, model.problem.segments, model.is_local
     result = columns.copy()
-    count = trials[0].measured.shape[1]
-    for e in range(len(trials)):
+    count = experiments[0].measured.shape[1]
+    for e in range(len(experiments)):
         rows = slice(segments[e * count].start, segments[(e + 1) * count - 1].stop)
         own = [k for k in model.problem.unknowns.columns(e) if local[k]]
         if not own:

@@ -84,9 +84,9 @@ def separations(
     )  # all of a motion is compared
     if not inputs:
         return
-    trial = named.model.setup.experiments[0]
-    step = trial.times.h * max(
-        round(trial.record.step / trial.times.h), 1
+    experiment = named.model.setup.experiments[0]
+    step = experiment.times.h * max(
+        round(experiment.record.step / experiment.times.h), 1
     )  # sampled blocks keep their sampling instants
     unit = named.model.diagram.unit(inputs[0])
     span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])

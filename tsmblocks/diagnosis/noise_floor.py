@@ -113,26 +113,26 @@ def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iter
     """
     names, draw = tuple(inputs), np.random.default_rng(seed)
     total = count = 0.0
-    for e, trial in enumerate(model.setup.experiments):
-        clean = trial.record
-        noisy = _noisy(clean, raw[trial.name], names, draw)
+    for e, experiment in enumerate(model.setup.experiments):
+        clean = experiment.record
+        noisy = _noisy(clean, raw[experiment.name], names, draw)
         if noisy is None:
             continue
         again = conditioned(noisy, names)
         other = prepare(
-            trial.name,
+            experiment.name,
             again,
             model.diagram,
             model.setup.eq,
             outputs=model.setup.outputs,
-            rule=trial.rule,
-            step=trial.times.h,
-            hold=trial.hold,
-            window=(trial.t[0], trial.t[-1]),
-            backend=trial.backend,
+            rule=experiment.rule,
+            step=experiment.times.h,
+            hold=experiment.hold,
+            window=(experiment.t[0], experiment.t[-1]),
+            backend=experiment.backend,
         )
         p = model.problem.unknowns.parameters(model.theta, e)
-        change = (other.outputs(p) - trial.outputs(p)) * model.problem.weights
+        change = (other.outputs(p) - experiment.outputs(p)) * model.problem.weights
         total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))
         count += change.size
     return total / count if count else 0.0

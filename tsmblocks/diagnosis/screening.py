@@ -184,8 +184,8 @@ class _Screening:
     def output_range(self) -> float:
         """Largest range of the outputs [rms noise]."""
         return max(
-            float(np.ptp(trial.measured[:, i])) * weight
-            for trial in self.problem.experiments
+            float(np.ptp(experiment.measured[:, i])) * weight
+            for experiment in self.problem.experiments
             for i, weight in enumerate(self.problem.weights)
         )
 
@@ -220,11 +220,11 @@ class _Screening:
         """Change of the weighted outputs against the base, shape (N, sets)."""
         results = np.empty((self.problem.samples, len(sets)))
         first = 0
-        for e, trial in enumerate(self.problem.experiments):
+        for e, experiment in enumerate(self.problem.experiments):
             y = self.problem.outputs(sets, e)
             for i, weight in enumerate(self.problem.weights):
-                rows = slice(first, first + len(trial.t))
-                results[rows] = weight * (y[:, i] - trial.measured[:, i, None]) - self.model.r[rows, None]
+                rows = slice(first, first + len(experiment.t))
+                results[rows] = weight * (y[:, i] - experiment.measured[:, i, None]) - self.model.r[rows, None]
                 first = rows.stop
         diverged = ~(np.abs(results) < DIVERGENCE_THRESHOLD).all(axis=0)
         results[:, diverged] = 0.0  # a diverged simulation has no gain

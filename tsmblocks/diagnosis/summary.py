@@ -176,8 +176,8 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
     sigma, count = diagnosed.floors.sigma[name], len(base.setup.outputs)
     rows = [problem.segments[e * count + i] for e in range(len(problem.experiments))]
     groups: dict[str, list[slice]] = {}
-    for trial, row in zip(problem.experiments, rows, strict=True):
-        groups.setdefault(experiment_of(trial.name), []).append(row)
+    for experiment, row in zip(problem.experiments, rows, strict=True):
+        groups.setdefault(experiment_of(experiment.name), []).append(row)
 
     def rms(r: np.ndarray, some: Sequence[slice]) -> float:
         return sigma * float(np.sqrt(np.mean(np.concatenate([r[row] for row in some]) ** 2)))
@@ -297,41 +297,41 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
 
 def _coordinates(model: Model, part: Part) -> dict[str, np.ndarray]:
     """Coordinates of the motion at every residual: of the first input, or of the output where there is none."""
-    trials, inputs = model.setup.experiments, list(part.diagram.inputs)
-    number = {name: k for k, name in enumerate(dict.fromkeys(experiment_of(t.name) for t in trials))}
+    experiments, inputs = model.setup.experiments, list(part.diagram.inputs)
+    number = {name: k for k, name in enumerate(dict.fromkeys(experiment_of(t.name) for t in experiments))}
     result: dict[str, list[np.ndarray]] = {}
-    for trial in trials:
-        x = _drive(trial, model, inputs[0]) if inputs else trial.measured[:, 0]
-        for name, values in coordinates(trial.t, x, number[experiment_of(trial.name)]).items():
-            result.setdefault(name, []).extend([values] * trial.measured.shape[1])
+    for experiment in experiments:
+        x = _drive(experiment, model, inputs[0]) if inputs else experiment.measured[:, 0]
+        for name, values in coordinates(experiment.t, x, number[experiment_of(experiment.name)]).items():
+            result.setdefault(name, []).extend([values] * experiment.measured.shape[1])
     return {name: np.concatenate(values) for name, values in result.items()}
 
 
-def _drive(trial: Experiment, model: Model, name: str) -> np.ndarray:
+def _drive(experiment: Experiment, model: Model, name: str) -> np.ndarray:
     """An input at the compared instants, in the unit of the diagram."""
-    return np.interp(trial.t, trial.record.t, trial.record.values(name, model.diagram.unit(name)))
+    return np.interp(experiment.t, experiment.record.t, experiment.record.values(name, model.diagram.unit(name)))
 
 
 def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
     """Measured and simulated signals for figures."""
     base, final, inputs = diagnosed.models[0], diagnosed.models[-1], list(diagnosed.part.diagram.inputs)
     count, result = len(base.setup.outputs), list[Trace]()
-    for e, trial in enumerate(base.setup.experiments):
+    for e, experiment in enumerate(base.setup.experiments):
         for i, name in enumerate(base.setup.outputs):
             rows, sigma = base.problem.segments[e * count + i], diagnosed.floors.sigma[name]
-            drive = _drive(trial, base, inputs[0]) if inputs else np.empty(0)
+            drive = _drive(experiment, base, inputs[0]) if inputs else np.empty(0)
             result.append(
                 Trace(
-                    trial.name,
+                    experiment.name,
                     name,
                     base.diagram.unit(name),
-                    trial.t,
-                    trial.measured[:, i],
-                    trial.measured[:, i] + sigma * base.r[rows],
-                    trial.measured[:, i] + sigma * final.r[rows],
+                    experiment.t,
+                    experiment.measured[:, i],
+                    experiment.measured[:, i] + sigma * base.r[rows],
+                    experiment.measured[:, i] + sigma * final.r[rows],
                     drive,
                     inputs[0] if inputs else "",
-                    _blocks(base.r[rows], diagnosed.search.blocks.block[rows], trial.t),
+                    _blocks(base.r[rows], diagnosed.search.blocks.block[rows], experiment.t),
                 )
             )
     return tuple(result)
