@@ -45,6 +45,11 @@ def usual_step(t: np.ndarray) -> float:
     return float(max(np.median(steps), np.quantile(steps, 0.9, method="lower")))
 
 
+def stretches(chosen: np.ndarray) -> np.ndarray:
+    """First index of each run of True in a mask (n,), and the index after its last one; shape (runs, 2)."""
+    return np.flatnonzero(np.diff(np.r_[False, chosen, False].astype(int))).reshape(-1, 2)
+
+
 def refuse_uneven(record: Record, what: str) -> None:
     """Raise DataError unless the samples are evenly spaced; ``what`` (filtering) needs it."""
     if not record.uniform:

@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
-from tsmblocks.data.grid import interpolation
+from tsmblocks.data.grid import interpolation, stretches
 from tsmblocks.data.periods import MIN_UNLIKENESS, find_period, unlikeness
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
@@ -325,9 +325,8 @@ def _of_rests(record: Record, name: str, drives: list[str]) -> Estimate | None:
     still = np.full(len(record), bool(others))
     for k in others:
         still &= _resting(record[k])
-    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(int)))
     rest, samples, freedom = 0.0, 0, 0
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
+    for a, b in stretches(still):
         x = record[name][a + (b - a) // 5 : b]  # the signal settles during the first fifth
         if b - a < MIN_STILL_SAMPLES:
             continue

@@ -14,7 +14,7 @@ import numpy as np
 from tsmblocks.common.errors import DataError
 from tsmblocks.common.tables import listed
 from tsmblocks.data import repair_time
-from tsmblocks.data.grid import MIN_RECORD_SAMPLES
+from tsmblocks.data.grid import MIN_RECORD_SAMPLES, stretches
 from tsmblocks.data.signals import first_wrap
 from tsmblocks.data.table import Table, noted, plural
 
@@ -90,8 +90,7 @@ def gaps_are_filled(table: Table) -> Table:
 
 
 def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
-    edges = np.flatnonzero(np.diff(np.r_[False, missing, False].astype(int)))
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
+    for a, b in stretches(missing):
         at_end = a == 0 or b == len(missing)
         if b - a <= MAX_FILLED_GAP and not at_end:
             continue
@@ -186,8 +185,7 @@ def _spikes(values: np.ndarray) -> np.ndarray:
     middle = values[order[few:-few]]
     reach = float(np.ptp(middle))
     far = (values > middle.max() + SPIKE_DISTANCE * reach) | (values < middle.min() - SPIKE_DISTANCE * reach)
-    edges = np.flatnonzero(np.diff(np.r_[False, far, False].astype(int)))
-    first, after = edges[::2], edges[1::2]
+    first, after = stretches(far).T
     few_and_short = 0 < far.sum() <= few and int((after - first).max()) <= MAX_SPIKE_SAMPLES
     if not (reach > 0 and few_and_short and first[0] > 0 and after[-1] < len(values)):
         return np.array([], dtype=int)

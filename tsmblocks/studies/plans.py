@@ -250,7 +250,7 @@ def grid(values: Mapping[str, Any]) -> Plan:
     listed = _lists(values)
     _count(max(math.prod(map(len, listed.values())), 1))
     rows = list(itertools.product(*listed.values()))
-    return _plan({name: _array([row[k] for row in rows]) for k, name in enumerate(listed)}, "grid")
+    return _plan({name: as_column([row[k] for row in rows]) for k, name in enumerate(listed)}, "grid")
 
 
 def sweep(values: Mapping[str, Any]) -> Plan:
@@ -418,7 +418,7 @@ def _listed(name: str, given: Any) -> np.ndarray:
         raise ParameterError(f"'{name}' needs a list of values, got {in_words(given)}.")
     if getattr(given, "ndim", 1) > 1:
         raise ParameterError(f"'{name}' needs a list of values, got {in_words(given)}.")
-    array = _array(list(given))
+    array = as_column(list(given))
     if array.ndim != 1 or not len(array):
         raise ParameterError(f"'{name}' needs a list of at least one value, got {in_words(given)}.")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
@@ -426,7 +426,7 @@ def _listed(name: str, given: Any) -> np.ndarray:
     return array
 
 
-def _array(values: Sequence[Any]) -> np.ndarray:
+def as_column(values: Sequence[Any]) -> np.ndarray:
     """Numbers as floats; anything else (texts and switches of options) as objects."""
     if all(isinstance(v, (int, float, np.number)) and not isinstance(v, bool) for v in values):
         return np.array(values, dtype=float)

@@ -19,8 +19,8 @@ from tsmblocks.common.views import view
 from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.studies.plans import plain
-from tsmblocks.studies.store import Table, facts_path, parsed_cell, read_table
+from tsmblocks.studies.plans import as_column, plain
+from tsmblocks.studies.store import facts_path, parsed_cell, read_table
 
 QUANTILES = {"lowest": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "highest": 1.0}
 """Quantiles of a metric that a summary has."""
@@ -398,7 +398,7 @@ def read_study(path: str | Path) -> Results:
     runs = np.array(sorted(table.rows), dtype=int)
     if len(runs) and runs[-1] >= count:
         raise DataError(f"{path}: there are {count} runs, and a row of run {runs[-1]}.")
-    columns = {name: _column(table, runs, k) for k, name in enumerate(wanted)}
+    columns = {name: as_column([parsed_cell(table.rows[run][k]) for run in runs]) for k, name in enumerate(wanted)}
     for name in units:
         if columns[name].dtype.kind != "f":
             raise DataError(f"{path}: the column '{name}' has a value that is no number.")
@@ -417,15 +417,6 @@ def read_study(path: str | Path) -> Results:
         path,
         asked=asked,
     )
-
-
-def _column(table: Table, runs: np.ndarray, k: int) -> np.ndarray:
-    values = [parsed_cell(table.rows[run][k]) for run in runs]
-    if all(isinstance(v, float) for v in values):
-        return np.array(values, dtype=float)
-    made = np.empty(len(values), dtype=object)
-    made[:] = values
-    return made
 
 
 def _quantile(ordered: np.ndarray, q: float) -> float:
