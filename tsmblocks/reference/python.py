@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+from types import ModuleType
 
 from tsmblocks.reference import rst
 
@@ -74,10 +75,11 @@ def _page(key: str) -> str:
     return rst.page(*parts)
 
 
-def _own(module: object) -> list[str]:
-    """Public classes and functions that a module makes itself, in their order."""
-    name = getattr(module, "__name__", "")
-    return [k for k, v in vars(module).items() if not k.startswith("_") and getattr(v, "__module__", "") == name]
+def _own(package: ModuleType) -> list[str]:
+    """Public classes and functions that a package has in its own modules, in the order of its imports."""
+    inside = f"{package.__name__}."
+    homes = {k: f"{getattr(v, '__module__', '')}." for k, v in vars(package).items() if not k.startswith("_")}
+    return [k for k, home in homes.items() if home.startswith(inside)]
 
 
 def _entry(module: str, name: str, thing: object) -> str:

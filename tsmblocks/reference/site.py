@@ -23,7 +23,7 @@ SETTINGS: dict[str, Any] = {
     "copyright": "",
     "extensions": ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "tsmblocks.html.mathml"],
     "napoleon_google_docstring": False,
-    "napoleon_use_ivar": True,  # attributes that are properties are documented as such too
+    "napoleon_use_ivar": True,  # attributes that are properties too would be described twice
     "napoleon_use_rtype": False,
     "html_theme": "furo",
     "html_title": f"tsmblocks {__version__}",
