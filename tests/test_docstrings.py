@@ -1,8 +1,11 @@
 """Public docstrings follow numpydoc: every argument with its type and meaning, what is returned and raised."""
 
+import doctest
 import inspect
+import sys
 from importlib import import_module
 
+import numpy as np
 import pytest
 from numpydoc.validate import validate
 
@@ -56,3 +59,16 @@ TOP = sorted(home(t) for n in tsmblocks.__all__ if inspect.isfunction(t := getat
 @pytest.mark.parametrize("name", TOP)
 def test_what_users_call_first_has_an_example(name):
     assert ">>>" in inspect.getdoc(PUBLIC[name]) or "Examples\n--------" in inspect.getdoc(PUBLIC[name])
+
+
+@pytest.mark.parametrize(
+    "name", sorted(name for name, thing in PUBLIC.items() if ">>>" in (inspect.getdoc(thing) or ""))
+)
+def test_examples_print_what_the_docstring_shows(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    thing, printed = PUBLIC[name], []
+    known = {**vars(sys.modules[thing.__module__]), "tsm": tsmblocks, "np": np}
+    example = doctest.DocTestParser().get_doctest(inspect.getdoc(thing), known, name, None, 0)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE, verbose=False)
+    runner.run(example, out=printed.append)
+    assert runner.failures == 0, "".join(printed)
