@@ -581,7 +581,7 @@ def test_a_block_with_a_field_named_type_is_refused():
         y = Output("out")
 
     try:
-        with pytest.raises(FileError, match="its parameter 'type' cannot be told from the block's type"):
+        with pytest.raises(FileError, match="its parameter 'type' cannot be distinguished from the block's type"):
             dumps(Diagram(blocks=dict(a=_Typed())))
     finally:
         del REGISTRY["_Typed"]

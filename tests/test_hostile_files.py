@@ -120,7 +120,7 @@ MISTAKES = {
     "a number of thousands of digits": ([("1.5", "9" * 6000)], ["12: a whole number has thousands of digits."]),
     "text in values": ([("5.0", '"5"')], ["25: value 'k' must be a number, got '5'."]),
     "true in values": ([("5.0", "true")], ["25: value 'k' must be a number, got True."]),
-    "reference": ([("$k", "$kk")], ["15: motor: '$kk' stands for a number that is not in values. Did you mean 'k'?"]),
+    "reference": ([("$k", "$kk")], ["15: motor: '$kk' refers to a number that is not in values. Did you mean 'k'?"]),
     "number a block refuses": (
         [('gain = "$k"', 'time_constant = "$k"'), ("5.0", "0.0")],
         ["15: motor: FirstOrderLag.time_constant must lie in (0, inf), got 0. From values: k = 0."],

@@ -217,7 +217,7 @@ def test_pid_gives_way_at_its_limit():
         ("DiscretePID needs low < high, got low=2, high=2.", DiscretePID, dict(low=2, high=2)),
         (
             "DiscreteIntegrator.method is 'forwards', which is not a choice. Did you mean 'forward'? "
-            "It is: which rectangle stands for the area.",
+            "It is: integration rule.",
             DiscreteIntegrator,
             dict(method="forwards"),
         ),

@@ -379,7 +379,7 @@ def a_table_in_a_batch():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. pid: '$kpp' stands for a number that is not in values. Did you mean 'kp'?
+  1. pid: '$kpp' refers to a number that is not in values. Did you mean 'kp'?
 """,
 )
 def a_reference_to_no_value():
@@ -390,7 +390,7 @@ def a_reference_to_no_value():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. pid: '$kp' stands for a number that is not in values. There are none.
+  1. pid: '$kp' refers to a number that is not in values. There are none.
 """,
 )
 def a_reference_without_a_table():

@@ -1,4 +1,4 @@
-"""Blocks that let a signal come later, by any time from nothing on: lag and dead time."""
+"""Blocks that delay a signal by any time, zero included: lag and dead time."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import casadi as ca
 from tsmblocks.model.block import Block, Input, Output, Past, State, block, option, parameter
 
 BEFORE = -1e200
-"""An instant [s] so far back that nothing of it is left; finite, so slopes stay finite."""
+"""Initial time [s], so early that its state has decayed. Chosen: finite, so that derivatives are."""
 
-NOTHING = 1e-30
-"""A time [s] this short is none; its inverse squared is still finite."""
+ZERO_TIME = 1e-30
+"""Time [s] below which a time constant counts as zero. Chosen: its inverse squared is finite."""
 
-HAIR = 1e-18
-"""Added where a quotient tends to a limit at 0; lost in rounding everywhere else."""
+QUOTIENT_SHIFT = 1e-18
+"""Added to numerator and denominator of a quotient with a limit at 0. Chosen: below the rounding of any other value."""
 
 
 @block
@@ -34,7 +34,7 @@ class Lag(Block):
         y &= u + w, \qquad w = w_k e^{-s/T} - (u - u_k) a + c \left[s a - 2 T (1 - a)\right] \\
         a &= \frac{T}{s} \left(1 - e^{-s/T}\right), \qquad c = \frac{u - u_k - m s}{s + l}
 
-    At T = 0 the signal passes bit for bit, and the slope of the output in T there is that of -T du/dt.
+    At T = 0 the signal passes bit for bit, and the derivative of the output by T there is that of -T du/dt.
     The output starts at the first value of the input, and the first step runs along a line.
     """
 
@@ -58,21 +58,21 @@ class Lag(Block):
 
     def _behind(self, t: Any, x: Any, u: Any) -> Any:
         passed, rise = t - x.time, u.u - x.last
-        T, constant = self.time_constant, ca.fmax(self.time_constant, NOTHING)
-        ratio = ca.fmax(passed / constant, -0.5)  # time does not run back
+        T, constant = self.time_constant, ca.fmax(self.time_constant, ZERO_TIME)
+        ratio = ca.fmax(passed / constant, -0.5)  # time does not decrease
         left = ca.exp(-ratio)
-        # No lag: all is forgotten at once, and at the start of a step nothing yet. Rounded down, this has no slope.
-        lagging = T > NOTHING
+        # Without lag the state decays at once, but not at the start of a step. Rounded down, this has derivative zero.
+        lagging = T > ZERO_TIME
         still = ca.if_else(lagging, 0.0, ca.floor(left))
         left = ca.if_else(lagging, left, ca.floor(left))
-        mean = (1 - still) * T / constant * (-ca.expm1(-(ratio + HAIR)) / (ratio + HAIR))
-        bend = (rise - x.slope * passed) / ca.fmax(passed + x.length, NOTHING)
+        mean = (1 - still) * T / constant * (-ca.expm1(-(ratio + QUOTIENT_SHIFT)) / (ratio + QUOTIENT_SHIFT))
+        bend = (rise - x.slope * passed) / ca.fmax(passed + x.length, ZERO_TIME)
         return x.behind * left - rise * mean + bend * (T * (1 - left) - 2 * T * (1 - mean))
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         passed = t - x.time
-        # 1 where no time has passed, which an update at an event may find; rounded, since a comparison is an event.
-        again = ca.floor(ca.exp(-ca.fmax(passed / NOTHING, -0.5)))
+        # 1 where no time has passed, as at an event; rounded, since a comparison would itself be an event.
+        again = ca.floor(ca.exp(-ca.fmax(passed / ZERO_TIME, -0.5)))
         length = ca.fmax(passed, -0.5) + again
         return dict(
             time=t,
@@ -88,7 +88,7 @@ class Lag(Block):
 
 @block
 class DeadTime(Block):
-    r"""The signal as it was any time ago, from nothing on: shorter than a step, or not at all.
+    r"""The signal delayed by any time: shorter than a step, or zero.
 
     .. math:: y(t) = u(t - T)
 

@@ -89,7 +89,7 @@ class DiscreteTransferFunction(Block):
     period: float = _period()
     num: tuple[float, ...] = parameter(default=(0.1,), about="numerator")
     den: tuple[float, ...] = parameter(default=(1.0, -0.9), about="denominator; its length sets the order")
-    x0: tuple[float, ...] = parameter(default=(), about="start values of w, newest first; an empty list means zeros")
+    x0: tuple[float, ...] = parameter(default=(), about="initial states w, newest first; an empty list means zeros")
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
@@ -124,7 +124,7 @@ class DiscreteStateSpace(Block):
     B: systems.Rows = parameter(default=((0.1,),), about="input matrix, as rows")
     C: systems.Rows = parameter(default=((1.0,),), about="output matrix, as rows")
     D: systems.Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
-    x0: tuple[float, ...] = parameter(default=(), about="start values; an empty list means zeros")
+    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros")
     input_names: tuple[str, ...] = systems.names_of("inputs", "u, or u1, u2, …")
     output_names: tuple[str, ...] = systems.names_of("outputs", "y, or y1, y2, …")
     state_names: tuple[str, ...] = systems.names_of("states", "x1, x2, …")
@@ -210,9 +210,7 @@ class DiscreteIntegrator(Block):
     sampled = True
 
     period: float = _period()
-    method: str = option(
-        default="forward", about="which rectangle stands for the area", choices=("forward", "backward", "trapezoidal")
-    )
+    method: str = option(default="forward", about="integration rule", choices=("forward", "backward", "trapezoidal"))
     gain: float = parameter(default=1.0, about="gain")
     initial: float = parameter(default=0.0, about="sum at the start", unit="?u*s")
 

@@ -13,11 +13,11 @@ import casadi as ca
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
-TINY = 1e-12
-"""Below this the base of a fractional power counts as this [rad, or none], so that its slope stays finite."""
+SMALLEST_BASE = 1e-12
+"""Smallest base of a fractional power [rad, or none]. Chosen: below any signal, with a finite derivative."""
 
 NARROWEST = 0.1
-"""A half width that shrinks with the output stays at this share of its value at zero, so that it stays positive."""
+"""Smallest half width, as a share of that at zero output. Chosen: positive, and narrower than any fitted loop."""
 
 
 def slope(v: Any, alpha1: Any, alpha2: Any) -> Any:
@@ -42,8 +42,8 @@ def state_rate(zeta: Any, v: Any, A: Any, theta: Any, delta: Any) -> Any:
 def play(u: Any, half_width: Any, memory: Any) -> Any:
     """Output of a play operator: the memory, pushed along where the input's band leaves it.
 
-    At an edge of the band, where every step begins while the slack is taken up, the slope is that of the input; a
-    maximum would take the mean of both sides there, and what follows would be told half the rate.
+    At an edge of the band, where every step begins while the slack is taken up, the derivative is that of the
+    input; a maximum would take the mean of both sides there, and half the rate would be passed on.
     """
     low, high = u - half_width, u + half_width
     return ca.if_else(low >= memory, low, ca.if_else(high <= memory, high, memory))
@@ -51,7 +51,7 @@ def play(u: Any, half_width: Any, memory: Any) -> Any:
 
 def _reduced_power(zeta: Any, n: Any) -> Any:
     """``|zeta|**(n - 1)`` with finite slopes at zero, for n of 1 and above."""
-    return ca.fmax(ca.fabs(zeta), TINY) ** (n - 1)
+    return ca.fmax(ca.fabs(zeta), SMALLEST_BASE) ** (n - 1)
 
 
 @block
@@ -259,7 +259,9 @@ class ElasticBacklash(Block):
         sides = self.growth_up * ca.fmax(y, 0) + self.growth_down * ca.fmax(-y, 0)
         width = self.half_width * ca.fmax(1 + sides, NARROWEST)
         share = (1 + ca.sign(u.v) * x.zeta / width) / 2
-        followed = ca.fmin(ca.fmax(share, TINY), 1) ** (1 / self.roundness) + ca.fmax(share - 1, 0) / self.roundness
+        followed = (
+            ca.fmin(ca.fmax(share, SMALLEST_BASE), 1) ** (1 / self.roundness) + ca.fmax(share - 1, 0) / self.roundness
+        )
         return dict(zeta=self.rho * u.v * (1 - followed))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
 LONG_AGO = -1e9
-"""An instant [s] so far back that a rate limit since then no longer binds; finite, so slopes stay finite."""
+"""Initial time [s], so early that a rate limit since then does not bind. Chosen finite, so that derivatives are."""
 
 
 @block
@@ -94,7 +94,7 @@ class DeadZone(Block):
     high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u")
 
     u = Input("any signal", unit="?u")
-    y = Output("what is left beyond the zone", unit="?u")
+    y = Output("the part of the signal beyond the zone", unit="?u")
 
     def check(self) -> None:
         if self.low > self.high:

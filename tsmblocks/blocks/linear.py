@@ -19,7 +19,7 @@ class Integrator(Block):
     .. math:: \dot z = K u \text{ unless it leads past a limit}, \qquad y = \min(\max(z, l), h)
 
     With ``reset=True`` there is a port ``reset``: where it is above 0.5 at the start of a step, the
-    integral is set to its start value.
+    integral is set to its initial state.
     """
 
     source = "definition"

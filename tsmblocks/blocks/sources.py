@@ -14,12 +14,12 @@ from tsmblocks.blocks.ports import UNIT
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Output, Samples, Tape, block, option, parameter
 
-PEAK = math.radians(55.0)
+PAPER_AMPLITUDE = math.radians(55.0)
 """Amplitude of the paper's sine [rad]."""
-TONE = math.radians(28.0)
+PAPER_TONE_AMPLITUDE = math.radians(28.0)
 """Amplitude of each sine of the paper's two-tone signals [rad]."""
 ROUNDING = 1e-12
-"""A jump due at 0.3 s must not come one step late because 3 * 0.1 s falls a hair short of it."""
+"""Advance of a jump, as a share of its time: 3 * 0.1 s may fall short of 0.3 s. Chosen: above rounding."""
 
 
 def white_noise(seed: int, interval: float, start: float, stop: float, name: str = "") -> Samples:
@@ -104,7 +104,7 @@ class Sine(Block):
     source = "Paper, Figs 13 and 17: 55 degrees at 0.2 Hz"
     symbol = "sin"
 
-    amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
+    amplitude: float = parameter(default=PAPER_AMPLITUDE, about="half of peak to peak", unit="?y")
     frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)
     phase: float = parameter(default=0.0, about="phase at time zero", unit="rad")
     offset: float = parameter(default=0.0, about="mean value", unit="?y")
@@ -125,7 +125,9 @@ class MultiSine(Block):
     source = "Paper, Fig. 14: 28 degrees at 0.2 Hz and 28 degrees at 0.5 Hz"
     symbol = "Σ sin"
 
-    amplitudes: tuple[float, ...] = parameter(default=(TONE, TONE), about="amplitude of each sine", unit="?y")
+    amplitudes: tuple[float, ...] = parameter(
+        default=(PAPER_TONE_AMPLITUDE, PAPER_TONE_AMPLITUDE), about="amplitude of each sine", unit="?y"
+    )
     frequencies: tuple[float, ...] = parameter(
         default=(0.2, 0.5), about="periods per second of each sine", unit="Hz", at_least=0.0
     )
@@ -159,7 +161,7 @@ class Chirp(Block):
     source = "definition (phase is the integral of the frequency)"
     symbol = "chirp"
 
-    amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
+    amplitude: float = parameter(default=PAPER_AMPLITUDE, about="half of peak to peak", unit="?y")
     f0: float = parameter(default=0.1, about="frequency at time zero", unit="Hz", at_least=0.0)
     f1: float = parameter(default=2.0, about="frequency at the end of the sweep and after it", unit="Hz", at_least=0.0)
     duration: float = parameter(default=20.0, about="how long the sweep takes", unit="s", above=0.0)
@@ -207,7 +209,7 @@ class Triangle(Block):
     source = "definition"
     symbol = "triangle"
 
-    amplitude: float = parameter(default=PEAK, about="half of peak to peak", unit="?y")
+    amplitude: float = parameter(default=PAPER_AMPLITUDE, about="half of peak to peak", unit="?y")
     frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)
     unit: str = option(default="", about=UNIT)
     y = Output("the triangle", unit="?y", unit_option="unit")
@@ -231,7 +233,7 @@ class Staircase(Block):
     source = "definition"
     symbol = "stairs"
 
-    height: float = parameter(default=PEAK / 4, about="height of one step", unit="?y")
+    height: float = parameter(default=PAPER_AMPLITUDE / 4, about="height of one step", unit="?y")
     dwell: float = parameter(default=1.0, about="time spent on each step", unit="s", above=0.0)
     up: int = option(default=4, about="steps above zero", at_least=0)
     down: int = option(default=4, about="steps below zero", at_least=0)

@@ -1,1 +1,1 @@
-"""What every other package may use: errors, units, tables, frames, views. Nothing here knows blocks or data."""
+"""Used by every other package: errors, arguments, units, tables, frames, views. Nothing here knows blocks or data."""

@@ -1,4 +1,4 @@
-"""Files written so that a reader finds the old one or the new one, never a part."""
+"""Atomic replacement of files: a reader finds the old file or the new one, never a part."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def replace_file(target: Path, text: str) -> None:
-    """Write beside the file, then put the new one in its place in one step."""
+    """Write a new file beside the old one, then rename it over that in one step."""
     fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:
         with fresh.open("w", encoding="utf-8", newline="\n") as file:

@@ -1,6 +1,6 @@
-"""Results as pandas frames and xarray data sets: columns and coordinates named, units in ``attrs``.
+"""Results as pandas frames and xarray data sets: named columns and coordinates, units in ``attrs``.
 
-Both libraries are optional, and imported when they are asked for.
+Both libraries are optional, and imported on use.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Column = tuple[Sequence[str], Any, str]
 
 
 def optional_library(library: str) -> Any:
-    """The library, or TsmError with the way to have it."""
+    """The library; raises TsmError with the command that installs it."""
     try:
         return import_module(library)
     except ImportError:
@@ -32,9 +32,9 @@ def optional_library(library: str) -> Any:
 def frame(
     columns: Mapping[str, Any], index: Any = None, name: str | None = None, units: Mapping[str, str] | None = None
 ) -> Any:
-    """A pandas frame of columns over an index with a name; ``attrs["units"]`` has the units that are known.
+    """A pandas frame of columns over a named index; ``attrs["units"]`` has the known units.
 
-    Raises TsmError where there is no pandas.
+    Raises TsmError where pandas is not installed.
     """
     pd = optional_library("pandas")
     labels = None if index is None else index if isinstance(index, pd.Index) else pd.Index(index, name=name)
@@ -44,9 +44,9 @@ def frame(
 
 
 def dataset(variables: Mapping[str, Column], coords: Mapping[str, Column], facts: Mapping[str, Any]) -> Any:
-    """An xarray data set; ``facts`` are its attributes, in kinds that netCDF holds.
+    """An xarray data set; ``facts`` are its attributes, in types that netCDF holds.
 
-    Raises TsmError where there is no xarray.
+    Raises TsmError where xarray is not installed.
     """
     xr = optional_library("xarray")
     made = {k: (tuple(dims), _values(v), {"units": u} if u else {}) for k, (dims, v, u) in variables.items()}
@@ -55,6 +55,6 @@ def dataset(variables: Mapping[str, Column], coords: Mapping[str, Column], facts
 
 
 def _values(given: Any) -> np.ndarray:
-    """An array in a kind that netCDF holds: texts as texts, other things (options) by their text."""
+    """An array of a type that netCDF holds: texts as texts, other objects (options) as their text."""
     array = np.asarray(given)
     return array if array.dtype.kind in "fiubcU" else np.array([str(v) for v in array.ravel()]).reshape(array.shape)

@@ -1,4 +1,4 @@
-"""Ctrl-C during a search: kept until the search stands where it can give its best so far."""
+"""Ctrl-C during a search, deferred until the search can return its best result so far."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ class InterruptFlag:
     stop: bool = False
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt when it was; for places where a search can stop."""
+        """Raise KeyboardInterrupt if it was; called where a search can stop."""
         if self.stop:
             raise KeyboardInterrupt
 
 
 @contextmanager
 def defer_interrupt() -> Iterator[InterruptFlag]:
-    """Keep Ctrl-C for ``InterruptFlag.check``; pressed twice, it ends everything at once.
+    """Defer Ctrl-C to ``InterruptFlag.check``; pressed twice, it ends everything at once.
 
-    An exception out of nowhere would surprise libraries in the middle of their work. A program that has a
-    handler of its own keeps it.
+    A KeyboardInterrupt at an arbitrary point could corrupt the work of libraries. A handler that a program has
+    installed stays in place.
     """
-    asked = InterruptFlag()
+    flag = InterruptFlag()
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield asked
+        yield flag
         return
 
     def pressed(*where: Any) -> None:
-        if asked.stop:
+        if flag.stop:
             signal.default_int_handler(*where)
-        asked.stop = True
+        flag.stop = True
 
     signal.signal(signal.SIGINT, pressed)
     try:
-        yield asked
+        yield flag
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)

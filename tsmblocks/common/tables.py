@@ -1,4 +1,4 @@
-"""Tables as a terminal shows them: one function for all that is printed; and columns whose titles are not alike."""
+"""Tables of text for a terminal, lists of names for messages, and unique names for columns."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import textwrap
 from collections.abc import Collection, Iterable, Sequence
 
 WIDTH = 80
-"""Columns of a terminal that tables fit, as far as they can."""
+"""Characters of a line of a terminal."""
 NARROW = 24
-"""Columns that words at the end of a row have at least; where fewer are left they stand below it."""
+"""Least characters for wrapped text beside a row, else it is put below. Chosen: about three words."""
 
 
 def columns(rows: Iterable[Sequence[str]], indent: str = "", left: Collection[int] = (0,), width: int = WIDTH) -> str:
-    """Rows with their cells in columns; those in ``left`` (by default the first) are flush left.
+    """Rows with aligned cells; those in ``left`` (by default the first) are flush left.
 
-    Where that is wider than ``width``, words at the end of a row (the last column, where it is flush left) go on below
-    themselves, and a name in front that leaves the rest no room stands above its row.
+    Where that is wider than ``width``, text in the last column (where it is flush left) is wrapped below itself, and a
+    name in the first column that leaves too little room is put above its row.
     """
     table = [list(row) for row in rows]
     if not table:
@@ -41,7 +41,7 @@ def columns(rows: Iterable[Sequence[str]], indent: str = "", left: Collection[in
 
 
 def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
-    """A row with words at its end: beside it in lines that fit, or below it where there is no room for that."""
+    """A row with text at its end: beside it in lines that fit, or below it where there is no room."""
     room = width - len(before)
     if room < NARROW:
         return [before.rstrip(), *_folded(words, width - len(below), below)]
@@ -50,14 +50,15 @@ def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
 
 
 def _folded(words: str, width: int, indent: str) -> list[str]:
+    """Text wrapped to lines."""
     lines = textwrap.wrap(words, max(width, NARROW), break_long_words=False, break_on_hyphens=False)
     return [indent + line for line in lines]
 
 
 def split_columns(rows: Iterable[Sequence[str]], together: int = 1, width: int = WIDTH) -> str:
-    """Columns of numbers as ``columns`` shows them, as several tables below each other where one would be too wide.
+    """Aligned columns of numbers, split into several tables where one would be too wide.
 
-    Each has the first column, and of the others some times ``together``.
+    Each table has the first column, and of the others a multiple of ``together``.
     """
     table = [list(row) for row in rows]
     count = len(table[0]) - 1
@@ -77,14 +78,14 @@ def _beside(rows: Sequence[Sequence[str]]) -> int:
 
 
 def few(names: Iterable[str], most: int = 6) -> str:
-    """``a, b, c``; beyond ``most`` the rest is counted: ``a, b, … (9 in all)``."""
+    """``a, b, c``; beyond ``most`` names the rest is counted: ``a, b, … (9 in all)``."""
     every = list(names)
     shown = every if len(every) <= most else [*every[: most - 1], f"… ({len(every)} in all)"]
     return ", ".join(shown)
 
 
 def unique_names(names: Iterable[str], *, case: bool = True) -> list[str]:
-    """Names of which no two are alike: a second ``x`` is ``x_2``. Without ``case`` an ``X`` is like an ``x``."""
+    """Names made unique: a second ``x`` becomes ``x_2``. Without ``case``, ``X`` and ``x`` count as equal."""
     made: dict[str, str] = {}
     for name in names:
         one, k = name, 1
@@ -96,6 +97,6 @@ def unique_names(names: Iterable[str], *, case: bool = True) -> list[str]:
 
 
 def listed(names: Sequence[str], most: int = 5) -> str:
-    """``a``, ``a and b``, ``a, b and c``; beyond ``most`` the rest is counted."""
+    """``a``, ``a and b``, ``a, b and c``; beyond ``most`` names the rest is counted."""
     shown = [*names] if len(names) <= most + 1 else [*names[:most], f"{len(names) - most} more"]
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"

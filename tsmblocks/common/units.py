@@ -1,8 +1,7 @@
-"""Unit labels: what they mean, whether two are equal, and the factor between them.
+"""Unit labels: their meaning, equality, and the factor between them.
 
-It knows labels only; quantities inside equations are plain numbers in the unit of their port.
-Radian is kept as a dimension of its own, which the general unit libraries do not do: here a
-wire that joins ``rad`` to ``1``, or ``rad/s`` to ``1/s``, is a mistake worth catching.
+Labels only: quantities inside equations are plain numbers in the unit of their port. Radian is a dimension of its own,
+which it is not in general unit libraries: a wire that joins ``rad`` to ``1``, or ``rad/s`` to ``1/s``, is an error.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ _ALIAS = {
 
 
 class Unit(NamedTuple):
-    """A label understood: ``value_in_SI = factor * value``; ``dimension`` as sorted powers."""
+    """A parsed label: ``value_in_SI = factor * value``; ``dimension`` as sorted powers."""
 
     factor: float
     dimension: Dimension
@@ -84,9 +83,9 @@ class UnitError(TsmError):
 
 @cache
 def parse(label: str) -> Unit:
-    """Read ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss.
+    """Parse ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss.
 
-    ``N/m*s`` is refused: some read it as ``N/(m*s)``, some as ``N*s/m``.
+    ``N/m*s`` is refused, since it can mean ``N/(m*s)`` and ``N*s/m``.
     """
     factor, powers = 1.0, dict[str, int]()
     for word, sign in _words(label):
@@ -105,7 +104,7 @@ def parse(label: str) -> Unit:
 
 
 def _words(label: str) -> Iterator[tuple[str, int]]:
-    """The factors of a label, with 1 where they stand above the line and -1 below. Raises UnitError."""
+    """The factors of a label, each with 1 in the numerator and -1 in the denominator. Raises UnitError."""
     text = label.strip().replace("μ", "µ")  # the Greek letter for the sign of the same look
     text = re.sub(r"^\(([^()]*)\)$", r"\1", _ALIAS.get(text, text))
     for k, part in enumerate(p.strip() for p in text.split("/")):
@@ -119,9 +118,9 @@ def _words(label: str) -> Iterator[tuple[str, int]]:
 
 
 def factor(source: str, target: str) -> float:
-    """The number by which a value in ``source`` is multiplied to be in ``target``.
+    """The number that converts a value in ``source`` to ``target`` by multiplication.
 
-    Raises UnitError when the two measure different things.
+    Raises UnitError when the two measure different quantities.
     """
     a, b = parse(source), parse(target)
     if a.dimension != b.dimension:
@@ -130,23 +129,23 @@ def factor(source: str, target: str) -> float:
 
 
 def _turns(a: Unit, b: Unit) -> str:
-    """What to write where two units differ by nothing but an angle: ``1/min`` is a rate of anything."""
+    """A hint where two units differ by an angle alone: ``1/min`` is a rate of anything."""
     without = [tuple(one for one in unit.dimension if one[0] != "rad") for unit in (a, b)]
     return " Revolutions per minute are rpm, those per second rev/s." if without == [(("s", -1),)] * 2 else ""
 
 
 def same(a: str, b: str) -> bool:
-    """Whether two labels mean the same unit, up to rounding of the factor."""
+    """Whether two labels denote the same unit, up to rounding of the factor."""
     x, y = parse(a), parse(b)
     return x.dimension == y.dimension and math.isclose(x.factor, y.factor, rel_tol=1e-12)
 
 
 DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
-"""Units as people read them."""
+"""Unit -> unit in which it is displayed."""
 
 
 def display_unit(label: str) -> tuple[float, str]:
-    """Factor and unit in which people read a number: angles and their rates in degrees, anything else as it is."""
+    """Factor and unit for display: angles and their rates in degrees, anything else unchanged."""
     wanted = DISPLAY_UNITS.get(label, label)
     return (factor(label, wanted) if wanted != label else 1.0), wanted
 
@@ -184,6 +183,6 @@ def heading(name: str, unit: str) -> str:
 
 
 def unambiguous_heading(name: str, unit: str) -> str:
-    """The heading with empty brackets where a name alone would be split: ``f(x) []``, which is not ``f`` in ``x``."""
+    """The heading; with empty brackets where a name alone would be split: ``f(x) []`` is not ``f`` in ``x``."""
     plain = heading(name, unit)
     return plain if split_heading(plain) == (name, unit) else f"{name} [{unit}]"

@@ -1,7 +1,7 @@
-"""One block of a diagram file: of a type, out of another file, or a diagram written in place.
+"""One block of a diagram file: of a type, from another file, or a diagram written in place.
 
-Types are looked up among the registered blocks and other files are read as text; no file can have
-anything imported or run.
+Types are looked up among the registered blocks and other files are read as text; no file can cause an import or run
+code.
 """
 
 from __future__ import annotations
@@ -31,14 +31,15 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 FAULTY = Part(None, 1)
+"""A block that could not be read."""
 OWN_BLOCKS_HINT = " A block of your own is known once its module is imported (by a command: --with FILE.py)."
-"""What is said of a type that is near no other."""
+"""Hint for an unknown type without a near miss."""
 LONGEST_TEXT = 10_000
-"""Characters of one option; a sum with as many signs has as many inputs."""
+"""Characters of one option: a sum has an input for each sign. Chosen: far above any real block."""
 
 
 def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> Part:
-    """Return the block that ``spec`` describes; its faults are collected by the page."""
+    """The block that ``spec`` describes; its faults are collected by the page."""
     if not isinstance(spec, dict):
         above = f" To give the diagram's {name}, move the line above the first [section]."
         expected = f"block '{clip(name)}' must be a table such as {{ type = \"Gain\" }}"
@@ -64,6 +65,7 @@ def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> P
 
 
 def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
+    """A block of a registered type."""
     said, kind = f"block '{dotted_name(path)}'", spec["type"]
     if not isinstance(kind, str):
         page.wrong((*path, "type"), f'{said}: the type must be text such as "Gain"', kind)
@@ -84,7 +86,7 @@ def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
 
 
 def _fault_of(cls: type[Block], key: str, value: Any) -> str:
-    """Return what is wrong with one value by itself."""
+    """What is wrong with one value alone, ``""`` if nothing is."""
     field = cls.fields().get(key)
     if field is None:
         return f"{cls.__name__} has no parameter '{clip(key)}'.{near(key, cls.fields())}"
@@ -100,14 +102,15 @@ def _fault_of(cls: type[Block], key: str, value: Any) -> str:
 
 
 def _holds_table(value: Any) -> bool:
+    """Whether a value is a table, or a list with one."""
     return isinstance(value, dict) or (isinstance(value, list) and any(map(_holds_table, value)))
 
 
 def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) -> Block | None:
-    """Return the block, or None if its values do not go together."""
+    """The block, or None if its values are inconsistent."""
     try:
         block = cls(**values)
-        _ = block.inports, block.outports, block.states  # these may read options that check() did not see
+        _ = block.inports, block.outports, block.states  # these may depend on options that check() does not read
     except TsmError as error:
         page.fault(path, f"block '{dotted_name(path)}': {error}")
     except UNEXPECTED_ERRORS as error:
@@ -123,6 +126,7 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
 
 
 def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
+    """The diagram of another file, with the parameters that ``set`` gives it."""
     page.known_keys(spec, ("use", "set"), path, f"block '{dotted_name(path)}', which uses another diagram")
     name = spec["use"]
     if not isinstance(name, str):
@@ -141,7 +145,7 @@ def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
 
 
 def _find(page: Page, name: str, path: KeyPath) -> Path | None:
-    """Return the file that ``use`` means: next to this one, or below, or among the ready-made diagrams."""
+    """The file that ``use`` names: next to this one, or below, or among the ready-made diagrams."""
     said = f"block '{dotted_name(path)}': use = '{clip(name)}'"
     windows = PureWindowsPath(name)
     if not name.strip() or name != name.strip() or "\\" in name or not name.isprintable():
@@ -165,7 +169,7 @@ def _find(page: Page, name: str, path: KeyPath) -> Path | None:
 
 
 def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
-    """Return the diagram in another file, read once however often it is used."""
+    """The diagram in another file, read once however often it is used."""
     reading, key = page.reading, file.resolve()
     if key in reading.open:
         ring = [*reading.open[reading.open.index(key) :], key]
@@ -193,7 +197,7 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
 
 
 def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield ``drive.high`` and its value, whether written with dots, quotes or tables."""
+    """Names and values of a table: ``drive.high``, whether written with dots, quotes or tables."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _flattened(value, f"{prefix}{key}.")
@@ -202,7 +206,7 @@ def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
 
 
 def _with_changes(page: Page, diagram: Diagram, changes: dict[str, Any], path: KeyPath) -> Diagram | None:
-    """Return a diagram with the numbers that ``set`` gives it."""
+    """A diagram with the parameters that ``set`` gives it."""
     at, said = (*path, "set"), f"block '{dotted_name(path)}': set"
     known = set(diagram.parameter_names())
     strange = [name for name in changes if name not in known]

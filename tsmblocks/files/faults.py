@@ -1,4 +1,4 @@
-"""The faults of a file: collected while it is read, each with its line; and what every reader of TOML tables shares."""
+"""The faults of a file, collected while it is read, each with its line; shared by all readers of TOML tables."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from tsmblocks.model.diagram import Diagram
 DIAGRAM_KEYS = ("title", "source", "wires", "blocks", "inputs", "outputs", "values")
 """Keys of a diagram's table."""
 MOST_FAULTS = 200
-"""Faults after which the rest of a file is not looked at."""
+"""Faults after which the rest of a file is not read. Chosen: more than a person corrects at once."""
 REFUSED: Any = type("Refused", (), {"__repr__": lambda _: "REFUSED"})()
-"""Stands for a value that has been refused already, so that nothing more is said about it."""
+"""Replaces a value whose fault has been reported, so that no other fault of it is."""
 UNEXPECTED_ERRORS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
-"""What a block's own check may raise on values that its author did not think of."""
+"""Errors that a block's own check may raise on values that its author did not foresee."""
 
 KeyPath = tuple[str, ...]
 
 
 class Part(NamedTuple):
-    """A block or diagram that was read (None if it is faulty), and how many blocks it is made of."""
+    """A block or diagram that was read (None if it is faulty), and its number of blocks."""
 
     block: Block | Diagram | None
     size: int
 
 
 class TooManyFaults(Exception):
-    """So many faults that looking for more is of no use."""
+    """So many faults that the rest of the file is not read."""
 
 
 class Reading:
-    """One load: the faults found so far, the files being read, and the files read already."""
+    """The state of one ``load``: faults so far, files being read, and files read already."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
-        self.only_wiring = True  # no fault but those that Diagram itself finds
+        self.only_wiring = True  # whether all faults are of those that Diagram itself finds
         self.open: list[Path] = []
         self.done: dict[Path, Part] = {}
 
     def add(self, problem: str, *, wiring: bool = False) -> None:
-        """Collect a fault, each once; raises Enough when there are many."""
+        """Collect a fault, each once; raises TooManyFaults when there are many."""
         if problem not in self.problems:
             self.problems.append(problem)
         self.only_wiring = self.only_wiring and wiring
@@ -54,7 +54,7 @@ class Reading:
             raise TooManyFaults
 
     def in_order(self) -> list[str]:
-        """Return the faults file by file and line by line; those without a line come last."""
+        """The faults file by file and line by line; those without a line come last."""
         files: dict[str, int] = {}
 
         def place(problem: str) -> tuple[int, float]:
@@ -66,7 +66,7 @@ class Reading:
 
 
 class Page:
-    """One text that is being read: what it is called, where its keys stand, where its neighbours are."""
+    """One text that is being read: its name, the lines of its keys, and its folder."""
 
     def __init__(self, reading: Reading, where: str, places: Places, folder: Path | None) -> None:
         self.reading, self.where, self.places, self.folder = reading, where, places, folder
@@ -74,30 +74,30 @@ class Page:
     # ---- places and faults
 
     def place(self, *path: str | int) -> str:
-        """Return ``file:line`` of a key."""
+        """``file:line`` of a key."""
         line = self.places.line(*path)
         return f"{self.where}:{line}" if line else self.where
 
     def fault(self, path: tuple[str | int, ...], text: str) -> None:
-        """Collect a fault of what stands at ``path``."""
+        """Collect a fault of the value at ``path``."""
         self.reading.add(f"{self.place(*path)}: {text}")
 
     def wrong(self, at: tuple[str | int, ...], expected: str, value: Any, hint: str = "") -> None:
-        """Collect a fault about the kind of a value, unless the value has been refused already."""
+        """Collect a fault of the type of a value, unless the value has been refused already."""
         if value is REFUSED:
             self.reading.only_wiring = False
         else:
             self.fault(at, f"{expected}, got {in_words(plain_value(value))}.{hint}")
 
     def known_keys(self, table: Mapping[str, Any], known: tuple[str, ...], path: KeyPath, owner: str) -> set[str]:
-        """Report keys that nothing is known of; returns the absent keys that they seem to be meant for."""
+        """Report unknown keys; returns the absent keys that they may be misspellings of."""
         for key in table:
             if key not in known:
                 self.fault((*path, key), f"'{clip(key)}' is not a key of {owner}.{near(key, known)}")
         return set(misspelt_keys(table, known).values()) - set(table)
 
     def table(self, table: dict[str, Any], key: str, path: KeyPath) -> dict[str, Any]:
-        """Return the table under ``key``; an empty one where there is none or it is something else."""
+        """The table under ``key``; an empty one where it is absent or something else, which is reported."""
         value = table.get(key, {})
         if isinstance(value, dict):
             return value
@@ -105,7 +105,7 @@ class Page:
         return {}
 
     def text(self, table: Mapping[str, Any], key: str, path: KeyPath) -> str:
-        """Return the text under ``key``, ``""`` where there is none or it is something else."""
+        """The text under ``key``, ``""`` where it is absent or something else, which is reported."""
         value = table.get(key, "")
         if isinstance(value, str):
             return value
@@ -113,7 +113,7 @@ class Page:
         return ""
 
     def whole(self, table: dict[str, Any], level: int) -> Part:
-        """Read a file's outermost table."""
+        """Read the outermost table of a file."""
         raise NotImplementedError
 
     def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
@@ -121,11 +121,11 @@ class Page:
         raise NotImplementedError
 
 
-# ---- words --------------------------------------------------------------------------------------
+# ---- texts --------------------------------------------------------------------------------------
 
 
 def dotted_name(path: tuple[str | int, ...]) -> str:
-    """Return a path as a name is said: ``blocks.motor.blocks.drive.high`` is ``motor.drive.high``."""
+    """A path as a dotted name: ``blocks.motor.blocks.drive.high`` is ``motor.drive.high``."""
     said: list[str] = []
     while len(path) > 1 and path[0] == "blocks":
         said.append(str(path[1]))
@@ -134,7 +134,7 @@ def dotted_name(path: tuple[str | int, ...]) -> str:
 
 
 def plain_value(value: Any) -> Any:
-    """Return a value that a message may print: a whole number of a million digits may not."""
+    """A value that a message may print: a whole number of a million digits is replaced."""
     if isinstance(value, dict):
         return dict.fromkeys(list(value)[:3], "…")
     if isinstance(value, list):
@@ -143,12 +143,12 @@ def plain_value(value: Any) -> Any:
 
 
 def misspelt_keys(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
-    """Return the keys that look like a misspelt known one, with that one."""
+    """The keys that look like a misspelt known one, with that one."""
     strange = [key for key in given if key not in known and len(key) < 50][:100]
     close = {key: get_close_matches(key, known, n=1) for key in strange}
     return {key: match[0] for key, match in close.items() if match}
 
 
 def misspelling_hint(spec: Iterable[str], wanted: tuple[str, ...]) -> str:
-    """Return a sentence that asks whether a key was meant to be one of ``wanted``, if that may be."""
+    """A question whether a key was meant to be one of ``wanted``, ``""`` where none is near."""
     return next((f" Is '{key}' meant to be '{word}'?" for key, word in misspelt_keys(spec, wanted).items()), "")

@@ -1,8 +1,8 @@
-"""Where things stand in a TOML text: the line of every key and of every text in an array.
+"""Positions in a TOML text: the line of every key and of every text in an array.
 
-``tomllib`` gives values without lines, so the text is read here a second time, for places only.
-The reading is lenient: what is not TOML is ``tomllib``'s to refuse. Brackets and dots nested deeper
-than any diagram needs are noticed here, before ``tomllib`` runs out of stack or of time over them.
+``tomllib`` gives values without lines, so the text is read a second time here, for lines only. This reader is lenient:
+``tomllib`` refuses what is not TOML. Brackets and dots nested deeper than any diagram needs are refused here, before
+``tomllib`` exhausts the stack, or takes too long, on them.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import tomllib
 Path = tuple[str | int, ...]
 
 DEEPEST_KEY = 160
-"""Parts of a key, counted through tables; 64 diagrams inside each other need 130."""
+"""Parts of a key, counted through tables. Derived: 64 diagrams inside each other need 130."""
 MOST_KEYS = 250_000
-"""Keys and texts in one file; a hundred times the largest diagram anybody has drawn by hand."""
+"""Keys and texts in one file. Chosen: a hundred times the largest diagram drawn by hand."""
 
 _TOKEN = re.compile(
     r"""
@@ -29,14 +29,14 @@ _TOKEN = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 _PLAIN = re.compile(r"[^\"'#\[\]{}\n]+")
-"""Numbers and commas, which a long array holds by the thousand."""
+"""Numbers and commas, of which a long array has thousands, as one token."""
 
 
 class Places:
     """Lines of a TOML text, counted from 1, by path: ``("blocks", "pid", "kp")``, ``("wires", 2)``.
 
-    ``repeated`` maps the line of a key that was there already to its path and first line.
-    ``trouble`` holds a line and a sentence where the text is too deep or too long to be read.
+    ``repeated`` maps the line of a repeated key to its path and first line. ``trouble`` holds a line and a sentence
+    where the text is nested too deep, or too long.
     """
 
     def __init__(self, text: str) -> None:
@@ -53,7 +53,7 @@ class Places:
         self._read(text)
 
     def line(self, *path: str | int) -> int | None:
-        """Return the line of a key, or of the nearest one around it that has a known line."""
+        """The line of a key, or of the nearest enclosing one whose line is known."""
         for length in range(len(path), 0, -1):
             if path[:length] in self.lines:
                 return self.lines[path[:length]]
@@ -96,7 +96,7 @@ class Places:
         self._check_depth(len(self._parts))
 
     def _element(self) -> None:
-        """Note the line of a text in an array."""
+        """Record the line of a text in an array."""
         if self._in_array():
             self._record(self._here())
 
@@ -104,7 +104,7 @@ class Places:
         return bool(self._open) and self._open[-1][1] is not None
 
     def _here(self) -> Path:
-        """Return the path of the value that is being read."""
+        """The path of the value that is being read."""
         path, index = self._open[-1] if self._open else ((), None)
         return self._at if index is None else (*path, index)
 
@@ -160,7 +160,7 @@ class Places:
         self._in_key, self._parts = False, []
 
     def _note(self, base: Path, path: Path) -> None:
-        """Note the line of a key, and of the tables that its dots pass through where they are new."""
+        """Record the line of a key, and of the tables in its dotted path that are new."""
         if path in self.lines:
             self.repeated[self._line] = path, self.lines[path]
         for length in range(len(base) + 1, len(path)):
@@ -174,7 +174,7 @@ class Places:
 
 
 def _unquoted(text: str) -> str:
-    """Return a quoted key as the name it stands for."""
+    """The name in a quoted key."""
     if "\\" not in text:
         return text[1:-1]
     try:

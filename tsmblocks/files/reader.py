@@ -1,7 +1,7 @@
 """From TOML tables to a diagram, with every fault of a file collected and placed.
 
-A block that cannot be read is stood in for by one with any port, so that the wires to it are not
-reported as well. Nothing that a file says is ever run; ``block_reader`` reads single blocks.
+A block that cannot be read is replaced by one with any port, so that the wires to it are not reported as well. A file
+is never executed; ``block_reader`` reads single blocks.
 """
 
 from __future__ import annotations
@@ -35,20 +35,22 @@ from tsmblocks.model.validation import examine
 from tsmblocks.model.wires import PlacedText
 
 FORMAT = 1
+"""Version of the format that is read and written."""
 INLET_KEYS = ("ports", "unit", "about")
+"""Keys of an input that is a table."""
 MOST_BLOCKS = 100_000
-"""Blocks of one diagram, those of the diagrams it uses included."""
+"""Blocks of one diagram, with those of the diagrams it uses. Chosen: far above any diagram drawn by hand."""
 MOST_LINKS = 100_000
-"""Connections of one diagram."""
+"""Connections of one diagram. Chosen: as ``MOST_BLOCKS``."""
 
 T = TypeVar("T")
 
 
 def diagram_from(text: str, where: str, folder: Path | None = None, own: Path | None = None) -> Diagram:
-    """Return the diagram that a text describes.
+    """The diagram that a text describes.
 
-    ``where`` is what messages call the text, ``folder`` where the diagrams it uses may lie, ``own``
-    the file it came from. Raises FileError, or DiagramError when all faults are of the wiring.
+    ``where`` is the name of the text in messages, ``folder`` that of the diagrams it uses, ``own`` its file. Raises
+    FileError, or DiagramError when all faults are of the wiring.
     """
     reading, part, title = Reading(), Part(None, 0), ""
     reading.open += [own] if own else []
@@ -73,7 +75,7 @@ class DiagramPage(Page):
     # ---- the whole file
 
     def whole(self, table: dict[str, Any], level: int) -> Part:
-        """Read a file's outermost table."""
+        """Read the outermost table of a file."""
         if not table:
             self.fault((), "the file is empty. A diagram begins with format = 1 and has [blocks].")
             return Part(None, 0)
@@ -89,7 +91,7 @@ class DiagramPage(Page):
         return self.diagram(self._clean(rest, ()), (), level)
 
     def _clean(self, value: Any, path: tuple[str | int, ...]) -> Any:
-        """Return TOML values without those that no diagram can hold, which are reported here."""
+        """TOML values without those that no diagram can hold, which are reported."""
         if type(value) is float and not math.isnan(value):
             return value
         if isinstance(value, dict):
@@ -127,7 +129,7 @@ class DiagramPage(Page):
         return Part(self._together(path, lambda: Diagram(**words, **parts, where=self.where)), size)
 
     def _together(self, path: KeyPath, make: Callable[[], T]) -> T | None:
-        """Return what ``make`` makes of sound parts, or None with its faults collected."""
+        """The result of ``make``, which takes sound parts; None with its faults collected."""
         try:
             return make()
         except DiagramError as error:
@@ -137,12 +139,13 @@ class DiagramPage(Page):
         return None
 
     def _wiring(self, path: KeyPath, faults: Iterable[str]) -> None:
+        """Collect faults of the wiring."""
         for fault in faults:
             placed = fault.startswith(f"{self.where}:")
             self.reading.add(fault if placed else f"{self.place(*path)}: {fault}", wiring=True)
 
     def _blocks(self, table: dict[str, Any], path: KeyPath, level: int) -> tuple[dict[str, Any], int, bool]:
-        """Read the blocks; the flag says whether the table itself could be understood."""
+        """Read the blocks; the flag is False where the table itself is faulty."""
         blocks: dict[str, Any] = {}
         size = 0
         for name, spec in self.table(table, "blocks", path).items():
@@ -157,6 +160,7 @@ class DiagramPage(Page):
         return blocks, size, isinstance(table.get("blocks", {}), dict)
 
     def _wires(self, table: dict[str, Any], path: KeyPath) -> tuple[list[str], bool]:
+        """Read the wires; the flag is False where some are missing."""
         given = table.get("wires", [])
         if not isinstance(given, list):
             self.wrong((*path, "wires"), 'wires must be a list such as ["error -> pid -> drive"]', given)
@@ -172,6 +176,7 @@ class DiagramPage(Page):
         return list(texts), len(texts) == len(given)
 
     def _inputs(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, Inlet], bool]:
+        """Read the inputs; the flag is False where some are missing."""
         inputs, sure = {}, isinstance(table.get("inputs", {}), dict)
         for name, spec in self.table(table, "inputs", path).items():
             at = (*path, "inputs", name)
@@ -193,6 +198,7 @@ class DiagramPage(Page):
         return inputs, sure
 
     def _outputs(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, str], bool]:
+        """Read the outputs; the flag is False where some are missing."""
         outputs: dict[str, str] = {}
         sure = isinstance(table.get("outputs", {}), dict)
         for name, value in self.table(table, "outputs", path).items():
@@ -205,7 +211,7 @@ class DiagramPage(Page):
         return outputs, sure
 
     def _values(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, float], list[str]]:
-        """Read the numbers used twice; the list names those that are not numbers."""
+        """Read the shared numbers; the list names those that are no numbers."""
         values, unsure = {}, []
         for name, value in self.table(table, "values", path).items():
             if isinstance(value, (int, float)) and not isinstance(value, bool):
@@ -218,21 +224,22 @@ class DiagramPage(Page):
     # ---- pieces
 
     def _name(self, name: str, path: KeyPath, section: str) -> str:
+        """A name with its place."""
         return PlacedText.at(name, self.place(*path, section, name))
 
 
-# ---- stand-ins and words ----------------------------------------------------------------------
+# ---- replacements and texts ----------------------------------------------------------------------
 
 
 class UnreadableBlock:
-    """Stands for a block that could not be read: it has whatever port is asked for."""
+    """Replaces a block that could not be read: it has every port."""
 
     def __init__(self) -> None:
         self.inports = self.outports = _AnyPort()
 
 
 class _AnyPort(Mapping[str, Any]):
-    """Any port there is; the one meant when none is named is a new one each time, so never driven twice."""
+    """A mapping with every port; the default port is another one each time, so it never has two drivers."""
 
     _fresh = count()
 
@@ -250,7 +257,7 @@ class _AnyPort(Mapping[str, Any]):
 
 
 def _refusal(value: Any) -> str:
-    """Return what is wrong with a single TOML value, ``""`` if a diagram could hold it."""
+    """What is wrong with a single TOML value, ``""`` if a diagram can hold it."""
     if isinstance(value, float):
         return "nan, which is not a number"
     if isinstance(value, int) and abs(value) > 2**53:
@@ -261,6 +268,6 @@ def _refusal(value: Any) -> str:
 
 
 def _references(blocks: Mapping[str, Any]) -> list[str]:
-    """Return the names of ``values`` to which blocks refer."""
+    """The entries of ``values`` that blocks refer to."""
     parameters = [v for b in blocks.values() if isinstance(b, Block) for v in b.parameters.values()]
     return [leaf[1:] for value in parameters for _, leaf in leaves(value) if is_reference(leaf)]

@@ -13,7 +13,7 @@ _TEXT = {"type": "string"}
 
 
 def schema() -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of a diagram file, with every registered block."""
+    """The JSON schema (draft 2020-12) of a diagram file, with every registered block."""
     import tsmblocks.blocks  # noqa: F401 - imported for the blocks it registers
 
     kinds = {name: _kind(cls) for name, cls in sorted(REGISTRY.items())}
@@ -59,7 +59,7 @@ def _use() -> dict[str, Any]:
 
 
 def _kind(cls: type[Block]) -> dict[str, Any]:
-    """Return the schema of one type of block."""
+    """The schema of one type of block."""
     about = (cls.__doc__ or "").strip().partition("\n")[0]
     fields = {
         key: {"description": _words(field), **_value(field, field.default)} for key, field in cls.fields().items()
@@ -68,6 +68,7 @@ def _kind(cls: type[Block]) -> dict[str, Any]:
 
 
 def _words(field: Field) -> str:
+    """The description of a field."""
     unit = f" [{field.unit}]" if field.unit and "?" not in field.unit else ""
     return f"{field.about}{unit}; default {field.default}"
 

@@ -1,7 +1,4 @@
-"""From a file to TOML tables: reading bytes, understanding characters, saying which line is wrong.
-
-It knows TOML and nothing of diagrams.
-"""
+"""From a file to TOML tables: bytes, characters, and the line of a fault. It knows TOML and no diagrams."""
 
 from __future__ import annotations
 
@@ -14,11 +11,11 @@ from tsmblocks.common.errors import FileError, clip, near
 from tsmblocks.files.positions import Places
 
 MOST_BYTES = 20_000_000
-"""Bytes of one file. Recordings that need more belong in data files, not in a diagram."""
+"""Bytes of one file. Chosen: recordings that need more belong in data files, not in a diagram."""
 
 
 def load_text(path: Path) -> str:
-    """Return the text of a file; raises FileError where it cannot be had."""
+    """The text of a file; raises FileError where it cannot be read."""
     try:
         if path.is_dir():
             raise FileError(str(path), [f"{path}: this is a folder, and a file is needed."])
@@ -37,7 +34,7 @@ def load_text(path: Path) -> str:
 
 
 def decoded(data: bytes, where: str) -> str:
-    """Return bytes as text; raises FileError with the line of the first byte that is not UTF-8."""
+    """Bytes as text; raises FileError with the line of the first byte that is not UTF-8."""
     _check_size(len(data), where)
     try:
         return data.decode("utf-8-sig")
@@ -56,7 +53,7 @@ def _check_size(size: int, where: str) -> None:
 
 
 def parse_tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
-    """Return the tables of a TOML text, and the lines of what is in them; raises FileError."""
+    """The tables of a TOML text, and the lines of their keys; raises FileError."""
     _check_size(len(text), where)
     text = text.removeprefix("\ufeff").replace("\r\n", "\n")
     places = Places(text)
@@ -69,14 +66,14 @@ def parse_tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
         raise FileError(where, [f"{where}:{_in_line(str(error), text, places)}"]) from None
     except RecursionError:
         raise FileError(where, [f"{where}: brackets stand inside each other too deep."]) from None
-    except ValueError:  # Python reads no whole number of more digits than these
+    except ValueError:  # Python refuses whole numbers of more digits than these
         digits = re.search(r"[0-9_]{4300}", text)
         line = text.count("\n", 0, digits.start()) + 1 if digits else 1
         raise FileError(where, [f"{where}:{line}: a whole number has thousands of digits."]) from None
 
 
 def _in_line(message: str, text: str, places: Places) -> str:
-    """Return ``line: sentence`` for what tomllib has to say."""
+    """``line: sentence`` for a message of tomllib."""
     found = re.fullmatch(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", message, re.DOTALL)
     if found is None:
         return f"1: this is not TOML: {clip(message)}."

@@ -1,6 +1,6 @@
-"""From a diagram to the text of a file that reads as if written by hand.
+"""From a diagram to the text of a file, in the layout of one written by hand.
 
-Blocks stand on one line where they fit, wires one to a line, and what equals a default is left out.
+A block is written on one line where it fits, each wire on its own, and defaults are left out.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from tsmblocks.model.block import REGISTRY, Block
 from tsmblocks.model.diagram import Diagram, Inlet
 
 LINE_WIDTH = 100
+"""Characters of a line. Chosen: what an editor has beside a second window."""
 
 
 class _Unwritable(Exception):
-    """One sentence about a value that a file cannot hold."""
+    """A sentence about a value that a file cannot hold."""
 
 
 def text_of(diagram: Diagram) -> str:
-    """Return the text of a diagram's file; raises FileError with everything that a file cannot hold."""
+    """The text of a diagram file; raises FileError with everything that a file cannot hold."""
     writer = _Writer()
     lines = [f"format = {FORMAT}", *writer.body(diagram, "")]
     owner = f"diagram '{clip(str(diagram.title))}'"
@@ -40,11 +41,11 @@ def text_of(diagram: Diagram) -> str:
 
 
 Entry = tuple[str, list[tuple[str, str]]]
-"""A name with the keys and values of its table; a single key ``""`` stands for a bare value."""
+"""A name with the keys and values of its table; a value without a table has the single key ``""``."""
 
 
 class _Writer:
-    """Makes the lines of a diagram, collecting what cannot be written."""
+    """Writes the lines of a diagram, and collects what cannot be written."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
@@ -78,11 +79,11 @@ class _Writer:
         if known is None or (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
             self.problems.append(f"block '{said}': {kind.__name__} is not registered, so no file can name it.")
         if "type" in kind.fields():
-            self.problems.append(f"block '{said}': its parameter 'type' cannot be told from the block's type.")
+            self.problems.append(f"block '{said}': its parameter 'type' cannot be distinguished from the block's type.")
         pairs = [("type", toml(kind.__name__))]
         for key, field in kind.fields().items():
             given = getattr(block, key)
-            if repr(given) != repr(field.default):  # unlike ==, this tells -0.0 from 0.0
+            if repr(given) != repr(field.default):  # unlike ==, this distinguishes -0.0 from 0.0
                 pairs.append((key, self.value(given, f"{said}.{key}")))
         return pairs
 
@@ -94,7 +95,7 @@ class _Writer:
         return [("ports", ports), *((k, self.value(v, f"{name}.{k}", str)) for k, v in words.items())]
 
     def value(self, value: Any, name: str, kind: type = object) -> str:
-        """Return a value as TOML; what cannot be written becomes a problem."""
+        """A value as TOML; one that cannot be written becomes a problem."""
         try:
             if not isinstance(value, kind):
                 raise _Unwritable(f"is {in_words(value)}")
@@ -108,7 +109,7 @@ class _Writer:
 
 
 def _section(header: str, entries: list[Entry], always: bool = False) -> Iterator[str]:
-    """Yield a section: tables that fit on one line stand in it, the others in sections of their own."""
+    """Yield a section: tables that fit on one line are written so, the others as sections of their own."""
     inside: list[str] = []
     apart: list[Entry] = []
     for name, pairs in entries:
@@ -126,13 +127,13 @@ def _section(header: str, entries: list[Entry], always: bool = False) -> Iterato
 
 
 class _Array(str):
-    """The text of an array, which can also be had element by element."""
+    """The text of an array, with the texts of its elements."""
 
     items: list[str]
 
 
 def _folded(key: str, value: str) -> list[str]:
-    """Return ``key = value``; an array that is too wide is spread over several lines."""
+    """``key = value``; an array that is too wide is spread over several lines."""
     line = f"{key} = {value}"
     if len(line) <= LINE_WIDTH or not isinstance(value, _Array):
         return [line]
@@ -141,7 +142,7 @@ def _folded(key: str, value: str) -> list[str]:
 
 
 def _filled(items: Iterable[str], mark: str, width: int) -> list[str]:
-    """Return the items joined by ``mark``, in as few rows of at most ``width`` as they need."""
+    """The items joined by ``mark``, in as few rows of at most ``width`` as possible."""
     rows: list[list[str]] = []
     used = 0
     for item in items:
@@ -154,7 +155,7 @@ def _filled(items: Iterable[str], mark: str, width: int) -> list[str]:
 
 
 def split_wire(wire: str) -> list[str]:
-    """Return a chain as one or more of bearable width, joined at blocks that they share."""
+    """A chain as one or more that fit the line, joined at shared blocks."""
     if len(wire) + 5 <= LINE_WIDTH:
         return [wire]
     *stages, last = wire.split(" -> ")
@@ -176,7 +177,7 @@ def split_wire(wire: str) -> list[str]:
 
 
 def toml(value: Any) -> str:
-    """Return one value as TOML; raises _Unwritable."""
+    """One value as TOML; raises _Unwritable."""
     if isinstance(value, (bool, int)):
         huge = not isinstance(value, bool) and abs(value) > 2**53
         return tomli_w.dumps({"k": float(value) if huge else value})[4:-1]

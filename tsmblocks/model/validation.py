@@ -258,7 +258,7 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
         missing = wanted - set(values) - set(unsure)
         place = place_of(name)
         for key in sorted(missing)[:MOST_FAULTS]:
-            yield placed(f"{name}: '${clip(key)}' stands for a number that is not in values.{near(key, values)}", place)
+            yield placed(f"{name}: '${clip(key)}' refers to a number that is not in values.{near(key, values)}", place)
         if used and not wanted & set(unsure) and not missing and all(_is_number(values[k]) for k in wanted):
             try:
                 block.replace(
