@@ -1,4 +1,4 @@
-"""The form of kernel for big diagrams: states in memory, the right-hand side cut into functions.
+"""The form of kernel for large diagrams: states in memory, the right-hand side cut into functions.
 
 A single function of many thousand operations takes a compiler time that grows faster than its
 length; functions of some hundred operations that pass values through a work array do not.
@@ -103,7 +103,7 @@ class LargeKernel:
 
     @staticmethod
     def _without_fixed(program: Program, work: list[int], job: _Job) -> list[int]:
-        """Drop what only fixed nodes needed."""
+        """Drop nodes that only fixed nodes need."""
         wanted = {n for n, *_ in job.stores if n is not None}
         for node in reversed(work):
             if node in wanted:
@@ -132,7 +132,7 @@ class LargeKernel:
             values[node] = w.operation(name, [get(j, job.wide[node]) for j in args], job.wide[node])
             if node in places:
                 w.store(values[node], w.at("%work", places[node]), job.wide[node])
-            for store in due.pop(node, ()):  # at once, or it would wait in the frame for the end of the piece
+            for store in due.pop(node, ()):  # stored at once, so that it need not stay on the stack
                 put(*store)
         for left in due.values():
             for store in left:
@@ -192,7 +192,7 @@ class LargeKernel:
         self._cut(_Job("update", f.update, wide, new, places))
 
     def _place(self) -> None:
-        """Where each array lies in the work area."""
+        """Offset of each array in the work area."""
         stages = len(self.plan.method.weights)
         sizes = {
             "temporaries": self.temporaries,

@@ -74,12 +74,12 @@ class Writer:
         self.lines.append(f"  {text}")
 
     def label(self, name: str) -> None:
-        """Begin a basic block; splats made in other blocks may not reach it, so they are forgotten."""
+        """Begin a basic block; numbers widened in other blocks may not be defined in it, so they are dropped."""
         self.lines.append(f"{name}:")
         self._splats = dict(self._entry_splats)
 
     def end_of_entry(self) -> None:
-        """What has been widened so far reaches every block."""
+        """Keep the numbers widened so far: they are defined in every later block."""
         self._entry_splats = dict(self._splats)
 
     def type(self, wide: bool) -> str:
@@ -146,7 +146,7 @@ class Writer:
         return made
 
     def intrinsic(self, name: str, args: list[str], wide: bool) -> str:
-        """What a function of LLVM itself gives; it is declared when first used."""
+        """The value of an LLVM intrinsic, which is declared when first used."""
         t = self.type(wide)
         full = f"llvm.{name}." + (f"v{self.lanes}f64" if wide else "f64")
         self.declared[full] = f"declare {t} @{full}({', '.join([t] * len(args))})"
@@ -188,7 +188,7 @@ class Writer:
         if name in _COMPARE:
             return as_number(self.emit(f"fcmp {_COMPARE[name]} {t} {a[0]}, {a[1]}"))
         if name in ("FMIN", "FMAX"):
-            # a limit must not hide a NaN: in this order the compare keeps one in the first operand (and is
+            # min and max must keep a NaN: in this order the compare keeps one in the first operand (and is
             # one instruction), the second selection one in the second
             flag = self.emit(f"fcmp {'olt' if name == 'FMIN' else 'ogt'} {t} {a[1]}, {a[0]}")
             chosen = self.emit(f"select {bit} {flag}, {t} {a[1]}, {t} {a[0]}")
@@ -246,7 +246,7 @@ class Writer:
 
 
 class _Maths:
-    """The few verbs in which the polynomials below are written."""
+    """Shorthand for the polynomials below."""
 
     def __init__(self, w: Writer, wide: bool) -> None:
         self.w, self.wide = w, wide
@@ -304,7 +304,7 @@ class _Maths:
         return self.power(self.op(f"fptosi {self.t} {n} to {self.i}"))
 
     def power(self, whole: str) -> str:
-        """2**n for the low bits of a whole number."""
+        """2**n for the low bits of an integer."""
         biased = self.op(f"add {self.i} {whole}, {self.n(1023)}")
         shifted = self.op(f"shl {self.i} {biased}, {self.n(52)}")
         return self.op(f"bitcast {self.i} {shifted} to {self.t}")
@@ -345,8 +345,8 @@ def _expm1_body(m: _Maths, x: str) -> str:
 def _tanh_body(m: _Maths, x: str) -> str:
     """Written for a short chain of operations, since every plant with hysteresis evaluates it at each stage.
 
-    Adding 1.5 * 2**52 rounds to integers and leaves them in the low bits; what is beyond the
-    reach of that is set right at the end, beside the chain.
+    Adding 1.5 * 2**52 rounds to integers and leaves them in the low bits; arguments
+    outside of its range are replaced at the end, in parallel to the chain.
     """
     big = m.c(6755399441055744.0)
     twice = m.add(x, x)
@@ -359,12 +359,12 @@ def _tanh_body(m: _Maths, x: str) -> str:
     y = m.div(m.fma(s, e, m.sub(s, m.c(1.0))), m.fma(s, e, m.add(s, m.c(1.0))))
     far = m.compare("ogt", m.w.intrinsic("fabs", [x], m.wide), m.c(20.0))
     one = m.w.intrinsic("copysign", [m.c(1.0), x], m.wide)
-    m.w.declared["!0"] = "!0 = !{}"  # without the mark the choice becomes a branch around the division
+    m.w.declared["!0"] = "!0 = !{}"  # without this mark LLVM makes it a branch around the division
     return m.op(f"select {m.b} {far}, {m.t} {one}, {m.t} {y}, !unpredictable !0")
 
 
 def _sincos(m: _Maths, x: str, cosine: bool) -> str:
-    """Fine to |x| of some 1e9: reduction in two parts by pi/2, then the usual two polynomials."""
+    """Accurate up to |x| of about 1e9: reduction by pi/2 in two parts (Cody and Waite), then Taylor polynomials."""
     n = m.round(m.mul(x, m.c(2 / math.pi)))
     minus = m.op(f"fneg {m.t} {n}")
     r = m.fma(minus, m.c(1.5707963267948966), x)
@@ -382,7 +382,7 @@ def _sincos(m: _Maths, x: str, cosine: bool) -> str:
     sign = m.op(f"shl {m.i} {m.op(f'and {m.i} {k}, {m.n(2)}')}, {m.n(62)}")
     bits = m.op(f"xor {m.i} {m.op(f'bitcast {m.t} {chosen} to {m.i}')}, {sign}")
     y = m.op(f"bitcast {m.i} {bits} to {m.t}")
-    # beyond the reduction's reach there is no good answer, so there is none
+    # beyond the range of the reduction the result would be wrong, so it is NaN
     far = m.compare("ogt", m.w.intrinsic("fabs", [x], m.wide), m.c(1e9))
     return m.pick(far, m.c(math.nan), y)
 

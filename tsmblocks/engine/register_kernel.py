@@ -11,7 +11,7 @@ Values = dict[int, str]
 
 
 class RegisterKernel:
-    """Writes one kernel. Nodes are written where they first hold: once, per instant, or per stage."""
+    """Writes one kernel. Each node is computed as seldom as it changes: once, per instant, or per stage."""
 
     def __init__(self, plan: Plan, host: str) -> None:
         self.f = KernelFrame(plan, host)
@@ -49,7 +49,7 @@ class RegisterKernel:
                 values[node] = w.operation(name, given, wide[node])
 
     def result(self, node: int | None, values: Values, wide: bool) -> str:
-        """A goal's value in the width that its receiver has."""
+        """The value of an output, widened where it is stored for each lane."""
         if node is None:
             return self.w.constant(0.0, wide)
         value = values[node]
@@ -211,7 +211,7 @@ class RegisterKernel:
         self._carry(instants)
 
     def _instant(self, offset: float) -> tuple[Values, list[str], str]:
-        """Values known before a stage at this offset: the hoisted, and at the step's start the carried ones."""
+        """Values known before a stage at this offset: hoisted ones and, at the start of a step, carried ones."""
         values = dict(self.fixed)
         if offset == 0:
             values |= {n: self.w.load(f"%c{n}", self.f.wide[n]) for n in self.front}
