@@ -16,7 +16,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.arguments import TimeGrid, as_diagram
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -110,19 +110,22 @@ def simulate_batch(
 class PreparedBatch:
     """A batch that can be run in parts; the results of a set do not depend on the part in which it is run.
 
-    ``sets`` maps parameters to their values (sets,), ``t`` (N,) [s] are the instants that are kept.
+    ``sets`` maps parameters to their values (sets,).
     """
 
     sets: Mapping[str, np.ndarray]
-    t: np.ndarray
     _eq: Equations
     _kernel: Kernel
     _whole: Callable[[Memory], np.ndarray]
     _base: np.ndarray
     _columns: Mapping[str, int]
-    _h: float
-    _start: float
+    _times: TimeGrid
     _signals: list[tuple[Signal, int]]
+
+    @property
+    def t(self) -> np.ndarray:
+        """The instants that are kept in s, shape (N,)."""
+        return self._times.logged
 
     @property
     def count(self) -> int:
@@ -147,14 +150,14 @@ class PreparedBatch:
         Call it from one thread at a time: it uses threads itself.
         """
         lanes = self.lanes
-        groups = range(first, last, lanes)
+        t, groups = self.t, range(first, last, lanes)
         # CasADi functions are not thread-safe, so all memory is made before.
-        memories = [lane_memory(self._eq, self._kernel, self._parameters(k), self._h) for k in groups]
+        memories = [lane_memory(self._eq, self._kernel, self._parameters(k), self._times.h) for k in groups]
 
         def group(begin: int, memory: Memory) -> dict[str, np.ndarray]:
             y = self._whole(memory)
             found = {name: lane_columns(y, self._kernel, k, lanes) for name, k in self._columns.items()}
-            made = dict(reduce(self.t, found)) if reduce is not None else {k: v.T for k, v in found.items()}
+            made = dict(reduce(t, found)) if reduce is not None else {k: v.T for k, v in found.items()}
             return {k: np.asarray(v)[: last - begin].copy() for k, v in made.items()}
 
         workers = as_integer("threads", threads, 1) if threads is not None else os.cpu_count() or 1
@@ -167,7 +170,7 @@ class PreparedBatch:
         numbers = {name: float(values[k]) for name, values in self.sets.items()}
         p = self._base.copy()
         p[[self._eq.p.index(name) for name in numbers]] = list(numbers.values())
-        return RunStart(self._eq, p, self._start, self._signals, label=set_text(numbers))
+        return RunStart(self._eq, p, self._times.start, self._signals, label=set_text(numbers))
 
     def _parameters(self, first: int) -> np.ndarray:
         """Parameters of the sets from ``first`` on, one set per lane; unused lanes repeat the last set."""
@@ -202,15 +205,4 @@ def batch_of(
     signals = options.signals(eq)
     whole = whole_run(eq, kernel, signals, times)
     columns = {name: chosen.index(k) for name, k in zip(names, signal_positions(eq, names), strict=True)}
-    return PreparedBatch(
-        sets,
-        times.grid[:: times.every],
-        eq,
-        kernel,
-        whole,
-        parameter_vector(eq, diagram),
-        columns,
-        times.h,
-        times.start,
-        signals,
-    )
+    return PreparedBatch(sets, eq, kernel, whole, parameter_vector(eq, diagram), columns, times, signals)
