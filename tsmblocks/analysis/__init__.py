@@ -1,4 +1,8 @@
-"""Analysis: operating points, linear models, and how a nonlinear loop answers sines of different size."""
+"""Analysis: operating points, linear models, and the frequency response of nonlinear diagrams.
+
+Reading order: ``operating_point`` (trim), ``linearization`` (continuous time, and loops opened at a wire),
+``discrete_time`` (sampled blocks); ``frequency_response`` is independent of them.
+"""
 
 from tsmblocks.analysis.frequency_response import FrequencyResponse as FrequencyResponse
 from tsmblocks.analysis.frequency_response import SettlingWarning as SettlingWarning
