@@ -92,7 +92,7 @@ def test_fit_prints_the_numbers_what_is_left_and_where_they_are(run):
     assert len(lines[5].split()) == 4  # a gain has no unit and is no angle
     k = lines.index("")
     k = lines.index("", k + 1)
-    assert lines[k + 1].split() == ["what", "is", "left", "rms", "largest", "unit", "fit", "samples"]
+    assert lines[k + 1].split() == ["residual", "rms", "largest", "unit", "fit", "samples"]
     cells = lines[k + 2].split()
     assert (cells[0], cells[1], cells[4], cells[7]) == ("sheath,", "x_out", "deg", "400")
     assert 0.25 < float(cells[2]) < 0.35
@@ -312,7 +312,7 @@ def test_every_file_by_itself(run):
     status, out, err = run(*words, "--out", "b.toml", "--plot", "b.png")
     assert (status, err) == (0, "")
     lines = out.splitlines()
-    assert lines[2] == "rms held out [deg], every file fitted by itself; * is the best"
+    assert lines[2] == "rms held out [deg], every file fitted alone; * is the best"
     assert lines[4].split() == ["model", "sheath", "stiff", "all"]
     assert [line.split()[0] for line in lines[5:7]] == ["play", "linear"]
     assert [cell.endswith("*") for cell in lines[5].split()[1:]] == [True] * 3
@@ -373,9 +373,9 @@ def test_pairs_that_move_together_are_told_unless_a_combination_says_it():
     )
     together = [set(u.names) for u in fit.undetermined]
     assert any({"tsm.alpha_zeta", "tsm.A"} <= names for names in together)
-    told = [text for text in telling.cautions(fit) if "hard to tell apart" in text]
+    told = [text for text in telling.cautions(fit) if "hard to distinguish" in text]
     for a, b, c in telling.tangled(fit):
-        assert (f"{a} and {b} are hard to tell apart (correlation {c:+.3f})." in told) != any(
+        assert (f"{a} and {b} are hard to distinguish (correlation {c:+.3f})." in told) != any(
             {a, b} <= names for names in together
         )
 

@@ -513,10 +513,11 @@ def test_a_parameter_that_was_found_near_zero_moves_by_a_number():
 def test_a_combination_of_many_is_told_by_the_largest():
     x = np.sin(np.arange(500) * 0.1)
     one = _Teller(tuple("abcdefghi"), np.array([x] * 9), 0.01, np.ones(9), np.ones(9)).combination(
-        np.linspace(1, 0.2, 9), "cannot be told apart"
+        np.linspace(1, 0.2, 9), "are indistinguishable with these data"
     )
     assert one.words.startswith(
-        "a, b, c, d, e and 4 more cannot be told apart: raising a by 1 % while raising b by 0.9 %, raising c by 0.8 %, "
+        "a, b, c, d, e and 4 more are indistinguishable with these data: raising a by 1 % while raising b by 0.9 %, "
+        "raising c by 0.8 %, "
         "raising d by 0.7 %, raising e by 0.6 % and moving 4 more changes the outputs by "
     )
     assert len(one.names) == 9
@@ -552,7 +553,7 @@ def test_noise_can_hide_what_data_could_tell():
     names = [name for name in BOUC_WEN if name not in ("tsm.alpha_zeta", "offset.bias")]
     found = bouc_wen(names, TWO_TONES, T, noise=1.0)
     assert {u.kind for u in found} == {"combination", "uncertain"}
-    assert all("cannot be told apart" in u.words for u in found if u.kind == "combination")
+    assert all("are indistinguishable with these data" in u.words for u in found if u.kind == "combination")
     assert "tsm.gamma" in {name for u in found for name in u.names}
 
 

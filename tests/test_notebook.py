@@ -114,7 +114,7 @@ def test_a_fit_shows_the_printed_numbers_with_intervals(things):
     assert len(printed) == 2
     for line in printed:
         assert " ".join(line[:4]) in text
-    assert "what is left" in text
+    assert "residual" in text
 
 
 def test_a_diagnosis_shows_verdict_effect_and_gap(things):

@@ -476,7 +476,7 @@ def a_start_from_which_the_simulation_runs_away():
 
 @mistake(
     RunError,
-    "the search cannot begin: there the simulation is so far from what was measured that the square of the difference is no number. Is a start value or a unit wrong?",
+    "the search cannot begin: there the simulation is so far from what was measured that the square of the difference is no number. Is an initial state or a unit wrong?",
 )
 def a_start_too_far_off_to_be_squared():
     fit(start={"gain.gain": 1e200}, starts=1)

@@ -1,4 +1,4 @@
-"""``compare``: several models fitted to the same recordings and ranked on parts none of them was fitted to."""
+"""``compare``: several models fitted to the same recordings and ranked by their error on validation data."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
 SHIPPED = "tendon_sheath_"
-"""Ready-made diagrams whose names begin so are compared when no models are given."""
+"""Prefix of the shipped diagrams that are compared when no models are given."""
 
 Models = Mapping[str, Any] | Iterable[Any] | None
 
 
 @attrs.frozen(eq=False)
 class Row:
-    """One model: its fit, what it leaves of the parts it was fitted to, and of those held out.
+    """One model: its fit, and its residuals on training and validation data.
 
     ``fault`` says why a model could not be fitted, and the rest is then empty; or, where there is a ``fit``, why it
-    could not be judged by the parts held out.
+    could not be validated.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Row:
 
     @property
     def parameters(self) -> int:
-        """How many numbers were fitted, start values aside."""
+        """Number of fitted parameters, initial states not counted."""
         return 0 if self.fit is None else sum(not e.is_start for e in self.fit.estimates)
 
     @property
@@ -57,7 +57,7 @@ class Row:
 
     @property
     def figure(self) -> float:
-        """What models are ranked by: the rms held out, or that of the fit where nothing was; infinite on a fault."""
+        """RMS by which models are ranked: on validation data, or that of the fit without any; infinite on a fault."""
         best = self.held_out or self.train
         return np.inf if best is None or self.fault else best.rms
 
@@ -97,12 +97,12 @@ class Comparison:
 
     @property
     def above_noise(self) -> float:
-        """What the best model leaves, over the noise; NaN where that is not known."""
+        """Error of the best model relative to the noise; NaN where that is not known."""
         return self.best.figure / self.noise if self.noise > 0 else float("nan")
 
     @property
     def best(self) -> Row:
-        """The model that leaves least."""
+        """The model of the least error."""
         return self.rows[0]
 
     def __iter__(self) -> Iterator[Row]:
@@ -312,7 +312,7 @@ def _ranked(
 def _assumed_units(
     models: Mapping[str, Diagram], records: Mapping[str, Record], outputs: Iterable[str] | None
 ) -> list[str]:
-    """What signals without a unit are taken to be in. Raises DataError where it can hardly be that."""
+    """Units assumed for signals without one. Raises DataError where one is implausible."""
     return [
         text
         for diagram in models.values()
@@ -321,18 +321,18 @@ def _assumed_units(
 
 
 def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[float, str]:
-    """The noise of the output that was compared, and how it was found; NaN for several, or where there is none."""
+    """Noise of the compared output and how it was estimated; NaN for several outputs, or without an estimate."""
     names = {d.output for d in best.train or ()}
     if len(names) != 1:
         return float("nan"), ""
     try:
         return noise_of_recordings(records, name := names.pop(), diagram.unit(name), diagram.inports)
-    except DataError:  # too few samples to tell
+    except DataError:  # too few samples
         return float("nan"), ""
 
 
 def _judged(name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Row:
-    """A model that was fitted, with what it leaves of the parts it was not fitted to, or why that is not known."""
+    """A fitted model with its residuals on validation data, or why these are not known."""
     try:
         left = _held_out(found, records, parts, common) if parts else None
     except NotFinite as error:
@@ -341,7 +341,7 @@ def _judged(name: str, found: Fit, records: Mapping[str, Record], parts: Mapping
 
 
 def _held_out(found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Differences:
-    """What a fitted model leaves of the parts it was not fitted to."""
+    """Residuals of a fitted model on validation data."""
     made = []
     for name, window in parts.items():
         diagram = found.diagrams.get(name, found.diagram)

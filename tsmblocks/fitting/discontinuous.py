@@ -1,7 +1,7 @@
-"""Numbers by which the outputs only jump, such as the instant of a step or the interval of a quantiser.
+"""Parameters in which the outputs are discontinuous, such as the instant of a step or the interval of a quantiser.
 
-No slope leads to them, so many values are tried side by side along each, by turns with a search of all other
-numbers; and how sure they are is read off how far each can go before the differences grow.
+Derivatives say nothing of them, so many values of each are simulated side by side, by turns with a search in all
+other parameters; their uncertainty is how far each can go before the residuals grow.
 """
 
 from __future__ import annotations

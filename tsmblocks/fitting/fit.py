@@ -291,7 +291,7 @@ def starting_points(problem: Problem, setup: Setup, begin: np.ndarray, starts: i
                 raise_cause(setup.diagram, experiment, p)
         raise RunError(
             "the search cannot begin: there the simulation is so far from what was measured that the square "
-            "of the difference is no number. Is a start value or a unit wrong?"
+            "of the difference is no number. Is an initial state or a unit wrong?"
         )
     return begins
 

@@ -1,4 +1,4 @@
-"""What the data cannot tell: parameters without effect, combinations without effect, and estimates all too wide."""
+"""What is not identifiable from the data: parameters and combinations without effect, and estimates too uncertain."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PASSING = 0.002
 NEAR_ZERO = 0.1
 """Share of its size below which a parameter counts as found near zero: a percentage of it would say nothing."""
 MOST_TOLD = 5
-"""Parameters of a combination that are told by name."""
+"""Parameters of a combination that are named in a message. Chosen."""
 MOST_TRIED = 400
 """Choices of parameters to leave out that are tried for combinations of few parameters."""
 
@@ -72,7 +72,7 @@ def undetermined(
     high: np.ndarray | None = None,
     level: float = 0.95,
 ) -> tuple[Undetermined, ...]:
-    """Name what the data cannot tell, the plainest first.
+    """Name what is not identifiable from the data, the plainest first.
 
     ``J`` (N, p), ``r`` (N,), ``prior`` and ``held`` are those of the ``uncertainty`` that is ``known``.
     ``scales`` (p,) are the changes that count as all of a parameter (``sizes``; by default what was found,
@@ -96,7 +96,7 @@ def undetermined(
     found += [told.combination(v, "only matter through a combination") for v in weak]
     half = intervals(np.zeros(len(theta)), known.covariance, known.freedom, level)[1] / scales
     vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
-    found += [told.combination(v, "cannot be told apart", LEADING) for v in vague]
+    found += [told.combination(v, "are indistinguishable with these data", LEADING) for v in vague]
     named = {name for u in found for name in u.names}
     box = np.full(len(theta), math.inf)
     if low is not None and high is not None:

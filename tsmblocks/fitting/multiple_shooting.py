@@ -1,7 +1,7 @@
 """Multiple shooting: each experiment cut into segments whose start states are free and must join.
 
-A plant that runs away over a whole recording does not over a short piece of it, so the search sees
-useful differences from the first iteration on. Source: Bock, Springer Ser. Chem. Phys. 18 (1981) 102.
+A plant that diverges over a whole recording does not over a short piece of it, so the search sees
+useful residuals from the first iteration on. Source: Bock, Springer Ser. Chem. Phys. 18 (1981) 102.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ class _Pieces:
         )
 
     def first_guess(self, theta: np.ndarray) -> np.ndarray:
-        """Start states by simulating on from piece to piece; where that runs away, the last good state is kept."""
+        """Initial states by simulation from piece to piece; where that diverges, the last finite state is kept."""
         eqs = [self.problem.experiments[piece.experiment].eq for piece in self.pieces]
         total = sum(len(eq.x) + len(eq.d) for eq, piece in zip(eqs, self.pieces, strict=True) if piece.place >= 0)
         z = np.concatenate([theta, np.zeros(total)])
@@ -209,7 +209,7 @@ class _Pieces:
         return z
 
     def _at_rest(self, piece: Segment, theta: np.ndarray) -> np.ndarray:
-        """Start values of the diagram."""
+        """Initial states of the diagram."""
         trial = self.problem.experiments[piece.experiment]
         x, d, _ = trial.eq.start(self.problem.unknowns.parameters(theta, piece.experiment))
         return np.concatenate([np.asarray(x).ravel(), np.asarray(d).ravel()])

@@ -24,7 +24,7 @@ _TEXT = re.compile(
 
 @attrs.frozen
 class Floor:
-    """A noise floor for one output (``""``: for all that it measures), in ``unit`` (``""``: none was said)."""
+    """A noise floor for one output (``""``: for all that it measures), in ``unit`` (``""``: none was given)."""
 
     output: str
     value: float

@@ -25,7 +25,7 @@ LONGEST = 10_000
 FEWEST = 40
 """Samples below which a segment cannot tell the colour of its own noise."""
 ROUNDS = 10
-"""Rounds, at most, in which noise and parameters are told apart."""
+"""Iterations at most between the noise model and the parameters. Chosen."""
 ENOUGH = 2e-3
 """Change of a round, beside the uncertainty of the parameters, that ends them."""
 RIDGE = 1e-7

@@ -253,7 +253,7 @@ def numbers(diagram: Diagram) -> dict[str, list[Field]]:
 def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free") -> list[str]:
     """Parameters named by patterns (``tsm.*``, ``offset.bias``), in the diagram's order.
 
-    Without patterns: all but start values, and what is ``known`` by its declaration. Raises ParameterError for a
+    Without patterns: all but initial states, and what is ``known`` by its declaration. Raises ParameterError for a
     pattern that matches nothing.
     """
     known = numbers(diagram)
@@ -274,12 +274,12 @@ def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free")
 
 
 def is_start(fields: list[Field]) -> bool:
-    """Whether a number is the start value of a state: patterns leave those out, names do not."""
+    """Whether a number is the initial value of a state: patterns leave those out, names do not."""
     return bool(fields) and all(f.kind == "state" for f in fields)
 
 
 def _is_set(fields: list[Field]) -> bool:
-    """Whether a number is free only where it is named: a start value, or one that is known."""
+    """Whether a number is free only where it is named: an initial state, or one that is known."""
     return bool(fields) and all(f.kind == "state" or f.known for f in fields)
 
 

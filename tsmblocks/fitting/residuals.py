@@ -111,7 +111,7 @@ class Problem:
         high = np.minimum(theta + reach, self.unknowns.high)
         made, first = np.zeros((self.samples, len(theta))), 0
         for e, experiment in enumerate(self.experiments):
-            columns = self.unknowns.columns(e)  # another experiment's start values change nothing here
+            columns = self.unknowns.columns(e)  # initial states of another experiment change nothing here
             many = self.outputs(
                 [np.where(np.arange(len(theta)) == k, side, theta) for k in columns for side in (low, high)], e
             )

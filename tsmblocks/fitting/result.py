@@ -1,4 +1,4 @@
-"""What a fit returns: the fitted diagram, the numbers with their intervals, and what the data leave open."""
+"""What a fit returns: the fitted diagram, the numbers with their intervals, and what is not identifiable."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ STATUS = {
 
 @attrs.frozen
 class Estimate:
-    """One number found, with the interval it lies in at the level of the fit (95 % by default).
+    """One estimated parameter with its confidence interval (95 % by default).
 
-    ``low`` and ``high`` are NaN where the data say nothing of it; ``verdict`` then says why
+    ``low`` and ``high`` are NaN where it is not identifiable; ``verdict`` then says why
     (``"no influence"``, ``"not determined"``), and ``"at its lower bound"`` where a bound holds it.
-    ``is_start`` marks the start value of a state.
+    ``is_start`` marks the initial value of a state.
     """
 
     name: str
@@ -114,29 +114,29 @@ class Fit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what was found, in the order of ``covariance``."""
+        """Names of the estimates, in the order of ``covariance``."""
         return tuple(e.name for e in self.estimates)
 
     @property
     def values(self) -> dict[str, float]:
-        """Numbers found, by name."""
+        """Estimated values by name."""
         return {e.name: e.value for e in self.estimates}
 
     @property
     def rms(self) -> float:
-        """Root mean square of what is left, in the unit of ``differences``."""
+        """Root mean square of the residual, in the unit of ``differences``."""
         return self.differences.rms
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlation of the estimates, shape (unknowns, unknowns); NaN for those held or left open."""
+        """Correlation of the estimates, shape (unknowns, unknowns); NaN for those at a bound or not identifiable."""
         spread = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore", divide="ignore"):
             return self.covariance / np.outer(spread, spread)
 
     @property
     def runs(self) -> dict[str, Run]:
-        """A run of each experiment with the numbers found, all signals kept."""
+        """A run of each experiment with the estimates, all signals logged."""
         from tsmblocks.fitting.experiments import inputs
         from tsmblocks.simulation.simulate import simulate
 

@@ -15,10 +15,10 @@ from tsmblocks.fitting.statistics import moved
 COVERED = 0.5
 """Change of a number by halving the step, in half widths of its interval, that the interval does not cover any more.
 
-At a kink the error falls in proportion to the step, so what is left of it then is as large again.
+At a kink the error falls in proportion to the step, so the remaining error is as large again.
 """
 FAR = 100.0
-"""Such a change that is told in words only."""
+"""Such a change that is reported without a figure."""
 
 
 def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
@@ -57,7 +57,7 @@ def shifts(
     """How far each number moves by halving the step, in half widths of its interval, shape (p,); 0 without interval.
 
     ``coarse`` and ``fine`` (N,) are the residuals with the same numbers, ``J`` (N, p) their derivatives. ``prior`` and
-    ``held`` as for ``uncertainty``. What runs away at half the step moves infinitely far.
+    ``held`` as for ``uncertainty``. A simulation that diverges at half the step counts as an infinite change.
     """
     known = np.isfinite(half_widths) & (half_widths > 0)
     if not np.isfinite(fine).all():

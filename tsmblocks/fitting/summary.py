@@ -1,4 +1,4 @@
-"""From the ends of searches to a result: intervals, what is held, what is left open, what to beware of."""
+"""From the outcome of searches to a result: confidence intervals, active constraints, identifiability, remarks."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def _known_parameter_notes(setup: Setup, free: list[str]) -> list[str]:
     fields = numbers(setup.diagram)
     return [
         f"{name} is as a rule known. A search finds such a number only from close by, and its interval is that of "
-        "where this one ended: compare what is left with what the number on the data sheet leaves."
+        "where this one ended: compare the residual with that of the number on the data sheet."
         for name in dict.fromkeys(free)
         if any(f.known for f in fields[name])
     ]

@@ -1,4 +1,4 @@
-"""Fits and comparisons in words: tables of numbers, what is left of the gap, and what to beware of."""
+"""Fits and comparisons as text: tables of estimates and residuals, and remarks."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tsmblocks.fitting.result import STATUS, Estimate, Fit
 from tsmblocks.fitting.score import Differences
 
 CLOSE = 0.95
-"""Correlation from which two parameters are told as hard to tell apart."""
+"""Magnitude of a correlation from which two parameters are reported as hard to distinguish. Chosen."""
 FAR = 1.5
-"""Error beside the noise from which it is told what to do about it."""
+"""Error relative to the noise from which advice is given. Chosen."""
 MOST = 5
-"""Pairs of parameters that are told; the rest is counted."""
+"""Pairs of parameters that are listed; the rest is counted. Chosen."""
 LEAST, EXACT = 3, 7
 """Significant digits that are shown of every number, and of the best known one."""
 
@@ -61,13 +61,13 @@ def estimate_rows(fit: Fit, some: Iterable[Estimate] | None = None) -> list[tupl
 
 
 def left(differences: Differences) -> str:
-    """The table of what is left between simulation and measurement, angles in degrees."""
+    """The table of residuals, angles in degrees."""
     return columns(left_rows(differences), left=(0, 3))
 
 
 def left_rows(differences: Differences) -> list[tuple[str, ...]]:
-    """The rows of the table of what is left, the heading first: signal, rms, largest, unit, fit, samples."""
-    rows: list[tuple[str, ...]] = [("what is left", "rms", "largest", "unit", "fit", "samples")]
+    """The rows of the table of residuals, the heading first: signal, rms, largest, unit, fit, samples."""
+    rows: list[tuple[str, ...]] = [("residual", "rms", "largest", "unit", "fit", "samples")]
     shown = [d.in_degrees() for d in differences]
     rows += [
         (
@@ -119,14 +119,14 @@ def cautions(fit: Fit) -> list[str]:
     strongest: dict[str, float] = {}
     for words, (*_, c) in zip(_gathered([(a, b) for a, b, _ in pairs]), pairs, strict=True):
         strongest.setdefault(words, c)
-    said += [f"{words} are hard to tell apart (correlation {c:+.3f})." for words, c in [*strongest.items()][:MOST]]
+    said += [f"{words} are hard to distinguish (correlation {c:+.3f})." for words, c in [*strongest.items()][:MOST]]
     if len(strongest) > MOST:
         said.append(f"So are {len(strongest) - MOST} more pairs, above a correlation of {CLOSE:g}.")
     return [*said, *fit.notes]
 
 
 def _gathered(groups: Sequence[tuple[str, ...]]) -> list[str]:
-    """Each group of names in words: start values of many experiments as one, which several groups then share."""
+    """Each group of names in words: initial states of many experiments as one, which several groups then share."""
     found: dict[tuple[str, ...], list[str]] = {}
     split = [[name.partition("@") for name in group] for group in groups]
     own = [tuple(sorted(p for p, *_ in parts)) if len({e for *_, e in parts}) == 1 else () for parts in split]
@@ -222,13 +222,13 @@ def beside_noise(comparison: Comparison) -> list[str]:
 
 
 def open_numbers(fit: Fit) -> list[str]:
-    """Numbers of a fit that its data do not determine, start values last."""
+    """Numbers of a fit that its data do not determine, initial states last."""
     open_ = {name for u in fit.undetermined if u.kind != UNCERTAIN for name in u.names}
     return [e.name for e in sorted(fit.estimates, key=lambda e: e.is_start) if e.name in open_]
 
 
 def by_file(found: Mapping[str, Comparison]) -> str:
-    """A table of models and files, each fitted by itself; the best of a file has a star."""
+    """A table of models and files, each fitted alone; the best of a file has a star."""
     k, unit = for_people(next(iter(found.values())).unit)
     ranked = overall(found)
     least = [*(min(row.figure for row in one) for one in found.values()), ranked[0][1]]
@@ -253,7 +253,7 @@ def by_file(found: Mapping[str, Comparison]) -> str:
             ]
         )
     what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held out"
-    parts = [f"{what} [{unit}], every file fitted by itself; * is the best", text]
+    parts = [f"{what} [{unit}], every file fitted alone; * is the best", text]
     best = ranked[0][0]
     said = [
         _bullet(f"{best}, {name}: {words}")
