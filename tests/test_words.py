@@ -23,7 +23,8 @@ IDIOM = {
 }
 """Pattern -> the standard term."""
 SOURCES = sorted((ROOT / "tsmblocks").rglob("*.py"))
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "tsmblocks").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+PAGES += sorted(p for kind in ("*.md", "*.rst", "*.html") for p in (ROOT / "tsmblocks").rglob(kind))
 
 
 def words_of(path):
