@@ -330,7 +330,7 @@ def test_what_was_added_is_what_goes_when_it_is_taken_back():
     ]
     assert (back.added, back.removed) == (there.removed, there.added)
     assert (back.wires_added, back.wires_removed) == (there.wires_removed, there.wires_added)
-    assert [(c.before, c.after) for c in back.numbers] == [(c.after, c.before) for c in there.numbers]
+    assert [(c.before, c.after) for c in back.parameters] == [(c.after, c.before) for c in there.parameters]
 
 
 def test_blocks_in_code_make_the_same_blocks():

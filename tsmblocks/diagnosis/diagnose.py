@@ -189,8 +189,8 @@ def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: 
             raw, settings = split_into_pieces(compared, delay)[0], attrs.evolve(settings, window=windows)
             notes.append(f"{part.name}: the plant integrates, so its simulation restarts every second.")
         base = _calibrated(part, records, settings, progress)
-        floors, words = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
-        notes += words
+        floors, more_notes = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
+        notes += more_notes
         if floors.sigma != settings.sigma:
             settings = attrs.evolve(settings, sigma=floors.sigma)
             base = _calibrated(part, records, settings, progress)
@@ -205,8 +205,8 @@ def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: 
         count = accepted_count(rounds, search)
         raise _Interrupted(DiagnosedPart(part, search, floors, rounds, count, rounds[count].base)) from None
     count = accepted_count(rounds, search)
-    final, words = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
-    notes += [f"{part.name}: {text}" for text in words]
+    final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
+    notes += [f"{part.name}: {text}" for text in more_notes]
     return DiagnosedPart(part, search, floors, rounds, count, final)
 
 

@@ -37,7 +37,7 @@ class Difference:
     removed: dict[str, str]
     wires_added: tuple[str, ...]
     wires_removed: tuple[str, ...]
-    numbers: tuple[ChangedParameter, ...]
+    parameters: tuple[ChangedParameter, ...]
 
     @property
     def lines(self) -> list[tuple[str, str]]:
@@ -47,7 +47,7 @@ class Difference:
             *(("+", f"{name} = {words}") for name, words in self.added.items()),
             *(("-", wire) for wire in self.wires_removed),
             *(("+", wire) for wire in self.wires_added),
-            *(("~", one.words) for one in self.numbers),
+            *(("~", one.words) for one in self.parameters),
         ]
 
 
@@ -55,7 +55,7 @@ def difference(before: Diagram, after: Diagram) -> Difference:
     """What turns ``before`` into ``after``."""
     old, new = _all_wires(before), _all_wires(after)
     known = before.parameters
-    numbers = tuple(
+    parameters = tuple(
         ChangedParameter(name, known[name], value, unit_of(after, name))
         for name, value in after.parameters.items()
         if name in known and abs(value - known[name]) > PARAMETER_TOLERANCE * max(abs(value), abs(known[name]))
@@ -65,7 +65,7 @@ def difference(before: Diagram, after: Diagram) -> Difference:
         {k: in_code(b) for k, b in before.blocks.items() if k not in after.blocks},
         tuple(w for w in new if w not in old),
         tuple(w for w in old if w not in new),
-        numbers,
+        parameters,
     )
 
 

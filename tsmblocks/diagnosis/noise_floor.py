@@ -52,10 +52,7 @@ def noise_floors(
         else:
             sigma[name], method[name] = _estimated(records, diagram, name)
     return NoiseFloors(
-        sigma,
-        method,
-        all(m != HIGH_FREQUENCIES for m in method.values()),
-        {k: words for k, (_, words) in given.items()},
+        sigma, method, all(m != HIGH_FREQUENCIES for m in method.values()), {k: text for k, (_, text) in given.items()}
     )
 
 
@@ -78,7 +75,7 @@ def lowered_noise_floors(
     ``residual_rms`` is that of each output, divided by its floor. An estimated floor is replaced by the fast noise,
     where that is lower; a given one stays, with a warning.
     """
-    sigma, method, words = dict(found.sigma), dict(found.method), list[str]()
+    sigma, method, more_notes = dict(found.sigma), dict(found.method), list[str]()
     for name, share in residual_rms.items():
         unit = diagram.unit(name)
         if share * MAX_FLOOR_RATIO >= 1:
@@ -86,7 +83,7 @@ def lowered_noise_floors(
         floor, rms = (in_display_units(k * sigma[name], unit) for k in (1.0, share))
         if method[name] == GIVEN:
             meant = f" ({unit})" if unit else ""
-            words.append(
+            more_notes.append(
                 f"the noise floor given for {name} ({floor}) is above the residual of the base ({rms} rms), "
                 f"so nothing can be found: is it in the right unit{meant}?"
             )
@@ -94,14 +91,14 @@ def lowered_noise_floors(
         middle = fast_noise_of_recordings(records, name, diagram.unit(name))
         if 0 < middle < sigma[name]:
             taken = f"{in_display_units(middle, unit)} of fast noise is taken instead"
-            words.append(
+            more_notes.append(
                 f"the noise floor of {name} found in {method[name]} ({floor}) is above the residual of the base "
                 f"({rms} rms); {taken}."
             )
             sigma[name], method[name] = middle, HIGH_FREQUENCIES
     return attrs.evolve(
         found, sigma=sigma, method=method, reliable=all(m != HIGH_FREQUENCIES for m in method.values())
-    ), words
+    ), more_notes
 
 
 def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
