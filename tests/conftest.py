@@ -8,6 +8,16 @@ from pathlib import Path
 import pytest
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Neighbouring tests stay in one process, which has set up for them, until another is idle."""
+    if config.getvalue("dist") != "load":  # what -n stands for
+        return None
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _machine_code_store(tmp_path_factory):
     """Compile into a folder of this run, so that no test depends on what earlier ones left; its workers share it."""

@@ -6,6 +6,8 @@ import multiprocessing
 import os
 import pickle
 import signal
+import subprocess
+import sys
 import time
 import weakref
 from itertools import pairwise
@@ -812,6 +814,23 @@ def _write_many(store, started):
         for n in range(50):
             jit._LOADED.clear()
             jit.compile_text(f"define void @run(ptr %t) {{\n  %a = add i64 {n}, 1\n  ret void\n}}\n", promote=True)
+
+
+def test_machine_code_of_one_process_is_found_by_the_next(tmp_path):
+    """Names of stored machine code do not depend on the order of sets, which differs from process to process."""
+    code = (
+        "import tsmblocks as tsm\n"
+        "for name in ('fig09b_feedforward', 'loop_around_model'):\n"
+        "    tsm.simulate(tsm.load(name), stop=0.01)\n"
+    )
+    stored = []
+    for seed in ("1", "2"):
+        folder = tmp_path / seed
+        more = {"PYTHONHASHSEED": seed, "TSMBLOCKS_CACHE": str(folder)}
+        subprocess.run([sys.executable, "-c", code], env=os.environ | more, check=True)
+        stored.append({path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()})
+    assert len(stored[0]) >= 2
+    assert stored[0] == stored[1]
 
 
 def test_killed_and_concurrent_writers_leave_no_bad_file(tmp_path):
