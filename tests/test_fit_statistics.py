@@ -1,4 +1,4 @@
-"""How sure a fit is of its parameters: coverage of intervals, colour of residuals, what data leave open."""
+"""How sure a fit is of its parameters: coverage of intervals, autocorrelation of residuals, identifiability."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ from tests.tolerances import EXACT
 from tsmblocks.common.errors import DataError
 from tsmblocks.fitting.identifiability import _Teller, sizes, undetermined
 from tsmblocks.fitting.inner_products import product
-from tsmblocks.fitting.noise_model import FEWEST, Colour, best_order, coloured, fast_length, lag_products
+from tsmblocks.fitting.noise_model import FEWEST, ARModel, best_order, fast_length, lag_products, noise_models
 from tsmblocks.fitting.statistics import aicc, bic, correlation, effective_samples, intervals, uncertainty, whiteness
 
 
@@ -115,15 +115,15 @@ def test_many_short_segments_share_one_colour():
     assert 0.90 <= share <= 0.98
     _, known = next(draws(1, 30, 2, 20, NOISES["ar 0.9"]))
     assert FEWEST > 30
-    assert {id(c.coefficients) for c in known.colours} == {id(known.colours[0].coefficients)}
-    assert known.colours[0].order > 0
+    assert {id(c.coefficients) for c in known.models} == {id(known.models[0].coefficients)}
+    assert known.models[0].order > 0
 
 
 # ---- covariance
 
 
-def dense(colour, n):
-    return linalg.toeplitz(colour.autocovariance(n))
+def dense(model, n):
+    return linalg.toeplitz(model.autocovariance(n))
 
 
 @settings(max_examples=25, deadline=None)
@@ -135,7 +135,7 @@ def test_the_covariance_is_the_sandwich_with_the_noise_found(seed, n, p, pieces)
     r = np.concatenate([autoregressive(0.8)(n, rng) for _ in segments])
     r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
     known = uncertainty(J, r, segments)
-    middle = sum(J[s].T @ dense(c, n) @ J[s] for s, c in zip(segments, known.colours, strict=True))
+    middle = sum(J[s].T @ dense(c, n) @ J[s] for s, c in zip(segments, known.models, strict=True))
     inverse = np.linalg.inv(J.T @ J)
     np.testing.assert_allclose(
         known.covariance, inverse @ middle @ inverse, rtol=1e-7, atol=1e-9 * np.abs(middle).max()
@@ -149,13 +149,13 @@ def test_degrees_of_freedom_are_those_of_the_delta_method():
     r = autoregressive(0.7)(600, rng)
     r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
     known = uncertainty(J, r)
-    noises = coloured(np.linalg.qr(J)[0].T.copy(), r, [slice(0, 600)])
+    noises = noise_models(np.linalg.qr(J)[0].T.copy(), r, [slice(0, 600)])
     gains = np.linalg.pinv(J)
 
     def variances(a):
-        return np.diag(gains @ dense(Colour(a, noises.colours[0].variance), 600) @ gains.T)
+        return np.diag(gains @ dense(ARModel(a, noises.models[0].variance), 600) @ gains.T)
 
-    a, k = noises.colours[0].coefficients, noises.colours[0].order
+    a, k = noises.models[0].coefficients, noises.models[0].order
     assert k >= 1
     slopes = np.array([(variances(a + h) - variances(a - h)) / 2e-6 for h in 1e-6 * np.eye(k)])
     v = variances(a)
@@ -169,7 +169,7 @@ def test_white_noise_leaves_the_classical_interval():
     r = rng.standard_normal(200)
     r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
     known = uncertainty(J, r)
-    assert known.colours[0].order == 0
+    assert known.models[0].order == 0
     np.testing.assert_allclose(known.covariance, known.white, rtol=1e-3)
     np.testing.assert_allclose(known.freedom, 198.0, rtol=1e-9)
     middle = np.array([1.0, 2.0])
@@ -268,7 +268,7 @@ def test_a_segment_of_few_samples_beside_a_long_one():
     J, r = rng.standard_normal((1003, 2)), rng.standard_normal(1003)
     known = uncertainty(J, r, [slice(0, 1000), slice(1000, 1002), slice(1002, 1003), slice(1003, 1003)])
     np.testing.assert_allclose(known.covariance, known.white, rtol=0.2, atol=1e-4)
-    assert len(known.colours) == 3
+    assert len(known.models) == 3
 
 
 @pytest.mark.parametrize(
@@ -306,7 +306,7 @@ def test_correlation_is_that_of_numpy():
     np.testing.assert_allclose(correlation(np.cov(sample.T)), np.corrcoef(sample.T), rtol=1e-12)
 
 
-# ---- the colour of noise
+# ---- the noise model
 
 
 STABLE = st.lists(st.complex_numbers(max_magnitude=0.9), min_size=0, max_size=2)
@@ -316,7 +316,7 @@ STABLE = st.lists(st.complex_numbers(max_magnitude=0.9), min_size=0, max_size=2)
 @given(roots=STABLE, n=st.integers(1, 400))
 def test_autocovariance_of_an_autoregression(roots, n):
     a = -np.atleast_1d(np.real(np.poly([*roots, *np.conj(roots)])))[1:]
-    got = Colour(a, 2.0).autocovariance(n)
+    got = ARModel(a, 2.0).autocovariance(n)
     impulse = signal.lfilter([1], np.r_[1, -a], np.eye(1, 4000)[0])
     wanted = 2.0 * signal.correlate(impulse, impulse, method="direct" if n < 3 else "fft")[3999 : 3999 + n]
     np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-6 * wanted[0])  # roots may meet, which costs digits
@@ -324,14 +324,14 @@ def test_autocovariance_of_an_autoregression(roots, n):
 
 def test_autocovariance_of_noise_that_outlasts_the_record():
     roots = [0.9999, 0.999 * np.exp(0.3j), 0.999 * np.exp(-0.3j), -0.5]
-    colour = Colour(-np.real(np.poly(roots))[1:], 1.0)
-    impulse = signal.lfilter([1], np.r_[1, -colour.coefficients], np.eye(1, 300_000)[0])
+    model = ARModel(-np.real(np.poly(roots))[1:], 1.0)
+    impulse = signal.lfilter([1], np.r_[1, -model.coefficients], np.eye(1, 300_000)[0])
     wanted = [impulse[k:] @ impulse[: len(impulse) - k] for k in (0, 1, 50, 199)]
-    np.testing.assert_allclose(colour.autocovariance(200)[[0, 1, 50, 199]], wanted, rtol=1e-6)
+    np.testing.assert_allclose(model.autocovariance(200)[[0, 1, 50, 199]], wanted, rtol=1e-6)
 
 
 def test_autocovariance_of_one_slow_pole():
-    got = Colour(np.array([0.999]), 3.0).autocovariance(5000)
+    got = ARModel(np.array([0.999]), 3.0).autocovariance(5000)
     np.testing.assert_allclose(got, 3.0 / (1 - 0.999**2) * 0.999 ** np.arange(5000), rtol=1e-9)
 
 
@@ -366,8 +366,8 @@ def test_a_fit_does_not_hide_the_slowness_of_noise():
         e = autoregressive(0.98)(400, rng)
         r = e - basis @ (basis.T @ e)
         for found, q in ((plain, 0), (restricted, 3)):
-            colour = coloured(np.ascontiguousarray(basis.T[:q]), r, [slice(0, 400)]).colours[0]
-            found.append(math.sqrt(colour.variance) / (1 - colour.coefficients.sum()))
+            model = noise_models(np.ascontiguousarray(basis.T[:q]), r, [slice(0, 400)]).models[0]
+            found.append(math.sqrt(model.variance) / (1 - model.coefficients.sum()))
     truth = 50.0  # what noise of frequency zero amounts to
     assert np.median(plain) < 0.75 * truth
     assert abs(np.median(restricted) / truth - 1) < 0.2

@@ -126,14 +126,14 @@ def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSe
     problem, setup = pose_model(diagram, records, settings, settings.free)
     feasible = feasible_start(problem, problem.unknowns.start)
     ends = [
-        gauss_newton(problem, one, iterations=MAX_ITERATIONS, enough=COARSE_TOLERANCE, tell=progress)
+        gauss_newton(problem, one, iterations=MAX_ITERATIONS, tolerance=COARSE_TOLERANCE, tell=progress)
         for one in starting_points(problem, setup, feasible, settings.starts, settings.seed)
     ]
     best = min(ends, key=lambda found: found.cost)
     return model_at(
         problem,
         setup,
-        gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, enough=FINE_TOLERANCE, tell=progress),
+        gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE, tell=progress),
     )
 
 
@@ -194,12 +194,12 @@ def pose_extended(
 
 
 def optimized(
-    problem: Problem, setup: Setup, start: np.ndarray, enough: float = COARSE_TOLERANCE, coarse: bool = True
+    problem: Problem, setup: Setup, start: np.ndarray, tolerance: float = COARSE_TOLERANCE, coarse: bool = True
 ) -> Model:
     """The model at the end of a Gauss-Newton optimisation from ``start``; ``coarse`` allows finite differences."""
     feasible = within_bounds(problem, start)
     return model_at(
-        problem, setup, gauss_newton(problem, feasible, iterations=MAX_ITERATIONS, enough=enough, coarse=coarse)
+        problem, setup, gauss_newton(problem, feasible, iterations=MAX_ITERATIONS, tolerance=tolerance, coarse=coarse)
     )
 
 

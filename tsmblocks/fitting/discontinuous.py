@@ -19,25 +19,28 @@ from tsmblocks.fitting.optimizer import CONSTRAINT_TOLERANCE, OptimizerResult, P
 from tsmblocks.fitting.residuals import Problem
 
 WIDE, NEAR, FINE, BETWEEN = 64, 32, 1024, 32
-"""Values tried over the whole range, around where the search is, more closely around it, between two neighbours."""
+"""Values simulated over the whole range, near the current one, more closely around it, and between two neighbours.
+
+Chosen: multiples of the lanes of a batch.
+"""
 AROUND = 0.5
-"""How far around, as a share of the number."""
+"""Half width of the near range relative to the value. Chosen."""
 ROUNDS = 6
-"""Turns between trying values and searching the others, at most."""
+"""Most turns between these values and a search in the other parameters. Chosen."""
 ZOOMS = 8
-"""Times that the neighbours of the best value are looked between."""
+"""Refinements between the neighbours of the best value. Chosen."""
 HALVED = 40
-"""Times the range is halved, to see from where on the differences grow."""
+"""Bisections for the value from which on the residuals grow. Chosen: to 1e-12 of the range."""
 SMOOTH = 1e-2
-"""Share of a number over which differences are taken where the outputs follow it smoothly."""
+"""Step of finite differences relative to a parameter in which the outputs are smooth. Chosen."""
 GAIN = 1e-6
-"""Share of the cost that counts as better."""
+"""Gain relative to the cost that counts as one. Chosen."""
 ASTRAY, FEW = 0.5, 3
-"""Share of a slope by which the difference over a reach is another one; so many such unknowns are looked at."""
+"""Relative deviation of a finite difference from the derivative; most unknowns examined for it. Chosen."""
 EQUAL = 1e-12
-"""Share of the cost that rounding may make."""
+"""Rounding relative to the cost. Chosen."""
 CLOSE = 1e-10
-"""Share of a number below which two values count as one."""
+"""Relative difference below which two values are the same. Chosen."""
 
 
 @attrs.define(eq=False)

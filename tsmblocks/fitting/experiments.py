@@ -24,13 +24,13 @@ from tsmblocks.simulation.arguments import TimeGrid
 from tsmblocks.simulation.lanes import batch_kernel, directions, lane_memory, tangent_kernel
 
 FEWEST = 4
-"""Compared samples below which a recording says nothing."""
+"""Fewest samples of a recording that can be compared. Chosen."""
 MOST_STEPS = 10**8
-"""Steps of one run beyond which its inputs no longer fit into memory."""
+"""Most steps of one run. Chosen: the inputs of more do not fit into memory."""
 UNEVEN = 5e-3
-"""Deviation of sample times from an even grid, in steps, that rounding of printed times explains."""
+"""Largest deviation of sample times from an even grid, in steps. Chosen: rounding of printed times explains it."""
 PIECE = 2000
-"""Samples that many lanes run for at a time: their rows then stay in the processor's cache."""
+"""Samples that lanes run for at a time. Chosen: their rows stay in the cache of the processor."""
 
 Window = tuple[float | None, float | None]
 

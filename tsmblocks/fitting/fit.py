@@ -29,9 +29,9 @@ from tsmblocks.model.diagram import Diagram
 
 METHODS = ("gauss-newton", "ipopt", "ga")
 FAINT = 1e-4
-"""Noise, as a share of what was measured, beside which priors hardly count."""
+"""Noise relative to the measured signals with which priors hardly count. Chosen."""
 SCREENED, MOST_SCREENED = 64, 4096
-"""Random sets priced side by side, of which the best and some others become further starts."""
+"""Random sets simulated side by side, of which the best and some others become starting points. Chosen."""
 
 
 def fit(

@@ -1,4 +1,4 @@
-"""The workhorse: Gauss-Newton with Levenberg-Marquardt damping, in bounds and under constraints.
+"""The default method: Gauss-Newton with Levenberg-Marquardt damping, in bounds and under constraints.
 
 Each step is a quadratic programme on the exact derivatives of the simulation, so bounds and
 constraints are part of the step and not a penalty beside it.
@@ -21,20 +21,23 @@ from tsmblocks.fitting.optimizer import (
 from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
 from tsmblocks.fitting.residuals import Problem
 
-FIRST_DAMPING = 1e-3
-LEAST_DAMPING = 1e-13
-ENOUGH = 1e-8
-"""A step whose promise is below this share of one sample's variance moves no figure that is printed."""
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-13
+"""First and least damping, relative to the diagonal of the matrix. Chosen: the least is next to rounding."""
+GAIN_TOLERANCE = 1e-8
+"""Predicted gain of a step, in variances of one sample, below which the search has converged.
+
+Chosen: such a step changes no printed digit.
+"""
 ROUNDING = 1e-14
-"""Promised improvement, as a share of the cost, that is lost in rounding."""
-COARSE = (1e-1, 1e-2)
-"""Shares of each unknown over which differences are taken where derivatives at a point lead nowhere."""
-FAR = 1e3
-"""A sensible change of an unknown is at most so many times its size."""
-GAIN = 1e-6
-"""Share of the cost that such differences must gain to be gone on with."""
-TRIES = 16
-"""Dampings tried before a point counts as one from which nothing leads down."""
+"""Predicted gain relative to the cost that is lost in rounding. Chosen: about 100 times the precision of a double."""
+DIFFERENCE_STEPS = (1e-1, 1e-2)
+"""Steps of finite differences relative to each unknown, where exact derivatives lead to no descent. Chosen."""
+LARGEST_CHANGE = 1e3
+"""Largest change of an unknown in one step, in multiples of its magnitude. Chosen: no limit to ordinary steps."""
+LEAST_GAIN = 1e-6
+"""Gain relative to the cost below which finite differences are given up. Chosen."""
+MOST_DAMPINGS = 16
+"""Dampings that are tried before the search counts as stalled. Chosen."""
 
 
 @attrs.define(eq=False)
@@ -49,15 +52,15 @@ class _State:
     penalty: float = 0.0
     evaluations: int = 2  # values with derivatives count as two runs
     reach: np.ndarray | None = None
-    enough: float = ENOUGH
+    tolerance: float = GAIN_TOLERANCE
 
 
 @attrs.frozen(eq=False)
 class _Step:
-    """A step tried: where it leads and what it promises."""
+    """A trial step: its end and the predicted gain."""
 
     theta: np.ndarray
-    promise: float
+    predicted: float
 
 
 def gauss_newton(
@@ -66,26 +69,26 @@ def gauss_newton(
     *,
     iterations: int = 100,
     tell: ProgressCallback | None = None,
-    enough: float = ENOUGH,
+    tolerance: float = GAIN_TOLERANCE,
     coarse: bool = True,
 ) -> OptimizerResult:
     """Search downhill from ``start``, which must be in the bounds and simulate to finite numbers.
 
-    Ends when a step promises less than ``enough`` of one sample's variance, by default far below any
-    standard error. Where derivatives lead nowhere, ``coarse`` goes on with differences. After Ctrl-C the
+    Ends when the predicted gain of a step is below ``tolerance`` variances of one sample, by default far below any
+    standard error. Where derivatives lead to no descent, ``coarse`` continues with finite differences. After Ctrl-C the
     best so far is returned. Source: Nocedal and Wright, Numerical Optimization (2006), 10.3 and 18; damping
     as Nielsen, IMM-REP-1999-05.
     """
-    state = _State(start, *problem.normal(start), enough=enough)
+    state = _State(start, *problem.normal(start), tolerance=tolerance)
     history, status = [state.cost], "limit"
     try:
         status = _search(problem, state, history, iterations, tell)
-        for share in COARSE if coarse and status == "stalled" else ():
+        for share in DIFFERENCE_STEPS if coarse and status == "stalled" else ():
             reach = share * _sizes(problem, state, start)
             rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
             rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
             ended = _search(problem, rough, history, iterations, tell)
-            if rough.cost >= state.cost * (1 - GAIN):  # differences see no more of a slope than points do
+            if rough.cost >= state.cost * (1 - LEAST_GAIN):  # differences find no descent either
                 break
             state, status = rough, ended
     except KeyboardInterrupt:
@@ -122,7 +125,7 @@ def gauss_newton_differences(
 def _search(
     problem: Problem, state: _State, history: list[float], iterations: int, tell: ProgressCallback | None
 ) -> str:
-    """Iterate to an end; the word for it."""
+    """Iterate to an end; the status."""
     for _ in range(iterations):
         ended = _iterate(problem, state)
         history.append(state.cost)
@@ -134,26 +137,26 @@ def _search(
 
 
 def _iterate(problem: Problem, state: _State) -> str:
-    """One iteration; a word when the search is at its end."""
+    """One iteration; the status when the search is at its end, else ``""``."""
     grow = 2.0
-    for _ in range(TRIES):
+    for _ in range(MOST_DAMPINGS):
         step = _step(problem, state, state.damping)
         if step is None:
             return "stalled"
         if _small(problem, state, step):
-            whole = _step(problem, state, LEAST_DAMPING)  # damping alone may have made it small
+            whole = _step(problem, state, LEAST_DAMPING)  # the damping may have made it small
             return "converged" if whole is None or _small(problem, state, whole) else "stalled"
-        # Most steps are good, so derivatives are asked for at once; a step in doubt is only priced.
+        # Most steps are good, so derivatives are computed at once; of a step in doubt the cost alone.
         new = problem.normal(step.theta, state.reach) if grow == 2.0 else None
         cost = new[0] if new is not None else problem.cost(step.theta)
         state.evaluations += 2 if new is not None else 1
         gained = _merit(problem, state, state.theta, state.cost) - _merit(problem, state, step.theta, cost)
-        if gained > 1e-4 * step.promise:
+        if gained > 1e-4 * step.predicted:
             if new is None:
                 state.evaluations += 2
             state.theta = step.theta
             state.cost, state.gradient, state.matrix = new or problem.normal(step.theta, state.reach)
-            share = min(gained / step.promise, 2.0)
+            share = min(gained / step.predicted, 2.0)
             state.damping = max(state.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
             return ""
         state.damping, grow = max(state.damping, 1e-9) * grow, 2 * grow
@@ -161,13 +164,13 @@ def _iterate(problem: Problem, state: _State) -> str:
 
 
 def _step(problem: Problem, state: _State, damping: float) -> _Step | None:
-    """The step of the damped quadratic model, in variables scaled by what the outputs feel of them."""
+    """The step of the damped quadratic model, in variables scaled by the sensitivity of the outputs."""
     feel = np.sqrt(np.diag(state.matrix))
     if not np.isfinite(state.matrix).all():
         return None
     whole, begun = problem.size * np.sqrt(problem.samples) or 1.0, np.abs(problem.unknowns.start)
-    # What the outputs hardly feel must not wander off; a number that began at zero may go anywhere.
-    most = np.where(begun > 0, FAR * np.maximum(np.abs(state.theta), begun) / whole, np.inf)
+    # What the outputs hardly depend on must stay near; an unknown that started at zero may go anywhere.
+    most = np.where(begun > 0, LARGEST_CHANGE * np.maximum(np.abs(state.theta), begun) / whole, np.inf)
     size = np.where(feel > 1e-150, np.minimum(1 / np.maximum(feel, 1e-150), most), np.maximum(begun, 1e-6))
     rows, bounds, equal = linearised_constraints(problem, state.theta)
     matrix = state.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
@@ -179,18 +182,20 @@ def _step(problem: Problem, state: _State, damping: float) -> _Step | None:
     count = len(problem.constraints.names)
     state.penalty = max(state.penalty, 2 * float(np.abs(force[len(force) - count :]).max(initial=0.0)))
     d = scaled * size
-    promise = -float(state.gradient @ d + 0.5 * d @ state.matrix @ d)
+    predicted = -float(state.gradient @ d + 0.5 * d @ state.matrix @ d)
     missed = problem.violation(state.theta)
-    return _Step(within_bounds(problem, state.theta + d), promise + state.penalty * missed)
+    return _Step(within_bounds(problem, state.theta + d), predicted + state.penalty * missed)
 
 
 def _small(problem: Problem, state: _State, step: _Step) -> bool:
-    """Whether nothing that could be seen is still to be gained."""
+    """Whether the predicted gain of a step is negligible."""
     if problem.violation(state.theta) > CONSTRAINT_TOLERANCE:
         return False
     variance = 2 * state.cost / max(problem.samples, 1)
     still = np.abs(step.theta - state.theta) <= 1e-12 * np.maximum(np.abs(state.theta), 1e-12)
-    return bool(step.promise <= max(state.enough * variance, ROUNDING * state.cost, problem.rounding) or still.all())
+    return bool(
+        step.predicted <= max(state.tolerance * variance, ROUNDING * state.cost, problem.rounding) or still.all()
+    )
 
 
 def _merit(problem: Problem, state: _State, theta: np.ndarray, cost: float) -> float:

@@ -13,19 +13,19 @@ from tsmblocks.common.tables import listed
 from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals, spectrum
 
 SILENT = 1e-10
-"""Effect of a parameter, beside that of the strongest, below which it is rounding."""
+"""Sensitivity to a parameter, relative to the strongest, below which it is rounding. Chosen."""
 SMALL = 0.05
-"""Share of a combination without effect below which a parameter is only mentioned in passing."""
+"""Component of a combination without effect below which a parameter is only mentioned in passing. Chosen."""
 LEADING = 0.2
-"""The same for a combination that is only uncertain: else one uncertain parameter would drag all others in."""
+"""The same for a combination that is only uncertain: else one uncertain parameter would bring in all others. Chosen."""
 PASSING = 0.002
-"""Share of a combination below which a parameter is not mentioned at all."""
+"""Component of a combination below which a parameter is not mentioned at all. Chosen."""
 NEAR_ZERO = 0.1
-"""Share of its size below which a parameter counts as found near zero: a percentage of it would say nothing."""
+"""Share of its size below which a parameter counts as near zero, where a percentage says nothing. Chosen."""
 MOST_TOLD = 5
 """Parameters of a combination that are named in a message. Chosen."""
 MOST_TRIED = 400
-"""Choices of parameters to leave out that are tried for combinations of few parameters."""
+"""Most subsets of parameters that are tried for combinations of few parameters. Chosen."""
 
 NO_INFLUENCE, COMBINATION, UNCERTAIN = "no influence", "combination", "uncertain"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 BLOCK = 250_000
-"""Multiplications of one matrix product: larger ones wake the library's threads."""
+"""Multiplications of one matrix product: larger ones start threads of the library. Chosen."""
 ROWS = 2000
 """Rows of a matrix that a vector is multiplied with at a time, for the same reason."""
 

@@ -9,17 +9,17 @@ import numpy as np
 from tsmblocks.data import Record
 
 PLAIN = 0.25
-"""Share of what a signal in proportion to the input leaves, from which its rate explains it plainly."""
+"""Share of what a signal in proportion to the input leaves, that its rate has to explain. Chosen."""
 MOSTLY = 0.5
-"""Share of an output that has to be in proportion to the input, and of the lead that a model has to show."""
+"""Share of an output that has to be in proportion to the input, and of the lead that a model has to show. Chosen."""
 PARTS = 4
-"""Parts of a recording that have to show the same lead."""
+"""Parts of a recording that have to show the same lead. Chosen."""
 SAME = 2.0
-"""Ratio of two leads up to which they are the same."""
+"""Ratio of two leads up to which they are the same. Chosen."""
 STILL = 0.5
-"""Share of the steps between samples that leave the input where it is."""
+"""Fraction of the steps between samples that leave the input unchanged. Chosen."""
 JUMP = 0.05
-"""Size of its largest step, as a share of all that it moves: less is a quantised motion."""
+"""Size of its largest step, as a share of all that it moves: less is a quantised motion. Chosen."""
 
 
 def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarray, simulated: np.ndarray) -> str:

@@ -25,7 +25,7 @@ from tsmblocks.fitting.single_shooting import bending, sizes
 from tsmblocks.simulation.lanes import MOST_DIRECTIONS, directions, tangent_kernel
 
 FAR = 10.0
-"""Multiples of the measured range beyond which a first guess counts as run away."""
+"""Multiples of the measured range beyond which a first guess has diverged. Chosen."""
 
 
 @attrs.frozen(eq=False)

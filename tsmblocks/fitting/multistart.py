@@ -11,11 +11,11 @@ import numpy as np
 from tsmblocks.common.errors import ParameterError, in_words
 
 DECADES = 2.0
-"""How far a range of a positive number reaches to each side of its value, where no bound says so."""
+"""How far a range of a positive number reaches to each side of its value, where no bound does. Chosen."""
 WIDE = 100.0
-"""Ratio of the ends of a positive range from which it is searched in the logarithm."""
+"""Ratio of the ends of a positive range from which it is searched in the logarithm. Chosen."""
 ROUNDS = 200
-"""How often places are drawn anew before constraints count as ones that cannot be met."""
+"""How often sets are drawn before constraints count as infeasible. Chosen."""
 
 Feasible = Callable[[np.ndarray], np.ndarray]
 """Places (sets, unknowns) in, whether each meets the constraints (sets,) out."""

@@ -1,4 +1,4 @@
-"""The colour of residuals: an autoregressive model of each segment, not fooled by what the fit has removed.
+"""Noise models of residuals: an autoregressive model of each segment, unbiased by what the fit has removed.
 
 A fit takes out of the noise whatever its parameters can follow, above all slow noise, so the
 residuals look whiter and smaller than the noise is. The model of the noise is therefore found by
@@ -21,19 +21,19 @@ import numpy as np
 from tsmblocks.fitting.inner_products import product, square
 
 LONGEST = 10_000
-"""Numbers of one dot product, for the same reason."""
+"""Length of one dot product. Chosen: longer ones start threads of the library."""
 FEWEST = 40
-"""Samples below which a segment cannot tell the colour of its own noise."""
+"""Samples below which a segment has no noise model of its own. Chosen."""
 ROUNDS = 10
 """Iterations at most between the noise model and the parameters. Chosen."""
 ENOUGH = 2e-3
-"""Change of a round, beside the uncertainty of the parameters, that ends them."""
+"""Change of the parameters in an iteration, relative to their uncertainty, that ends it. Chosen."""
 RIDGE = 1e-7
-"""White noise, as a share of the whole, without which the noise left by a filter would count as predictable."""
+"""Fraction of white noise that is added: noise behind a filter would else count as predictable. Chosen."""
 
 
 @attrs.frozen(eq=False)
-class Colour:
+class ARModel:
     r"""Noise as white noise e, of ``variance``, that rings on.
 
     .. math:: n_t = \sum_i a_i n_{t-i} + e_t
@@ -157,7 +157,7 @@ class _Source:
     learnt: np.ndarray  # lag products of [basis, r] over the segments it is learnt from
     used: np.ndarray  # the same, over its users
     samples: int
-    colour: Any = None
+    model: Any = None
     inverse: Any = None  # information on the coefficients, inverted
 
     def update(self, outer: np.ndarray) -> None:
@@ -169,36 +169,36 @@ class _Source:
         a = np.linalg.solve(normal, c[1:, 0])
         ahead = np.r_[1.0, -a]
         variance = max(float(ahead @ c @ ahead), 0.0) / max(self.samples - 2 * k, 1)
-        self.colour = Colour(a, variance)
+        self.model = ARModel(a, variance)
         self.inverse = variance * np.linalg.inv(normal) if k else normal
 
     def whitened(self) -> np.ndarray:
         """Products of [basis, r] after the filter that makes this noise white with unit variance."""
-        ahead = np.r_[1.0, -self.colour.coefficients]
+        ahead = np.r_[1.0, -self.model.coefficients]
         half = np.tensordot(ahead, self.used, 1)
-        return np.tensordot(ahead, half, 1) / self.colour.variance
+        return np.tensordot(ahead, half, 1) / self.model.variance
 
 
 @attrs.frozen(eq=False)
-class Coloured:
-    """Colour of the noise of each segment.
+class NoiseModels:
+    """Autoregressive model of the noise of each segment.
 
     ``uncertain`` holds the covariances of the coefficients, ``samples`` how many they were learnt from,
     ``source`` which estimate each segment shares with others.
     """
 
-    colours: tuple[Colour, ...]
+    models: tuple[ARModel, ...]
     uncertain: tuple[np.ndarray, ...]
     samples: tuple[int, ...]
     source: tuple[int, ...]
 
 
-def coloured(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> Coloured:
-    """Colour of the noise in residuals ``r`` (N,) of a fit along ``basis`` (q, N), whose rows are orthonormal.
+def noise_models(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> NoiseModels:
+    """Models of the noise in residuals ``r`` (N,) of a fit along ``basis`` (q, N), whose rows are orthonormal.
 
     The order is the best by AICc up to 10 log10(n) or an eighth of the samples. Noise and the error of the
     parameters are estimated in turn (the expectation-maximisation form of restricted likelihood). Segments
-    of fewer than ``FEWEST`` samples take the colour of all segments together.
+    of fewer than ``FEWEST`` samples take the model of all segments together.
     """
     sources = _sources(np.vstack([basis, r]), segments)
     q = len(basis)
@@ -209,7 +209,7 @@ def coloured(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> Col
         outer += np.outer(np.r_[-error, 1.0], np.r_[-error, 1.0])
         for source in sources:
             source.update(outer)
-        if turn == ROUNDS or q == 0 or any(source.colour.variance <= 0 for source in sources):
+        if turn == ROUNDS or q == 0 or any(source.model.variance <= 0 for source in sources):
             break
         known = np.sum([source.whitened() for source in sources], axis=0)
         before = error, spread
@@ -221,8 +221,8 @@ def coloured(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> Col
             break
     of = {s: source for source in sources for s in source.users}
     order = [of[s] for s in range(len(segments))]
-    return Coloured(
-        tuple(_tamed(o.colour, o.samples) for o in order),
+    return NoiseModels(
+        tuple(_tamed(o.model, o.samples) for o in order),
         tuple(o.inverse for o in order),
         tuple(o.samples for o in order),
         tuple(sources.index(o) for o in order),
@@ -259,14 +259,14 @@ def _order(parts: Sequence[np.ndarray], longest: int) -> int:
     return best_order(products, sum(max(part.shape[1] - most, 0) for part in parts))
 
 
-def _tamed(colour: Colour, samples: int) -> Colour:
+def _tamed(model: ARModel, samples: int) -> ARModel:
     """The same noise, dying out within four times its record: a record cannot tell slower noise from growing one."""
     limit = 1 - 0.25 / max(samples, 1)
-    a = colour.coefficients
+    a = model.coefficients
     if _dies_out(a / limit ** np.arange(1, len(a) + 1)):
-        return colour
+        return model
     largest = float(np.abs(np.linalg.eigvals(np.vstack([a, np.eye(len(a) - 1, len(a))]))).max())
-    return Colour(a * (limit / largest) ** np.arange(1, len(a) + 1), colour.variance)
+    return ARModel(a * (limit / largest) ** np.arange(1, len(a) + 1), model.variance)
 
 
 def _dies_out(a: np.ndarray) -> bool:

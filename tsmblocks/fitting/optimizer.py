@@ -1,4 +1,4 @@
-"""What every method of search shares: its outcome, and a place to begin that meets the constraints."""
+"""What all methods of optimisation share: their result, and a feasible starting point."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
 from tsmblocks.fitting.residuals import Problem
 
 ProgressCallback = Callable[[str, int, float], None]
-"""Told as a search goes on: the stage, how many evaluations it has made, the cost reached."""
+"""Called during a search with its stage, the number of evaluations, and the lowest cost."""
 
 CONSTRAINT_TOLERANCE = 1e-9
-"""Sum of missed constraints that counts as none."""
+"""Sum of constraint violations that counts as none. Chosen."""
 
 
 @attrs.frozen(eq=False)
 class OptimizerResult:
-    """Where a search ended.
+    """The result of an optimisation.
 
-    ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no direction led down, though the
-    slope is not zero: a kink, or rounding) or ``interrupted`` (by Ctrl-C). ``history`` holds the cost after
-    each iteration, ``evaluations`` how many simulations of all experiments were asked for. ``reach`` is how far
+    ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no descent, though the
+    gradient is not zero: a kink, or rounding) or ``interrupted`` (by Ctrl-C). ``history`` holds the cost after
+    each iteration, ``evaluations`` the number of simulations of all experiments. ``reach`` is how far
     derivatives had to be taken over, where the outputs jump or bend and those at a point led nowhere; ``blur``
     how far each unknown may go to either side without any change of the outputs.
     """

@@ -19,9 +19,9 @@ from tsmblocks.model.edits import near_path
 from tsmblocks.model.unit_inference import SHARED_UNIT
 
 FAR = 1e100
-"""A bound beyond this is as good as none."""
+"""A bound beyond this counts as none. Chosen."""
 MARGIN = 1e-9
-"""How far inside an excluded bound a fit stays, as a share of the parameter's size."""
+"""How far inside an excluded bound a fit stays, relative to the parameter. Chosen."""
 
 
 @attrs.frozen

@@ -21,7 +21,7 @@ from tsmblocks.fitting.parameters import Constraints, Unknowns
 LANES = 32
 """Parameter sets side by side in one run."""
 ROUNDING = 1e-12
-"""Rounding of simulated outputs, as a share of what was measured."""
+"""Rounding of simulated outputs relative to the measured signals. Chosen."""
 
 
 @attrs.frozen(eq=False)

@@ -40,9 +40,9 @@ from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
 FINEST = 64
-"""Simulation steps between two samples beyond which a step is no longer refined."""
+"""Simulation steps between two samples beyond which a step is no longer refined. Chosen."""
 SETTLED = 1e-3
-"""Change of the outputs by halving the step, as a share of what was measured, that a fit puts up with."""
+"""Largest change of the outputs by halving the step, relative to the measured signals. Chosen."""
 
 Data = Any
 """A recording (Record, file, pandas frame), a list of them, or a mapping from names to them."""

@@ -13,7 +13,7 @@ from tsmblocks.fitting.optimizer import OptimizerResult, ProgressCallback
 from tsmblocks.fitting.residuals import Problem
 
 SIZE = 100.0
-"""A sensible change of an unknown, in changes that move all outputs by one unit."""
+"""A sensible change of an unknown, in changes that move all outputs by one unit. Chosen."""
 
 
 @attrs.frozen(eq=False)

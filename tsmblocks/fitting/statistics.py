@@ -10,18 +10,18 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.fitting.inner_products import product, square
-from tsmblocks.fitting.noise_model import Colour, Coloured, coloured, fast_length
+from tsmblocks.fitting.noise_model import ARModel, NoiseModels, fast_length, noise_models
 
 RANK = 1e-24
-"""Square of the smallest relative effect of a direction on the residuals that rounding leaves visible."""
+"""Square of the smallest relative effect of a direction on the residuals that exceeds rounding. Chosen."""
 SUSPECT = 1e-10
-"""Ratio of eigenvalues below which a product of matrices is not trusted with the smaller ones."""
+"""Ratio of eigenvalues below which a product of matrices is not trusted with the smaller ones. Chosen."""
 PIECE = 1000
 """Samples factorised at a time."""
 LOOSE = 1e-3
-"""Share of a parameter in a direction without effect from which the parameter is left open by it."""
+"""Share of a parameter in a direction without effect from which the parameter is not identifiable. Chosen."""
 LEAST_FREEDOM = 2.0
-"""Degrees of freedom are not taken below this: such wide tails would tell more of the method than of the data."""
+"""Degrees of freedom are not taken below this: wider tails would come from the method, not from the data. Chosen."""
 
 
 @attrs.frozen(eq=False)
@@ -30,7 +30,7 @@ class Uncertainty:
 
     ``covariance`` (p, p) holds for noise as coloured as the residuals are, ``white`` (p, p) would hold for
     white noise. ``freedom`` (p,) are the degrees of freedom of the Student distribution that the
-    intervals follow: how well the noise that matters to each parameter is itself known. ``colours`` is the
+    intervals follow: how well the noise that matters to each parameter is itself known. ``models`` is the
     noise of each segment. A parameter that the data leave open has an infinite variance (its
     covariances are NaN); one that is held has none.
     """
@@ -38,7 +38,7 @@ class Uncertainty:
     covariance: np.ndarray
     white: np.ndarray
     freedom: np.ndarray
-    colours: tuple[Colour, ...]
+    models: tuple[ARModel, ...]
 
     @property
     def errors(self) -> np.ndarray:
@@ -67,7 +67,7 @@ def uncertainty(
 
     ``J`` (N, p) is the Jacobian of the residuals ``r`` (N,) at the estimate. ``segments`` are the slices
     within which residuals are evenly spaced in time and correlated, one per experiment and output;
-    :math:`\Gamma_s` is the covariance of the autoregressive noise found in a segment (``colour``). ``prior``
+    :math:`\Gamma_s` is the covariance of the autoregressive noise found in a segment (``model``). ``prior``
     (p, p) is the matrix P that priors add to the normal equations and ``noise`` the :math:`\sigma` it was
     scaled with (that of the residuals by default). ``held`` (m, p) are the gradients of active bounds and
     constraints: the estimate does not move along them.
@@ -87,7 +87,7 @@ def uncertainty(
     weight = np.zeros((p, p)) if prior is None else np.asarray(prior, dtype=float)
     basis, open_ = _determined(rows, weight, held)
     seen = product(np.ascontiguousarray(basis.T), rows)
-    noises = coloured(seen, r, segments)
+    noises = noise_models(seen, r, segments)
     gains = product(basis, seen)  # the error of the estimate is this matrix times the noise
     covariance, freedom = _spread(gains, noises, segments, len(seen) / len(r))
     left = square(r) / (len(r) - len(seen))
@@ -97,7 +97,7 @@ def uncertainty(
     total = covariance + from_prior
     if ((np.diag(total) <= 0) & (np.diag(white) > 0)).any():  # rounding left nothing of noise that is all but periodic
         total = white
-    return Uncertainty(_opened(total, open_), _opened(white, open_), freedom, noises.colours)
+    return Uncertainty(_opened(total, open_), _opened(white, open_), freedom, noises.models)
 
 
 def moved(
@@ -168,21 +168,21 @@ def _opened(covariance: np.ndarray, open_: np.ndarray) -> np.ndarray:
 
 
 def _spread(
-    gains: np.ndarray, noises: Coloured, segments: Sequence[slice], share: float
+    gains: np.ndarray, noises: NoiseModels, segments: Sequence[slice], share: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (p, p) of ``gains`` (p, N) times the noise, and the degrees of freedom of its diagonal (p,)."""
     p = len(gains)
     total, groups = np.zeros((p, p)), []
     for group in dict.fromkeys(noises.source):
         mine = [i for i, s in enumerate(noises.source) if s == group]
-        colour = noises.colours[mine[0]]
-        v, slope = np.zeros(p), np.zeros((colour.order, p))
+        model = noises.models[mine[0]]
+        v, slope = np.zeros(p), np.zeros((model.order, p))
         for i in mine:
-            part, more = _quadratic(gains[:, segments[i]], colour)
+            part, more = _quadratic(gains[:, segments[i]], model)
             total += part
             v += np.diag(part)
             slope += more
-        known = max(noises.samples[mine[0]] * (1 - share) - 2 * colour.order, 1.0)
+        known = max(noises.samples[mine[0]] * (1 - share) - 2 * model.order, 1.0)
         groups.append((v, slope, known, noises.uncertain[mine[0]]))
     # Squares of the variance of a parameter that is next to open overflow: it is brought near one, by powers of two.
     unit = np.exp2(np.frexp(np.diag(total))[1])
@@ -194,15 +194,15 @@ def _spread(
     return total, np.where(doubt == 0, math.inf, np.fmax(freedom, LEAST_FREEDOM))
 
 
-def _quadratic(rows: np.ndarray, colour: Colour) -> tuple[np.ndarray, np.ndarray]:
+def _quadratic(rows: np.ndarray, model: ARModel) -> tuple[np.ndarray, np.ndarray]:
     """Covariance of ``rows`` (p, n) times the noise, and the slopes of its diagonal by the noise's coefficients."""
     p, n = rows.shape
-    k = colour.order
+    k = model.order
     if k == 0:
-        return colour.variance * product(rows, rows.T), np.zeros((0, p))
+        return model.variance * product(rows, rows.T), np.zeros((0, p))
     size = fast_length(2 * n)
     around = np.zeros(size)
-    around[:n] = colour.autocovariance(n)
+    around[:n] = model.autocovariance(n)
     around[size - n + 1 :] = around[n - 1 : 0 : -1]
     twice = np.full(size // 2 + 1, 2.0 / size)
     twice[0] = twice[-1] = 1.0 / size
@@ -211,8 +211,8 @@ def _quadratic(rows: np.ndarray, colour: Colour) -> tuple[np.ndarray, np.ndarray
     total = product(weighted.view(float), F.view(float).T)
     power = (F * F.conj()).real
     turn = np.exp(2j * np.pi / size * np.arange(len(twice)))
-    A = np.fft.rfft(np.concatenate([[1.0], -colour.coefficients]), size)
-    now = 2 * twice * colour.variance / (A.real**2 + A.imag**2) / A
+    A = np.fft.rfft(np.concatenate([[1.0], -model.coefficients]), size)
+    now = 2 * twice * model.variance / (A.real**2 + A.imag**2) / A
     slopes = np.empty((k, p))
     for j in range(k):
         now *= turn.conj()
@@ -264,7 +264,7 @@ class Whiteness:
 
 
 def whiteness(r: np.ndarray, segments: Sequence[slice] | None = None, lags: int = 25) -> tuple[Whiteness, ...]:
-    """Look for colour in the residuals ``r`` (N,) of each segment, up to ``lags`` samples apart.
+    """Test the autocorrelation of the residuals ``r`` (N,) of each segment, up to ``lags`` samples apart.
 
     Residuals are taken about zero, not about their mean: a mean is something the model has missed. Where a segment
     is short, ``lags`` is at most a fifth of its samples; where it is all zeros, figures are NaN.
@@ -290,15 +290,15 @@ def effective_samples(r: np.ndarray, segments: Sequence[slice] | None = None) ->
 
     .. math:: n_e = \sum_s n_s \Big/ \Big(1 + 2 \sum_{k=1}^{n_s} (1 - k/n_s) \rho_s(k)^2\Big)
 
-    with the autocorrelation :math:`\rho_s` of the noise found in each segment (``colour``).
+    with the autocorrelation :math:`\rho_s` of the noise found in each segment (``model``).
     Source: Bayley and Hammersley, J. Roy. Statist. Soc. Suppl. 8 (1946).
     """
     r = np.asarray(r, dtype=float)
     segments = [slice(0, len(r))] if segments is None else [s for s in segments if s.stop > s.start]
     total = 0.0
-    for s, colour in zip(segments, coloured(np.empty((0, len(r))), r, segments).colours, strict=True):
+    for s, model in zip(segments, noise_models(np.empty((0, len(r))), r, segments).models, strict=True):
         n = s.stop - s.start
-        g = colour.autocovariance(n)
+        g = model.autocovariance(n)
         rho = g / g[0] if g[0] > 0 else np.eye(1, n)[0]
         total += n / (2 * float(np.sum((1 - np.arange(n) / n) * rho**2)) - 1)
     return total

@@ -23,13 +23,13 @@ from tsmblocks.fitting.step_size import halved, shift_note, shifts
 from tsmblocks.model.diagram import Diagram
 
 TOUCHING = 1e-7
-"""Distance from a bound, as a share of the parameter's size, that counts as none."""
+"""Distance from a bound, relative to the parameter, that counts as none. Chosen."""
 VERDICTS = {"no influence": "no influence", "combination": "not determined", "uncertain": "uncertain"}
-"""What a table says of a parameter that the data leave open, by kind."""
+"""Verdict on a parameter that is not identifiable, by kind."""
 NEXT_TO_NOTHING = 1.0
-"""Fit [%] up to which a diagram says hardly more than a constant would."""
+"""Explained variation [%] up to which a diagram explains hardly more than a constant. Chosen."""
 SAME = 1.0
-"""Costs that differ by less than this many variances of a sample belong to one optimum."""
+"""Costs that differ by less than this many variances of a sample belong to one optimum. Chosen."""
 
 
 @attrs.frozen(eq=False)

@@ -23,7 +23,7 @@ FAR = 1.5
 MOST = 5
 """Pairs of parameters that are listed; the rest is counted. Chosen."""
 LEAST, EXACT = 3, 7
-"""Significant digits that are shown of every number, and of the best known one."""
+"""Significant digits of every value, and of the best known one. Chosen."""
 
 
 # ---- a fit ---------------------------------------------------------------------------------------
