@@ -52,7 +52,7 @@ found = tsm.diagnose(oscillator, noise, free=numbers, noise_floor=3e-4, **sample
 
 print(fill(found.sentence, 79))
 for effect in found.effects:
-    print(f"{effect.words}: {100 * effect.share_removed:.2f} % of the error above the noise floor")
+    print(f"share of the error removed by {effect.words}: {100 * effect.share_removed:.2f} %")
 (gap,) = found.worst.gaps
 print("mV, fitted  ", *(f"{1e3 * rms:8.3f}" for rms in gap.train))
 print("mV, held out", *(f"{1e3 * rms:8.3f}" for rms in gap.held_out))
