@@ -129,7 +129,7 @@ def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict
         if argument.default is not argument.empty:
             if argument.kind is argument.POSITIONAL_ONLY:
                 raise BlockError(f"{name}: parameter '{key}' stands before '/', but parameters are given by name.")
-            if not _is_number(argument.default):
+            if not _is_default(argument.default):
                 raise BlockError(
                     f"{name}: the default of '{key}' must be a number or a tuple of numbers, "
                     f"got {in_words(argument.default)}. Without a default it would be an input."
@@ -145,9 +145,9 @@ def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict
     return inputs[1:] if timed else inputs, numbers, timed
 
 
-def _is_number(value: Any) -> bool:
+def _is_default(value: Any) -> bool:
     if isinstance(value, tuple):
-        return all(_is_number(v) for v in value)
+        return all(_is_default(v) for v in value)
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 

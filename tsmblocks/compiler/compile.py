@@ -66,9 +66,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
 
 def _reads(flat: FlatDiagram, evaluator: Evaluator) -> list[Any]:
     """Arguments of every function of the equations: t, x, d, u, q, p."""
-    e = evaluator
-    parts = (e.x_symbols(), e.d_symbols(), e.u_symbols(), e.q_symbols(), flat.p)
-    return [flat.t, *map(_column, parts)]
+    return [flat.t, *map(_column, (*evaluator.symbols(), flat.p))]
 
 
 def _update(flat: FlatDiagram, between: Evaluator) -> Any:

@@ -18,7 +18,7 @@ import casadi as ca
 from tsmblocks.common.errors import BlockError, EquationError, clip, in_words, near
 from tsmblocks.model.block import Block, Input, Unchanging, is_reference, leaves, signals
 
-_HERE = str(Path(__file__).parent.parent)
+_PACKAGE = str(Path(__file__).parent.parent)
 
 
 @attrs.frozen
@@ -141,7 +141,7 @@ def _failure_reason(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, 
 def _line(error: Exception) -> str:
     """``file:line`` where an equation failed: its last line outside this package and other packages."""
     frames = traceback.extract_tb(error.__traceback__)[1:]
-    own = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith(_HERE)] or frames
+    own = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith(_PACKAGE)] or frames
     return f"{own[-1].filename}:{own[-1].lineno}"
 
 

@@ -101,7 +101,7 @@ class Evaluator:
         return [ca.SX(0) if len(key) == 3 else ca.SX(states[key[0]][key[1]].start) for key in keys]
 
     def sampled_inputs(self) -> Iterable[Any]:
-        """The sampled inputs in use, in the order of ``u_symbols``."""
+        """The sampled inputs in use, in the order of ``symbols``."""
         for kind, *rest in self.u:
             if kind == "u":
                 name, order = rest
@@ -110,21 +110,10 @@ class Evaluator:
                 path, tape, order = rest
                 yield SampledInput("d/dt " * int(order) + f"{path}.{tape}", path, tape, int(order))
 
-    def x_symbols(self) -> list[Any]:
-        """Symbols of the continuous states, in order."""
-        return [self.x[k] for k in self.flat.x]
-
-    def d_symbols(self) -> list[Any]:
-        """Symbols of memory and held outputs, in order."""
-        return [self.d[k] for k in self.flat.d]
-
-    def u_symbols(self) -> list[Any]:
-        """Symbols of the sampled inputs in use, in order."""
-        return list(self.u.values())
-
-    def q_symbols(self) -> list[Any]:
-        """Symbols of the stored past of delayed signals, in order."""
-        return [s for kept in self.q for s in kept]
+    def symbols(self) -> tuple[list[Any], ...]:
+        """Symbols of x, d, u and q, each in order."""
+        x, d = [self.x[k] for k in self.flat.x], [self.d[k] for k in self.flat.d]
+        return x, d, list(self.u.values()), [s for kept in self.q for s in kept]
 
     # ---- forming nodes
 

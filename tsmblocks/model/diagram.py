@@ -22,7 +22,7 @@ from tsmblocks.model import edits, unit_inference, validation
 from tsmblocks.model.block import Block, Input, Output, is_reference, leaves, plain
 from tsmblocks.model.wires import Link, chains, class_name, not_a_block, short_name
 
-_HERE = str(Path(__file__).parent.parent)
+_PACKAGE = str(Path(__file__).parent.parent)
 DEEPEST = 64
 """Largest number of levels of diagrams inside diagrams. Chosen: far above any real diagram, and safe for recursion."""
 
@@ -72,7 +72,7 @@ def _listed(wires: Any) -> Any:
 def _caller() -> str:
     """``file:line`` of the first frame outside this package: the line of a script that made the diagram."""
     frame: Any = sys._getframe(1)
-    while frame and (frame.f_code.co_filename.startswith((_HERE, "<attrs"))):
+    while frame and (frame.f_code.co_filename.startswith((_PACKAGE, "<attrs"))):
         frame = frame.f_back
     return f"{frame.f_code.co_filename}:{frame.f_lineno}" if frame else ""
 

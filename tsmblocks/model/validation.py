@@ -248,7 +248,7 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
     from tsmblocks.model.block import Block, is_reference, leaves, map_leaves
 
     for key, value in values.items():
-        if not _is_number(value):
+        if not _is_value(value):
             yield placed(f"value '{key}' must be a number, got {in_words(value)}.", place_of(key))
     for name, block in blocks.items():
         if not isinstance(block, Block):
@@ -259,7 +259,7 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
         place = place_of(name)
         for key in sorted(missing)[:MOST_FAULTS]:
             yield placed(f"{name}: '${clip(key)}' refers to a number that is not in values.{near(key, values)}", place)
-        if used and not wanted & set(unsure) and not missing and all(_is_number(values[k]) for k in wanted):
+        if used and not wanted & set(unsure) and not missing and all(_is_value(values[k]) for k in wanted):
             try:
                 block.replace(
                     **{k: map_leaves(lambda _, x: values[x[1:]] if is_reference(x) else x, v) for k, v in used.items()}
@@ -269,5 +269,5 @@ def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure:
                 yield placed(f"{name}: {error} From values: {said}.", place)
 
 
-def _is_number(value: Any) -> bool:
+def _is_value(value: Any) -> bool:
     return isinstance(value, float) and not math.isnan(value)
