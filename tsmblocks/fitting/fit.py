@@ -100,7 +100,7 @@ def fit(
         of the recording all the same.
     method : {"gauss-newton", "ipopt", "ga"}
         Gauss-Newton with exact sensitivities, its constrained steps solved by CasADi's DAQP; IPOPT through CasADi; or
-        the paper's route, a genetic algorithm and then Nelder-Mead.
+        the paper's route, a genetic algorithm (SciPy's differential evolution) and then Nelder-Mead.
     starts : int, default 4
         Number of starting points: the diagram's parameters, and the best of 64 random sets.
     seed : int, default 0

@@ -24,9 +24,9 @@ class OptimizerResult:
 
     ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no descent, though the
     gradient is not zero: a kink, or rounding) or ``interrupted`` (by Ctrl-C). ``history`` holds the cost after
-    each iteration, ``evaluations`` the number of simulations of all experiments. ``reach`` is how far
-    derivatives had to be taken over, where the outputs jump or bend and those at a point led nowhere; ``blur``
-    how far each unknown may go to either side without any change of the outputs.
+    each iteration, ``evaluations`` the number of simulations of all experiments. ``reach`` is the step of
+    finite differences (unknowns,), where the outputs are nonsmooth and exact derivatives led to no descent; ``blur``
+    how far each unknown may go to either side without a change of the outputs.
     """
 
     theta: np.ndarray

@@ -313,12 +313,3 @@ def bic(mean_square: float, parameters: int, samples: float) -> float:
     Source: Schwarz, Ann. Statist. 6 (1978).
     """
     return samples * math.log(mean_square) + parameters * math.log(samples)
-
-
-def aicc(mean_square: float, parameters: int, samples: float) -> float:
-    """Akaike's information criterion, corrected for few samples; arguments as for ``bic``.
-
-    Infinite when there are too few samples for so many parameters. Source: Hurvich and Tsai, Biometrika 76 (1989).
-    """
-    left = samples - parameters - 2
-    return samples * math.log(mean_square) + 2 * (parameters + 1) * samples / left if left > 0 else math.inf
