@@ -8,12 +8,16 @@ How a diagram becomes machine code, in the order of reading:
 
 1. ``model.block``: a block, its declarations and its three equations.
 2. ``model.diagram``: named blocks and wires as a value.
-3. ``compiler.flatten``: nested diagrams as one level of blocks, with a symbol for each parameter and state.
-4. ``compiler.dependencies``: the equations of a block as expressions, and which inputs each of them reads.
+3. ``compiler.dependencies``: the equations of a block as expressions, and which inputs each of them reads.
+4. ``compiler.flatten``: nested diagrams as one level of blocks, with a symbol for each parameter.
 5. ``compiler.evaluate``: expressions of all signals, formed in the order that these dependencies dictate.
-6. ``compiler.compile``: from these the functions of x' = f(t, x, d, u, q, p), for an engine that knows no blocks.
-7. ``engine.program``: such a function as a list of scalar operations.
-8. ``engine.register_kernel``: the loop over steps, written in LLVM IR from these lists.
+6. ``engine.equations``: x' = f(t, x, d, u, q, p), the form in which the engine, which knows no blocks, receives them.
+7. ``compiler.compile``: makes it from these expressions.
+8. ``engine.plan``: the equations with a method, and which numbers differ between the lanes of a batch.
+9. ``engine.program``: a function of the equations as a list of scalar operations.
+10. ``engine.kernel_frame``: the loop over steps in LLVM IR: arguments, time, logging, delays.
+11. ``engine.register_kernel``: the stages within this loop, written from the lists of operations; ``engine.jit``
+    compiles the text.
 
 ``simulation.simulate`` calls all of it. The packages ``engine``, ``data`` and others state their own order.
 """

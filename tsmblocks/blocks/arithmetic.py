@@ -177,7 +177,7 @@ class Power(Block):
 
     .. math:: y = K u \left(u^2 + u_0^2\right)^{(n - 1)/2}
 
-    Away from zero it is :math:`K |u|^n \operatorname{sgn} u`; below :math:`u_0` it is straight, as flow in a narrow
+    Away from zero it is :math:`K |u|^n \operatorname{sgn} u`; below :math:`u_0` it is linear, as flow in a narrow
     gap is.
     """
 

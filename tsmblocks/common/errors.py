@@ -34,6 +34,11 @@ __all__ = [
     "TsmError",
 ]
 
+MOST_PROBLEMS = 20
+"""Problems of one message that are printed; the others are counted. Chosen: a screen of text."""
+MOST_CHARACTERS = 1500
+"""Characters of one problem that are printed (a loop may have thousands of blocks). Chosen: a screen of text."""
+
 
 class TsmError(Exception):
     """Base of every exception that this package raises on purpose. Its text is meant for the user."""
@@ -135,19 +140,15 @@ def numbered(problems: Sequence[str]) -> str:
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
         shown.append(f"and {len(problems) - MOST_PROBLEMS} more.")
-    lines = [f"  {n}. " + _printable(clip(text, LONGEST)).replace("\n", "\n     ") for n, text in enumerate(shown, 1)]
+    lines = [
+        f"  {n}. " + _printable(clip(text, MOST_CHARACTERS)).replace("\n", "\n     ") for n, text in enumerate(shown, 1)
+    ]
     return "\n".join([f"{count}:", *lines])
 
 
 def _printable(text: str) -> str:
     """A text without control characters, which could steer the terminal."""
     return "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
-
-
-MOST_PROBLEMS = 20
-"""Problems of one message that are printed; the others are counted. Chosen: a screen of text."""
-LONGEST = 1500
-"""Characters of one problem that are printed (a loop may have thousands of blocks). Chosen: a screen of text."""
 
 
 def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "") -> str:
@@ -158,16 +159,26 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
-    close = [k for k in choices if k.casefold() == plain] or get_close_matches(text, likely, 1, 0.85)
-    close = close or _with_word(plain, choices) or get_close_matches(text, likely, 1, 0.6)
-    begun = [k for k in choices if k.casefold().startswith(plain)] if len(plain) > 2 and not close else []
-    close = (begun if len(begun) == 1 else close) or _with_end(plain, choices)
+    close = (
+        [k for k in choices if k.casefold() == plain]
+        or get_close_matches(text, likely, 1, 0.85)
+        or _with_word(plain, choices)
+        or get_close_matches(text, likely, 1, 0.6)
+        or _with_beginning(plain, choices)
+        or _with_end(plain, choices)
+    )
     if close:
         return f" Did you mean '{clip(close[0])}'?"
     if not choices:
         return f" There are none.{otherwise}"
     more = f", … ({len(choices)} in all)" if len(choices) > most else ""
     return f" Known here: {', '.join(map(clip, choices[:most]))}{more}.{otherwise}"
+
+
+def _with_beginning(plain: str, choices: list[str]) -> list[str]:
+    """The name that begins with ``plain``, where there is exactly one and ``plain`` has three letters or more."""
+    found = [k for k in choices if k.casefold().startswith(plain)] if len(plain) > 2 else []
+    return found if len(found) == 1 else []
 
 
 def _with_end(plain: str, choices: list[str]) -> list[str]:

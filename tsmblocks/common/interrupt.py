@@ -31,14 +31,14 @@ def defer_interrupt() -> Iterator[InterruptFlag]:
     installed stays in place.
     """
     flag = InterruptFlag()
-    ours = threading.current_thread() is threading.main_thread()
-    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    in_main = threading.current_thread() is threading.main_thread()  # no other thread may set a handler
+    if not in_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield flag
         return
 
-    def pressed(*where: Any) -> None:
+    def pressed(*details: Any) -> None:
         if flag.stop:
-            signal.default_int_handler(*where)
+            signal.default_int_handler(*details)
         flag.stop = True
 
     signal.signal(signal.SIGINT, pressed)

@@ -1,1 +1,1 @@
-"""From a diagram to one set of equations. Read ``flatten``, ``dependencies``, ``evaluate``, ``compile``."""
+"""From a diagram to one set of equations. Read ``dependencies``, ``flatten``, ``evaluate``, ``compile``."""

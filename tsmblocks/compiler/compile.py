@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.compiler.evaluate import Evaluator
-from tsmblocks.compiler.flatten import FlatDiagram, flatten
+from tsmblocks.compiler.flatten import FlatDiagram, flatten, is_held_output
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
 
@@ -49,7 +49,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
         p=tuple(flat.p_names),
         y=tuple(names),
         q=tuple(".".join(k) for k in flat.past_keys),
-        least=tuple(0 if past.now else 1 for past in flat.pasts),
+        min_delay_steps=tuple(0 if past.now else 1 for past in flat.pasts),
         rhs=rhs,
         update=update,
         start=start,
@@ -94,7 +94,7 @@ def _signals(flat: FlatDiagram, evaluator: Evaluator) -> tuple[list[str], list[A
     known = set(names)
     for key, symbol in [*evaluator.x.items(), *evaluator.d.items()]:
         name = ".".join(key)
-        if len(key) == 2 and name not in known:
+        if not is_held_output(key) and name not in known:  # a held output is logged as evaluated
             names.append(name)
             values.append(symbol)
     return names, values

@@ -20,13 +20,17 @@ from tsmblocks.model.block import Block, Input, Unchanging, is_reference, leaves
 
 _PACKAGE = str(Path(__file__).parent.parent)
 
+EQUATIONS = {"y": "outputs", "dx": "derivatives", "next": "updates"}
+"""Kinds of results, and the method of a block that gives them."""
+
 
 @attrs.frozen
 class Structure:
     """Dependencies of one block: which inputs each output and each derivative reads, at the same instant.
 
-    ``continuous`` states have a derivative, ``memory`` states only an update, ``resets`` both. ``moving`` are the
-    outputs that change between steps though their inputs do not.
+    ``outputs`` and ``rates`` map the name of an output, or of a state with a derivative, to names of inputs (tapes and
+    past values included). ``continuous`` states have a derivative, ``memory`` states only an update, ``resets`` both.
+    ``moving`` are the outputs that change within a step though their inputs do not.
     """
 
     outputs: dict[str, frozenset[str]]
@@ -41,21 +45,17 @@ _CACHE: dict[Any, Structure] = {}
 
 
 def structure_of(block: Block) -> Structure:
-    """The structure of a block. Raises EquationError when its equations do not agree with its declarations."""
+    """The structure of a block, cached. Raises EquationError when its equations and its declarations disagree."""
     key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
     found = _CACHE.get(key)
     if found is None:
-        found = _CACHE[key] = _read(block)
+        found = _CACHE[key] = _analysed(block)
     return found
 
 
 def _shape(value: Any) -> Any:
     """Nesting of a parameter, without its numbers."""
     return tuple(_shape(v) for v in value) if isinstance(value, tuple) else is_reference(value)
-
-
-EQUATIONS = {"y": "outputs", "dx": "derivatives", "next": "updates"}
-"""Kinds of results, and the method of a block that gives them."""
 
 
 @attrs.frozen
@@ -145,7 +145,7 @@ def _line(error: Exception) -> str:
     return f"{own[-1].filename}:{own[-1].lineno}"
 
 
-def _read(block: Block) -> Structure:
+def _analysed(block: Block) -> Structure:
     """Form the equations of a block, check them, and find what they depend on."""
     _check_ports(block)
     made, owner, states = symbolic(block), type(block).__name__, list(block.states)
@@ -167,8 +167,8 @@ def _read(block: Block) -> Structure:
         _no_nan(owner, EQUATIONS[kind], name, expression)
     moving = [getattr(made.x, name) for name in dx]
     return Structure(
-        outputs={k: _needs(v, made.u) for k, v in y.items()},
-        rates={k: _needs(v, made.u) for k, v in dx.items()},
+        outputs={k: _inputs_in(v, made.u) for k, v in y.items()},
+        rates={k: _inputs_in(v, made.u) for k, v in dx.items()},
         continuous=tuple(k for k in states if k in dx),
         memory=tuple(k for k in states if k not in dx),
         resets=tuple(k for k in states if k in dx and k in fresh),
@@ -217,7 +217,7 @@ def _check_ports(block: Block) -> None:
             raise EquationError(f"{owner}.{name} must start at a number, got {in_words(state.start)}.")
 
 
-def _needs(expression: Any, u: Any) -> frozenset[str]:
+def _inputs_in(expression: Any, u: Any) -> frozenset[str]:
     """The inputs that an expression depends on."""
     return frozenset(k for k, s in zip(u._fields, u, strict=True) if ca.depends_on(expression, s))
 

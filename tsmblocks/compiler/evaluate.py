@@ -15,7 +15,7 @@ import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
 from tsmblocks.compiler.dependencies import EQUATIONS, call
-from tsmblocks.compiler.flatten import FlatDiagram, Node
+from tsmblocks.compiler.flatten import FlatDiagram, Node, is_held_output
 from tsmblocks.compiler.past_values import held_past, interpolated_past
 from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
@@ -27,9 +27,12 @@ _PENDING = ca.SX.sym("pending")
 class Evaluator:
     """Expressions of all signals, either between samples (``held``) or at a sample instant.
 
+    Between samples the outputs of sampled blocks are symbols, the values held; at a sample instant they are computed
+    anew. ``share`` is an evaluator whose symbols this one uses, so that the expressions of both belong together.
+
     ``value`` holds the nodes that have been formed. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and
     their derivatives, ``q`` of the stored past of delayed signals, ``hit`` whether each rate group is sampled now;
-    ``owner`` maps a symbol to what it denotes.
+    ``owner`` maps a symbol (its hash) to what it denotes. ``past`` is the index of each past value in ``q``.
     """
 
     def __init__(self, flat: FlatDiagram, *, held: bool, share: Evaluator | None = None) -> None:
@@ -76,7 +79,7 @@ class Evaluator:
         for path, shape in flat.structures.items():
             if shape.memory or shape.resets:
                 fresh |= self._updated(path)
-        held = [key[:2] for key in flat.d if len(key) == 3]
+        held = [key[:2] for key in flat.d if is_held_output(key)]
         self.form(("y", *key) for key in held)
         fresh |= {(*key, "held"): self.value["y", *key] for key in held}
         d = [fresh[key] for key in flat.d]
@@ -87,7 +90,7 @@ class Evaluator:
         """New memory of one block; a sampled block keeps its own between samples."""
         flat, block = self.flat, self.flat.symbolic_blocks[path]
         nodes = {name: self._source(path, name) for name in block.read_names}
-        self.form(node for node in nodes.values() if node[0] != "read")
+        self.form(node for node in nodes.values() if node[0] != "tape")
         values = [self._read(path, name, node) for name, node in nodes.items()]
         new = self._call(path, "updates", values)
         if path in flat.group:
@@ -98,7 +101,7 @@ class Evaluator:
     def starts(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
         """Initial states in terms of parameters; a held output is set by its first sample."""
         states = {path: self.flat.symbolic_blocks[path].states for path in {path for path, *_ in keys}}
-        return [ca.SX(0) if len(key) == 3 else ca.SX(states[key[0]][key[1]].start) for key in keys]
+        return [ca.SX(0) if is_held_output(key) else ca.SX(states[key[0]][key[1]].start) for key in keys]
 
     def sampled_inputs(self) -> Iterable[Any]:
         """The sampled inputs in use, in the order of ``symbols``."""
@@ -136,7 +139,7 @@ class Evaluator:
                 stack.append(missing)
 
     def _form(self, node: Node) -> Iterable[Node]:
-        """Form a node, or return the nodes that must be formed before it."""
+        """Form a node and return nothing; or, where it cannot be formed yet, return the nodes that it needs first."""
         if node[0] == "rate":
             return self._form_rate(node)
         if node[0] == "past":
@@ -148,8 +151,9 @@ class Evaluator:
             return ()
         wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
         block = flat.symbolic_blocks[path]
-        needed = (self._source(path, k) for k in block.read_names if k in wanted)  # the same in any process
-        missing = [n for n in needed if n[0] != "read" and n not in self.value]
+        # In the order of ports: that of the set ``wanted`` differs between processes.
+        needed = (self._source(path, k) for k in block.read_names if k in wanted)
+        missing = [n for n in needed if n[0] != "tape" and n not in self.value]
         if missing:
             return missing
         self._evaluate(path, kind)
@@ -165,7 +169,7 @@ class Evaluator:
         ready, values = set(), []
         for name in block.read_names:
             node = self._source(path, name, strict=False)
-            there = node is not None and (node[0] == "read" or node in self.value)
+            there = node is not None and (node[0] == "tape" or node in self.value)
             values.append(self._read(path, name, node) if there else _PENDING)  # type: ignore[arg-type]
             if there:
                 ready.add(name)
@@ -188,11 +192,11 @@ class Evaluator:
         if past.now:
             self.value[node] = interpolated_past(self.q[k], flat.t, flat.delays[k], first, self.value[source])
         else:
-            made = held_past if self._holds(source) else interpolated_past
+            made = held_past if self._constant_within_steps(source) else interpolated_past
             self.value[node] = made(self.q[k], flat.t, flat.delays[k], first)
         return ()
 
-    def _holds(self, source: Node) -> bool:
+    def _constant_within_steps(self, source: Node) -> bool:
         """Whether a signal is constant within steps: a function of samples, memory and jumps in time alone."""
         flat, seen, left = self.flat, set[Node](), [source]
         while left:
@@ -220,7 +224,7 @@ class Evaluator:
         missing = [("dx", *o[1]) for o in owners if o[0] == "x" and ("dx", *o[1]) not in self.value]
         if missing:
             return missing
-        moving, along = [], []
+        moving, along = [], []  # symbols that change with time, and their derivatives: a direction for ``jtimes``
         for symbol, owner in zip(symbols, owners, strict=True):
             rate = self._symbol_rate(owner, source)
             if rate is not None:
@@ -239,7 +243,7 @@ class Evaluator:
         if kind == "input":
             *name, order = owner[1]
             return self._input_symbol((*name, order + 1))
-        if kind == "d" and len(owner[1]) == 3:
+        if kind == "d" and is_held_output(owner[1]):
             self._raise_fault(
                 f"{self._ports_with_rate(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
                 "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
@@ -260,7 +264,7 @@ class Evaluator:
             return f"the derivative is needed of {name}"
         return f"{', '.join(ports)} {'is' if len(ports) == 1 else 'are'} the derivative of {name}"
 
-    # ---- small readers
+    # ---- names, sources and calls
 
     def _named(self, node: Node) -> str:
         """The log name of a signal, or of its rate."""
@@ -279,11 +283,11 @@ class Evaluator:
         return self.u[key]
 
     def _source(self, path: str, name: str, strict: bool = True) -> Any:
-        """The node that an input reads: a signal, its derivative, a past value, or ``("read", …)`` for a tape."""
+        """The node that an input reads: a signal, its derivative, a past value or a tape."""
         flat = self.flat
         port = flat.symbolic_blocks[path].inports.get(name)
         if port is None:
-            return ("past" if (path, name) in self.past else "read", path, name)
+            return ("past" if (path, name) in self.past else "tape", path, name)
         if (path, name) in flat.driver:
             return flat.driver[path, name]
         driver = self._source(path, port.rate_of, strict=False) if port.rate_of else None
@@ -293,7 +297,7 @@ class Evaluator:
 
     def _read(self, path: str, name: str, node: Node) -> Any:
         """The expression of a node, or the symbol of a tape."""
-        if node[0] != "read":
+        if node[0] != "tape":
             return self.value[node]
         return self._input_symbol(("tape", path, name, 0))
 
@@ -335,11 +339,11 @@ class Evaluator:
         return (
             f"{ring} has no state in it, so its value at one instant depends on itself. "
             "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a "
-            f"sampled block.{self._of_zeros(nodes)}"
+            f"sampled block.{self._zero_coefficient_hint(nodes)}"
         )
 
-    def _of_zeros(self, nodes: list[Node]) -> str:
-        """Which blocks would open the loop if a coefficient that is 0 were left out."""
+    def _zero_coefficient_hint(self, nodes: list[Node]) -> str:
+        """A sentence on the blocks of a loop that pass nothing on since a coefficient is 0; ``""`` without any."""
         flat, idle = self.flat, list[str]()
         numbers = ca.vertcat(*flat.p), ca.DM(flat.p_values)
         for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):

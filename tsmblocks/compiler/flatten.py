@@ -22,19 +22,27 @@ Node = tuple[str, ...]
 
 While wires are followed there are ``("in", block, name)`` and ``("out", block, name)`` too, the borders of an inner
 diagram. ``evaluate`` adds ``("dx", block, state)``, the derivative of a state, ``("rate", *node)``, the time derivative
-of a signal, and ``("past", block, name)``, a past value.
+of a signal, ``("past", block, name)``, a past value, and ``("tape", block, name)``, samples that a block supplies.
 """
+
+
+def is_held_output(key: tuple[str, ...]) -> bool:
+    """Whether an element of ``d`` is an output held between samples, and not a memory state."""
+    return len(key) == 3
 
 
 class FlatDiagram:
     """One level of blocks with symbols. Built once by ``flatten`` and only read afterwards.
 
-    A block's path is its name after the names of the diagrams around it. ``blocks`` and ``symbolic_blocks`` are the
-    blocks as given and with symbols, ``structures`` their dependencies; ``driver`` is the node that drives each input
-    port, ``shown`` the node of each output of the diagram. ``x`` are the continuous states, ``d`` memory and held
-    outputs, ``p`` the symbols of parameters; ``group`` is the place of a sampled block in ``periods`` [s]. For each
-    past value that is read there is one element of ``past_keys`` (block, port), ``pasts`` (its declaration),
-    ``past_source`` (the delayed node), ``delays`` [s] and ``first_past`` (its value before the start).
+    A block's path is its name after the names of the diagrams around it (``motor.drive``).
+
+    - By path: ``blocks`` as given, ``symbolic_blocks`` with symbols, ``structures`` (their dependencies), ``group``
+      (of a sampled block, the index of its period in ``periods`` [s]).
+    - Wiring: ``driver`` is the node that drives each input port, ``shown`` the node of each output of the diagram.
+    - Keys: ``x`` are the continuous states, ``resets`` those that updates set, ``d`` memory states, then the outputs of
+      sampled blocks, which are ``held`` between samples. ``p`` are the symbols of parameters.
+    - For each past value that is read one element of ``past_keys`` (block, port), ``pasts`` (its declaration),
+      ``past_source`` (the delayed node), ``delays`` [s] and ``first_past`` (its value before the start).
     """
 
     def __init__(self, diagram: Diagram) -> None:
@@ -86,7 +94,7 @@ class FlatDiagram:
         return ("y", prefix + name, port)
 
     def _followed(self, node: Node) -> Node:
-        """Follow wires through the borders of inner diagrams to an output of a block or an input of the whole."""
+        """The output of a block, or the input of the whole diagram, that lies behind borders of inner diagrams."""
         seen: list[Node] = []
         while node[0] in ("in", "out"):
             if node in seen:
@@ -171,7 +179,7 @@ class FlatDiagram:
 
     def d_name(self, key: tuple[str, ...]) -> str:
         """The name of a memory state; that of a held output is marked, since a state may have the same name."""
-        return f"{key[0]}.{key[1]}" + (" (held)" if len(key) == 3 else "")
+        return f"{key[0]}.{key[1]}" + (" (held)" if is_held_output(key) else "")
 
     def signal_name(self, node: Node) -> str:
         """The log name of a node."""

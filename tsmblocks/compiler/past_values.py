@@ -10,13 +10,16 @@ import casadi as ca
 def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
     """The value of a signal ``delay`` s before ``t``: on the cubic through four instants, fewer near the start.
 
+    Both curves are Newton polynomials of at most third order: through the stored instants, a step apart, by backward
+    differences; through ``now`` and the newest stored instants, which need not be a step apart, by divided differences.
+
     ``kept`` are the stored numbers (``DELAY_NUMBERS``). ``first`` is the value before the start (None: the first stored
     one). ``now`` is the present value (None: it may not take part); it is the newest point where the wanted instant
     lies after all stored ones.
     """
     *values, newest, per_second, count = kept
     y0, y1, y2, y3 = values
-    since = (t - delay - newest) * per_second
+    since = (t - delay - newest) * per_second  # steps from the newest stored instant to the wanted one
 
     def if_known(n: int, value: Any) -> Any:
         """A difference that needs so many instants, and counts as zero without."""
@@ -25,9 +28,11 @@ def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any 
     d1, d2 = y3 - y2, y3 - 2 * y2 + y1
     d3 = if_known(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
     value = y3 + since * (if_known(2, d1) + (since + 1) / 2 * (if_known(3, d2) + (since + 2) * d3))
+    # ``passed``: steps from the first stored instant to the wanted one
     passed, before = ca.fmax(count - 1, 0.0) + since + _rounding(t, per_second), y3 if first is None else first
     if now is None:
         return ca.if_else(ca.floor(passed) < 0, before, value)
+    # In steps: from now back to the wanted instant, and from the newest stored instant to now.
     back, away = -delay * per_second, ca.if_else(count >= 1, (t - newest) * per_second, 1.0)
     e1 = if_known(1, (now - y3) / away)
     e2 = if_known(2, (e1 - d1) / (away + 1))

@@ -36,11 +36,16 @@ class SampledInput:
 class Equations:
     """A diagram as x' = f(t, x, d, u, q, p) with outputs y, in the form that the engine takes.
 
-    ``x`` continuous states, ``d`` memory and held outputs, ``u`` sampled inputs, ``q`` the past of delayed signals
-    (``DELAY_NUMBERS`` numbers each), ``p`` parameters. ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being the
+    ``x``, ``d``, ``u``, ``p``, ``y`` and ``q`` are the names, in order: ``x`` of continuous states, ``d`` of memory and
+    held outputs, ``u`` of sampled inputs, ``p`` of parameters, ``y`` of signals that can be logged, ``q`` of past
+    values (``DELAY_NUMBERS`` numbers each). ``aliases`` maps outputs of the diagram to signals in ``y``, ``units``
+    signals to labels, ``tapes`` blocks to what supplies their tapes. ``periods`` [s] are those of the rate groups;
+    with ``every_step`` something is updated at each step.
+
+    The functions: ``rhs(t, x, d, u, q, p)`` gives ``(dx, y, s)``, ``s`` being the
     signals that are delayed. ``update(t, x, d, u, q, p, hit)`` gives ``(d, x)`` after an instant at which the rate
     groups with ``hit`` = 1 are sampled (None when nothing is updated). ``start(p)`` gives ``(x, d, s)`` before the
-    run, ``lag(p)`` the delays in s, ``least`` the fewest steps each may take (1, or 0).
+    run, ``lag(p)`` the delays in s; ``min_delay_steps`` is the fewest steps that each may take (1, or 0).
     """
 
     title: str
@@ -50,7 +55,7 @@ class Equations:
     p: tuple[str, ...]
     y: tuple[str, ...]
     q: tuple[str, ...]
-    least: tuple[int, ...]
+    min_delay_steps: tuple[int, ...]
     rhs: Any
     update: Any
     start: Any

@@ -9,7 +9,11 @@ from tsmblocks.engine.plan import Layout
 
 
 class Memory:
-    """The arrays of one run (or one group of lanes); a kernel works on them in place."""
+    """The arrays of one run (or one group of lanes); a kernel works on them in place.
+
+    ``x`` continuous states, ``d`` memory states and held outputs, ``p`` parameters, each as its ``Layout`` has it;
+    ``ring`` the past of each delayed signal, in a ring buffer of ``mask`` + 1 instants (a power of two).
+    """
 
     def __init__(self, x: np.ndarray, d: np.ndarray, p: np.ndarray, ring: np.ndarray, mask: int) -> None:
         self.x, self.d, self.p, self.ring, self.mask = x, d, p, ring, mask
@@ -50,8 +54,8 @@ class Kernel:
     ) -> None:
         """Take ``n`` steps of ``h`` s from instant ``k0``; write a row of ``y`` at each ``every``-th instant.
 
-        Instant k is at ``t0 + k h``. With ``final`` the last instant is logged too; ``skip`` instants come before the
-        first row. ``u`` (steps, instants of the method, inputs) are the sampled inputs, ``hits`` the steps between
-        samples of each rate group.
+        Instant k is at ``t0 + k h``; ``memory`` and ``y`` are written in place. With ``final`` the last instant is
+        logged too; ``skip`` instants come before the first row. ``u`` (steps, instants of the method, inputs) are the
+        sampled inputs, ``hits`` the steps between samples of each rate group.
         """
         raise NotImplementedError

@@ -11,7 +11,12 @@ Values = dict[int, str]
 
 
 class RegisterKernel:
-    """Writes one kernel. Each node is computed as seldom as it changes: once, per instant, or per stage."""
+    """Writes one kernel. Each node is computed as seldom as it changes: once, per instant, or per stage.
+
+    ``f`` is the frame: layouts, programs and the parts that both kernels share; ``w`` writes the instructions and
+    returns their names. ``goals`` are the nodes of the results of ``rhs`` (None for a result that is zero). A node, or
+    an element of a vector, is wide where it has one value per lane.
+    """
 
     def __init__(self, plan: Plan, host: str) -> None:
         self.f = KernelFrame(plan, host)
@@ -22,12 +27,13 @@ class RegisterKernel:
             "y": [self.f.rhs.outputs.get((1, k)) for k in plan.y],
             "s": [self.f.rhs.outputs.get((2, k)) for k in range(len(plan.wide_s))],
         }
+        # The last stage of a step and the first of the next then share an instant, so what depends on time is reused.
         self.carries = 1.0 in plan.method.offsets and not self.f.jumps
 
     # ---- nodes
 
     def need(self, *names: str) -> set[int]:
-        """The instructions that the named groups of results need."""
+        """The nodes that the named groups of results need."""
         goals = [n for name in names for n in self.goals[name] if n is not None]
         return self.f.rhs.needed(goals)
 
@@ -91,11 +97,11 @@ class RegisterKernel:
             everything = f.update.needed(f.update.outputs.values())
             self._constants(f.update, f.widths(f.update), grades_of(f.update), everything, self.update_fixed)
         self._delays()
-        self.front = self._front() if self.carries else []
-        if self.front:
+        self.carried = self._carried_nodes() if self.carries else []
+        if self.carried:
             first = w.emit(f._time("%k0"))
             values = self._time_only(first, dict(self.fixed))
-            for node in self.front:
+            for node in self.carried:
                 w.do(f"%c{node} = alloca {w.type(f.wide[node])}, align 8")
                 w.store(values[node], f"%c{node}", f.wide[node])
         self._widen_constants()
@@ -135,7 +141,7 @@ class RegisterKernel:
             h = w.widen("%h") if is_wide else "%h"
             self.delay.append((w.emit(f"fdiv {w.type(is_wide)} {tau}, {h}"), is_wide))
 
-    def _front(self) -> list[int]:
+    def _carried_nodes(self) -> list[int]:
         """Time-only nodes read by others at the first stage: carried from one step's end to the next's start."""
         need, grade = self.need("dx", "y", "s"), self.grade
         readers = {j for n in need if grade[n] > TIME for j in self.f.rhs.arguments(n)}
@@ -145,7 +151,8 @@ class RegisterKernel:
         )
 
     def _time_only(self, t: str, values: Values) -> Values:
-        nodes = {n for n in self.f.rhs.needed(self.front) if self.grade[n] <= TIME}
+        """The carried nodes at time ``t``, added to ``values``."""
+        nodes = {n for n in self.f.rhs.needed(self.carried) if self.grade[n] <= TIME}
         self.write(self.f.rhs, self.f.wide, nodes, values, {"t": [t], "p": self.p})
         return values
 
@@ -167,6 +174,7 @@ class RegisterKernel:
                     w.store(value, f"%{name}_{k}", flag)
 
     def _states(self) -> dict[str, list[str]]:
+        """The present states and memory."""
         w, f = self.w, self.f
         return {
             name: [w.load(f"%{name}_{k}", wide) for k, wide in enumerate(layout.wide)]
@@ -183,9 +191,11 @@ class RegisterKernel:
         return [w.load(w.at(base, instant * count + k), False) for k in range(count)]
 
     def _past(self, offset: float) -> list[str]:
+        """The past of delayed signals at a stage, in the order of ``q``."""
         return [v for k, (delay, wide) in enumerate(self.delay) for v in self.f.recall(k, delay, wide, offset)]
 
     def _stages(self) -> None:
+        """The stages of the method; log and delay buffers take the values of the first one."""
         f, w, method = self.f, self.w, self.plan.method
         now = self._states()
         start, x_wide = now["x"], f.x.wide
@@ -195,7 +205,7 @@ class RegisterKernel:
             if offset not in instants:
                 instants[offset] = self._instant(offset)
             shared, inputs, t = instants[offset]
-            x = start if stage == 0 else self._ahead(start, rates, row)
+            x = start if stage == 0 else self._weighted_step(start, rates, row)
             read = {"t": [t], "x": x, "d": now["d"], "u": inputs, "q": self._past(offset), "p": self.p}
             nodes = self.need("dx", "y", "s") if stage == 0 else self.need("dx")
             values = dict(shared)
@@ -206,26 +216,27 @@ class RegisterKernel:
                 f.log([(self.result(n, values, wide), wide) for n, wide in zip(self.goals["y"], f.y.wide, strict=True)])
                 for k, node in enumerate(self.goals["s"]):
                     f.remember(k, self.result(node, values, f.s.wide[k]))
-        for k, value in enumerate(self._ahead(start, rates, method.weights)):
+        for k, value in enumerate(self._weighted_step(start, rates, method.weights)):
             w.store(value, f"%x_{k}", x_wide[k])
-        self._carry(instants)
+        self._store_carried(instants)
 
     def _instant(self, offset: float) -> tuple[Values, list[str], str]:
         """Values known before a stage at this offset: hoisted ones and, at the start of a step, carried ones."""
         values = dict(self.fixed)
         if offset == 0:
-            values |= {n: self.w.load(f"%c{n}", self.f.wide[n]) for n in self.front}
+            values |= {n: self.w.load(f"%c{n}", self.f.wide[n]) for n in self.carried}
         return values, self._inputs(self.plan.method.instants.index(offset)), self.f.time_at(offset)
 
-    def _carry(self, instants: dict[float, tuple[Values, list[str], str]]) -> None:
-        if not self.front:
+    def _store_carried(self, instants: dict[float, tuple[Values, list[str], str]]) -> None:
+        """Time-only values at the end of this step, for the first stage of the next."""
+        if not self.carried:
             return
         values, _, t = instants[1.0]
         self._time_only(t, values)
-        for node in self.front:
+        for node in self.carried:
             self.w.store(values[node], f"%c{node}", self.f.wide[node])
 
-    def _ahead(self, start: list[str], rates: list[list[str]], weights: tuple[float, ...]) -> list[str]:
+    def _weighted_step(self, start: list[str], rates: list[list[str]], weights: tuple[float, ...]) -> list[str]:
         """x + h * sum of weighted rates; equal weights share one multiplication."""
         w, made = self.w, []
         for k, (x, wide) in enumerate(zip(start, self.f.x.wide, strict=True)):

@@ -1,4 +1,4 @@
-"""Exact derivatives of a run with respect to parameters: one seed direction per SIMD lane.
+"""Exact derivatives of a run with respect to parameters (forward mode): one direction of parameters per SIMD lane.
 
 CasADi differentiates the equations, the kernel carries the directions side by side. Since a
 Runge-Kutta step commutes with linearisation, the result is the exact derivative of the discrete
@@ -30,6 +30,7 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
     rhs, update, lag = _tangent_functions(eq)
 
     def both(count: int) -> tuple[bool, ...]:
+        """Which are wide: values are equal in all lanes, their derivatives are not."""
         return (False,) * count + (True,) * count
 
     return Plan(
@@ -88,12 +89,13 @@ def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarr
     values, derivatives = (np.asarray(v) for v in _start_and_derivatives(eq)(p))
     ends = np.cumsum([len(eq.x), len(eq.d)])
     x, d, s = np.split(values.ravel(), ends)
-    dx, dd, dsd = np.split(derivatives @ seeds, ends)
+    x_tangent, d_tangent, s_tangent = np.split(derivatives @ seeds, ends)
     capacity = delay_capacity(check_delays(eq, p, h))
-    ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in dsd]
+    # Before the run every stored instant has the same value; a tangent has one value per lane at each instant.
+    ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in s_tangent]
     return Memory(
-        spread([*x, *dx], kernel.layout_x),
-        spread([*d, *dd], kernel.layout_d),
+        spread([*x, *x_tangent], kernel.layout_x),
+        spread([*d, *d_tangent], kernel.layout_d),
         spread([*p, *seeds], kernel.layout_p),
         np.concatenate(ring) if ring else np.empty(0),
         capacity - 1,

@@ -86,7 +86,7 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     if not eq.q:
         return np.empty(0)
     tau = np.asarray(eq.lag(p)).ravel() / h
-    for name, steps, least in zip(eq.q, tau, eq.least, strict=True):
+    for name, steps, least in zip(eq.q, tau, eq.min_delay_steps, strict=True):
         if steps > MOST_DELAY_STEPS:
             raise RunError(
                 f"the delay of {name} is {steps * h:g} s, which is {steps:.1g} steps; at most "

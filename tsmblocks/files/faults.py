@@ -54,7 +54,10 @@ class Reading:
             raise TooManyFaults
 
     def in_order(self) -> list[str]:
-        """The faults file by file and line by line; those without a line come last."""
+        """The faults file by file and line by line; those without a line come last.
+
+        The place is read back from the text, since faults of the wiring come as texts from ``Diagram``.
+        """
         files: dict[str, int] = {}
 
         def place(problem: str) -> tuple[int, float]:

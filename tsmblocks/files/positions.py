@@ -88,6 +88,7 @@ class Places:
             self._in_key, self._in_header, self._parts = True, False, []
 
     def _content(self, shown: str, quoted: bool) -> None:
+        """Take a word or a text: as parts of a key, or as a value, of which only texts in arrays have a line."""
         if not self._in_key:
             if quoted:
                 self._element()
@@ -109,6 +110,7 @@ class Places:
         return self._at if index is None else (*path, index)
 
     def _next(self, commas: int) -> None:
+        """Go on after commas: to a later element of an array, or to the next key of an inline table."""
         path, index = self._open[-1]
         if index is not None:
             self._open[-1] = path, index + commas
@@ -145,21 +147,23 @@ class Places:
             self._next(1)
 
     def _header(self, mark: str) -> None:
+        """Begin or end a section's header, ``[blocks.pid]``."""
         if mark == "[":
             self._in_header, self._table, self._parts = True, (), []
         elif self._parts:
             self._table, self._parts = tuple(self._parts), []
-            self._note((), self._table)
+            self._record_key((), self._table)
 
     def _assign(self) -> None:
+        """End a key at its equals sign."""
         if not self._in_key or self._in_header:
             return
         base = self._open[-1][0] if self._open else self._table
         self._at = (*base, *self._parts)
-        self._note(base, self._at)
+        self._record_key(base, self._at)
         self._in_key, self._parts = False, []
 
-    def _note(self, base: Path, path: Path) -> None:
+    def _record_key(self, base: Path, path: Path) -> None:
         """Record the line of a key, and of the tables in its dotted path that are new."""
         if path in self.lines:
             self.repeated[self._line] = path, self.lines[path]
@@ -168,6 +172,7 @@ class Places:
         self._record(path)
 
     def _enter(self, mark: str) -> None:
+        """Open an array or an inline table."""
         self._open.append((self._here(), 0 if mark == "[" else None))
         self._in_key, self._parts = mark == "{", []
         self._check_depth(0)

@@ -108,37 +108,42 @@ class DiagramPage(Page):
     # ---- one diagram
 
     def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
-        """Read a table with wires, blocks, inputs, outputs and values."""
-        lost = self.known_keys(table, DIAGRAM_KEYS, path, "a diagram")
-        blocks, size, certain = self._blocks(table, path, level)
+        """Read a table with wires, blocks, inputs, outputs and values.
+
+        Where a part could not be read, the rest is still checked, without the faults that could follow from it:
+        ``misspelt`` are the sections that are missing and may be there under another spelling, ``sure_…`` is False
+        where entries are missing, ``unsure`` names blocks without known ports and values without a number.
+        """
+        misspelt = self.known_keys(table, DIAGRAM_KEYS, path, "a diagram")
+        blocks, size, sure_blocks = self._blocks(table, path, level)
         wires, sure_wires = self._wires(table, path)
         inputs, sure_inputs = self._inputs(table, path)
         outputs, sure_outputs = self._outputs(table, path)
         values, unsure = self._values(table, path)
         words: dict[str, Any] = {key: self.text(table, key, path) for key in ("title", "source")}
-        if not certain or "blocks" in lost:
+        if not sure_blocks or "blocks" in misspelt:
             return Part(None, 0)
         unsure += [k for k, v in blocks.items() if isinstance(v, UnreadableBlock)]
-        unsure += _references(blocks) if "values" in lost else []
-        silent = not (sure_wires and sure_inputs) or bool({"wires", "inputs"} & lost)
+        unsure += _references(blocks) if "values" in misspelt else []
+        silent = not (sure_wires and sure_inputs) or bool({"wires", "inputs"} & misspelt)
         parts: dict[str, Any] = dict(blocks=blocks, wires=wires, inputs=inputs, outputs=outputs, values=values)
-        if silent or unsure or lost or not sure_outputs:
-            found = self._together(path, lambda: examine(**parts, unsure=unsure, silent=silent))
-            self._wiring(path, [] if found is None else found.faults)
+        if silent or unsure or misspelt or not sure_outputs:
+            found = self._faults_collected(path, lambda: examine(**parts, unsure=unsure, silent=silent))
+            self._wiring_faults(path, [] if found is None else found.faults)
             return Part(None, size)
-        return Part(self._together(path, lambda: Diagram(**words, **parts, where=self.where)), size)
+        return Part(self._faults_collected(path, lambda: Diagram(**words, **parts, where=self.where)), size)
 
-    def _together(self, path: KeyPath, make: Callable[[], T]) -> T | None:
+    def _faults_collected(self, path: KeyPath, make: Callable[[], T]) -> T | None:
         """The result of ``make``, which takes sound parts; None with its faults collected."""
         try:
             return make()
         except DiagramError as error:
-            self._wiring(path, error.problems)
+            self._wiring_faults(path, error.problems)
         except (TsmError, *UNEXPECTED_ERRORS) as error:
             self.fault(path, f"the blocks cannot be put together: {clip(str(error), 300)}")
         return None
 
-    def _wiring(self, path: KeyPath, faults: Iterable[str]) -> None:
+    def _wiring_faults(self, path: KeyPath, faults: Iterable[str]) -> None:
         """Collect faults of the wiring."""
         for fault in faults:
             placed = fault.startswith(f"{self.where}:")
@@ -181,8 +186,8 @@ class DiagramPage(Page):
         for name, spec in self.table(table, "inputs", path).items():
             at = (*path, "inputs", name)
             inner = spec if isinstance(spec, dict) else {"ports": spec}
-            lost = self.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
-            if "ports" not in inner and "ports" not in lost:
+            misspelt = self.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
+            if "ports" not in inner and "ports" not in misspelt:
                 self.fault(at, f"input '{clip(name)}' needs ports, for example ports = \"motor.u\".")
             ports = inner.get("ports", REFUSED)
             ports = [ports] if isinstance(ports, str) else ports

@@ -341,7 +341,7 @@ def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:
         def lags(theta: np.ndarray, e: int = e) -> np.ndarray:
             return np.asarray(eq.lag(unknowns.parameters(theta, e))).ravel()
 
-        now, shortest = lags(begin), np.array(eq.least) * experiment.times.h
+        now, shortest = lags(begin), np.array(eq.min_delay_steps) * experiment.times.h
         for k in unknowns.columns(e):
             longer = begin.copy()
             longer[k] = 2 * begin[k]

@@ -28,6 +28,8 @@ DEFAULT_METRICS = {
     "effort": "rms(u)",
 }
 """Metrics of tracking where none are named; those are taken whose signals are there."""
+_FIXED_UNIT = {name for name, one in REDUCTIONS.items() if one.unit("m") in (DIMENSIONLESS, "s")}
+"""Reductions whose unit (none, or s) does not depend on that of the signal: of a signal in m it has no m."""
 
 
 @attrs.frozen
@@ -104,12 +106,12 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
         why = "the number of a run has that name" if name == "run" else "it cannot be printed"
         raise ParameterError(f"no metric can be called {in_words(name)}: {why}.")
     read = reader(f"metric '{clip(name, 40)}'" if name else "metric", text, list(signals), "signal")
-    lift = _Lift(read, signals)
-    tree = lift.lifted(read.tree)
-    if not lift.parts:
+    split = _Split(read, signals)
+    tree = split.outer(read.tree)
+    if not split.parts:
         read.refuse(f"this makes no number of a signal. {EXAMPLE}")
-    inner = attrs.evolve(read, known=list(lift.units))
-    unit = _unit(inner, tree, lift.units)
+    inner = attrs.evolve(read, known=list(split.units))
+    unit = _unit(inner, tree, split.units)
     outer, factor = inner.read(tree), 1.0
     if wanted:
         if not unit:
@@ -120,7 +122,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
             factor = units.factor(unit, wanted)
         except units.UnitError as error:
             raise units.UnitError(f"{read.what}: {error}") from None
-    return Metric(name or read.text, read.text, wanted or unit, outer, tuple(lift.parts), factor, asked or read.text)
+    return Metric(name or read.text, read.text, wanted or unit, outer, tuple(split.parts), factor, asked or read.text)
 
 
 def named(text: str) -> tuple[str, str]:
@@ -219,16 +221,19 @@ def _reads(text: str, signals: Mapping[str, str]) -> bool:
     return True
 
 
-class _Lift:
-    """Replaces the reductions in a tree by names ``#k``."""
+class _Split:
+    """Splits the tree of a metric: ``parts`` are its reductions, each replaced by a name ``#k`` in the outer tree.
+
+    ``units`` are those of the names ``#k``, ``""`` where unknown.
+    """
 
     def __init__(self, read: Reader, signals: Mapping[str, str]) -> None:
         self.read, self.signals = read, signals
         self.parts: list[Part] = []
         self.units: dict[str, str] = {}
 
-    def lifted(self, node: ast.expr) -> ast.expr:
-        """The tree with its reductions taken out. Raises ParameterError."""
+    def outer(self, node: ast.expr) -> ast.expr:
+        """The tree with each reduction replaced by its name. Raises ParameterError."""
         written = name_in(node)
         if written is not None and written != "pi":
             full = self.read.full(written, node)
@@ -242,9 +247,9 @@ class _Lift:
         if isinstance(node, ast.Call):
             return self._call(node)
         if isinstance(node, ast.UnaryOp):
-            return ast.copy_location(ast.UnaryOp(node.op, self.lifted(node.operand)), node)
+            return ast.copy_location(ast.UnaryOp(node.op, self.outer(node.operand)), node)
         if isinstance(node, ast.BinOp):
-            return ast.copy_location(ast.BinOp(self.lifted(node.left), node.op, self.lifted(node.right)), node)
+            return ast.copy_location(ast.BinOp(self.outer(node.left), node.op, self.outer(node.right)), node)
         return node
 
     def _call(self, node: ast.Call) -> ast.expr:
@@ -253,19 +258,16 @@ class _Lift:
             self.parts.append(_part(self.read, node, name))
             mark = f"#{len(self.parts) - 1}"
             inside = _unit(self.read, self.parts[-1].of.tree, self.signals)
-            self.units[mark] = REDUCTIONS[name].unit(inside) if inside or name in _OWN_UNIT else ""
+            self.units[mark] = REDUCTIONS[name].unit(inside) if inside or name in _FIXED_UNIT else ""
             return ast.copy_location(ast.Name(mark, ast.Load()), node)
         if name not in FUNCTIONS:
             hint = near(OTHER_NAMES.get(name, name), [*REDUCTIONS, *FUNCTIONS], 20)
             self.read.refuse(f"there is nothing called '{clip(name, 40)}'.{hint}", node.func)
-        return ast.copy_location(ast.Call(node.func, [self.lifted(a) for a in node.args], node.keywords), node)
-
-
-_OWN_UNIT = {name for name, one in REDUCTIONS.items() if one.unit("m") in (DIMENSIONLESS, "s")}
-"""Reductions whose unit does not depend on that of the signal."""
+        return ast.copy_location(ast.Call(node.func, [self.outer(a) for a in node.args], node.keywords), node)
 
 
 def _part(read: Reader, node: ast.Call, name: str) -> Part:
+    """The reduction ``name`` as it is called at ``node``. Raises ParameterError for wrong arguments."""
     reduction = REDUCTIONS[name]
     first = "comparison" if name == "share" else "signal"
     wanted = ", ".join([first, *reduction.numbers, "after=", "before="])

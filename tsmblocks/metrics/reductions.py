@@ -51,20 +51,23 @@ def _variation(e: Array, _: Array) -> Array:
 
 
 def _share(e: Array, _: Array) -> Array:
+    """Share of the instants at which a comparison holds, whose margin ``e`` is then above zero."""
     return np.mean(e > 0, axis=0)
 
 
 def _settling_time(e: Array, t: Array, band: float) -> Array:
-    out = np.abs(e) > band
-    last = len(t) - 1 - np.argmax(out[::-1], axis=0)
-    reached = np.where(out.any(axis=0), np.append(t, np.inf)[last + 1], t[0])
-    return reached - t[0]
+    """Time to the instant after the last one outside the band; infinite where the run ends outside."""
+    outside = np.abs(e) > band
+    last = len(t) - 1 - np.argmax(outside[::-1], axis=0)  # where none is outside, of no meaning
+    settled = np.where(outside.any(axis=0), np.append(t, np.inf)[last + 1], t[0])
+    return settled - t[0]
 
 
 def _rise_time(e: Array, t: Array, target: float) -> Array:
     """Time from 10 % to 90 % of a step, each when it is first passed; infinite where it never is."""
     done = _step_share(e, target)
     passed = [done >= share for share in (0.1, 0.9)]
+    # ``argmax`` is 0 where no instant passes, too; inf - inf would be NaN, hence the two choices below.
     first, last = (np.where(p.any(axis=0), t[np.argmax(p, axis=0)], np.inf) for p in passed)
     return np.where(np.isfinite(last), last - np.where(np.isfinite(first), first, 0.0), np.inf)
 

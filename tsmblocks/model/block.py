@@ -102,8 +102,8 @@ class Block:
     source: ClassVar[str] = ""
     symbol: ClassVar[str] = ""
     sampled: ClassVar[bool] = False
-    _fields: ClassVar[dict[str, Field]] = {}
-    _declared: ClassVar[dict[str, Any]] = {}
+    _fields: ClassVar[dict[str, Field]] = {}  # parameters, options and states by name
+    _declared: ClassVar[dict[str, Any]] = {}  # ports by name: Input, Output, Tape, Past
 
     def __init__(self, *_: Any, **__: Any) -> None:
         # A class that @block has made a block has a constructor of its own.
@@ -297,8 +297,9 @@ class Block:
         for name, field in self._fields.items():
             value = plain(getattr(self, name))
             validate(type(self).__name__, name, field, value)
-            whole = isinstance(value, float) and type(field.default) is int
-            object.__setattr__(self, name, int(value) if whole else value)
+            integer = isinstance(value, float) and type(field.default) is int  # ``plain`` makes every number a float
+            object.__setattr__(self, name, int(value) if integer else value)
+        # A reference has no number yet; the checks follow when the diagram puts its value in.
         if not any(is_reference(v) for k in self.parameters for _, v in leaves(getattr(self, k))):
             self._check_units()
             self.check()
@@ -371,13 +372,13 @@ def block(target: B | None = None, *, register: bool = True) -> Any:
             f"{target.__name__} must derive from Block itself, not from {base}. Write class {target.__name__}(Block)."
         )
     own = frozenset(vars(target))
-    specs = {k: v for k, v in vars(target).items() if isinstance(v, (Input, Output, Tape, Past))}
+    ports = {k: v for k, v in vars(target).items() if isinstance(v, (Input, Output, Tape, Past))}
     made: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(target)
-    made._declared = specs
+    made._declared = ports
     made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
     _check_declarations(made, own)
-    type.__setattr__(made, "__init__", _guarded(made.__init__, made))
-    type.__setattr__(made, "__setattr__", _unchanging)
+    type.__setattr__(made, "__init__", _by_name_only(made.__init__, made))
+    type.__setattr__(made, "__setattr__", _refuse_change)
     if register:
         _register(made)
     return made
@@ -409,7 +410,7 @@ def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
             raise ParameterError(f"the default of {error}") from None
 
 
-def _guarded(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]:
+def _by_name_only(init: Callable[..., None], cls: type[Block]) -> Callable[..., None]:
     """The constructor, with this package's message for an unknown name or a positional argument."""
 
     @functools.wraps(init)
@@ -429,7 +430,7 @@ class Unchanging(AttributeError):
     """An attempt to set an attribute of a block."""
 
 
-def _unchanging(self: Block, name: str, value: Any) -> None:
+def _refuse_change(self: Block, name: str, value: Any) -> None:
     """Raise Unchanging, with the way to a changed block or diagram."""
     raise Unchanging(
         f"a block does not change. A {type(self).__name__} with another {name} is block.replace({name}="

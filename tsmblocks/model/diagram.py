@@ -79,11 +79,12 @@ def _caller() -> str:
 
 @attrs.frozen(kw_only=True)
 class Diagram:
-    """Named blocks and the wires between them: a value, compared whatever the order of the wires.
+    """Named blocks and the wires between them: a value, equal to another whatever the order of their wires.
 
-    Beside its arguments it holds what these mean, found once; an end is a pair (block, port). ``links`` are the wires
-    from end to end, ``inlets`` the ends that each input drives, ``shown`` the end of each output, ``port_units`` the
-    unit of each end where one is known, ``interface`` which inputs and outputs share a unit.
+    The arguments are texts; their meaning is computed once, in terms of ends, an end being a pair (block, port).
+    ``links`` are the ``wires`` from end to end, ``inlets`` the ends that each of the ``inputs`` drives, ``shown`` the
+    end behind each of the ``outputs``, ``port_units`` the unit of each end where one is known, ``interface`` which
+    inputs and outputs share a unit. ``inports`` and ``outports`` are the inputs and outputs as ports of a block.
 
     Parameters
     ----------

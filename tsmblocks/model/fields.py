@@ -143,7 +143,10 @@ class Samples:
 
 @attrs.frozen
 class Field:
-    """The declaration of one field of a block: its kind, meaning, unit, bounds and default."""
+    """The declaration of one field of a block: its kind, meaning, unit, bounds and default.
+
+    The arguments are those of ``parameter`` and ``option``; ``known`` parameters are kept fixed by a fit.
+    """
 
     kind: str  # "parameter", "option" or "state"
     about: str
@@ -181,6 +184,7 @@ class Field:
 
 
 def _field(default: Any, spec: Field) -> Any:
+    # An option that is a whole number keeps its type, which ``_fault`` and the block read; a parameter is a float.
     default = default if type(default) is int and spec.kind == "option" else plain(default)
     return attrs.field(default=default, metadata={"tsm": attrs.evolve(spec, default=default)})
 

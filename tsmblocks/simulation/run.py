@@ -75,7 +75,7 @@ class Run:
     events: tuple[Any, ...] = attrs.field(repr=False, default=())
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A signal by name; raises RunError with the near miss."""
+        """A signal by name. Raises RunError, with the nearest known name, where there is none."""
         if not isinstance(name, str):
             raise RunError(f"signals of a run are chosen by name, one at a time, got {in_words(name)}.")
         target = self.aliases.get(name, name)

@@ -121,10 +121,12 @@ def simulate(
     chosen, names = logged_signals(eq, log, times)
     rule, p = options.rule, parameter_vector(eq, diagram)
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
-    saved = initial if isinstance(initial, SavedState) else None
-    memory = start_memory(eq, kernel, p, h, None if saved else initial)  # type: ignore[arg-type]
-    origin, k = (times.start, 0) if saved is None else (saved.start, saved.k)
-    memory = memory if saved is None else restored_memory(saved, eq, memory, h)
+    if isinstance(initial, SavedState):  # instants are counted from the start of the run that is continued
+        memory = restored_memory(initial, eq, start_memory(eq, kernel, p, h, None), h)
+        origin, k = initial.start, initial.k
+    else:
+        memory = start_memory(eq, kernel, p, h, initial)
+        origin, k = times.start, 0
     signals, hits = options.signals(eq), steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
     warn_of_fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
@@ -149,9 +151,10 @@ def _result(
 ) -> Run:
     """The run so far, from step ``k`` on."""
     eq, start, h = session.eq, session.start, session.h
+    first = -(-k // session.every) * session.every  # the first logged instant: a multiple of ``every``, not before k
     return Run(
         title,
-        start + h * (-(-k // session.every) * session.every + session.every * np.arange(len(rows))),
+        start + h * (first + session.every * np.arange(len(rows))),
         rows,
         names,
         eq.aliases,
@@ -166,7 +169,10 @@ def _result(
 
 
 def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, run: Run, backend: str) -> NotFinite:
-    """The error of a run that diverged, with the run up to there."""
+    """The error of a run that diverged, with the run up to there.
+
+    The last piece is repeated from the memory before it, with every signal logged, to find which diverges first.
+    """
     kernel = single_kernel(eq, rule, tuple(range(len(eq.y))), backend)
     again = Session(
         eq, kernel, stopped.memory.copy(), session.signals, session.start, session.h, 1, stopped.k, session.hits

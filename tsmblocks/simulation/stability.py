@@ -24,7 +24,9 @@ MOST_CHECKED = 16
 """Sets of parameters whose poles are computed, at most. Chosen: for speed."""
 
 _JACOBIANS: dict[int, tuple[Equations, Any]] = {}
+"""By ``id`` of the equations, which are kept beside the function: an id is used again once its object is gone."""
 _SILENT: ContextVar[bool] = ContextVar("quiet", default=False)
+"""Whether step warnings are off in this context."""
 
 
 class StepWarning(UserWarning):
@@ -54,7 +56,7 @@ def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> None
     """
     if _SILENT.get():
         return
-    checked = [(fastest_unstable(one, rule, h), one) for one in runs]
+    checked = [(fastest_growing_pole(one, rule, h), one) for one in runs]
     growing = [(*found, one) for found, one in checked if found is not None]
     if not growing:
         return
@@ -95,13 +97,14 @@ def set_text(numbers: Mapping[str, Any]) -> str:
     )
 
 
-def fastest_unstable(run: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
+def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
     """The fastest decaying pole that grows under the method, with the state it belongs to; None if there is none."""
     eq, p, start = run.eq, run.p, run.start
     if not eq.x:
         return None
     q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))  # delays have no past yet
-    u = np.array([s.at(np.array([start]), order, "right", 1e-6 * h)[0] for s, order in run.signals])
+    tiny = 1e-6 * h  # [s], by which a zero-order hold is read after a jump
+    u = np.array([s.at(np.array([start]), order, "right", tiny)[0] for s, order in run.signals])
     x, d = (run.memory.x, run.memory.d) if run.memory else (np.asarray(v).ravel() for v in eq.start(p)[:2])
     jacobian = _jacobian(eq)(start, x, d, u if len(u) else np.zeros(len(eq.u)), q, p)
     if len(eq.x) <= MOST_STATES:
