@@ -29,6 +29,9 @@ from tsmblocks.simulation.compiled import equations
 CONTRACT = {family: set(names.split()) for family, names in FAMILIES.items() if family != "unknown"}
 SHEATHS = tuple(name for name in shipped_names() if name.startswith("tendon_sheath_"))
 LOOPS = ("fig09a_without_feedforward", "fig09b_elementary", "fig16_feedforward_feedback", "sampled_position_loop")
+SLOW_NEEDS = ["effects", "diagrams/*.toml"]
+SLOW = (*SHEATHS[-3:], *LOOPS[:3])
+"""Diagrams that the effects are slow to be put into: others are much like them."""
 BACKENDS = ("llvm", "casadi")
 STEP = 0.01
 T = np.arange(0.0, 6.0, STEP)
@@ -224,7 +227,13 @@ QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulation.stability.StepW
 
 
 @QUICK
-@pytest.mark.parametrize("name", [*SHEATHS, "motor_linear", *LOOPS])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name
+        for name in (*SHEATHS, "motor_linear", *LOOPS)
+    ],
+)
 def test_at_its_null_an_effect_gives_the_diagram_back(name):
     seen = 0
     for effect, site, _, made in edits(name):

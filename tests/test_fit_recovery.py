@@ -28,6 +28,7 @@ from tests.tolerances import BACKENDS
 from tsmblocks.fitting import summary as summing_up
 from tsmblocks.fitting.setup import pose
 
+SLOW_NEEDS = ["fitting", "diagrams/*.toml"]
 DRAWS = 200
 
 
@@ -61,6 +62,11 @@ def test_what_is_left_is_the_noise(bench):
 # ---- coverage
 
 
+def mostly_slow(names, quick):
+    """Parameters of a test of which only one is not slow."""
+    return [name if name == quick else pytest.param(name, marks=pytest.mark.slow) for name in names]
+
+
 def kept(found):
     """Whether shares of hits are what intervals of 95 % have, as far as so many draws can tell.
 
@@ -72,18 +78,19 @@ def kept(found):
     return bool((draws.ppf(5e-4) <= each).all() and (each <= draws.ppf(1 - 5e-4)).all() and 0.9 <= found.mean() <= 0.98)
 
 
-@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("noise", mostly_slow(NOISES, "AR(1) 0.9"))
 def test_intervals_hold_the_truth_as_often_as_they_say(bench, noise):
     found = hits(bench, NOISES[noise], DRAWS)
     assert kept(found), found.mean(axis=0)
 
 
-@pytest.mark.parametrize("name", SIGNALS)
+@pytest.mark.parametrize("name", mostly_slow(SIGNALS, "two tones"))
 def test_intervals_from_one_recording(bench, name):
     found = hits(bench, autoregressive, DRAWS, (name,), first=DRAWS)
     assert kept(found), found.mean(axis=0)
 
 
+@pytest.mark.slow
 def test_that_check_notices_intervals_made_for_white_noise(bench, monkeypatch):
     honest = summing_up.uncertainty
 

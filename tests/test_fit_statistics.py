@@ -17,6 +17,8 @@ from tsmblocks.fitting.inner_products import product
 from tsmblocks.fitting.noise_model import FEWEST, ARModel, best_order, fast_length, lag_products, noise_models
 from tsmblocks.fitting.statistics import bic, correlation, effective_samples, intervals, uncertainty, whiteness
 
+SLOW_NEEDS = ["fitting"]
+
 
 def regressors(n, p, cycles):
     """Columns as the sensitivities of a hysteresis model: a motion, an offset, a play, signs, bent curves."""
@@ -83,7 +85,9 @@ def coverage(found):
 # ---- coverage
 
 
-@pytest.mark.parametrize(("n", "p", "pieces"), [(500, 1, 1), (500, 7, 1), (500, 5, 3), (3000, 5, 1)])
+@pytest.mark.parametrize(
+    ("n", "p", "pieces"), [(500, 1, 1), (500, 7, 1), (500, 5, 3), pytest.param(3000, 5, 1, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", NOISES)
 def test_intervals_hold_the_truth_as_often_as_they_say(name, n, p, pieces):
     share = coverage(draws(200, n, p, pieces, NOISES[name]))
