@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import attrs
 import casadi as ca
 
-from tsmblocks.blocks.ports import UNIT
+from tsmblocks.blocks.unit_options import UNIT
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.common.units import UnitError, factor
 from tsmblocks.model.block import Block, Input, Output, block, option, parameter

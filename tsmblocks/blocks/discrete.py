@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from tsmblocks.blocks import linear_systems as systems
-from tsmblocks.blocks.ports import UNIT, UNIT_IN
+from tsmblocks.blocks.unit_options import UNIT, UNIT_IN
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 

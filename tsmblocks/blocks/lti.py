@@ -8,7 +8,7 @@ from typing import Any
 
 from tsmblocks.blocks import linear_systems as systems
 from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
-from tsmblocks.blocks.ports import UNIT, UNIT_IN
+from tsmblocks.blocks.unit_options import UNIT, UNIT_IN
 from tsmblocks.common.errors import BlockError, ParameterError, in_words
 from tsmblocks.common.tables import unique_names
 from tsmblocks.common.units import heading, split_heading

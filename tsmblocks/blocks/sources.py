@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tsmblocks.blocks.ports import UNIT
+from tsmblocks.blocks.unit_options import UNIT
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Output, Samples, Tape, block, option, parameter
 

@@ -38,7 +38,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
     results = [_column(between.rates()), _column(signals), _column(between.delayed())]
     rhs = ca.Function("rhs", _reads(flat, between), results, *_LABELS["rhs"])
     p = _column(flat.p)
-    begin = [_column(between.starts(keys)) for keys in (flat.x, flat.d)]
+    begin = [_column(between.initial_values(keys)) for keys in (flat.x, flat.d)]
     start = ca.Function("start", [p], [*begin, _column(flat.first_past)], *_LABELS["start"])
     lag = ca.Function("lag", [p], [_column(flat.delays)], ["p"], ["tau"])
     return Equations(

@@ -98,7 +98,7 @@ class Evaluator:
             new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
         return {(path, k): v for k, v in new.items()}
 
-    def starts(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
+    def initial_values(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
         """Initial states in terms of parameters; a held output is set by its first sample."""
         states = {path: self.flat.symbolic_blocks[path].states for path in {path for path, *_ in keys}}
         return [ca.SX(0) if is_held_output(key) else ca.SX(states[key[0]][key[1]].start) for key in keys]
@@ -125,17 +125,17 @@ class Evaluator:
         for goal in goals:
             if goal in self.value:
                 continue
-            stack, open_ = [goal], {goal: 0}
+            stack, place = [goal], {goal: 0}  # what is being formed, and the place of each in the stack
             while stack:
                 node = stack[-1]
                 missing = next((n for n in self._form(node) if n not in self.value), None)
                 if missing is None:
                     stack.pop()
-                    del open_[node]
+                    del place[node]
                     continue
-                if missing in open_:
-                    self._raise_loop([*stack[open_[missing] :], missing])
-                open_[missing] = len(stack)
+                if missing in place:
+                    self._raise_loop([*stack[place[missing] :], missing])
+                place[missing] = len(stack)
                 stack.append(missing)
 
     def _form(self, node: Node) -> Iterable[Node]:

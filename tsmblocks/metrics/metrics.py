@@ -63,7 +63,7 @@ class Metric:
     """One number of a run, as it was written in ``text``, shown as ``name`` in ``unit`` (``""`` where none is known).
 
     ``outer`` is arithmetic of the ``parts``, named ``#0``, ``#1``, … there; ``factor`` converts its value to
-    ``unit``. ``asked`` is the name as it was given: ``"error [deg]"`` of a metric called ``"error"``.
+    ``unit``. ``given_name`` is the name as it was given: ``"error [deg]"`` of a metric called ``"error"``.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Metric:
     outer: Expression
     parts: tuple[Part, ...]
     factor: float = 1.0
-    asked: str = ""
+    given_name: str = ""
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
     ``"error [deg]"`` states the unit of the result as well. Raises ParameterError for anything else, for unknown
     names, and for signals added up in different units; UnitError for a unit that does not fit.
     """
-    asked = name
+    given_name = name
     name, wanted = named(name)
     if not name.isprintable() or name == "run":
         why = "the number of a run has that name" if name == "run" else "it cannot be printed"
@@ -122,7 +122,9 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
             factor = units.factor(unit, wanted)
         except units.UnitError as error:
             raise units.UnitError(f"{read.what}: {error}") from None
-    return Metric(name or read.text, read.text, wanted or unit, outer, tuple(split.parts), factor, asked or read.text)
+    return Metric(
+        name or read.text, read.text, wanted or unit, outer, tuple(split.parts), factor, given_name or read.text
+    )
 
 
 def named(text: str) -> tuple[str, str]:
@@ -193,7 +195,7 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     if not all(hasattr(run, part) for part in ("t", "unit", "keys")):
         raise RunError(f"only a run can be measured, got {in_words(run)}.")
     found = metrics(wanted, {name: run.unit(name) for name in run})
-    return {one.asked: one(run.t, {k: run[k] for k in one.signals}) for one in found}
+    return {one.given_name: one(run.t, {k: run[k] for k in one.signals}) for one in found}
 
 
 def expression_samples(run: Any, text: str) -> tuple[np.ndarray, str]:

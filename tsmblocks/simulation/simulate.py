@@ -153,18 +153,18 @@ def _result(
     eq, start, h = session.eq, session.start, session.h
     first = -(-k // session.every) * session.every  # the first logged instant: a multiple of ``every``, not before k
     return Run(
-        title,
-        start + h * (first + session.every * np.arange(len(rows))),
-        rows,
-        names,
-        eq.aliases,
-        eq.units,
-        dict(zip(eq.p, p, strict=True)),
-        h,
-        rule.name,
-        SavedState(session.memory, session.k, start, h, memory_names(eq)),
-        complete,
-        tuple(e for e in session.events if e.t <= start + session.k * h),
+        title=title,
+        t=start + h * (first + session.every * np.arange(len(rows))),
+        rows=rows,
+        names=names,
+        aliases=eq.aliases,
+        units=eq.units,
+        parameters=dict(zip(eq.p, p, strict=True)),
+        step=h,
+        method=rule.name,
+        state=SavedState(session.memory, session.k, start, h, memory_names(eq)),
+        complete=complete,
+        events=tuple(e for e in session.events if e.t <= start + session.k * h),
     )
 
 

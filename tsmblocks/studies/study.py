@@ -200,7 +200,7 @@ class _StudySettings:
             "diagram": _digest(_diagram_text(self.diagram)),
             "plan": _digest(*values),
             "inputs": _digest(*driven),
-            "metrics": {one.asked: one.text for one in self.metrics},
+            "metrics": {one.given_name: one.text for one in self.metrics},
             "units": {one.name: one.unit for one in self.metrics},
             "parameters": self.own,
             "start": times.start,
@@ -229,7 +229,7 @@ class _StudySettings:
             status,
             store.path,
             self.diagram,
-            {one.name: one.asked for one in self.metrics},
+            {one.name: one.given_name for one in self.metrics},
         )
 
 

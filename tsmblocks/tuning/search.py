@@ -57,28 +57,28 @@ class Search:
     def metrics(self) -> list[Metric]:
         """The metrics of the runs: the goal, then those of the limits, each once."""
         named = (self.goal, *(one.metric for one in self.limits if one.metric is not None))
-        return list({one.asked: one for one in named}.values())
+        return list({one.given_name: one for one in named}.values())
 
     @property
     def units(self) -> dict[str, str]:
         """Units of all metrics and margins by name."""
-        return {self.goal.asked: self.goal.unit, **{one.name: one.unit for one in self.limits}}
+        return {self.goal.given_name: self.goal.unit, **{one.name: one.unit for one in self.limits}}
 
     def measured(self, sets: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
         """Metrics and margins (sets,) of each case, without smoothing."""
         plan = table({name: [one[name] for one in sets] for name in self.bounds})
-        texts = {one.asked: one.text for one in self.metrics}
+        texts = {one.given_name: one.text for one in self.metrics}
         made = {}
         for case, diagram in self.cases.items():
             with no_step_warnings():
                 found = study(diagram, plan, texts, threads=self.threads, **self.options.arguments)
-            made[case] = {one.asked: found[one.asked] for one in self.metrics}
+            made[case] = {one.given_name: found[one.given_name] for one in self.metrics}
             for one in self.limits:
                 if one.metric is None:
                     margins = [one.margin_of(diagram.with_parameters(numbers)) for numbers in sets]
                     made[case][one.name] = np.array(margins)
                 else:
-                    made[case][one.name] = found[one.metric.asked]
+                    made[case][one.name] = found[one.metric.given_name]
         return made
 
     def run_starts(self, own: Mapping[str, float]) -> list[RunStart]:
@@ -101,7 +101,7 @@ class Search:
 
     def _scores(self, found: Mapping[str, Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
         """The goal in the worst case and the largest excess of a limit, each (sets,); infinite where not finite."""
-        goal = np.max([one[self.goal.asked] for one in found.values()], axis=0)
+        goal = np.max([one[self.goal.given_name] for one in found.values()], axis=0)
         over = [limit.excess(one[limit.name]) for limit in self.limits for one in found.values()]
         most = np.max(over, axis=0) if over else np.full(len(goal), -np.inf)
         bad = ~np.isfinite(goal) | np.isnan(most)

@@ -140,7 +140,7 @@ def tune(
     return Tuned(
         values,
         made,
-        goal.asked,
+        goal.given_name,
         search.units,
         judged.of(0),
         judged.of(best),
