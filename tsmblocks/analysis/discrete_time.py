@@ -36,7 +36,7 @@ class SampledModel:
     states: list[str]
 
     def without_idle(self) -> SampledModel:
-        """The same without held outputs that have no effect."""
+        """The same model without held outputs on which neither states nor outputs depend."""
         kept = [
             k
             for k, name in enumerate(self.states)
@@ -65,16 +65,16 @@ def sampled_model(here: LocalEquations, x: np.ndarray, names: Sequence[str], sho
     d, own, n = with_held_outputs(here.eq, here.t, x, here.d, here.u, here.p), _input_positions(here, names), len(x)
     rates, signals, update = _jacobian_functions(here.eq, tuple(here.eq.aliases.get(name, name) for name in shown))
     given = (x, d, here.u, here.t, here.p)
-    flow, still = _transition(_evaluated(rates, given), own, tick, n), _evaluated(signals, given)
+    transition, output_jacobians = _transition(_evaluated(rates, given), own, tick, n), _evaluated(signals, given)
     size = n + len(d)
     A, B, C, D = np.eye(size), np.zeros((size, len(own))), None, None
     for k in range(math.lcm(*every)):
-        hit = [float(k % each == 0) for each in every]
-        z, u = _joined(_evaluated(update, (*given, hit)), own)
+        due = [float(k % each == 0) for each in every]
+        z, u = _joined(_evaluated(update, (*given, due)), own)
         if C is None:
-            direct = np.hstack(still[:2])
-            C, D = direct @ z, direct @ u + still[2][:, own]
-        step, push = flow[:, :size] @ z, flow[:, :size] @ u + flow[:, size:]
+            direct = np.hstack(output_jacobians[:2])
+            C, D = direct @ z, direct @ u + output_jacobians[2][:, own]
+        step, push = transition[:, :size] @ z, transition[:, :size] @ u + transition[:, size:]
         A, B = step @ A, step @ B + push
     assert C is not None
     assert D is not None
@@ -116,16 +116,16 @@ def _input_positions(here: LocalEquations, names: Sequence[str]) -> list[int]:
 def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, Any, Any]:
     """Jacobians of rates, of signals, and of the update at a sample, by states, memory and inputs."""
     x, d, u = ca.SX.sym("x", len(eq.x)), ca.SX.sym("d", len(eq.d)), ca.SX.sym("u", len(eq.u))
-    t, p, hit, none = ca.SX.sym("t"), ca.SX.sym("p", len(eq.p)), ca.SX.sym("hit", len(eq.periods)), ca.SX(0, 1)
+    t, p, due, none = ca.SX.sym("t"), ca.SX.sym("p", len(eq.p)), ca.SX.sym("due", len(eq.periods)), ca.SX(0, 1)
     dx, y, _ = eq.rhs.call([t, x, d, u, none, p])
     shown = ca.vertcat(ca.SX(0, 1), *(y[eq.y.index(name)] for name in signals))
-    d_next, x_next = eq.update.call([t, x, d, u, none, p, hit])
+    d_next, x_next = eq.update.call([t, x, d, u, none, p, due])
     given = [x, d, u, t, p]
 
     def jacobians(rows: Any, more: tuple[Any, ...] = ()) -> Any:
         return ca.Function("jacobians", [*given, *more], [ca.densify(ca.jacobian(rows, by)) for by in (x, d, u)])
 
-    return jacobians(dx), jacobians(shown), jacobians(ca.vertcat(x_next, d_next), (hit,))
+    return jacobians(dx), jacobians(shown), jacobians(ca.vertcat(x_next, d_next), (due,))
 
 
 def _evaluated(function: Any, given: tuple[Any, ...]) -> list[np.ndarray]:

@@ -26,10 +26,11 @@ def part(record: Record, start: float | None = None, stop: float | None = None) 
             f"{record.called}: only {count} samples lie between {first:g} s and {last:g} s; "
             f"{MIN_RECORD_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
         )
-    return _taken(record, kept)
+    return _samples_of(record, kept)
 
 
-def _taken(record: Record, kept: np.ndarray) -> Record:
+def _samples_of(record: Record, kept: np.ndarray) -> Record:
+    """The record with some of its samples (a mask), and a note on their span."""
     t = record.t[kept]
     span = f"{t[0]:g} s to {t[-1]:g} s"
     note = f"Only {span} ({len(t)} of {len(record)} samples)."
@@ -53,7 +54,7 @@ def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tup
             f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; "
             f"{MIN_RECORD_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
         )
-    return _taken(record, before), _taken(record, ~before)
+    return _samples_of(record, before), _samples_of(record, ~before)
 
 
 def period(record: Record, name: str | None = None) -> float | None:
@@ -72,4 +73,4 @@ def periods(record: Record, name: str | None = None) -> tuple[Record, ...]:
     t = record.t
     count = int((t[-1] - t[0] + record.step) / length + 1e-6)
     place = np.floor((t - t[0]) / length + 1e-6)
-    return tuple(_taken(record, place == k) for k in range(count))
+    return tuple(_samples_of(record, place == k) for k in range(count))

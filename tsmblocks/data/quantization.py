@@ -24,17 +24,18 @@ def quantum_of(x: np.ndarray) -> float | None:
     changes = np.abs(np.diff(x))
     if not len(apart) or not _is_grid(values, float(apart.min())):
         return next((q for k in (2, 3) if len(apart) and _is_grid(values, q := float(apart.min()) / k)), None)
-    q = _sharpened(values, float(apart.min()))
+    q = _refined_step(values, float(apart.min()))
     return q if len(np.unique(np.round(changes / q))) > 1 else None
 
 
 def _is_grid(values: np.ndarray, q: float) -> bool:
-    q = _sharpened(values, q)
+    """Whether nearly all values are whole multiples of a step from the first."""
+    q = _refined_step(values, q)
     places = (values - values[0]) / q
     return bool(np.mean(np.abs(places - np.round(places)) < MAX_GRID_DEVIATION) > 0.99)
 
 
-def _sharpened(values: np.ndarray, q: float) -> float:
+def _refined_step(values: np.ndarray, q: float) -> float:
     """Least-squares step, found over spans that double, so that the error of the first estimate cannot accumulate."""
     far = values - values[0]
     reach = 8.0

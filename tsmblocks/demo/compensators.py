@@ -56,7 +56,7 @@ def feedforward(sheath: Diagram, model: Diagram, words: str) -> Tracked:
 
 
 def around(sheath: Diagram, model: Diagram, words: str) -> Tracked:
-    """A fast loop around a model."""
+    """A fast feedback loop around a model, which approximates its inverse."""
     made = inverse(model, "x_in", "x_out", GAIN)
     loop = _loop(sheath).insert("compensator", made, before="error.plus")
     return _tracked("loop around the model", words, loop)

@@ -72,10 +72,10 @@ def build_story(name: str, seed: int, progress: Callable[[str, float], None] | N
     records = measured(sheath, seed)
     at("identifying", 0.1)
     found = fit(model(), records, seed=seed, step=FINE)
-    _go_on(found.status)
+    _raise_if_interrupted(found.status)
     at("diagnosing", 0.2)
     diagnosis = diagnose(model(), records, noise_floor=FLOOR, seed=seed, step=FINE)
-    _go_on(diagnosis.status)
+    _raise_if_interrupted(diagnosis.status)
     at("rebuilding the compensators", 0.7)
     tracked = [compensators.uncompensated(sheath)]
     models = {IDENTIFIED: found.diagram}
@@ -88,7 +88,7 @@ def build_story(name: str, seed: int, progress: Callable[[str, float], None] | N
     return Story(name, HIDDEN[name], sheath, records, found, diagnosis, tuple(tracked))
 
 
-def _go_on(status: str) -> None:
-    """Raise KeyboardInterrupt where a search was stopped: half a story is none."""
+def _raise_if_interrupted(status: str) -> None:
+    """Raise KeyboardInterrupt where a search was stopped: the story needs complete results."""
     if status == "interrupted":
         raise KeyboardInterrupt

@@ -69,16 +69,16 @@ def held_out_residuals(model: Model, fold: np.ndarray, ridge: np.ndarray, null: 
     size = np.sqrt(np.einsum("ij,ij->j", J, J))
     size = np.where(size > 0, size, 1.0)
     scaled, diagonal = J / size, ridge / size**2 + REGULARIZATION
-    force = ridge * (theta - null) / size
+    ridge_gradient = ridge * (theta - null) / size
     rows = np.ascontiguousarray(scaled.T)
     H, gradient = product(rows, scaled) + np.diag(diagonal), rows @ r
     result = np.empty_like(r)
     for g in range(int(fold.max()) + 1):
         held_out = fold == g
         own = scaled[held_out]
-        step = np.linalg.solve(H - own.T @ own, own.T @ r[held_out] - gradient - force)
-        longest = float(np.max(np.abs(step) / size * np.sqrt(ridge), initial=0.0))
-        result[held_out] = r[held_out] + own @ (step / max(longest, 1.0))
+        step = np.linalg.solve(H - own.T @ own, own.T @ r[held_out] - gradient - ridge_gradient)
+        relative_length = float(np.max(np.abs(step) / size * np.sqrt(ridge), initial=0.0))
+        result[held_out] = r[held_out] + own @ (step / max(relative_length, 1.0))
     return result
 
 

@@ -52,10 +52,10 @@ INDISTINGUISHABLE_T = 2.0
 """Paired t-statistic of two losses below which two candidates are indistinguishable. Source: 95 % of a normal
 distribution."""
 INDISTINGUISHABLE_NOISE_SHARE = 0.01
-"""Difference of two losses [noise variances] below which they are too, whatever its t. Calibrated on
-tests/benchmarks/hidden.py (0.02 in the prototype)."""
+"""Difference of two losses [noise variances] below which candidates are indistinguishable, whatever its t. Calibrated
+on tests/benchmarks/hidden.py (0.02 in the prototype)."""
 INDISTINGUISHABLE_GAIN_SHARE = 0.002
-"""The same as a share of what the better candidate removes. Calibrated on tests/benchmarks/hidden.py."""
+"""The same threshold as a share of what the better candidate removes. Calibrated on tests/benchmarks/hidden.py."""
 DISTINGUISHABLE_GAIN_SHARE = 0.2
 """Difference of two losses, as a share of what the better candidate removes, from which they are distinguishable
 whatever their t. Chosen: a few blocks may carry all of it, so that a t-statistic has no power."""

@@ -230,21 +230,21 @@ def _repeated_beside_others(
     """New rounds, if effect ``k`` would not be named beside the others and they are better; else None."""
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
     this, others = named[k], named[:k] + named[k + 1 :]
-    start = _rounds_for(rounds[0].base, others, search)
-    again = search_round(start[1], start[2], search)
+    other_rounds, model, shrinkage = _rounds_for(rounds[0].base, others, search)
+    again = search_round(model, shrinkage, search)
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
     if new is not None and _same_effect(this, new):
         rounds[k] = attrs.evolve(rounds[k], repeated=again)
         return None
     if new is None:  # beside the others no effect would be named here
-        made, least, allowed = [*start[0], again], len(start[0]), MIN_VARIANCE_REDUCTION
+        made, least, allowed = [*other_rounds, again], len(other_rounds), MIN_VARIANCE_REDUCTION
     else:
-        whole = _rounds_for(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
-        if len(whole[0]) < count:
+        made, model, shrinkage = _rounds_for(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
+        if len(made) < count:
             return None
-        made, least, allowed = whole[0], count, INDISTINGUISHABLE_NOISE_SHARE
+        least, allowed = count, INDISTINGUISHABLE_NOISE_SHARE
         made[k] = attrs.evolve(made[k], repeated=again)
-        forward_search(whole[1], whole[2], search, made)
+        forward_search(model, shrinkage, search, made)
     kept = accepted_count(made, search)
     loss, before = (mean_loss(some[n].losses, search.blocks) for some, n in ((made, kept), (rounds, count)))
     return made if kept >= least and loss <= before + allowed * search.noise_variance else None

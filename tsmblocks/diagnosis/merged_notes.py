@@ -27,22 +27,24 @@ def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
             result.append(key)
             continue
         parts = iter([_range(column) for column in zip(*(numbers for _, numbers in found), strict=True)])
-        result.append(f"{_of(names, experiments)}: {''.join(_filled_in(key, parts))}")
+        result.append(f"{_experiments_text(names, experiments)}: {''.join(_filled_in(key, parts))}")
     return result
 
 
 def _filled_in(key: str, numbers: Iterator[str]) -> Iterator[str]:
+    """The parts of a note, with numbers in place of its placeholders."""
     head, *others = key.split(PLACEHOLDER)
     yield head
     for text in others:
         yield next(numbers) + text
 
 
-def _of(names: Sequence[str], experiments: Sequence[str]) -> str:
+def _experiments_text(names: Sequence[str], experiments: Sequence[str]) -> str:
     return "all experiments" if len(names) == len(experiments) > 1 else listed(names, 5)
 
 
 def _range(texts: Sequence[str]) -> str:
+    """The smallest and largest of numbers or clock times given as text."""
     clock = any(":" in text for text in texts)
     low, high = (end(texts) if clock else end(texts, key=float) for end in (min, max))
     return low if low == high else f"{low} to {high}" if clock else f"{low}–{high}"

@@ -26,24 +26,25 @@ def positions(count: int, rules: list[Rule], start: list[int], pivots: int = 400
     far are returned; they keep the rules, and are not optimal.
     """
     y = list(start)
-    hung: list[set[int]] = [set() for _ in range(count)]
+    tree_rules: list[set[int]] = [set() for _ in range(count)]
     for k in _tight_tree(count, rules, y):
-        hung[rules[k].tail].add(k)
-        hung[rules[k].head].add(k)
-    pull = [0] * count  # cost of moving one node down by 1
+        tree_rules[rules[k].tail].add(k)
+        tree_rules[rules[k].head].add(k)
+    own_cost = [0] * count  # cost of moving one node down by 1
     for rule in rules:
-        pull[rule.head] += rule.weight
-        pull[rule.tail] -= rule.weight
+        own_cost[rule.head] += rule.weight
+        own_cost[rule.tail] -= rule.weight
     for _ in range(pivots):
-        order, via = _walk(rules, hung)
-        total = list(pull)
+        order, reached_by = _walk(rules, tree_rules)
+        branch_cost = list(own_cost)
         for node in reversed(order[1:]):
-            total[_other(rules[via[node]], node)] += total[node]
-        gains = [(total[n] if rules[via[n]].tail == n else -total[n], -n) for n in order[1:]]
+            branch_cost[_other(rules[reached_by[node]], node)] += branch_cost[node]
+        # Saving by moving the branch behind a node; -n prefers the node with the lowest number among equals.
+        gains = [(branch_cost[n] if rules[reached_by[n]].tail == n else -branch_cost[n], -n) for n in order[1:]]
         gain, node = max(gains, default=(0, 0))
         if gain <= 0:
             return y
-        _exchange(rules, y, hung, via[-node], -node)
+        _exchange(rules, y, tree_rules, reached_by[-node], -node)
     return y
 
 
@@ -86,26 +87,26 @@ def _tight_tree(count: int, rules: list[Rule], y: list[int]) -> set[int]:
         fresh = [n for n in (rules[nearest].tail, rules[nearest].head) if n in inside]
 
 
-def _walk(rules: list[Rule], hung: list[set[int]]) -> tuple[list[int], list[int]]:
+def _walk(rules: list[Rule], tree_rules: list[set[int]]) -> tuple[list[int], list[int]]:
     """Nodes of the tree from node 0 on, parents first, and the rule by which each was reached."""
-    order, via = [0], [-1] * len(hung)
+    order, reached_by = [0], [-1] * len(tree_rules)
     for node in order:
-        for k in sorted(hung[node]):
-            if k != via[node]:
+        for k in sorted(tree_rules[node]):
+            if k != reached_by[node]:
                 rule = rules[k]
-                other = rule.head if rule.tail == node else rule.tail
-                via[other] = k
+                other = _other(rule, node)
+                reached_by[other] = k
                 order.append(other)
-    return order, via
+    return order, reached_by
 
 
-def _exchange(rules: list[Rule], y: list[int], hung: list[set[int]], leaving: int, node: int) -> None:
+def _exchange(rules: list[Rule], y: list[int], tree_rules: list[set[int]], leaving: int, node: int) -> None:
     """Move the branch that hangs on ``node`` until another rule becomes tight, and hang it there."""
     for end in (rules[leaving].tail, rules[leaving].head):
-        hung[end].remove(leaving)
+        tree_rules[end].remove(leaving)
     branch, line = {node}, [node]
     for other in line:
-        fresh = [n for k in hung[other] if (n := _other(rules[k], other)) not in branch]
+        fresh = [n for k in tree_rules[other] if (n := _other(rules[k], other)) not in branch]
         branch.update(fresh)
         line += fresh
     down = rules[leaving].head == node
@@ -119,4 +120,4 @@ def _exchange(rules: list[Rule], y: list[int], hung: list[set[int]], leaving: in
     for other in branch:
         y[other] += least if down else -least
     for end in (rules[entering].tail, rules[entering].head):
-        hung[end].add(entering)
+        tree_rules[end].add(entering)

@@ -1,6 +1,6 @@
 """Vertical wires between two columns: their order, so that no two share a line and few cross.
 
-It has heights of pins only.
+It works on the heights of pins only.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ class Trunk:
 
     @property
     def low(self) -> float:
-        """Upper end."""
+        """Smallest height, the upper end: heights grow downwards."""
         return min(self.left + self.right)
 
     @property
     def high(self) -> float:
-        """Lower end."""
+        """Largest height, the lower end."""
         return max(self.left + self.right)
 
     @property
@@ -71,21 +71,21 @@ def _crossed(a: Trunk, b: Trunk) -> int:
 def _unlocked(trunks: list[Trunk], levels: set[float]) -> list[Trunk]:
     """Split trunks until none has to stand both left and right of others."""
     while True:
-        ring = _ring(trunks)
-        if ring is None:
+        locked = _on_cycle(trunks)
+        if locked is None:
             return trunks
-        free = _free(ring, levels)
+        free = _free_height(locked, levels)
         levels.add(free)
-        second = Trunk(ring.owner, [free], ring.right, after=ring.after)
-        first = Trunk(ring.owner, ring.left, [free], after=[second])
+        second = Trunk(locked.owner, [free], locked.right, after=locked.after)
+        first = Trunk(locked.owner, locked.left, [free], after=[second])
         for other in trunks:
-            if ring in other.after:
-                other.after = [first if o is ring else o for o in other.after]
-        trunks = [o for o in trunks if o is not ring] + [first, second]
+            if locked in other.after:
+                other.after = [first if o is locked else o for o in other.after]
+        trunks = [o for o in trunks if o is not locked] + [first, second]
 
 
-def _ring(trunks: list[Trunk]) -> Trunk | None:
-    """A trunk on a ring of demands, one with wires on both sides if there is any."""
+def _on_cycle(trunks: list[Trunk]) -> Trunk | None:
+    """A trunk on a cycle of ``_before``, with wires on both sides; None where there is no cycle."""
     left = list(trunks)
     while left:
         loose = [t for t in left if not any(_before(o, t) for o in left if o is not t)]
@@ -96,7 +96,7 @@ def _ring(trunks: list[Trunk]) -> Trunk | None:
     return None
 
 
-def _free(trunk: Trunk, levels: set[float]) -> float:
+def _free_height(trunk: Trunk, levels: set[float]) -> float:
     """A height between two pins of the trunk, as far from all other wires as there is room."""
     low, high = int(trunk.low), int(trunk.high)
     choices = range(low + GRID // 2, high, GRID)
@@ -104,7 +104,7 @@ def _free(trunk: Trunk, levels: set[float]) -> float:
 
 
 def _sorted(trunks: list[Trunk]) -> list[Trunk]:
-    """An order that keeps all demands, improved by moving one trunk at a time while that saves crossings."""
+    """A topological order by ``_before``, improved by moving one trunk at a time while that saves crossings."""
     order: list[Trunk] = []
     left = sorted(trunks, key=lambda t: (t.low, t.high))
     while left:

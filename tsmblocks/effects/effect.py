@@ -306,12 +306,12 @@ def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
         odd = [one for one in trials.shapes if set(one) != set(trials.shapes[0])]
         if odd:
             yield f"all shapes of its trials must name the same parameters, and {in_words(dict(odd[0]))} does not."
-        yield from _strange_names(effect, trials)
+        yield from _unknown_names(effect, trials)
 
 
-def _strange_names(effect: Effect, trials: Trials) -> Iterator[str]:
+def _unknown_names(effect: Effect, trials: Trials) -> Iterator[str]:
     """Names in trial values of what is not fitted, bounded or fixed."""
-    free, numbers = effect.free, _known(effect.block)
+    free, numbers = effect.free, _parameters_of(effect.block)
     for what, given, known in (
         ("strengths", trials.strengths, free),
         ("shapes", trials.shapes[0], free),
@@ -329,7 +329,7 @@ def _strange_names(effect: Effect, trials: Trials) -> Iterator[str]:
 
 
 def _number_faults(effect: Effect) -> Iterator[str]:
-    known = _known(effect.block)
+    known = _parameters_of(effect.block)
     for name in (*effect.null, *effect.free, *effect.within):
         if name not in known:
             yield f"its block has no parameter '{name}'.{near(name, known)}"
@@ -364,12 +364,12 @@ def _states(block: Block | Diagram) -> list[str]:
     return list(block.states)
 
 
-def _known(block: Block | Diagram) -> Mapping[str, float]:
+def _parameters_of(block: Block | Diagram) -> Mapping[str, float]:
     """Every parameter of an effect's block, by name."""
-    return block.parameters if isinstance(block, Diagram) else _numbers(block)
+    return block.parameters if isinstance(block, Diagram) else _block_parameters(block)
 
 
-def _numbers(block: Block) -> dict[str, float]:
+def _block_parameters(block: Block) -> dict[str, float]:
     return {leaf: number for key, value in block.parameters.items() for leaf, number in leaves(value, key)}
 
 

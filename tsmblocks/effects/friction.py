@@ -38,15 +38,15 @@ class Motion:
         )
 
     def along(self, title: str, block: Block) -> Diagram:
-        """The same for a law in one block, ``friction``."""
+        """As ``resisting``, for a law in one block, ``friction``."""
         return self.resisting(title, {"friction": block}, ["rate -> friction -> left.minus"])
 
     def adapted(self, trials: Callable[[Scales], Trials]) -> Callable[[Scales], Trials]:
-        """``trials`` with the scales of the motion as those of a position."""
+        """``trials`` with the scales of the motion converted to those of a position, for which they are written."""
         return lambda scales: trials(self.scales(scales))
 
 
-def _of_speed(scales: Scales) -> Scales:
+def _as_of_position(scales: Scales) -> Scales:
     """Scales with the second signal, a speed, replaced by the position that moves with it."""
     speed = scales.other
     travel = speed.rms**2 / max(speed.speed, 1e-12)  # the amplitude of a sine: speed squared over acceleration
@@ -54,7 +54,7 @@ def _of_speed(scales: Scales) -> Scales:
     return attrs.evolve(scales, other=Span(-travel, travel, travel, speed.rms, fastest))
 
 
-MOTIONS = (Motion("load", "", Derivative(), lambda scales: scales), Motion("brake", "speed", Gain(), _of_speed))
+MOTIONS = (Motion("load", "", Derivative(), lambda scales: scales), Motion("brake", "speed", Gain(), _as_of_position))
 """A position, which is differentiated exactly, and a speed."""
 
 
@@ -97,7 +97,7 @@ def _presliding_trials(scales: Scales) -> Trials:
     )
 
 
-def _all(motion: Motion) -> tuple[Effect, ...]:
+def _friction_effects(motion: Motion) -> tuple[Effect, ...]:
     """Every friction effect, for one kind of motion."""
     return (_coulomb(motion), _asymmetric(motion), *_sticking(motion), _drag(motion))
 
@@ -199,5 +199,5 @@ def _sticking(motion: Motion) -> tuple[Effect, ...]:
     )
 
 
-EFFECTS = tuple(effect for group in zip(*map(_all, MOTIONS), strict=True) for effect in group)
-"""Variants of one name are neighbours."""
+EFFECTS = tuple(effect for group in zip(*map(_friction_effects, MOTIONS), strict=True) for effect in group)
+"""All friction effects, each for a position and then for a speed, so that variants of one name are neighbours."""

@@ -24,7 +24,7 @@ from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
 from tsmblocks.export.operations import GREATEST, LEAST, c_double, statements
-from tsmblocks.export.pieces import PAST, SPARE, WORDS, comment, identifiers, used
+from tsmblocks.export.pieces import PAST, RESERVED, SPARE, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -118,7 +118,7 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
     Code(name='compensator')
     """
     diagram, h = as_diagram(diagram), as_positive("step", step)
-    if not isinstance(name, str) or not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or name in WORDS:
+    if not isinstance(name, str) or not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or name in RESERVED:
         raise ParameterError(
             f"a name in C has letters, digits and underscores, and is none of C's own; got {in_words(name)}."
         )

@@ -9,7 +9,7 @@ from tsmblocks.common.tables import unique_names
 
 SPARE = 8
 """Samples of a delayed signal in its buffer beyond its delay. Chosen: more than the interpolation needs (4)."""
-WORDS = frozenset(
+RESERVED = frozenset(
     re.findall(
         r"\w+",
         """
@@ -66,6 +66,7 @@ static void {n}_recall(const {n} *c, double offset, double *q)
     }}
 }}
 """
+"""C functions that store and recall delayed signals; a template of ``str.format``."""
 
 
 def used(name: str, text: str) -> bool:
@@ -80,7 +81,7 @@ def identifiers(names: Iterable[str]) -> list[str]:
 
 def _identifier(name: str) -> str:
     plain = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_") or "none"
-    return f"v_{plain}" if not plain[0].isalpha() or plain in WORDS else plain
+    return f"v_{plain}" if not plain[0].isalpha() or plain in RESERVED else plain
 
 
 def comment(text: str) -> str:

@@ -1,4 +1,4 @@
-"""``fit``: free parameters of a diagram found from recordings, by the method asked for, from several starts."""
+"""``fit``: estimate the free parameters of a diagram from recordings, by one method, from several starting points."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ from tsmblocks.fitting.summary import summarise
 from tsmblocks.model.diagram import Diagram
 
 METHODS = ("gauss-newton", "ipopt", "ga")
-FAINT = 1e-4
-"""Noise relative to the measured signals with which priors hardly count. Chosen."""
-SCREENED, MOST_SCREENED = 64, 4096
+NEGLIGIBLE_PRIOR_NOISE = 1e-4
+"""Noise, relative to the measured signals, that weights priors in the first of two searches, so small that they hardly
+count. Chosen."""
+RANDOM_SETS, MAX_RANDOM_SETS = 64, 4096
 """Random sets simulated side by side, of which the best and some others become starting points. Chosen."""
 
 
@@ -181,13 +182,13 @@ def fit(
         backend=backend,
     )
     begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
-    with defer_interrupt() as asked:
-        search = _searcher(method, seed, segments, iterations, _told(progress, problem, asked))
-        for noise in _noises(problem, sigma):
+    with defer_interrupt() as interrupt:
+        search = _searcher(method, seed, segments, iterations, _progress_in_rms(progress, problem, interrupt))
+        for noise in _prior_noises(problem, sigma):
             problem = attrs.evolve(problem, noise=noise(found))
             found = search(problem, [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed))
             begin = found[0].theta
-            if asked.stop or any(f.status == "interrupted" for f in found):
+            if interrupt.stop or any(f.status == "interrupted" for f in found):
                 found[0] = attrs.evolve(found[0], status="interrupted")
                 break
     return summarise(problem, setup, method, found)
@@ -200,24 +201,29 @@ def _check(method: str, segments: Any) -> None:
         raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
 
 
-def _noises(problem: Problem, sigma: Any) -> list[Callable[[list[OptimizerResult]], float]]:
-    """What priors are weighed against, search by search: where no noise was given, they hardly count at first."""
+def _prior_noises(problem: Problem, sigma: Any) -> list[Callable[[list[OptimizerResult]], float]]:
+    """Noise that weights the priors, for each search in turn, as a function of the results of the search before.
+
+    Where no noise was given there are two searches: one in which priors hardly count, and one with its residual.
+    """
     if sigma is not None or not len(problem.priors.which):
         return [lambda _: 1.0]
     free = max(problem.samples - len(problem.unknowns.items), 1)
 
-    def left(found: list[OptimizerResult]) -> float:
-        squares = 2 * (found[0].cost - problem.prior_cost(found[0].theta) * (FAINT * problem.size) ** 2)
+    def residual_noise(found: list[OptimizerResult]) -> float:
+        squares = 2 * (
+            found[0].cost - problem.prior_cost(found[0].theta) * (NEGLIGIBLE_PRIOR_NOISE * problem.size) ** 2
+        )
         return float(np.sqrt(max(squares / free, 0.0))) + 1e-9 * problem.size
 
-    return [lambda _: FAINT * problem.size, left]
+    return [lambda _: NEGLIGIBLE_PRIOR_NOISE * problem.size, residual_noise]
 
 
-def _told(progress: ProgressCallback | None, problem: Problem, asked: InterruptFlag) -> ProgressCallback:
-    """Progress told in the root mean square of a difference, which means something to people; stops on Ctrl-C."""
+def _progress_in_rms(progress: ProgressCallback | None, problem: Problem, interrupt: InterruptFlag) -> ProgressCallback:
+    """The progress callback for a search: it reports the rms residual rather than the cost, and stops on Ctrl-C."""
 
     def tell(stage: str, count: int, cost: float) -> None:
-        asked.check()
+        interrupt.check()
         if progress is not None:
             progress(stage, count, float(np.sqrt(2 * cost / problem.samples)))
 
@@ -228,7 +234,7 @@ Search = Callable[[Problem, Sequence[np.ndarray]], list[OptimizerResult]]
 
 
 def _searcher(method: str, seed: int, segments: int, iterations: int | None, tell: ProgressCallback) -> Search:
-    """The method as a function from starts to ends, best first."""
+    """The method as a function from starting points to results, best first."""
     from tsmblocks.fitting.discontinuous import search_discontinuous
 
     one = _method(method, seed, segments)
@@ -239,7 +245,7 @@ def _searcher(method: str, seed: int, segments: int, iterations: int | None, tel
         for begin in begins[:1] if method == "ga" else begins:
             try:
                 ends.append(one(problem, begin, **most))
-            except KeyboardInterrupt:  # before the search had anything of its own
+            except KeyboardInterrupt:  # before the search had a first result
                 ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
             if ends[-1].status == "interrupted":
                 return _ranked(problem, ends)
@@ -249,7 +255,7 @@ def _searcher(method: str, seed: int, segments: int, iterations: int | None, tel
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:
-    """Best first; what misses a constraint last."""
+    """Results by cost, lowest first; those that violate a constraint come last."""
     return sorted(ends, key=lambda f: (problem.violation(f.theta) > 10 * CONSTRAINT_TOLERANCE, f.cost))
 
 
@@ -273,15 +279,15 @@ def _method(method: str, seed: int, segments: int) -> Callable[..., OptimizerRes
 
 
 def ranges(problem: Problem) -> list[Range]:
-    """Where random search looks for each unknown."""
+    """The range of each unknown in a random search."""
     return [search_range(item.start, item.low, item.high) for item in problem.unknowns.items]
 
 
 def starting_points(problem: Problem, setup: Setup, begin: np.ndarray, starts: int, seed: int) -> list[np.ndarray]:
-    """The diagram's own numbers, and the best of many random sets; only such as simulate to finite numbers."""
+    """The start of the diagram and the best of many random sets; only those whose simulation is finite."""
     begins = [begin] if np.isfinite(problem.cost(begin)) else []
     if starts > 1:
-        tried = _scattered(problem, seed, min(max(SCREENED, 2 * starts), MOST_SCREENED))
+        tried = _scattered(problem, seed, min(max(RANDOM_SETS, 2 * starts), MAX_RANDOM_SETS))
         costs = problem.costs(tried)
         begins += [tried[k] for k in _mixed(costs)[: starts - len(begins)]]
     if not begins:
@@ -308,6 +314,6 @@ def _scattered(problem: Problem, seed: int, count: int) -> np.ndarray:
 
 
 def _mixed(costs: np.ndarray) -> list[int]:
-    """Places of finite cost, the cheapest and the first drawn by turns: the cheapest alone may share one valley."""
+    """Indices of finite cost, alternately the lowest cost and the first drawn: the lowest may all share one minimum."""
     cheap = [int(k) for k in np.argsort(costs, kind="stable") if np.isfinite(costs[k])]
     return list(dict.fromkeys(k for pair in zip(cheap, sorted(cheap), strict=True) for k in pair))

@@ -42,7 +42,11 @@ MOST_DAMPINGS = 16
 
 @attrs.define(eq=False)
 class _State:
-    """Where the search is, with what is known there."""
+    """The current point of the search, with cost and derivatives.
+
+    ``penalty`` weights constraint violations in the merit function. ``reach`` are the steps of finite differences, None
+    for exact derivatives.
+    """
 
     theta: np.ndarray
     cost: float
@@ -84,7 +88,7 @@ def gauss_newton(
     try:
         status = _search(problem, state, history, iterations, tell)
         for share in DIFFERENCE_STEPS if coarse and status == "stalled" else ():
-            reach = share * _sizes(problem, state, start)
+            reach = share * _magnitudes(problem, state, start)
             rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
             rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
             ended = _search(problem, rough, history, iterations, tell)
@@ -98,12 +102,12 @@ def gauss_newton(
     )
 
 
-def _sizes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
-    """How large each unknown is; of one that is and was zero, what moves the outputs as far as they go, if that is."""
-    feel, whole = np.sqrt(np.diag(state.matrix)), problem.size * np.sqrt(problem.samples) or 1.0
+def _magnitudes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
+    """Magnitude of each unknown; of one that is and was zero, the change that moves the outputs by their norm, or 1."""
+    sensitivity, signal_norm = np.sqrt(np.diag(state.matrix)), problem.size * np.sqrt(problem.samples) or 1.0
     size = np.maximum(np.abs(state.theta), np.abs(start))
-    sensible = np.isfinite(feel) & (feel > 1e-150)
-    return np.where(size > 0, size, np.where(sensible, whole / np.where(sensible, feel, 1.0), 1.0))
+    has_effect = np.isfinite(sensitivity) & (sensitivity > 1e-150)
+    return np.where(size > 0, size, np.where(has_effect, signal_norm / np.where(has_effect, sensitivity, 1.0), 1.0))
 
 
 def gauss_newton_differences(
@@ -125,7 +129,7 @@ def gauss_newton_differences(
 def _search(
     problem: Problem, state: _State, history: list[float], iterations: int, tell: ProgressCallback | None
 ) -> str:
-    """Iterate to an end; the status."""
+    """Iterate until the search ends; returns the status."""
     for _ in range(iterations):
         ended = _iterate(problem, state)
         history.append(state.cost)
@@ -137,15 +141,15 @@ def _search(
 
 
 def _iterate(problem: Problem, state: _State) -> str:
-    """One iteration; the status when the search is at its end, else ``""``."""
+    """One step, with more damping until it reduces the merit; the status where the search ends, else ``""``."""
     grow = 2.0
     for _ in range(MOST_DAMPINGS):
         step = _step(problem, state, state.damping)
         if step is None:
             return "stalled"
-        if _small(problem, state, step):
-            whole = _step(problem, state, LEAST_DAMPING)  # the damping may have made it small
-            return "converged" if whole is None or _small(problem, state, whole) else "stalled"
+        if _negligible(problem, state, step):
+            undamped = _step(problem, state, LEAST_DAMPING)  # only the damping may have made it negligible
+            return "converged" if undamped is None or _negligible(problem, state, undamped) else "stalled"
         # Most steps are good, so derivatives are computed at once; of a step in doubt the cost alone.
         new = problem.normal(step.theta, state.reach) if grow == 2.0 else None
         cost = new[0] if new is not None else problem.cost(step.theta)
@@ -165,39 +169,42 @@ def _iterate(problem: Problem, state: _State) -> str:
 
 def _step(problem: Problem, state: _State, damping: float) -> _Step | None:
     """The step of the damped quadratic model, in variables scaled by the sensitivity of the outputs."""
-    feel = np.sqrt(np.diag(state.matrix))
+    sensitivity = np.sqrt(np.diag(state.matrix))
     if not np.isfinite(state.matrix).all():
         return None
-    whole, begun = problem.size * np.sqrt(problem.samples) or 1.0, np.abs(problem.unknowns.start)
-    # What the outputs hardly depend on must stay near; an unknown that started at zero may go anywhere.
-    most = np.where(begun > 0, LARGEST_CHANGE * np.maximum(np.abs(state.theta), begun) / whole, np.inf)
-    size = np.where(feel > 1e-150, np.minimum(1 / np.maximum(feel, 1e-150), most), np.maximum(begun, 1e-6))
+    signal_norm, initial = problem.size * np.sqrt(problem.samples) or 1.0, np.abs(problem.unknowns.start)
+    # Unknowns on which the outputs hardly depend must stay near their values; one that started at zero need not.
+    longest = np.where(initial > 0, LARGEST_CHANGE * np.maximum(np.abs(state.theta), initial) / signal_norm, np.inf)
+    size = np.where(
+        sensitivity > 1e-150, np.minimum(1 / np.maximum(sensitivity, 1e-150), longest), np.maximum(initial, 1e-6)
+    )
     rows, bounds, equal = linearised_constraints(problem, state.theta)
     matrix = state.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
     damped = matrix + damping * np.eye(len(size))
     try:
-        scaled, force = quadratic_step(damped, state.gradient * size, rows * size, bounds, equal)
+        scaled, multipliers = quadratic_step(damped, state.gradient * size, rows * size, bounds, equal)
     except (Infeasible, np.linalg.LinAlgError):
         return None
     count = len(problem.constraints.names)
-    state.penalty = max(state.penalty, 2 * float(np.abs(force[len(force) - count :]).max(initial=0.0)))
+    state.penalty = max(state.penalty, 2 * float(np.abs(multipliers[len(multipliers) - count :]).max(initial=0.0)))
     d = scaled * size
     predicted = -float(state.gradient @ d + 0.5 * d @ state.matrix @ d)
-    missed = problem.violation(state.theta)
-    return _Step(within_bounds(problem, state.theta + d), predicted + state.penalty * missed)
+    violation = problem.violation(state.theta)
+    return _Step(within_bounds(problem, state.theta + d), predicted + state.penalty * violation)
 
 
-def _small(problem: Problem, state: _State, step: _Step) -> bool:
+def _negligible(problem: Problem, state: _State, step: _Step) -> bool:
     """Whether the predicted gain of a step is negligible."""
     if problem.violation(state.theta) > CONSTRAINT_TOLERANCE:
         return False
     variance = 2 * state.cost / max(problem.samples, 1)
-    still = np.abs(step.theta - state.theta) <= 1e-12 * np.maximum(np.abs(state.theta), 1e-12)
+    unchanged = np.abs(step.theta - state.theta) <= 1e-12 * np.maximum(np.abs(state.theta), 1e-12)
     return bool(
-        step.predicted <= max(state.tolerance * variance, ROUNDING * state.cost, problem.rounding) or still.all()
+        step.predicted <= max(state.tolerance * variance, ROUNDING * state.cost, problem.rounding) or unchanged.all()
     )
 
 
 def _merit(problem: Problem, state: _State, theta: np.ndarray, cost: float) -> float:
-    missed = problem.violation(theta)
-    return cost + state.penalty * missed if np.isfinite(cost) and np.isfinite(missed) else np.inf
+    """Cost plus the penalty of constraint violations."""
+    violation = problem.violation(theta)
+    return cost + state.penalty * violation if np.isfinite(cost) and np.isfinite(violation) else np.inf

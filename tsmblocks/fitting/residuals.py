@@ -26,7 +26,7 @@ ROUNDING = 1e-12
 
 @attrs.frozen(eq=False)
 class Priors:
-    """What was known before: ``mean`` and ``deviation`` of some unknowns (``which``, places)."""
+    """Priors: ``mean`` and standard ``deviation`` of some unknowns, whose indices are ``which``."""
 
     which: np.ndarray
     mean: np.ndarray
@@ -48,7 +48,7 @@ class Problem:
     priors: Priors
     noise: float = 1.0
     size: float = attrs.field(init=False)
-    """Root mean square of what was measured, weighted."""
+    """Root mean square of the weighted measured signals, the scale of the residuals."""
 
     @size.default
     def _measured_size(self) -> float:
@@ -57,7 +57,7 @@ class Problem:
 
     @property
     def rounding(self) -> float:
-        """A cost so small that rounding of the outputs may be all there is in it."""
+        """The cost that rounding of the outputs alone may cause."""
         return 0.5 * self.samples * (ROUNDING * self.size) ** 2
 
     @property
@@ -67,7 +67,10 @@ class Problem:
 
     @property
     def segments(self) -> list[slice]:
-        """Where the differences of each experiment and output lie, in that order."""
+        """Slices of the residual vector, one for each experiment and output, in that order.
+
+        They are not the segments of multiple shooting.
+        """
         made, first = [], 0
         for experiment in self.experiments:
             for _ in range(experiment.measured.shape[1]):
@@ -94,7 +97,7 @@ class Problem:
         return r, made
 
     def _blocks(self, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """For each experiment and output: which unknowns matter, the differences, their derivatives."""
+        """For each experiment and output: columns of the unknowns it depends on, the differences, their derivatives."""
         for e, experiment in enumerate(self.experiments):
             p, columns = self.unknowns.parameters(theta, e), self.unknowns.columns(e)
             y, slopes = experiment.slopes(p, self.unknowns.slopes(p, e))
@@ -203,15 +206,15 @@ class Problem:
         return bool((theta >= unknowns.low).all() and (theta <= unknowns.high).all()) and not self.violation(theta) > 0
 
     def violation(self, theta: np.ndarray) -> float:
-        """Sum of what the constraints are missed by; infinite where one is no number."""
+        """Sum of the violations of all constraints; infinite where one is NaN."""
         values = self.constraints.values(theta)
-        missed = np.abs(np.where(self.constraints.equal, values, np.minimum(values, 0.0)))
-        return float(np.where(np.isnan(missed), np.inf, missed).sum())
+        violations = np.abs(np.where(self.constraints.equal, values, np.minimum(values, 0.0)))
+        return float(np.where(np.isnan(violations), np.inf, violations).sum())
 
 
 @functools.lru_cache(maxsize=1)
-def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001 - what the one kept belongs to
-    """Threads kept from call to call; a forked process has none of its parent's, so it gets its own."""
+def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001 - the key of the cache
+    """Threads kept between calls, for one process: a fork does not inherit the threads of its parent."""
     return ThreadPoolExecutor(os.cpu_count() or 1)
 
 

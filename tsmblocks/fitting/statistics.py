@@ -1,4 +1,4 @@
-"""How sure a least-squares fit is of its parameters when the residuals are coloured, and what the residuals tell."""
+"""Covariance and confidence intervals of a least-squares fit with coloured residuals, and tests of the residuals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SUSPECT = 1e-10
 """Ratio of eigenvalues below which a product of matrices is not trusted with the smaller ones. Chosen."""
 PIECE = 1000
 """Samples factorised at a time."""
-LOOSE = 1e-3
+MIN_UNIDENTIFIABLE_SHARE = 1e-3
 """Share of a parameter in a direction without effect from which the parameter is not identifiable. Chosen."""
 LEAST_FREEDOM = 2.0
 """Degrees of freedom are not taken below this: wider tails would come from the method, not from the data. Chosen."""
@@ -26,13 +26,13 @@ LEAST_FREEDOM = 2.0
 
 @attrs.frozen(eq=False)
 class Uncertainty:
-    """How sure a fit is of its parameters.
+    """Covariance of the parameters of a fit.
 
     ``covariance`` (p, p) holds for noise as coloured as the residuals are, ``white`` (p, p) would hold for
     white noise. ``freedom`` (p,) are the degrees of freedom of the Student distribution that the
     intervals follow: how well the noise that matters to each parameter is itself known. ``models`` is the
-    noise of each segment. A parameter that the data leave open has an infinite variance (its
-    covariances are NaN); one that is held has none.
+    noise of each segment. A parameter that is not identifiable has an infinite variance (its covariances
+    are NaN); one that is held has none.
     """
 
     covariance: np.ndarray
@@ -47,7 +47,7 @@ class Uncertainty:
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlation of the parameters, shape (p, p); NaN for those that are held or open."""
+        """Correlation of the parameters, shape (p, p); NaN for those that are held or not identifiable."""
         return correlation(self.covariance)
 
 
@@ -67,7 +67,7 @@ def uncertainty(
 
     ``J`` (N, p) is the Jacobian of the residuals ``r`` (N,) at the estimate. ``segments`` are the slices
     within which residuals are evenly spaced in time and correlated, one per experiment and output;
-    :math:`\Gamma_s` is the covariance of the autoregressive noise found in a segment (``model``). ``prior``
+    :math:`\Gamma_s` is the covariance of the autoregressive noise of a segment (``noise_models``). ``prior``
     (p, p) is the matrix P that priors add to the normal equations and ``noise`` the :math:`\sigma` it was
     scaled with (that of the residuals by default). ``held`` (m, p) are the gradients of active bounds and
     constraints: the estimate does not move along them.
@@ -75,7 +75,7 @@ def uncertainty(
     Degrees of freedom are those of Satterthwaite: the variance of a parameter is itself uncertain, by the
     uncertainty of the noise's coefficients (delta method) and of its size. J is taken as exact, and the noise as
     stationary and independent of the signals: what a model misses in every period, or the steps of a quantised
-    signal that rests where the model rests, is an error that no covariance of residuals shows.
+    signal that rests where the model rests, is an error that the covariance of the residuals does not contain.
     Raises DataError when there are no more samples than parameters, or numbers that are not finite.
     Sources: Söderström and Stoica, System Identification (1989), section 7.4; Ljung, System Identification
     (1999), section 9.3; Satterthwaite, Biometrics Bulletin 2 (1946).
@@ -85,19 +85,21 @@ def uncertainty(
     _check(J, r, segments)
     rows, p = np.ascontiguousarray(J.T), J.shape[1]
     weight = np.zeros((p, p)) if prior is None else np.asarray(prior, dtype=float)
-    basis, open_ = _determined(rows, weight, held)
+    basis, unidentifiable = _identifiable_basis(rows, weight, held)
     seen = product(np.ascontiguousarray(basis.T), rows)
     noises = noise_models(seen, r, segments)
     gains = product(basis, seen)  # the error of the estimate is this matrix times the noise
-    covariance, freedom = _spread(gains, noises, segments, len(seen) / len(r))
-    left = square(r) / (len(r) - len(seen))
+    covariance, freedom = _noise_covariance(gains, noises, segments, len(seen) / len(r))
+    residual_variance = square(r) / (len(r) - len(seen))
     inverse = basis @ basis.T
-    from_prior = inverse @ weight @ inverse * (left if noise is None else noise**2)
-    white = left * product(gains, gains.T) + from_prior
+    from_prior = inverse @ weight @ inverse * (residual_variance if noise is None else noise**2)
+    white = residual_variance * product(gains, gains.T) + from_prior
     total = covariance + from_prior
     if ((np.diag(total) <= 0) & (np.diag(white) > 0)).any():  # rounding left nothing of noise that is all but periodic
         total = white
-    return Uncertainty(_opened(total, open_), _opened(white, open_), freedom, noises.models)
+    return Uncertainty(
+        _with_unidentifiable(total, unidentifiable), _with_unidentifiable(white, unidentifiable), freedom, noises.models
+    )
 
 
 def moved(
@@ -107,10 +109,10 @@ def moved(
 
     .. math:: \Delta\theta = -H^{-1} J^T \Delta r
 
-    Other arguments as for ``uncertainty``; what the data leave open and what is held does not move.
+    Other arguments as for ``uncertainty``; parameters that are held or not identifiable do not move.
     """
     rows = np.ascontiguousarray(np.asarray(J, dtype=float).T)
-    basis, _ = _determined(rows, np.zeros((len(rows), len(rows))) if prior is None else prior, held)
+    basis, _ = _identifiable_basis(rows, np.zeros((len(rows), len(rows))) if prior is None else prior, held)
     return -basis @ (basis.T @ (rows @ change))
 
 
@@ -127,8 +129,8 @@ def _check(J: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> None:
         raise DataError(f"the segments must cover each of the {len(r)} residuals once.")
 
 
-def _determined(rows: np.ndarray, weight: np.ndarray, held: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """B (p, q) with B'HB = 1 that spans what the data tell; and which parameters the rest leaves open."""
+def _identifiable_basis(rows: np.ndarray, weight: np.ndarray, held: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """A basis B (p, q) of the identifiable directions, B'HB = 1; and which parameters are not identifiable (p,)."""
     p = len(rows)
     scale = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
     scale = np.where(scale > 1e-150, scale, 1.0)
@@ -141,7 +143,7 @@ def _determined(rows: np.ndarray, weight: np.ndarray, held: np.ndarray | None) -
     seen = values > RANK * max(values.max(initial=0.0), 1e-300)
     unseen = free @ vectors[:, ~seen]
     basis = free @ vectors[:, seen] / np.sqrt(values[seen])
-    return basis / scale[:, None], (np.abs(unseen) > LOOSE).any(axis=1)
+    return basis / scale[:, None], (np.abs(unseen) > MIN_UNIDENTIFIABLE_SHARE).any(axis=1)
 
 
 def spectrum(rows: np.ndarray, weight: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -160,14 +162,14 @@ def spectrum(rows: np.ndarray, weight: np.ndarray, turn: np.ndarray) -> tuple[np
     return sizes[::-1] ** 2, turned[::-1].T
 
 
-def _opened(covariance: np.ndarray, open_: np.ndarray) -> np.ndarray:
+def _with_unidentifiable(covariance: np.ndarray, unidentifiable: np.ndarray) -> np.ndarray:
     made = (covariance + covariance.T) / 2
-    made[open_], made[:, open_] = np.nan, np.nan
-    made[open_, open_] = np.inf
+    made[unidentifiable], made[:, unidentifiable] = np.nan, np.nan
+    made[unidentifiable, unidentifiable] = np.inf
     return made
 
 
-def _spread(
+def _noise_covariance(
     gains: np.ndarray, noises: NoiseModels, segments: Sequence[slice], share: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (p, p) of ``gains`` (p, N) times the noise, and the degrees of freedom of its diagonal (p,)."""
@@ -243,7 +245,7 @@ def intervals(
     return theta - half, theta + half
 
 
-# ---- what the residuals tell ---------------------------------------------------------------------
+# ---- tests of the residuals -----------------------------------------------------------------------
 
 
 @attrs.frozen(eq=False)
@@ -286,11 +288,11 @@ def whiteness(r: np.ndarray, segments: Sequence[slice] | None = None, lags: int 
 
 
 def effective_samples(r: np.ndarray, segments: Sequence[slice] | None = None) -> float:
-    r"""Number of independent samples that would tell as much of the size of the residuals ``r`` (N,).
+    r"""Number of independent samples with as much information on the size of the residuals ``r`` (N,).
 
     .. math:: n_e = \sum_s n_s \Big/ \Big(1 + 2 \sum_{k=1}^{n_s} (1 - k/n_s) \rho_s(k)^2\Big)
 
-    with the autocorrelation :math:`\rho_s` of the noise found in each segment (``model``).
+    with the autocorrelation :math:`\rho_s` of the noise of each segment (``noise_models``).
     Source: Bayley and Hammersley, J. Roy. Statist. Soc. Suppl. 8 (1946).
     """
     r = np.asarray(r, dtype=float)

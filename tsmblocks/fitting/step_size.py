@@ -1,4 +1,4 @@
-"""What the step of the simulation does to a fit: how far the numbers move when it is halved."""
+"""The error of a fit due to the step of the simulation: how far the parameters move when the step is halved."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COVERED = 0.5
 At a kink the error falls in proportion to the step, so the remaining error is as large again.
 """
 FAR = 100.0
-"""Such a change that is reported without a figure."""
+"""Such a change above which no figure is reported, only that it is larger. Chosen."""
 
 
 def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
@@ -66,12 +66,12 @@ def shifts(
     return np.where(known, np.abs(change) / np.where(known, half_widths, 1.0), 0.0)
 
 
-def shift_note(names: Sequence[str], found: np.ndarray, step: float) -> list[str]:
-    """Words of warning where intervals do not cover the error of the step [s]; ``found`` as of ``shifts``."""
-    if not len(found) or not found.max() > COVERED:
+def shift_note(names: Sequence[str], changes: np.ndarray, step: float) -> list[str]:
+    """A warning where the intervals do not cover the error of the step [s]; ``changes`` as of ``shifts``."""
+    if not len(changes) or not changes.max() > COVERED:
         return []
-    worst, others = int(np.argmax(found)), int(np.sum(found > COVERED)) - 1
-    size = f"{found[worst]:.2g} times" if found[worst] < FAR else f"more than {FAR:g} times"
+    worst, others = int(np.argmax(changes)), int(np.sum(changes > COVERED)) - 1
+    size = f"{changes[worst]:.2g} times" if changes[worst] < FAR else f"more than {FAR:g} times"
     rest = f" and {others} other{'s' if others > 1 else ''} by more than half of theirs" if others else ""
     return [
         f"halving the step of {step:.3g} s moves {names[worst]} by {size} the half width of its interval{rest}: "

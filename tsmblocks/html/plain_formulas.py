@@ -12,7 +12,7 @@ LETTERS = {
     "quad": "\0", "qquad": "\0", ",": " ", ";": " ", "!": "", " ": " ", "{": "{", "}": "}",
     "left": "", "right": "", "bigl": "", "bigr": "", "text": "", "operatorname": "", "bmod": "mod",
 }  # fmt: skip
-"""What a command is written as; any other, such as ``max``, is its own name."""
+"""Text of each command (``\\0`` marks the gap between equations); any other, such as ``max``, is its own name."""
 RATES = {"dot": "'", "ddot": "''"}
 """Marks behind a letter and its index."""
 HAT = "\N{COMBINING CIRCUMFLEX ACCENT}"
@@ -50,7 +50,7 @@ def _spaced(line: str) -> str:
 
 
 def _read(tokens: list[str]) -> str:
-    """Text of all tokens, which are used up."""
+    """Text of all tokens; the list is empty afterwards."""
     text = ""
     while tokens:
         text += _next(tokens)
@@ -58,7 +58,7 @@ def _read(tokens: list[str]) -> str:
 
 
 def _next(tokens: list[str]) -> str:
-    """Text of what stands first: a letter, a group in braces, a command with what belongs to it."""
+    """Text of the first item, whose tokens are removed: a letter, a group in braces, a command with its arguments."""
     token = tokens.pop(0)
     if token == "{":
         return _read(_group(tokens))
@@ -87,7 +87,7 @@ def _argument(tokens: list[str]) -> str:
 
 
 def _group(tokens: list[str]) -> list[str]:
-    """Tokens up to the brace that closes a group, taken off."""
+    """Tokens up to the brace that closes a group; they and the brace are removed from the list."""
     depth, group = 1, list[str]()
     while tokens:
         token = tokens.pop(0)

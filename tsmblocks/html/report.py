@@ -39,10 +39,10 @@ from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.html import figures
 from tsmblocks.html.pages import rendered, sentence
 
-ROOM = 12000
-"""Points of a line in all traces together, so that the page stays small."""
-MOST, LEAST = 500, 100
-"""Points of one line at most and at least."""
+MAX_TOTAL_POINTS = 12000
+"""Points of one line in all traces together. Chosen: the page stays small."""
+MAX_POINTS, MIN_POINTS = 500, 100
+"""Points of one line at most and at least. Chosen."""
 WORDS = {"named": "Found", "unknown": "Unknown effect", "none": "Nothing missing"}
 
 
@@ -102,7 +102,7 @@ def _gap(segment: Segment, gap: Gap) -> dict[str, Any]:
 def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, Any]]:
     """Profiles of each output of a segment, the experiment that is worst, and the others to be opened."""
     count = sum(len(output_traces(s, g.output)) for s in diagnosis.segments for g in s.gaps)
-    points = max(LEAST, min(MOST, ROOM // max(count, 1)))
+    points = max(MIN_POINTS, min(MAX_POINTS, MAX_TOTAL_POINTS // max(count, 1)))
     for gap in segment.gaps:
         profiles = [profile(segment, gap.output, w.coordinate, diagnosis.base) for w in segment.where[:2]]
         worst, *others = [
@@ -231,10 +231,10 @@ def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 def _origin(diagnosis: Diagnosis) -> Sequence[tuple[str, str]]:
     """Version, diagram, recordings and options."""
-    rests = diagnosis.provenance
-    if rests is None:
+    provenance = diagnosis.provenance
+    if provenance is None:
         return ()
-    diagram = ", ".join(filter(None, [rests.source, diagnosis.first.title]))
-    rows = [("tsmblocks", rests.version), ("diagram", diagram)]
-    rows += [(one.experiment, one.words) for one in rests.recordings] + list(rests.options.items())
+    diagram = ", ".join(filter(None, [provenance.source, diagnosis.first.title]))
+    rows = [("tsmblocks", provenance.version), ("diagram", diagram)]
+    rows += [(one.experiment, one.words) for one in provenance.recordings] + list(provenance.options.items())
     return [(name, sentence(words)) for name, words in rows]

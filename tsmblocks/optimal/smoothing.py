@@ -16,7 +16,8 @@ from tsmblocks.engine.program import Program
 class Smooth:
     """A function in which every kink is smoothed over a width of its own.
 
-    ``rounded`` takes the arguments of the function and, last, the ``count`` widths: at 0 it is the function itself.
+    ``rounded`` takes the arguments of the function and, last, the ``count`` widths: at 0 it is the function itself. Its
+    corners are rounded, not its values.
     ``inside`` takes the arguments of the function and gives the arguments of the kinks (each at zero), shape (count,).
     """
 
@@ -24,16 +25,16 @@ class Smooth:
     inside: ca.Function
     count: int
     steps: bool
-    """Whether it rounds to integers, of which the derivative is zero or undefined."""
+    """Whether the function itself rounds to integers, of which the derivative is zero or undefined."""
 
 
 def smooth(function: ca.Function) -> Smooth:
     """Smooth the absolute values, signs, limits and comparisons of a CasADi function of scalar operations."""
     given = [ca.SX.sym(function.name_in(k), *function.size_in(k)) for k in range(function.n_in())]
     program, kinks = Program(function), list[Any]()
-    endless = _endless(program)
-    bent = {k for k, (name, args) in enumerate(program.nodes) if name in _ROUNDED and endless.isdisjoint(args)}
-    size = ca.SX.sym("size", len(bent))
+    infinite = _infinite_nodes(program)
+    kinked = {k for k, (name, args) in enumerate(program.nodes) if name in _SMOOTHED and infinite.isdisjoint(args)}
+    size = ca.SX.sym("size", len(kinked))
     plain, rounded = list[Any](), list[Any]()
     for k, (name, args) in enumerate(program.nodes):
         if name in ("CONST", "INPUT"):
@@ -44,12 +45,12 @@ def smooth(function: ca.Function) -> Smooth:
         exact = _operation(name, [plain[j] for j in args])
         plain.append(exact)
         into = [rounded[j] for j in args]
-        if k in bent:
-            where, form = _ROUNDED[name]
+        if k in kinked:
+            where, form = _SMOOTHED[name]
             rounded.append(form(*into, size[len(kinks)]))
             kinks.append(where(*(plain[j] for j in args)))
         else:
-            rounded.append(_WEIGHED[name](*into) if name in _WEIGHED else _operation(name, into))
+            rounded.append(_LOGICAL[name](*into) if name in _LOGICAL else _operation(name, into))
     shapes = [function.size_out(k) for k in range(function.n_out())]
     outs = [ca.SX(*shape) for shape in shapes]
     for (slot, index), node in program.outputs.items():
@@ -63,11 +64,11 @@ def smooth(function: ca.Function) -> Smooth:
     )
 
 
-def _endless(program: Program) -> set[int]:
+def _infinite_nodes(program: Program) -> set[int]:
     """Nodes that are always infinite; a limit or comparison with one has no kink."""
     found = set[int]()
     for k, (name, args) in enumerate(program.nodes):
-        known = math.isinf(args[0]) if name == "CONST" else name in _ENDLESS and len(found.intersection(args)) == 1
+        known = math.isinf(args[0]) if name == "CONST" else name in _ADDITIVE and len(found.intersection(args)) == 1
         found |= {k} if known else set()
     return found
 
@@ -88,25 +89,25 @@ def _sign(z: Any, size: Any) -> Any:
     return z / (_abs(z, size) + 1e-300)
 
 
-def _from(z: Any, size: Any) -> Any:
+def _unit_step(z: Any, size: Any) -> Any:
     """The smoothed unit step."""
     return (1 + _sign(z, size)) / 2
 
 
-_ROUNDED: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
+_SMOOTHED: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
     "FABS": (lambda z: z, _abs),
     "SIGN": (lambda z: z, _sign),
     "FMAX": (lambda a, b: a - b, lambda a, b, size: (a + b + _abs(a - b, size)) / 2),
     "FMIN": (lambda a, b: a - b, lambda a, b, size: (a + b - _abs(a - b, size)) / 2),
-    "LT": (lambda a, b: a - b, lambda a, b, size: _from(b - a, size)),
-    "LE": (lambda a, b: a - b, lambda a, b, size: _from(b - a, size)),
+    "LT": (lambda a, b: a - b, lambda a, b, size: _unit_step(b - a, size)),
+    "LE": (lambda a, b: a - b, lambda a, b, size: _unit_step(b - a, size)),
 }
 """Operations with a kink or a jump: its argument (zero there), and the smoothed form."""
 
-_ENDLESS = ("ADD", "SUB", "NEG")
+_ADDITIVE = ("ADD", "SUB", "NEG")
 """Operations that are infinite where one operand is."""
 
-_WEIGHED: dict[str, Callable[..., Any]] = {
+_LOGICAL: dict[str, Callable[..., Any]] = {
     "IF_ELSE_ZERO": lambda share, value: share * value,
     "NOT": lambda share: 1 - share,
     "AND": lambda one, other: one * other,

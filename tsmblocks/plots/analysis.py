@@ -37,19 +37,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Any = None) -> Any:
             )
         panel.set_ylabel(label)
         dress(panel, legend=False)
-    for k, line in enumerate(gain):
-        none = response.frequencies[np.isnan(line)]
-        if len(none):
-            panels[0].plot(
-                none,
-                np.zeros(len(none)),
-                "x",
-                ms=5,
-                color=COLOURS[k % len(COLOURS)],
-                clip_on=False,
-                transform=panels[0].get_xaxis_transform(),
-                label="_no answer",
-            )
+    _mark_undefined(panels[0], response.frequencies, gain)
     panels[0].set_yscale("log")
     decimal(panels[0].yaxis)
     for panel in panels:
@@ -64,3 +52,20 @@ def plot_frequency_response(response: FrequencyResponse, ax: Any = None) -> Any:
     )
     panels[0].set_title(f"{response.title}: {response.output} over {response.driven}", loc="left", fontsize=11)
     return panels[0].figure
+
+
+def _mark_undefined(panel: Any, frequencies: np.ndarray, gain: np.ndarray) -> None:
+    """A cross at each frequency without a gain (amplitudes by frequencies), at the lower edge of the panel."""
+    for k, line in enumerate(gain):
+        none = frequencies[np.isnan(line)]
+        if len(none):
+            panel.plot(
+                none,
+                np.zeros(len(none)),
+                "x",
+                ms=5,
+                color=COLOURS[k % len(COLOURS)],
+                clip_on=False,
+                transform=panel.get_xaxis_transform(),
+                label="_no answer",
+            )

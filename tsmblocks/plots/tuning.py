@@ -12,14 +12,14 @@ from tsmblocks.metrics.metrics import named
 from tsmblocks.plots.panels import COLOURS, INK, dress, sheet, shown
 from tsmblocks.tuning.result import Tuned
 
-MOST = 12
-"""Cases with bars of their own; of more there is a histogram."""
+MAX_BARS = 12
+"""Cases that are drawn as bars, at most; more are drawn as a histogram. Chosen."""
 
 
 def plot_tuned(tuned: Tuned, metrics: Sequence[str] = (), ax: Any = None) -> Any:
     """Each metric in each case, before (pale) and tuned (dark), with the limits it is to keep; one axes per metric.
 
-    ``metrics`` are all unless named. Of more than ``MOST`` cases there is a histogram. Returns the figure.
+    ``metrics`` are all unless named. Of more than ``MAX_BARS`` cases there is a histogram. Returns the figure.
     Raises RunError for an unknown metric.
     """
     known = list(next(iter(tuned.after.values())))
@@ -42,14 +42,14 @@ def _panel(panel: Any, tuned: Tuned, name: str, cases: Sequence[str]) -> None:
     sides = {"before": (tuned.before, COLOURS[5]), "tuned": (tuned.after, COLOURS[0])}
     for k, (label, (side, colour)) in enumerate(sides.items()):
         values, _ = shown(np.array([side[case][name] for case in cases]), unit)
-        if len(cases) > MOST:
+        if len(cases) > MAX_BARS:
             panel.hist(values[np.isfinite(values)], bins=30, color=colour, alpha=0.6, label=label)
         else:
             panel.barh(np.arange(len(cases)) + 0.2 * (2 * k - 1), values, height=0.4, color=colour, label=label)
     for one in tuned.limits:
         if one.name == name:
             panel.axvline(float(shown(np.array(one.most), unit)[0]), color=INK, lw=1.0, ls="--", label="limit")
-    if len(cases) > MOST:
+    if len(cases) > MAX_BARS:
         panel.set_ylabel("cases")
     else:
         panel.set_yticks(range(len(cases)), labels=cases)

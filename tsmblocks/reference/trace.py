@@ -17,9 +17,9 @@ from tsmblocks.engine.program import Program
 from tsmblocks.model.block import Block
 
 LONGEST = 150
-"""Operations above which a block's equations are a listing and no longer a formula."""
+"""Operations above which a block's equations are shown as a listing rather than a formula. Chosen."""
 SHARED = 3
-"""Operations from which a part that occurs twice gets a letter of its own."""
+"""Operations from which a part that occurs twice gets a letter of its own. Chosen."""
 ATOM, UNARY, POWER, TIMES, PLUS, COMPARE, LOOSE = range(7)
 """Precedence of a piece of text: the lower, the tighter it binds."""
 
@@ -51,13 +51,13 @@ class Notation:
         return piece[0] if piece[1] <= most else filled(self.brackets, piece[0])
 
 
-ROUND = ((2, r"2 \pi"), (1, r"\pi"), (180 / math.pi**2, r"\frac{180}{\pi}"), (1 / 180, r"\frac{\pi}{180}"))
-"""Multiples of pi, and how they are written."""
+PI_MULTIPLES = ((2, r"2 \pi"), (1, r"\pi"), (180 / math.pi**2, r"\frac{180}{\pi}"), (1 / 180, r"\frac{\pi}{180}"))
+"""Multiples of pi, and how they are written (180 / pi**2 times pi is 180 / pi, from radians to degrees)."""
 
 
 def _constant(value: float) -> Piece:
     """A number, as a multiple of pi where it is a simple one."""
-    for times, text in ROUND:
+    for times, text in PI_MULTIPLES:
         if math.isclose(value, times * math.pi, rel_tol=1e-14):
             return text, TIMES
     mantissa, e, power = f"{value:.12g}".partition("e")
@@ -197,7 +197,7 @@ def _function(block: Block) -> tuple[ca.Function, list[str], list[tuple[str, str
 
 
 class _Walk:
-    """Nodes of a program turned to text, each once."""
+    """Conversion of the nodes of a program to text, each once."""
 
     def __init__(self, program: Program, names: Sequence[str], notation: Notation) -> None:
         self.program, self.names, self.notation = program, names, notation

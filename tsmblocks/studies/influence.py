@@ -25,7 +25,7 @@ def influence(results: Results, metric: str) -> dict[str, tuple[float, float]]:
             f"'{metric}' is finite in {int(finite.sum())} runs; the influences of its parameters take {X.shape[1] + 2} "
             "at least."
         )
-    evaluate = _of_sweep if results.kind == "sweep" else _of_regression
+    evaluate = _sweep_ends if results.kind == "sweep" else _regression_ends
     made = evaluate(results, X, y, finite, list(numbers))
     middle = base_value(results, metric)
     return dict(sorted(made.items(), key=lambda one: -np.ptp([*one[1], middle])))
@@ -39,9 +39,10 @@ def base_value(results: Results, metric: str) -> float:
     return float(results[metric][finite].mean())
 
 
-def _of_sweep(
+def _sweep_ends(
     results: Results, X: np.ndarray, y: np.ndarray, finite: np.ndarray, names: list[str]
 ) -> dict[str, tuple[float, float]]:
+    """The metric at the ends of each parameter, in the runs in which all others keep their own values."""
     own = np.array([results.own[name] for name in names])
     made = {}
     for k, name in enumerate(names):
@@ -52,9 +53,10 @@ def _of_sweep(
     return made
 
 
-def _of_regression(
+def _regression_ends(
     _: Results, X: np.ndarray, y: np.ndarray, finite: np.ndarray, names: list[str]
 ) -> dict[str, tuple[float, float]]:
+    """The metric at the ``END_QUANTILES`` of each parameter, by linear regression on all of them."""
     X, y = X[finite], y[finite]
     size = np.where(np.ptp(X, axis=0) > 0, X.std(axis=0), 1.0)
     slope = np.linalg.lstsq((X - X.mean(axis=0)) / size, y - y.mean(), rcond=None)[0] / size

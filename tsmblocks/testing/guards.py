@@ -26,7 +26,7 @@ def read_guards(path: Path) -> dict[str, Guard]:
     usual = page.value("a class of tolerance", str, page.content.get("tolerance", "normal"), "tolerance")
     given = page.section("metrics") if "metrics" in page.content else None
     texts = None if given is None else {k: _text(page, k, one) for k, one in given.items()}
-    classes = usual if given is None else {named(k)[0]: _class(one, usual) for k, one in given.items()}
+    classes = usual if given is None else {named(k)[0]: _tolerance_class(one, usual) for k, one in given.items()}
     cases = {k: page.value("a table of parameters", dict, v, "cases", k) for k, v in page.section("cases").items()}
     if diagram is None:
         page.raise_faults()
@@ -55,5 +55,6 @@ def _text(page: RunPage, name: str, given: Any) -> Any:
     return given.get("of")
 
 
-def _class(given: Any, usual: str) -> Any:
+def _tolerance_class(given: Any, usual: str) -> Any:
+    """The tolerance class of a metric; ``usual`` where it has none of its own."""
     return given.get("tolerance", usual) if isinstance(given, Mapping) else usual

@@ -39,7 +39,7 @@ DIGITS = 7
 class Guard:
     """A diagram, how it is run, and metrics with the tolerance class of each.
 
-    ``how`` are arguments of ``simulate``.
+    ``how`` are arguments of ``simulate``; ``tolerances`` are the largest relative changes, by metric.
     """
 
     diagram: Diagram
@@ -162,6 +162,7 @@ def changes(watched: Guard, before: Baseline, now: Baseline) -> list[Change]:
 
 
 def _within_tolerance(before: float, now: float, allowed: float) -> bool:
+    """Whether a change is at most ``allowed`` times the baseline; infinite values must be equal."""
     if math.isfinite(before) and math.isfinite(now):
         return abs(now - before) <= max(allowed * abs(before), ZERO_TOLERANCE)
     return before == now

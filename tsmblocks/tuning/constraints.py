@@ -80,9 +80,9 @@ class Limit:
 
 @lru_cache(maxsize=4096)
 def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...], dt: float) -> tuple[float, float]:
-    """Gain and phase margin of a state space, of samples where ``dt`` is not 0.
+    """Gain and phase margin of a state space, which is in discrete time where ``dt`` is not 0.
 
-    They are cached: cases that differ in their signals only share their loop.
+    Cached, by the bytes of the matrices: cases that differ in their signals only have the same loop.
     """
     parts = [np.frombuffer(data).reshape(shape) for shape, data in matrices]
     with np.errstate(all="ignore"):
@@ -125,9 +125,11 @@ def _sampled_crossings(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarra
     angles = np.concatenate([UNIT_CIRCLE_ANGLES, (np.abs(np.angle(poles))[:, None] + near).ravel()])
     angles = np.unique(np.clip(angles, UNIT_CIRCLE_ANGLES[0], UNIT_CIRCLE_ANGLES[-1]))
     along = loop(angles)
-    turned = np.concatenate([loop(roots(np.imag)), along[[0, -1]]])
-    turned = turned[(turned.real < 0) & (np.abs(turned.imag) <= 1e-6 * np.abs(turned.real))]
-    return -1.0 / turned.real, np.degrees(np.angle(-loop(roots(lambda values: np.abs(values) - 1.0))))
+    negative_real = np.concatenate([loop(roots(np.imag)), along[[0, -1]]])
+    negative_real = negative_real[
+        (negative_real.real < 0) & (np.abs(negative_real.imag) <= 1e-6 * np.abs(negative_real.real))
+    ]
+    return -1.0 / negative_real.real, np.degrees(np.angle(-loop(roots(lambda values: np.abs(values) - 1.0))))
 
 
 def _stable(parts: Sequence[np.ndarray], dt: float) -> bool:

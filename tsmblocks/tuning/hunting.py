@@ -59,10 +59,10 @@ def hunting(
     blocks = {name.rpartition(".")[0] for name in own} - {""}
     tuned = [name for name in units if name.rpartition(".")[0] in blocks and name not in watched]
     for names in (list(watched), tuned):
-        ways = _variations(cases, own, values, goal, [*goal.signals, *names], options)
-        found = _hunting_signals(ways, goal, names)
+        variations = _variations(cases, own, values, goal, [*goal.signals, *names], options)
+        found = _hunting_signals(variations, goal, names)
         if found:
-            most = LIMIT_ALLOWANCE * max(one.before for one in ways if one.name == found[0].name)
+            most = LIMIT_ALLOWANCE * max(one.before for one in variations if one.name == found[0].name)
             return [_message(found, most, cases, values, goal, units, options)]
     return []
 
@@ -83,22 +83,24 @@ def _variations(
         with no_step_warnings():
             found = study(diagram, plan, texts, **options.arguments)
         for name in dict.fromkeys(names):
-            way, size = found[f"variation {name}"], found[f"peak_to_peak {name}"]
-            times = np.where(size > 0, way / np.where(size > 0, size, 1.0), 0.0)
-            made.append(_Variation(name, case, float(way[0]), float(way[1]), (float(times[0]), float(times[1]))))
+            variation, span = found[f"variation {name}"], found[f"peak_to_peak {name}"]
+            passes = np.where(span > 0, variation / np.where(span > 0, span, 1.0), 0.0)
+            made.append(
+                _Variation(name, case, float(variation[0]), float(variation[1]), (float(passes[0]), float(passes[1])))
+            )
     return made
 
 
-def _hunting_signals(ways: Sequence[_Variation], goal: Metric, names: Sequence[str]) -> list[_Variation]:
+def _hunting_signals(variations: Sequence[_Variation], goal: Metric, names: Sequence[str]) -> list[_Variation]:
     """The signals that hunt, each in its worst case, in the order of growth."""
-    calm = {
-        case: min(one.times[0] for one in ways if one.case == case and one.name in goal.signals)
-        for case in {one.case for one in ways}
+    fewest_passes = {
+        case: min(one.times[0] for one in variations if one.case == case and one.name in goal.signals)
+        for case in {one.case for one in variations}
     }
     worst: dict[str, _Variation] = {}
-    for one in sorted(ways, key=lambda one: -one.growth):
-        often = one.times[1] >= HUNTING_RATIO * max(1.0, min(one.times[0], calm[one.case]))
-        if one.name in names and one.growth >= HUNTING_RATIO and often:
+    for one in sorted(variations, key=lambda one: -one.growth):
+        passes_grow = one.times[1] >= HUNTING_RATIO * max(1.0, min(one.times[0], fewest_passes[one.case]))
+        if one.name in names and one.growth >= HUNTING_RATIO and passes_grow:
             worst.setdefault(one.name, one)
     return list(worst.values())
 
@@ -115,8 +117,8 @@ def _message(
     one, *others = found
     factor, unit = display_unit(units.get(one.name, ""))
     grown = f"{one.growth:.2g} times as large as before" if one.before > 1e-9 * one.after else "new"
-    often = _swing_frequency(cases[one.case].with_parameters(values), one.name, goal, options)
-    swings = f", mostly at about {often:.2g} Hz" if often else ""
+    frequency = _swing_frequency(cases[one.case].with_parameters(values), one.name, goal, options)
+    swings = f", mostly at about {frequency:.2g} Hz" if frequency else ""
     more = f"; likewise {few(other.name for other in others)}" if len(others) > 1 else ""
     more = f"; likewise {others[0].name}" if len(others) == 1 else more
     sizes = f"{factor * one.before:.3g} -> {factor * one.after:.3g}{f' {unit}' if unit else ''}"
