@@ -30,7 +30,7 @@ def values(fit, names):
 
 
 def test_the_published_procedure_gives_the_published_digits(example):
-    one, two, thin = (example[k] for k in ("one_level", "two_levels", "thin"))
+    one, two, thin = (example[k] for k in ("one_level", "two_levels", "decimated"))
     assert [len(record) for record in thin] == [2480, 2480]
     found = values(one, ("mass.gain", "forwards.gain", "dry.gain", "offset.bias"))
     assert found == pytest.approx(PUBLISHED, abs=6e-5)
@@ -43,7 +43,7 @@ def test_the_published_procedure_gives_the_published_digits(example):
 
 def test_the_fit_is_the_least_squares_solution(example):
     """An independent one: a matrix of columns, solved by NumPy."""
-    record = example["thin"][0]
+    record = example["decimated"][0]
     columns = [record["acceleration"], record["v_forwards"] + record["v_backwards"], record["direction"]]
     exact = np.linalg.lstsq(np.column_stack([*columns, np.ones(len(record))]), record["force"], rcond=None)[0]
     found = values(example["one_level"], ("mass.gain", "forwards.gain", "dry.gain", "offset.bias"))

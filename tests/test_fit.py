@@ -189,7 +189,7 @@ def test_priors_give_the_posterior_of_bayes(mean, deviation, sigma):
     precision = REGRESSORS.T @ REGRESSORS / noise**2 + np.diag([1 / deviation**2, 0])
     expected = np.linalg.solve(precision, REGRESSORS.T @ y / noise**2 + [mean / deviation**2, 0])
     np.testing.assert_allclose(numbers(found), expected, rtol=1e-6)
-    if mean == 0.9:  # elsewhere what is left is no longer white, and the interval says so
+    if mean == 0.9:  # elsewhere the residual is no longer white, and the interval says so
         np.testing.assert_allclose(found.covariance, np.linalg.inv(precision), rtol=0.15, atol=1e-7)
 
 

@@ -11,15 +11,10 @@ How a diagram becomes machine code, in the order of reading:
 3. ``compiler.dependencies``: the equations of a block as expressions, and which inputs each of them reads.
 4. ``compiler.flatten``: nested diagrams as one level of blocks, with a symbol for each parameter.
 5. ``compiler.evaluate``: expressions of all signals, formed in the order that these dependencies dictate.
-6. ``engine.equations``: x' = f(t, x, d, u, q, p), the form in which the engine, which knows no blocks, receives them.
-7. ``compiler.compile``: makes it from these expressions.
-8. ``engine.plan``: the equations with a method, and which numbers differ between the lanes of a batch.
-9. ``engine.program``: a function of the equations as a list of scalar operations.
-10. ``engine.kernel_frame``: the loop over steps in LLVM IR: arguments, time, logging, delays.
-11. ``engine.register_kernel``: the stages within this loop, written from the lists of operations; ``engine.jit``
-    compiles the text.
-
-``simulation.simulate`` calls all of it. The packages ``engine``, ``data`` and others state their own order.
+6. ``compiler.compile``: x' = f(t, x, d, u, q, p) made from these expressions, as ``engine.equations`` holds it.
+7. ``engine.kernel_frame``: the loop over steps in LLVM IR: arguments, time, logging, delays. ``engine.plan`` says for
+   which equations, method and lanes; ``engine.program`` lists a function's scalar operations.
+8. ``engine.register_kernel``: the stages within this loop, written from these lists; ``engine.jit`` compiles the text.
 """
 
 import re
