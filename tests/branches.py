@@ -14,7 +14,7 @@ import coverage
 import pytest
 
 SECONDS = 0.3
-"""Time for which a test is traced, in each process [s]. Chosen: the tests take a sixth longer."""
+"""Time for which a test is traced, in each process [s]. Chosen: tests take about a sixth longer."""
 WHOLE = (
     "tests/test_cli_diagnose.py::",
     "tests/test_diagnosis_axis.py::test_the_delay_that_is_missing_is_named",
