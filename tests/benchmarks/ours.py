@@ -9,7 +9,7 @@ import llvmlite.binding  # noqa: F401 - the engine imports it at the first compi
 import numpy as np
 
 import tsmblocks as tsm
-from tsmblocks import blocks, load  # noqa: F401 - parts that are imported when first asked for; the same
+from tsmblocks import blocks, load, simulate  # noqa: F401 - parts that are imported when first asked for; the same
 from tsmblocks.engine.inputs import input_rows
 from tsmblocks.engine.kernel import Kernel
 from tsmblocks.engine.methods import method_named
