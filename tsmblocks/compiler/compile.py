@@ -38,9 +38,9 @@ def compile_diagram(diagram: Diagram) -> Equations:
     results = [_column(between.rates()), _column(signals), _column(between.delayed())]
     rhs = ca.Function("rhs", _reads(flat, between), results, *_LABELS["rhs"])
     p = _column(flat.p)
-    begin = [_column(between.initial_values(keys)) for keys in (flat.x, flat.d)]
-    start = ca.Function("start", [p], [*begin, _column(flat.first_past)], *_LABELS["start"])
-    lag = ca.Function("lag", [p], [_column(flat.delays)], ["p"], ["tau"])
+    begin = [*(between.initial_values(keys) for keys in (flat.x, flat.d)), flat.first_past]
+    start = ca.Function("start", [p], [ca.densify(_column(values)) for values in begin], *_LABELS["start"])
+    lag = ca.Function("lag", [p], [ca.densify(_column(flat.delays))], ["p"], ["tau"])
     return Equations(
         title=diagram.title,
         x=tuple(".".join(k) for k in flat.x),

@@ -16,7 +16,7 @@ import numpy as np
 
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations, numbers
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
@@ -86,10 +86,10 @@ def _start_and_derivatives(eq: Equations) -> Any:
 
 def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
     """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
-    values, derivatives = (np.asarray(v) for v in _start_and_derivatives(eq)(p))
+    values, derivatives = numbers(_start_and_derivatives(eq), p)
     ends = np.cumsum([len(eq.x), len(eq.d)])
-    x, d, s = np.split(values.ravel(), ends)
-    x_tangent, d_tangent, s_tangent = np.split(derivatives @ seeds, ends)
+    x, d, s = np.split(values, ends)
+    x_tangent, d_tangent, s_tangent = np.split(derivatives.reshape(len(p), -1).T @ seeds, ends)
     capacity = delay_capacity(check_delays(eq, p, h))
     # Before the run every stored instant has the same value; a tangent has one value per lane at each instant.
     ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in s_tangent]

@@ -14,7 +14,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.engine.backends import kernel_for
-from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.equations import Equations, numbers
 from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
@@ -85,7 +85,7 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     """Delays in steps. Raises RunError for one longer than ``MOST_DELAY_STEPS``, or below its least length."""
     if not eq.q:
         return np.empty(0)
-    tau = np.asarray(eq.lag(p)).ravel() / h
+    tau = numbers(eq.lag, p)[0] / h
     for name, steps, least in zip(eq.q, tau, eq.min_delay_steps, strict=True):
         if steps > MOST_DELAY_STEPS:
             raise RunError(
@@ -107,6 +107,8 @@ def delay_capacity(tau: np.ndarray) -> int:
 
 def spread(values: Sequence[Any] | np.ndarray, layout: Layout) -> np.ndarray:
     """Values in the layout of a kernel: for each element a number, or one number per lane."""
+    if layout.size == len(values):
+        return np.array(values, dtype=float).ravel()
     flat = np.empty(layout.size)
     for k in range(len(layout.wide)):
         flat[layout.span(k)] = values[k]
@@ -117,7 +119,7 @@ def start_memory(
     eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: Mapping[str, float] | None = None
 ) -> Memory:
     """Memory before the first step, for one run."""
-    x, d, s = (np.asarray(v).ravel() for v in eq.start(p))
+    x, d, s = numbers(eq.start, p)
     if start is not None and not isinstance(start, Mapping):
         raise RunError(
             f"initial must map states to their initial values, or be the state of a run, got {in_words(start)}."

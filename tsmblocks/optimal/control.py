@@ -11,6 +11,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_bool, as_callback, as_integer, as_number, as_positive
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt
+from tsmblocks.engine.equations import numbers
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.result import OptimalControl, simulated_result
 from tsmblocks.optimal.setup import (
@@ -165,7 +166,7 @@ def optimal_control(
     given = given.on(t)
     table = known_rows(task, given, interval.grid(begin, count))
     options = {**SOLVER_OPTIONS, "ipopt.max_iter": as_integer("iterations", iterations, 1)}
-    x = np.asarray(task.eq.start(task.p)[0]).ravel()
+    x = numbers(task.eq.start, task.p)[0]
     with defer_interrupt() as stopped:
         search = _Search(interval, count, goal, periodic, options, table, tell, stopped)
         ended = search.best(initial_commands(task, guess, t, interval, table), x, begin)

@@ -12,6 +12,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_callback, as_integer, as_names, as_number, as_positive
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.interrupt import defer_interrupt
+from tsmblocks.engine.equations import numbers
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.control import SMOOTHING_SIZES, SOLVER_OPTIONS
 from tsmblocks.optimal.result import OptimalControl, simulated_result
@@ -150,7 +151,7 @@ class RecedingHorizon:
             for most in (10 * few, few)
         )
         self.t = as_number("start", start)
-        self.state = np.asarray(task.eq.start(task.p)[0]).ravel()
+        self.state = numbers(task.eq.start, task.p)[0]
         self.command = np.clip(np.zeros(len(task.commands)), *task.ranges)
         self.seconds: list[float] = []
         self.missed = self.short = 0

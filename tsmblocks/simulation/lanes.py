@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.engine.backends import kernel_for
-from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.equations import Equations, numbers
 from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
@@ -50,7 +50,7 @@ def _start_function(eq: Equations, lanes: int) -> Any:
 def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memory:
     """Memory before the first step, one parameter set per lane; ``p`` has shape (parameters, lanes)."""
     lanes = kernel.plan.lanes
-    x, d, s = (np.asarray(v) for v in _start_function(eq, lanes)(p))
+    x, d, s = (v.reshape(lanes, -1).T for v in numbers(_start_function(eq, lanes), p.T))
     capacity = delay_capacity(np.concatenate([check_delays(eq, p[:, k], h) for k in range(lanes)]))
     ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)
     flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]

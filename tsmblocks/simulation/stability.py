@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations, numbers
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import Method
@@ -105,7 +105,7 @@ def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex
     q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))  # delays have no past yet
     tiny = 1e-6 * h  # [s], by which a zero-order hold is read after a jump
     u = np.array([s.at(np.array([start]), order, "right", tiny)[0] for s, order in run.signals])
-    x, d = (run.memory.x, run.memory.d) if run.memory else (np.asarray(v).ravel() for v in eq.start(p)[:2])
+    x, d = (run.memory.x, run.memory.d) if run.memory else numbers(eq.start, p)[:2]
     jacobian = _jacobian(eq)(start, x, d, u if len(u) else np.zeros(len(eq.u)), q, p)
     if len(eq.x) <= MOST_STATES:
         a = np.asarray(jacobian)
@@ -125,7 +125,7 @@ def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex
 
 def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
     """Poles of the equations at the initial states, with inputs of zero; none where they are not finite."""
-    x, d, _ = (np.asarray(v).ravel() for v in eq.start(p))
+    x, d, _ = numbers(eq.start, p)
     a = np.asarray(_jacobian(eq)(0.0, x, d, np.zeros(len(eq.u)), np.zeros(DELAY_NUMBERS * len(eq.q)), p))
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
 
