@@ -84,9 +84,9 @@ def numbers(function: Any, p: np.ndarray) -> list[np.ndarray]:
     """Dense outputs of a CasADi function, each flat by columns; by its buffers, as a call takes five times as long."""
     p = np.ascontiguousarray(p, dtype=float)
     buffer, evaluate = function.buffer()
-    buffer.set_arg(0, memoryview(p))
+    buffer.set_arg(0, p.data)
     made = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
     for k, values in enumerate(made):
-        buffer.set_res(k, memoryview(values))
+        buffer.set_res(k, values.data)
     evaluate()
     return made
