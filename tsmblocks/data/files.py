@@ -120,6 +120,7 @@ def read(
     Examples
     --------
     >>> from pathlib import Path
+    >>> import tsmblocks as tsm
     >>> _ = Path("sheath.csv").write_text("t [s],x_in [deg]\n0,0\n0.1,1\n0.2,2\n0.3,3\n")
     >>> tsm.read("sheath.csv")
     Record('sheath', 0 to 0.3 s, 4 samples, x_in [deg])

@@ -188,6 +188,7 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
 
     Examples
     --------
+    >>> import tsmblocks as tsm
     >>> run = tsm.simulate(tsm.load("fig16_feedforward_feedback"), stop=20.0)
     >>> {name: round(value, 2) for name, value in tsm.measure(run, {"error [deg]": "rms(x_ref - x_out)"}).items()}
     {'error [deg]': 1.55}

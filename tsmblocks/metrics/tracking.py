@@ -51,6 +51,7 @@ def peak_to_peak(x: Any) -> float:
 
     Examples
     --------
+    >>> from tsmblocks.metrics.tracking import peak_to_peak
     >>> peak_to_peak([0.0, 2.0, -1.0])
     3.0
     """
@@ -80,6 +81,7 @@ def rms(x: Any) -> float:
 
     Examples
     --------
+    >>> from tsmblocks.metrics.tracking import rms
     >>> rms([3.0, -3.0])
     3.0
     """
@@ -151,7 +153,8 @@ def tracking_error(
 
     Examples
     --------
-    >>> error = tracking_error([0.0, 1.0, 2.0], [0.0, 0.5, 2.5])
+    >>> import tsmblocks as tsm
+    >>> error = tsm.tracking_error([0.0, 1.0, 2.0], [0.0, 0.5, 2.5])
     >>> error.peak_to_peak, error.largest
     (1.0, 0.5)
     """

@@ -243,6 +243,7 @@ def grid(values: Mapping[str, Any]) -> Plan:
 
     Examples
     --------
+    >>> from tsmblocks.studies import grid
     >>> plan = grid({"pid.kp": [1.0, 2.0], "pid.ki": [0.0, 5.0, 10.0]})
     >>> len(plan), plan.row(4)
     (6, {'pid.kp': 2.0, 'pid.ki': 5.0})
@@ -315,6 +316,7 @@ def latin_hypercube(beliefs: Mapping[str, Any], runs: int, *, seed: int = 0) -> 
 
     Examples
     --------
+    >>> from tsmblocks.studies import Normal, latin_hypercube
     >>> plan = latin_hypercube({"pid.kp": (1.0, 3.0), "theta": Normal(5.0, 0.5)}, runs=50, seed=1)
     >>> bool(((plan["pid.kp"] > 1.0) & (plan["pid.kp"] < 3.0)).all())
     True

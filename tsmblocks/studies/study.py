@@ -94,6 +94,7 @@ def study(
 
     Examples
     --------
+    >>> import tsmblocks as tsm
     >>> loop = tsm.load("fig16_feedforward_feedback")
     >>> found = tsm.study(loop, {"pid.kp": [0.5, 1.0, 2.0]}, {"error [deg]": "rms(x_ref - x_out)"}, stop=10.0)
     >>> found.best("error")["pid.kp"]

@@ -89,6 +89,7 @@ def checks_for(block: Block) -> list[Check]:
     Examples
     --------
     >>> from tsmblocks.blocks import Gain
+    >>> from tsmblocks.testing import checks_for
     >>> for check in checks_for(Gain()):
     ...     check()
     """
@@ -116,6 +117,7 @@ def broken_promises(block: Block) -> dict[str, str]:
     Examples
     --------
     >>> from tsmblocks.blocks import Gain
+    >>> from tsmblocks.testing import broken_promises
     >>> broken_promises(Gain())
     {}
     """
