@@ -11,7 +11,7 @@ import pytest
 
 from tsmblocks.cli import main
 from tsmblocks.data import read
-from tsmblocks.draw.style import ACCENT
+from tsmblocks.draw.picture import ACCENT
 from tsmblocks.files import load
 from tsmblocks.files.shipped import shipped_names
 

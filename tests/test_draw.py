@@ -136,6 +136,10 @@ def on(point, piece):
     return piece[0] <= point[0] <= piece[2] and piece[1] <= point[1] <= piece[3]
 
 
+def texts(picture):
+    return [*picture.labels, *(label for part in (*picture.boxes, *picture.wires) for label in part.labels)]
+
+
 def assert_lawful(diagram, **options):
     picture = layout(diagram, **options)
     lines = [(wire.signal, piece) for wire in picture.wires for piece in pieces(wire)]
@@ -152,7 +156,7 @@ def assert_lawful(diagram, **options):
     assert_texts_readable(picture, lines)
     assert_connected(diagram, picture)
     frame = (0, 0, picture.width, picture.height)
-    for extent in [o.extent for o in (*picture.boxes, *picture.texts)] + [p for _, p in lines]:
+    for extent in [o.extent for o in (*picture.boxes, *texts(picture))] + [p for _, p in lines]:
         assert extent[0] >= 0
         assert extent[1] >= 0
         assert extent[2] <= frame[2]
@@ -171,9 +175,9 @@ def assert_apart(one, a, two, b):
 
 
 def assert_texts_readable(picture, lines):
-    for a, b in itertools.combinations(picture.texts, 2):
+    for a, b in itertools.combinations(texts(picture), 2):
         assert not overlap(a.extent, b.extent), f"{a.text!r} lies over {b.text!r}"
-    for text in picture.texts:
+    for text in texts(picture):
         assert text.size >= 9
         for signal, piece in lines:
             wide = (piece[0] - 0.6, piece[1] - 0.6, piece[2] + 0.6, piece[3] + 0.6)

@@ -5,7 +5,6 @@ import functools
 from tsmblocks.common.views import no_view
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.mermaid import to_mermaid
-from tsmblocks.draw.picture import Arrow, Box, Label, Picture, Wire
 from tsmblocks.draw.printed import to_pdf, to_png
 from tsmblocks.draw.svg import to_svg
 from tsmblocks.model.diagram import Diagram
@@ -13,4 +12,4 @@ from tsmblocks.model.diagram import Diagram
 view = functools.singledispatch(no_view)
 view.register(Diagram, to_svg)
 
-__all__ = ["Arrow", "Box", "Label", "Picture", "Wire", "layout", "to_mermaid", "to_pdf", "to_png", "to_svg"]
+__all__ = ["layout", "to_mermaid", "to_pdf", "to_png", "to_svg"]

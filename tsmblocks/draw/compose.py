@@ -2,47 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from tsmblocks.common.errors import TsmError
 from tsmblocks.draw import placement, routing
+from tsmblocks.draw.annotations import highlighted, wire_texts
 from tsmblocks.draw.graph import End, Net, graph
 from tsmblocks.draw.ordering import rows
-from tsmblocks.draw.picture import SMALL, TITLE, Label, Picture, Point, Wire, fitted, text_width
+from tsmblocks.draw.picture import SMALL, TITLE, Box, Label, Picture, Point, Wire, fitted, text_width
 from tsmblocks.draw.polylines import traced
 from tsmblocks.draw.routing import Plan
-from tsmblocks.draw.shapes import box, port_offset, size
-from tsmblocks.draw.wire_values import notes
-from tsmblocks.model.diagram import Diagram
+from tsmblocks.draw.shapes import box
+from tsmblocks.model.diagram import Diagram, required_diagram
 
 MARGIN = 24
 WIDEST = 900
 """Width at which a title or source line is cut, when the drawing itself is narrower."""
 
 
-def layout(diagram: Diagram, *, values: Mapping[str, Any] | None = None) -> Picture:
+def layout(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> Picture:
     """The diagram drawn: a value that holds every box, line and text with its coordinates.
 
-    Signals flow from left to right, feedback runs below the blocks. ``values`` as for ``to_svg``. Equal
-    diagrams with their blocks in the same order give equal pictures.
+    Signals flow from left to right, feedback runs below the blocks. Arguments and errors are those of ``to_svg``.
+    Equal diagrams with their blocks in the same order give equal pictures.
     """
-    drawn = graph(diagram, notes(diagram, values))
+    accent = highlighted(required_diagram(diagram, "drawn", TsmError), highlight)
+    drawn = graph(diagram, wire_texts(diagram, values))
     found = rows(drawn)
-    sides, heights = placement.placed(drawn, found)
-    plan = routing.routed(Plan(drawn, found, sides, dict(heights)))
+    outlines, heights = placement.placed(drawn, found)
+    plan = routing.routed(Plan(drawn, found, outlines, dict(heights)))
     for channel in plan.channels:
         plan.y |= dict.fromkeys(channel.loop.blocks, channel.y)
     turned = {key for loop in drawn.loops for key in loop.blocks}
-    boxes = [box(node, (plan.x[key], plan.y[key]), sides, key in turned) for key, node in drawn.nodes.items()]
+    boxes = [
+        box(outlines, node, (plan.x[key], plan.y[key]), turned=key in turned, accent=key in accent)
+        for key, node in drawn.nodes.items()
+    ]
     wires = [_wire(diagram, plan, net, net.source[0] in turned) for net in drawn.nets]
     return _framed(diagram, boxes, [wire for wire in wires if wire.lines])
 
 
 def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
-    node = plan.graph.nodes[net.source[0]]
-    way = -1 if turned else 1
-    x = plan.x[node.key] + way * size(node, plan.sides).width / 2
-    y = plan.y[node.key] + port_offset(node, net.source[1], "out", plan.sides)
+    key, way = net.source[0], -1 if turned else 1
+    x = plan.x[key] + way * plan.outlines.size(key).width / 2
+    y = plan.leaves(net.source)
     pieces, text = plan.pieces[net], routing.note(net)
     if text and not pieces:
         pieces.append((x, y, x + way * routing.stub(net), y))
@@ -50,12 +54,8 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     start = x + way * (14 if net.tapped else 6)
     label = Label(text, start, y - 5, SMALL, "signal", "end" if turned else "start")
     taps: tuple[Point, ...] = ((x + 7, y),) if net.tapped else ()
-    returned = [
-        (key, plan.graph.nodes[key].ins[0])
-        for loop in plan.graph.loops
-        for one, key in zip(loop.nets, loop.blocks, strict=False)
-        if one is net
-    ]
+    pairs = [pair for loop in plan.graph.loops for pair in zip(loop.nets, loop.blocks, strict=False)]
+    returned = [(key, plan.graph.nodes[key].ins[0]) for one, key in pairs if one is net]
     targets = tuple(map(_said, (*net.ahead, *returned, *net.back)))
     unit = diagram.unit(_said(net.source))
     about = f"{_said(net.source)}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
@@ -66,14 +66,13 @@ def _said(end: End) -> str:
     return ".".join(filter(None, (end[0].lstrip("<>"), end[1])))
 
 
-def _framed(diagram: Diagram, boxes: list[Any], wires: list[Wire]) -> Picture:
+def _framed(diagram: Diagram, boxes: list[Box], wires: list[Wire]) -> Picture:
     """Everything moved to the right and below the title, with a margin around it."""
-    points = [p for w in wires for line in w.lines for p in line]
-    spans = [b.extent for b in boxes] + [a.extent for o in (*boxes, *wires) for a in o.labels]
-    left = min([s[0] for s in spans] + [p[0] for p in points], default=0.0)
-    top = min([s[1] for s in spans] + [p[1] for p in points], default=0.0)
-    right = max([s[2] for s in spans] + [p[0] for p in points], default=0.0)
-    bottom = max([s[3] for s in spans] + [p[1] for p in points], default=0.0)
+    extents = [b.extent for b in boxes] + [label.extent for b in boxes for label in b.labels]
+    extents += [label.extent for w in wires for label in w.labels]
+    extents += [(*p, *p) for w in wires for line in w.lines for p in line]
+    lefts, tops, rights, bottoms = zip(*extents or [(0.0,) * 4], strict=True)
+    left, top, right, bottom = min(lefts), min(tops), max(rights), max(bottoms)
     heads, y = [], float(MARGIN)
     wide = max(right - left, WIDEST)
     for text, high, kind in ((diagram.title, TITLE, "title"), (diagram.source, SMALL + 1, "source")):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
+from graphlib import TopologicalSorter
 
 Edge = tuple[str, str]
 Ranks = Mapping[str, tuple[int, bool, int]]
@@ -22,27 +23,29 @@ def feedback(nodes: list[str], edges: list[Edge], joins: Collection[str], shown:
     rest = [e for e in edges if e not in found]
     rank = _ranks(nodes, rest, joins)
     for group in groups(nodes, rest):
-        if len(group) == 1:
-            continue
-        choices: list[tuple[int, int, set[Edge]]] = []
-        for entry in _entries(group, rest, rank)[:MOST_TRIED]:
-            back = _opened(group, rest, rank, entry)
-            choices.append((_length(group, rest, back, shown), len(choices), back))
-        found |= min(choices)[2]
+        if len(group) > 1:
+            choices = [_opened(group, rest, rank, entry) for entry in _entries(group, rest, rank)[:MOST_TRIED]]
+            lengths = [_length(group, rest, back, shown) for back in choices]
+            found |= choices[lengths.index(min(lengths))]
     return found
 
 
 def _ranks(nodes: list[str], edges: list[Edge], joins: Collection[str]) -> Ranks:
-    after = successors(nodes, edges)
     fed = {v for _, v in edges}
-    steps = {n: 0 for n in nodes if n not in fed}
+    steps = distances(successors(nodes, edges), [n for n in nodes if n not in fed])
+    return {n: (steps.get(n, len(nodes)), n not in joins, k) for k, n in enumerate(nodes)}
+
+
+def distances(after: Mapping[str, list[str]], starts: Iterable[str]) -> dict[str, int]:
+    """Steps from the nearest of ``starts`` to each node that can be reached."""
+    steps = dict.fromkeys(starts, 0)
     line = list(steps)
     for node in line:
         for other in after[node]:
             if other not in steps:
                 steps[other] = steps[node] + 1
                 line.append(other)
-    return {n: (steps.get(n, len(nodes)), n not in joins, k) for k, n in enumerate(nodes)}
+    return steps
 
 
 def successors(nodes: Iterable[str], edges: Iterable[Edge]) -> dict[str, list[str]]:
@@ -53,13 +56,17 @@ def successors(nodes: Iterable[str], edges: Iterable[Edge]) -> dict[str, list[st
     return after
 
 
+def _within(nodes: Iterable[str], edges: Iterable[Edge]) -> list[Edge]:
+    inside = set(nodes)
+    return [(u, v) for u, v in edges if u in inside and v in inside]
+
+
 def groups(nodes: list[str], edges: Iterable[Edge]) -> list[list[str]]:
     """Strongly connected groups (nodes on common loops), each in the order of ``nodes``.
 
     Kosaraju's algorithm, with a stack of its own so that long chains do not end the recursion.
     """
-    inside = set(nodes)
-    edges = [(u, v) for u, v in edges if u in inside and v in inside]
+    edges = _within(nodes, edges)
     after, before = successors(nodes, edges), successors(nodes, [(v, u) for u, v in edges])
     finished: list[str] = []
     seen = set[str]()
@@ -74,19 +81,18 @@ def groups(nodes: list[str], edges: Iterable[Edge]) -> list[list[str]]:
             else:
                 seen.add(fresh)
                 stack.append((fresh, iter(after[fresh])))
-    place = {n: k for k, n in enumerate(nodes)}
-    found, taken = [], set[str]()
+    root_of: dict[str, str] = {}
     for root in reversed(finished):
-        group, line = [], [root]
+        line = [root]
         while line:
             node = line.pop()
-            if node not in taken:
-                taken.add(node)
-                group.append(node)
+            if node not in root_of:
+                root_of[node] = root
                 line += before[node]
-        if group:
-            found.append(sorted(group, key=place.__getitem__))
-    return found
+    found: dict[str, list[str]] = {}
+    for node in nodes:
+        found.setdefault(root_of[node], []).append(node)
+    return list(found.values())
 
 
 def _entries(group: list[str], edges: list[Edge], rank: Ranks) -> list[str]:
@@ -98,14 +104,13 @@ def _entries(group: list[str], edges: list[Edge], rank: Ranks) -> list[str]:
 def _opened(group: list[str], edges: list[Edge], rank: Ranks, entry: str) -> set[Edge]:
     """Edges that must go for the group to have no loop, when it is entered at ``entry``."""
     back = set[Edge]()
-    inside = set(group)
-    edges = [(u, v) for u, v in edges if u in inside and v in inside]
+    edges = _within(group, edges)
     work = [(group, entry)]
     while work:
         part, first = work.pop()
-        members = set(part)
-        back |= {(u, v) for u, v in edges if v == first and u in members}
-        rest = [e for e in edges if e not in back and e[0] in members and e[1] in members]
+        inside = _within(part, edges)
+        back |= {(u, v) for u, v in inside if v == first}
+        rest = [e for e in inside if e not in back]
         work += [(g, _entries(g, rest, rank)[0]) for g in groups(part, rest) if len(g) > 1]
     return back
 
@@ -114,8 +119,7 @@ def _length(group: list[str], edges: list[Edge], back: set[Edge], shown: Collect
     """How much wire there is when ``back`` is drawn backwards; a shown block that goes on costs extra."""
     inside = set(group)
     near = [e for e in edges if e not in back and (e[0] in inside or e[1] in inside)]
-    nodes = list(dict.fromkeys(n for e in near for n in e))
-    column = columns(nodes, near)
+    column = columns(list(dict.fromkeys(n for e in near for n in e)), near)
     forward = {u for u, v in near if u in inside and v in inside}
     return sum(column[v] - column[u] for u, v in near) + 2 * len(back) + 2 * len(forward.intersection(shown))
 
@@ -129,16 +133,13 @@ def columns(
     """
     edges = list(dict.fromkeys(edges))
     after, before = successors(nodes, edges), successors(nodes, [(v, u) for u, v in edges])
-    waiting = {n: len(before[n]) for n in nodes}
-    line = [n for n in nodes if not waiting[n]]
+    sorter = TopologicalSorter(dict.fromkeys(nodes, ()))
+    for u, v in edges:
+        sorter.add(v, u)
     column: dict[str, int] = {}
-    for node in line:
+    for node in sorter.static_order():
         column[node] = max([first(node), *(column[n] + 1 for n in before[node])])
-        for other in after[node]:
-            waiting[other] -= 1
-            if not waiting[other]:
-                line.append(other)
-    for node in reversed(line):
+    for node in reversed(column):
         if len(after[node]) > len(before[node]) and node not in fixed:
             column[node] = min(column[n] for n in after[node]) - 1
     return column

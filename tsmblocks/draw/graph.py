@@ -9,7 +9,6 @@ from typing import Any
 import attrs
 
 from tsmblocks.draw import cycles
-from tsmblocks.draw.wire_values import Notes
 from tsmblocks.model.diagram import Diagram
 
 End = tuple[str, str]
@@ -34,6 +33,10 @@ class Node:
     def round(self) -> bool:
         """Whether wires may also come from above and below."""
         return self.shape == "round"
+
+    def ports(self, side: str) -> tuple[str, ...]:
+        """``ins`` or ``outs``."""
+        return self.ins if side == "in" else self.outs
 
 
 @attrs.define(eq=False)
@@ -70,7 +73,7 @@ class Graph:
     loops: list[Loop]
 
 
-def graph(diagram: Diagram, notes: Notes) -> Graph:
+def graph(diagram: Diagram, notes: Mapping[End, str]) -> Graph:
     """The diagram with its feedback found and its blocks in columns."""
     nodes, nets = _read(diagram, notes)
     _split(nodes, nets)
@@ -94,7 +97,7 @@ def graph(diagram: Diagram, notes: Notes) -> Graph:
     return Graph(nodes, nets, {k: c - lowest for k, c in column.items()}, loops)
 
 
-def _read(diagram: Diagram, notes: Notes) -> tuple[dict[str, Node], list[Net]]:
+def _read(diagram: Diagram, notes: Mapping[End, str]) -> tuple[dict[str, Node], list[Net]]:
     """Nodes and signals in the order of the diagram's blocks and ports, whatever the order of the wires."""
     nodes = {">" + name: Node(">" + name, name, "terminal") for name in diagram.inputs}
     place = {
@@ -109,14 +112,14 @@ def _read(diagram: Diagram, notes: Notes) -> tuple[dict[str, Node], list[Net]]:
     wired = {end for ends in targets.values() for end in ends}
     for name, block in diagram.blocks.items():
         ins = tuple(p for p in block.inports if (name, p) in wired)
-        outs = tuple(p for p in block.outports if (name, p) in {*targets, *shown} or notes.at((name, p)))
+        outs = tuple(p for p in block.outports if (name, p) in {*targets, *shown} or notes.get((name, p)))
         nodes[name] = Node(name, name, _shape(block, ins, outs), block, ins, outs)
     sources = [(key, "") for key in nodes if key.startswith(">")]
     sources += [(key, port) for key, node in nodes.items() for port in node.outs]
     nets = []
     for source in sources:
         ahead = sorted(set(targets.get(source, ())), key=place.__getitem__)
-        nets.append(Net(source, ahead, outputs=tuple(shown.get(source, ())), note=notes.at(source)))
+        nets.append(Net(source, ahead, outputs=tuple(shown.get(source, ())), note=notes.get(source, "")))
     return nodes, nets
 
 
@@ -171,7 +174,8 @@ def _loops(nodes: Mapping[str, Node], nets: list[Net]) -> list[Loop]:
             path.append(driver[path[-1].source[0], nodes[path[-1].source[0]].ins[0]])
         start = path[-1]
         entry = path[-2].source[0] if len(path) > 1 else ""
-        room = _steps(after, net.back[0][0], start.source[0]) + 1  # columns the feedback runs below
+        distance = cycles.distances(after, [net.back[0][0]]).get(start.source[0], -1)
+        room = distance + 1  # columns the feedback runs below
         branches = receivers[start.source] > 1 and entry in [key for key, _ in start.ahead]
         if not branches or len(path) - 1 > room:
             loops.append(Loop((net,)))
@@ -191,14 +195,3 @@ def _returns(node: Node, path: list[Net], receivers: Mapping[End, int], sources:
         and receivers[path[-1].source] == 1
         and node.key not in [net.source[0] for net in path[:-1]]
     )
-
-
-def _steps(after: Mapping[str, list[str]], start: str, goal: str) -> int:
-    """Steps from one node to the other without feedback; -1 where there is no way."""
-    steps, line = {start: 0}, [start]
-    for node in line:
-        for other in after[node]:
-            if other not in steps:
-                steps[other] = steps[node] + 1
-                line.append(other)
-    return steps.get(goal, -1)

@@ -37,23 +37,25 @@ class Rows:
 
     columns: list[list[str]]
     gaps: list[list[Link]]
-    passing: dict[str, Net]
+
+    @property
+    def place(self) -> dict[str, int]:
+        """The place of each key in its column."""
+        return {key: k for column in self.columns for k, key in enumerate(column)}
 
 
 def rows(graph: Graph) -> Rows:
     """Columns in a good order, with the links between them."""
     found = _rows(graph)
-    place = {key: k for column in found.columns for k, key in enumerate(column)}
-    best = (_crossings(graph, found, place), [list(c) for c in found.columns])
+    best = (_crossings(graph, found), [list(c) for c in found.columns])
     few = sum(map(len, found.gaps)) > LARGE
     for first in (0,) if few else (0, 1):
-        found.columns = [list(c) for c in best[1]] if first == 0 else [list(reversed(c)) for c in best[1]]
+        found.columns = [c[::-1] if first else list(c) for c in best[1]]
         for sweep in range(first, first + (2 if few else SWEEPS)):
             _sweep(graph, found, rightwards=sweep % 2 == 0)
             while _swap(graph, found) and not few:
                 pass
-            place = {key: k for column in found.columns for k, key in enumerate(column)}
-            crossings = _crossings(graph, found, place)
+            crossings = _crossings(graph, found)
             if crossings < best[0]:
                 best = (crossings, [list(c) for c in found.columns])
     found.columns = best[1]
@@ -85,7 +87,7 @@ def main_chain(graph: Graph) -> set[tuple[str, str]]:
 
 def _rows(graph: Graph) -> Rows:
     count = max(graph.column.values(), default=0) + 1
-    found = Rows([[] for _ in range(count)], [[] for _ in range(count + 1)], {})
+    found = Rows([[] for _ in range(count)], [[] for _ in range(count + 1)])
     for key, column in graph.column.items():
         found.columns[column].append(key)
     chain = main_chain(graph)
@@ -101,7 +103,6 @@ def _rows(graph: Graph) -> Rows:
                 found.gaps[column].append(Link(net, left, end, (net.source[0], end[0]) in chain))
             if column < max(reach.values()):
                 through = (f"~{k}~{column}", "")
-                found.passing[through[0]] = net
                 found.columns[column].append(through[0])
                 found.gaps[column].append(Link(net, left, through, column < max(straight, default=0)))
                 left = through
@@ -117,7 +118,7 @@ def _rank(graph: Graph, end: End, side: str) -> float:
     """Relative height of a port on its box, between 0 and 1; the ports of a circle are free."""
     node = graph.nodes.get(end[0])
     free = node is None or node.shape in ("round", "tall")
-    ports = () if free or node is None else node.ins if side == "in" else node.outs
+    ports = () if free or node is None else node.ports(side)
     return (ports.index(end[1]) + 1) / (len(ports) + 1) if end[1] in ports else 0.5
 
 
@@ -125,9 +126,9 @@ def _position(graph: Graph, place: dict[str, int], end: End, side: str, floor: f
     return floor if end[0] == FLOOR else place[end[0]] + _rank(graph, end, side)
 
 
-def _crossings(graph: Graph, found: Rows, place: dict[str, int]) -> int:
+def _crossings(graph: Graph, found: Rows) -> int:
     """Pairs of links that cross."""
-    total = 0
+    total, place = 0, found.place
     for links in found.gaps:
         ends = sorted(
             (_position(graph, place, a.left, "out", LOW), _position(graph, place, a.right, "in", LOW)) for a in links
@@ -141,8 +142,7 @@ def _crossings(graph: Graph, found: Rows, place: dict[str, int]) -> int:
 
 def _sweep(graph: Graph, found: Rows, rightwards: bool) -> None:
     """Sort every column by the mean place of what each key is linked to on one side."""
-    count = len(found.columns)
-    place = {key: k for column in found.columns for k, key in enumerate(column)}
+    count, place = len(found.columns), found.place
     for c in range(count) if rightwards else reversed(range(count)):
         means: dict[str, list[float]] = {key: [] for key in found.columns[c]}
         for link in found.gaps[c] if rightwards else found.gaps[c + 1]:
@@ -157,8 +157,7 @@ def _sweep(graph: Graph, found: Rows, rightwards: bool) -> None:
 
 def _swap(graph: Graph, found: Rows) -> bool:
     """Exchange neighbours wherever that removes crossings; returns whether it ever did."""
-    place = {key: k for column in found.columns for k, key in enumerate(column)}
-    changed = False
+    place, changed = found.place, False
     for c, column in enumerate(found.columns):
         sides: dict[str, tuple[list[float], list[float]]] = {key: ([], []) for key in column}
         for link in found.gaps[c]:
@@ -168,10 +167,8 @@ def _swap(graph: Graph, found: Rows) -> bool:
             if link.left[0] in sides:
                 sides[link.left[0]][1].append(_position(graph, place, link.right, "in", LOW))
         for k in range(len(column) - 1):
-            a, b = sides[column[k]], sides[column[k + 1]]
-            now = sum(p > q for s in (0, 1) for p in a[s] for q in b[s])
-            then = sum(p < q for s in (0, 1) for p in a[s] for q in b[s])
-            if then < now:
+            pairs = [(p, q) for a, b in zip(sides[column[k]], sides[column[k + 1]], strict=True) for p in a for q in b]
+            if sum(p < q for p, q in pairs) < sum(p > q for p, q in pairs):
                 column[k], column[k + 1] = column[k + 1], column[k]
                 changed = True
         place |= {key: k for k, key in enumerate(column)}

@@ -11,6 +11,8 @@ import unicodedata
 import attrs
 
 Point = tuple[float, float]
+Extent = tuple[float, float, float, float]
+"""Left, top, right and bottom."""
 
 GRID = 10
 PITCH = 20
@@ -18,34 +20,31 @@ PITCH = 20
 RADIUS = 15
 """Radius of the circle of a sum or a product [pixels]."""
 
+FRAME = 4
+"""Distance of the two frames around a diagram inside a diagram [pixels]."""
 NAME, SYMBOL, SMALL, TITLE = 12, 15, 10, 16
 """Font sizes of names, symbols, ports and signals, and the title [pixels]."""
+PAPER, INK, SOFT, SIGNAL = "#ffffff", "#1a1a1a", "#5a5a5a", "#1d4ed8"
+ACCENT, ACCENT_FILL = "#c2410c", "#fff1e8"
+"""Colours of highlighted blocks."""
 
 _WIDTHS = {
     "'ijlI": 0.3,
     "J,. /:;\\|f-`": 0.38,
     "₀₁₂₃₄₅₆₇₈₉ₓ²³": 0.45,
     "()[]trs!z_*": 0.53,
-    "": 0.7,  # all others
     "DGHNOQUX&": 0.8,
     "w#+<=>^~×÷ω−→M": 0.87,
     "m@%W…—": 1.02,
 }
 _WIDTH = {c: width for chars, width in _WIDTHS.items() for c in chars}
-"""Widths of DejaVu Sans, the widest of the usual sans-serif fonts, in units of the size, rounded up."""
+"""Widths of DejaVu Sans, the widest of the usual sans-serif fonts, in units of the size, rounded up; else 0.7."""
 
 
 def text_width(text: str, size: float) -> float:
     """An upper estimate of the width of a text that needs no font."""
-    return size * sum(_char_width(c) for c in text)
-
-
-def _char_width(c: str) -> float:
-    if unicodedata.combining(c):
-        return 0.0
-    if unicodedata.east_asian_width(c) in "WF":
-        return 1.05
-    return _WIDTH.get(c, _WIDTHS[""])
+    visible = (c for c in text if not unicodedata.combining(c))
+    return size * sum(1.05 if unicodedata.east_asian_width(c) in "WF" else _WIDTH.get(c, 0.7) for c in visible)
 
 
 def fitted(text: str, size: float, width: float) -> str:
@@ -72,7 +71,18 @@ class Label:
     anchor: str = "middle"
 
     @property
-    def extent(self) -> tuple[float, float, float, float]:
+    def weight(self) -> str:
+        """Weight of the font."""
+        return "bold" if self.kind in ("title", "sign") else "normal"
+
+    def colour(self, accent: bool) -> str:
+        """Colour of the text; ``accent`` where its block is highlighted."""
+        if accent and self.kind in ("name", "symbol"):
+            return ACCENT
+        return {"source": SOFT, "port": SOFT, "signal": SIGNAL, "terminal": SIGNAL}.get(self.kind, INK)
+
+    @property
+    def extent(self) -> Extent:
         """Left, top, right and bottom of the text, estimated."""
         width = text_width(self.text, self.size)
         left = self.x - {"start": 0.0, "middle": 0.5, "end": 1.0}[self.anchor] * width
@@ -92,7 +102,8 @@ class Box:
     """One block or terminal: its outline and the texts and strokes that belong to it.
 
     ``shape`` is ``box``, ``double`` (a diagram inside the diagram), ``round`` (sum, product), ``tall``
-    (a sum of many inputs) or ``terminal``; ``about`` is the tooltip.
+    (a sum of many inputs) or ``terminal``; ``about`` is the tooltip; ``accent`` where it is
+    highlighted.
     """
 
     name: str
@@ -104,11 +115,17 @@ class Box:
     labels: tuple[Label, ...] = ()
     strokes: tuple[tuple[Point, Point], ...] = ()
     about: str = ""
+    accent: bool = False
 
     @property
-    def extent(self) -> tuple[float, float, float, float]:
+    def extent(self) -> Extent:
         """Left, top, right and bottom of the outline."""
         return self.x, self.y, self.x + self.width, self.y + self.height
+
+    @property
+    def colours(self) -> tuple[str, str]:
+        """Colours of the outline and of its inside."""
+        return (ACCENT, ACCENT_FILL) if self.accent else (INK, PAPER)
 
     @property
     def rim(self) -> float:
@@ -178,9 +195,3 @@ class Picture:
     boxes: tuple[Box, ...]
     wires: tuple[Wire, ...]
     labels: tuple[Label, ...] = ()
-
-    @property
-    def texts(self) -> tuple[Label, ...]:
-        """Every text of the drawing."""
-        inside = [label for box in self.boxes for label in box.labels]
-        return (*self.labels, *inside, *(label for wire in self.wires for label in wire.labels))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping
 
 from tsmblocks.draw import simplex
 from tsmblocks.draw.graph import End, Graph
 from tsmblocks.draw.ordering import FLOOR, Link, Rows
 from tsmblocks.draw.picture import GRID
-from tsmblocks.draw.shapes import port_offset, size
+from tsmblocks.draw.shapes import Outlines
 
 MAIN, PASSING, ALONE, BRANCH = 64, 24, 12, 4
 """Cost of a step in the main chain, a wire past blocks, a wire without branches, a branch. Chosen by eye."""
@@ -16,11 +18,11 @@ MOST = 2_000_000
 """Work spent on heights, in rules times exchanges: one or two seconds; only huge diagrams need more."""
 
 
-def placed(graph: Graph, found: Rows) -> tuple[dict[End, str], dict[str, int]]:
-    """Sides and heights. A first pass of heights determines from which side the circles are entered."""
-    chosen = sides(graph, found, {})
-    better = sides(graph, found, heights(graph, found, chosen))
-    return better, heights(graph, found, better)
+def placed(graph: Graph, found: Rows) -> tuple[Outlines, dict[str, int]]:
+    """Outlines and heights. A first pass of heights determines from which side the circles are entered."""
+    first = Outlines(graph.nodes, sides(graph, found, {}))
+    outlines = Outlines(graph.nodes, sides(graph, found, heights(first, found)))
+    return outlines, heights(outlines, found)
 
 
 def sides(graph: Graph, found: Rows, y: Mapping[str, int]) -> dict[End, str]:
@@ -29,7 +31,7 @@ def sides(graph: Graph, found: Rows, y: Mapping[str, int]) -> dict[End, str]:
     Inputs of a tall sum get their rank as text instead, so that they can be sorted. What comes from
     further up enters further up; feedback comes from below. ``y`` are heights as far as known.
     """
-    place = {key: float(k) for column in found.columns for k, key in enumerate(column)}
+    place = found.place
     chosen: dict[End, str] = {}
     entering: dict[str, list[Link]] = {}
     for link in (link for links in found.gaps for link in links):
@@ -68,63 +70,40 @@ def _around(links: list[Link], y: Mapping[str, int]) -> tuple[str, ...]:
     return ("top", "left") if steps[1] < steps[0] else ("left", "bottom")
 
 
-def heights(graph: Graph, found: Rows, chosen: Mapping[End, str]) -> dict[str, int]:
+def heights(outlines: Outlines, found: Rows) -> dict[str, int]:
     """The middle of every key, in pixels on the grid, with as few bends as the order allows."""
-    keys = [key for column in found.columns for key in column]
-    number = {key: k for k, key in enumerate(keys, 1)}
-    rules, start = _columns(graph, found, chosen, number)
+    number = {key: k for k, key in enumerate(itertools.chain.from_iterable(found.columns), 1)}
+    rules, start = _columns(outlines, found, number)
     for links in found.gaps:
         for link in links:
             if FLOOR in (link.left[0], link.right[0]):
                 continue
-            a = round(_port(graph, link.left, "out", chosen) / GRID)
-            b = round(_port(graph, link.right, "in", chosen) / GRID)
+            a, b = (round(outlines.offset(*end) / GRID) for end in ((link.left, "out"), (link.right, "in")))
             u, v = number[link.left[0]], number[link.right[0]]
-            up, down = _costs(link, links, chosen)
+            up, down = _costs(link, links, outlines.sides)
             middle = len(start)
             start.append(min(start[u] + a, start[v] + b))
             rules += [simplex.Rule(middle, u, -a, up), simplex.Rule(middle, v, -b, down)]
     y = simplex.positions(len(start), rules, start, pivots=max(200, MOST // (1 + len(rules))))
-    top = min((y[number[k]] for k in keys), default=0)
-    return {key: (y[number[key]] - top) * GRID for key in keys}
+    top = min((y[k] for k in number.values()), default=0)
+    return {key: (y[k] - top) * GRID for key, k in number.items()}
 
 
-def _columns(
-    graph: Graph, found: Rows, chosen: Mapping[End, str], number: Mapping[str, int]
-) -> tuple[list[simplex.Rule], list[int]]:
+def _columns(outlines: Outlines, found: Rows, number: Mapping[str, int]) -> tuple[list[simplex.Rule], list[int]]:
     """Distances within the columns, and the heights when every column is packed from the top."""
     rules, start = [], [0] * (len(number) + 1)
     for column in found.columns:
-        previous = ""
-        for key in column:
-            here = _room(graph, key, chosen)
-            if previous:
-                apart = _room(graph, previous, chosen)[1] + here[0] + _clear(previous, key)
-                start[number[key]] = start[number[previous]] + apart
-                rules.append(simplex.Rule(number[previous], number[key], apart, 0))
-            else:
-                rules.append(simplex.Rule(0, number[key], 0, 0))
-            previous = key
+        for above, key in zip(["", *column], column, strict=False):
+            before, apart = number.get(above, 0), _apart(outlines, above, key) if above else 0
+            start[number[key]] = start[before] + apart
+            rules.append(simplex.Rule(before, number[key], apart, 0))
     return rules, start
 
 
-def _clear(above: str, below: str) -> int:
-    """Grid steps between two neighbours in a column, beside the room each keeps for itself."""
-    if above.startswith("~"):
-        return 0
-    return 1 if below.startswith("~") else 2
-
-
-def _room(graph: Graph, key: str, chosen: Mapping[End, str]) -> tuple[int, int]:
-    if key.startswith("~"):
-        return 1, 1
-    whole = size(graph.nodes[key], chosen)
-    return -int(-whole.above // GRID), -int(-whole.below // GRID)
-
-
-def _port(graph: Graph, end: End, side: str, chosen: Mapping[End, str]) -> float:
-    node = graph.nodes.get(end[0])
-    return port_offset(node, end[1], side, chosen) if node is not None else 0.0
+def _apart(outlines: Outlines, above: str, below: str) -> int:
+    """Grid steps between two neighbours in a column: the room each keeps for itself, and some between."""
+    room = math.ceil(outlines.size(above).below / GRID) + math.ceil(outlines.size(below).above / GRID)
+    return room + (0 if above.startswith("~") else 1 if below.startswith("~") else 2)
 
 
 def _costs(link: Link, links: list[Link], chosen: Mapping[End, str]) -> tuple[int, int]:

@@ -8,9 +8,8 @@ from typing import Any
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
-from tsmblocks.draw.picture import Box, Label, Picture, Wire
-from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FRAME, INK, PAPER, colour, marked, weight
-from tsmblocks.model.diagram import Diagram, required_diagram
+from tsmblocks.draw.picture import FRAME, INK, PAPER, Box, Label, Picture, Point, Wire
+from tsmblocks.model.diagram import Diagram
 
 DPI = 100
 POINT = 72 / DPI
@@ -36,16 +35,14 @@ def to_png(
     scale : float, default 2
         Pixels of the file for each pixel of the SVG drawing.
     highlight : iterable of str, optional
-        Names of blocks that are drawn in the accent colour (``"motor.slack"`` marks ``motor``). None by default.
+        Names of blocks in the accent colour, as for ``to_svg``. None by default.
     values : mapping of str to str or float, optional
-        Signal (``"tsm.y"``) to the text or number that is written on its wire, a number with the unit of its port.
-        None by default.
+        Texts and numbers on wires, as for ``to_svg``. None by default.
 
     Raises
     ------
     TsmError
-        ``diagram`` is not a diagram, or has no block or signal of a name given; ``path`` has another ending;
-        matplotlib is not installed.
+        As for ``to_svg``; ``path`` has another ending; matplotlib is not installed.
 
     See Also
     --------
@@ -56,10 +53,7 @@ def to_png(
     >>> import tsmblocks as tsm
     >>> tsm.to_png(tsm.load("motor_linear"), "motor.png", scale=3)  # doctest: +SKIP
     """
-    _fits(path, ".png")
-    _figure(diagram, highlight, values, DPI * scale).savefig(
-        Path(path), format="png", dpi=DPI * scale, metadata={"Software": None}
-    )
+    _print(diagram, Path(path), ".png", DPI * scale, highlight, values, {"Software": None})
 
 
 def to_pdf(
@@ -74,16 +68,14 @@ def to_pdf(
     path : str or Path
         File that is written; its name ends in ``.pdf``.
     highlight : iterable of str, optional
-        Names of blocks that are drawn in the accent colour (``"motor.slack"`` marks ``motor``). None by default.
+        Names of blocks in the accent colour, as for ``to_svg``. None by default.
     values : mapping of str to str or float, optional
-        Signal (``"tsm.y"``) to the text or number that is written on its wire, a number with the unit of its port.
-        None by default.
+        Texts and numbers on wires, as for ``to_svg``. None by default.
 
     Raises
     ------
     TsmError
-        ``diagram`` is not a diagram, or has no block or signal of a name given; ``path`` has another ending;
-        matplotlib is not installed.
+        As for ``to_svg``; ``path`` has another ending; matplotlib is not installed.
 
     See Also
     --------
@@ -94,75 +86,61 @@ def to_pdf(
     >>> import tsmblocks as tsm
     >>> tsm.to_pdf(tsm.load("motor_linear"), "motor.pdf", highlight=["motor"])  # doctest: +SKIP
     """
-    _fits(path, ".pdf")
-    figure = _figure(diagram, highlight, values, DPI)
-    import matplotlib
-
-    with matplotlib.rc_context({"pdf.fonttype": 42}):  # letters that other programs can search and edit
-        figure.savefig(Path(path), format="pdf", metadata={"CreationDate": None, "Creator": None, "Producer": None})
+    _print(diagram, Path(path), ".pdf", DPI, highlight, values, dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
 
-def _fits(path: str | Path, ending: str) -> None:
-    if Path(path).suffix.lower() != ending:
-        known = {".png": "to_png", ".pdf": "to_pdf", ".svg": "to_svg"}
-        other = known.get(Path(path).suffix.lower())
-        hint = f" That is what {other} makes." if other else ""
-        raise TsmError(f"{known[ending]} writes {ending} files, got '{Path(path).name}'.{hint}")
-
-
-def _figure(diagram: Diagram, highlight: Iterable[str], values: Mapping[str, Any] | None, dpi: float) -> Any:
-    """A matplotlib figure of the drawing, in its size."""
+def _print(
+    diagram: Diagram,
+    path: Path,
+    ending: str,
+    dpi: float,
+    highlight: Iterable[str],
+    values: Mapping[str, Any] | None,
+    metadata: Mapping[str, None],
+) -> None:
+    """Write the file, in the size of the drawing; ``metadata`` left out so that equal diagrams give equal files."""
+    known = {".png": "to_png", ".pdf": "to_pdf", ".svg": "to_svg"}
+    found = path.suffix.lower()
+    if found != ending:
+        hint = f" That is what {known[found]} makes." if found in known else ""
+        raise TsmError(f"{known[ending]} writes {ending} files, got '{path.name}'.{hint}")
     try:
+        from matplotlib import rc_context
         from matplotlib.figure import Figure
     except ImportError as error:
         how = 'pip install "tsmblocks[plots]"'
         raise TsmError(f"a PNG or PDF file needs matplotlib; install it with: {how}") from error
-    accent = marked(required_diagram(diagram, "drawn", TsmError), highlight)
-    picture = layout(diagram, values=values)
+    picture = layout(diagram, highlight=highlight, values=values)
     figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=dpi, facecolor=PAPER)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0, picture.width), ylim=(picture.height, 0))
     axes.set_axis_off()
-    _paint(axes, picture, accent)
-    return figure
+    _paint(axes, picture)
+    with rc_context({"pdf.fonttype": 42}):  # letters that other programs can search and edit
+        figure.savefig(path, format=ending[1:], dpi=dpi, metadata=metadata)
 
 
-def _paint(axes: Any, picture: Picture, accent: set[str]) -> None:
+def _paint(axes: Any, picture: Picture) -> None:
     for wire in picture.wires:
         _wire(axes, wire)
     for box in picture.boxes:
-        _box(axes, box, box.name in accent and box.shape != "terminal")
+        _box(axes, box)
     for label in (*picture.labels, *(label for wire in picture.wires for label in wire.labels)):
         _text(axes, label)
 
 
 def _text(axes: Any, label: Label, accent: bool = False) -> None:
-    fill = ACCENT if accent and label.kind in ("name", "symbol") else colour(label.kind)
-    font = dict(size=label.size * POINT, weight=weight(label.kind), family="DejaVu Sans")
     align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
-    axes.text(
-        label.x,
-        label.y,
-        label.text,
-        ha=align,
-        va="baseline",
-        color=fill,
-        zorder=5,
-        parse_math=False,
-        usetex=False,
-        **font,
-    )
+    font = dict(size=label.size * POINT, weight=label.weight, family="DejaVu Sans", color=label.colour(accent))
+    plain = dict(parse_math=False, usetex=False)
+    axes.text(label.x, label.y, label.text, ha=align, va="baseline", zorder=5, **font, **plain)
 
 
-def _line(axes: Any, points: Any, color: str, width: float, zorder: float) -> None:
+def _line(axes: Any, points: Iterable[Point], color: str, width: float, zorder: float) -> None:
     from matplotlib.lines import Line2D
 
-    xs, ys = zip(*points, strict=True)
-    axes.add_line(
-        Line2D(
-            xs, ys, color=color, linewidth=width * POINT, solid_joinstyle="round", solid_capstyle="butt", zorder=zorder
-        )
-    )
+    pen: dict[str, Any] = dict(color=color, linewidth=width * POINT, zorder=zorder)
+    axes.add_line(Line2D(*zip(*points, strict=True), solid_joinstyle="round", solid_capstyle="butt", **pen))
 
 
 def _wire(axes: Any, wire: Wire) -> None:
@@ -176,27 +154,23 @@ def _wire(axes: Any, wire: Wire) -> None:
         axes.add_patch(Circle(spot, 3, facecolor=fill, edgecolor=INK, linewidth=1.4 * POINT, zorder=2))
 
 
-def _box(axes: Any, box: Box, accent: bool) -> None:
+def _box(axes: Any, box: Box) -> None:
     from matplotlib.patches import Circle, FancyBboxPatch
 
-    ink, fill = (ACCENT, ACCENT_FILL) if accent else (INK, PAPER)
-    width = (2.4 if accent else 1.6) * POINT
-    pen: dict[str, Any] = dict(facecolor=fill, edgecolor=ink, linewidth=width, zorder=3)
+    def frame(inset: float, rim: float, **pen: Any) -> None:
+        width, height = box.width - 2 * inset, box.height - 2 * inset
+        style = f"round,pad=0,rounding_size={rim}"
+        axes.add_patch(FancyBboxPatch((box.x + inset, box.y + inset), width, height, boxstyle=style, **pen))
+
+    ink, fill = box.colours
+    pen: dict[str, Any] = dict(facecolor=fill, edgecolor=ink, linewidth=(2.4 if box.accent else 1.6) * POINT, zorder=3)
     if box.shape in ("round", "terminal"):
         axes.add_patch(Circle((box.x + box.width / 2, box.y + box.height / 2), box.width / 2, **pen))
     else:
-        axes.add_patch(
-            FancyBboxPatch(
-                (box.x, box.y), box.width, box.height, boxstyle=f"round,pad=0,rounding_size={box.rim}", **pen
-            )
-        )
+        frame(0, box.rim, **pen)
     if box.shape == "double":
-        pen |= dict(facecolor="none", linewidth=POINT, zorder=4)
-        width, height = box.width - 2 * FRAME, box.height - 2 * FRAME
-        axes.add_patch(
-            FancyBboxPatch((box.x + FRAME, box.y + FRAME), width, height, boxstyle="round,pad=0,rounding_size=1", **pen)
-        )
+        frame(FRAME, 1, facecolor="none", edgecolor=ink, linewidth=POINT, zorder=4)
     for stroke in box.strokes:
         _line(axes, stroke, ink, 1.2, 4)
     for label in box.labels:
-        _text(axes, label, accent)
+        _text(axes, label, box.accent)

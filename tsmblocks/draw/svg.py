@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
-from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
-from tsmblocks.draw.picture import Arrow, Box, Label, Point, Wire
-from tsmblocks.draw.style import ACCENT, ACCENT_FILL, FONT, FRAME, INK, PAPER, colour, marked, weight
-from tsmblocks.model.diagram import Diagram, required_diagram
+from tsmblocks.draw.picture import FRAME, INK, PAPER, Box, Label, Point, Wire
+from tsmblocks.model.diagram import Diagram
+
+FONT = "Helvetica, Arial, 'DejaVu Sans', sans-serif"
 
 
 def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:
@@ -49,8 +49,7 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
     >>> tsm.to_svg(tsm.load("motor_linear"), highlight=["motor"], values={"x": 0.5}).count("<rect")
     2
     """
-    accent = marked(required_diagram(diagram, "drawn", TsmError), highlight)
-    picture = layout(diagram, values=values)
+    picture = layout(diagram, highlight=highlight, values=values)
     width, height = _n(picture.width), _n(picture.height)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
@@ -59,7 +58,7 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
         f'<rect class="paper" width="100%" height="100%" rx="8" fill="{PAPER}"/>',
         *(_text(label) for label in picture.labels),
         *(_wire(wire) for wire in picture.wires),
-        *(_box(box, box.name in accent and box.shape != "terminal") for box in picture.boxes),
+        *(_box(box) for box in picture.boxes),
         "</svg>",
     ]
     return "\n".join(lines) + "\n"
@@ -74,35 +73,33 @@ def _quoted(value: str) -> str:
     return '"' + escape(value, quote=False).replace('"', "&quot;") + '"'
 
 
-def _points(points: Iterable[Point]) -> str:
-    return " ".join(f"{_n(x)},{_n(y)}" for x, y in points)
-
-
 def _text(label: Label, accent: bool = False) -> str:
     anchor = "" if label.anchor == "start" else f' text-anchor="{label.anchor}"'
-    bold = f' font-weight="{weight(label.kind)}"' if weight(label.kind) != "normal" else ""
-    fill = ACCENT if accent and label.kind in ("name", "symbol") else colour(label.kind)
+    bold = f' font-weight="{label.weight}"' if label.weight != "normal" else ""
     return (
         f'<text x="{_n(label.x)}" y="{_n(label.y)}" font-size="{_n(label.size)}"{anchor}{bold} '
-        f'fill="{fill}">{escape(label.text, quote=False)}</text>'
+        f'fill="{label.colour(accent)}">{escape(label.text, quote=False)}</text>'
     )
 
 
+def _path(line: Iterable[Point]) -> str:
+    return "M" + " L".join(f"{_n(x)} {_n(y)}" for x, y in line)
+
+
 def _wire(wire: Wire) -> str:
-    path = " ".join("M" + " L".join(f"{_n(x)} {_n(y)}" for x, y in line) for line in wire.lines)
+    path = " ".join(map(_path, wire.lines))
     parts = [f'<path d="{path}" fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round"/>']
-    parts += [_arrow(arrow) for arrow in wire.arrows]
-    parts += [f'<circle cx="{_n(x)}" cy="{_n(y)}" r="3" fill="{INK}"/>' for x, y in wire.dots]
-    parts += [
-        f'<circle cx="{_n(x)}" cy="{_n(y)}" r="3" fill="{PAPER}" stroke="{INK}" stroke-width="1.4"/>'
-        for x, y in wire.taps
-    ]
+    for arrow in wire.arrows:
+        corners = " ".join(f"{_n(x)},{_n(y)}" for x, y in arrow.corners)
+        parts.append(f'<polygon points="{corners}" fill="{INK}"/>')
+    parts += [_circle(p, 3, f'fill="{INK}"') for p in wire.dots]
+    parts += [_circle(p, 3, f'fill="{PAPER}" stroke="{INK}" stroke-width="1.4"') for p in wire.taps]
     parts += [_text(label) for label in wire.labels]
     return _group("wire", "data-signal", wire.signal, wire.about, parts)
 
 
-def _arrow(arrow: Arrow) -> str:
-    return f'<polygon points="{_points(arrow.corners)}" fill="{INK}"/>'
+def _circle(middle: Point, radius: float, rest: str) -> str:
+    return f'<circle cx="{_n(middle[0])}" cy="{_n(middle[1])}" r="{_n(radius)}" {rest}/>'
 
 
 def _group(kind: str, attribute: str, name: str, about: str, parts: list[str]) -> str:
@@ -110,30 +107,20 @@ def _group(kind: str, attribute: str, name: str, about: str, parts: list[str]) -
     return f'<g class="{kind}" {attribute}={_quoted(name)}>{title}{"".join(parts)}</g>'
 
 
-def _box(box: Box, accent: bool) -> str:
-    parts = _outline(box, accent)
-    parts += [
-        f'<path d="M{_n(a[0])} {_n(a[1])} L{_n(b[0])} {_n(b[1])}" stroke="{ACCENT if accent else INK}" '
-        f'stroke-width="1.2"/>'
-        for a, b in box.strokes
-    ]
-    parts += [_text(label, accent) for label in box.labels]
-    attribute = "data-terminal" if box.shape == "terminal" else "data-block"
-    return _group(box.shape, attribute, box.name, box.about, parts)
-
-
-def _outline(box: Box, accent: bool) -> list[str]:
-    ink, fill = (ACCENT, ACCENT_FILL) if accent else (INK, PAPER)
-    pen = f'fill="{fill}" stroke="{ink}" stroke-width="{2.4 if accent else 1.6}"'
+def _box(box: Box) -> str:
+    ink, fill = box.colours
+    pen = f'fill="{fill}" stroke="{ink}" stroke-width="{2.4 if box.accent else 1.6}"'
     if box.shape in ("round", "terminal"):
-        x, y = box.x + box.width / 2, box.y + box.height / 2
-        return [f'<circle cx="{_n(x)}" cy="{_n(y)}" r="{_n(box.width / 2)}" {pen}/>']
-    found = [_rect(box.x, box.y, box.width, box.height, f'rx="{_n(box.rim)}" {pen}')]
+        parts = [_circle((box.x + box.width / 2, box.y + box.height / 2), box.width / 2, pen)]
+    else:
+        parts = [_rect(box.x, box.y, box.width, box.height, f'rx="{_n(box.rim)}" {pen}')]
     if box.shape == "double":
         inner = f'rx="1" fill="none" stroke="{ink}" stroke-width="1"'
-        width, height = box.width - 2 * FRAME, box.height - 2 * FRAME
-        found.append(_rect(box.x + FRAME, box.y + FRAME, width, height, inner))
-    return found
+        parts.append(_rect(box.x + FRAME, box.y + FRAME, box.width - 2 * FRAME, box.height - 2 * FRAME, inner))
+    parts += [f'<path d="{_path(stroke)}" stroke="{ink}" stroke-width="1.2"/>' for stroke in box.strokes]
+    parts += [_text(label, box.accent) for label in box.labels]
+    attribute = "data-terminal" if box.shape == "terminal" else "data-block"
+    return _group(box.shape, attribute, box.name, box.about, parts)
 
 
 def _rect(x: float, y: float, width: float, height: float, rest: str) -> str:
