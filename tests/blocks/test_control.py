@@ -145,8 +145,7 @@ def test_lead_lag_answers_a_step_in_closed_form():
         ("PID has no parameter 'kpp'. Did you mean 'kp'?", PID, dict(kpp=1.0)),
         ("PIDController needs low < high, got low=1, high=-1.", PIDController, dict(low=1, high=-1)),
         (
-            "PIDController.kaw must lie in [0, inf), got -1. "
-            "It is: rate at which the integral gives way at a limit [1/s].",
+            "PIDController.kaw must lie in [0, inf), got -1. It is: rate of the anti-windup at a limit [1/s].",
             PIDController,
             dict(kaw=-1),
         ),

@@ -131,8 +131,7 @@ def test_units_are_the_users_own():
             dict(smoothing=0),
         ),
         (
-            "StribeckFriction.stribeck must lie in (0, inf), got 0. "
-            "It is: velocity over which friction falls to the Coulomb level.",
+            "StribeckFriction.stribeck must lie in (0, inf), got 0. It is: velocity over which the static part falls.",
             StribeckFriction,
             dict(stribeck=0),
         ),

@@ -387,8 +387,7 @@ def test_rate_of_displacement_may_be_left_open():
             dict(half_width=0),
         ),
         (
-            "ElasticBacklash.roundness must lie in [0.01, 1], got 0. "
-            "It is: from sharp corners (0.01) to those of Dahl's law (1).",
+            "ElasticBacklash.roundness must lie in [0.01, 1], got 0. It is: 0.01: sharp corners, 1: Dahl's law.",
             ElasticBacklash,
             dict(roundness=0),
         ),
@@ -405,7 +404,7 @@ def test_rate_of_displacement_may_be_left_open():
         ),
         ("PrandtlIshlinskii.x0 needs one number per play (3) or none, got 2.", PrandtlIshlinskii, dict(x0=(0.0, 0.0))),
         (
-            "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. It is: half of the slack of each play.",
+            "PrandtlIshlinskii.radii[1] must lie in [0, inf), got -0.2. It is: half of each slack.",
             PrandtlIshlinskii,
             dict(radii=(0.1, -0.2), weights=(1.0, 1.0)),
         ),

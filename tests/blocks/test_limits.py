@@ -216,8 +216,7 @@ def test_refuses_what_does_not_go_together():
     refuses("Saturation needs low < high, got low=1, high=1.", Saturation, low=1, high=1)
     refuses("SoftSaturation needs low < high, got low=1, high=1.", SoftSaturation, low=1, high=1)
     refuses(
-        "SoftSaturation.softness must lie in (0, inf), got 0. "
-        "It is: distance s from a limit at which it begins to show.",
+        "SoftSaturation.softness must lie in (0, inf), got 0. It is: distance s from a limit where it begins.",
         SoftSaturation,
         softness=0,
     )

@@ -191,8 +191,7 @@ def test_refuses_what_does_not_go_together():
         hold="cubic",
     )
     refuses(
-        "Recorded.hold is 'cubical', which is not a choice. Did you mean 'cubic'? "
-        "It is: what the signal does between samples.",
+        "Recorded.hold is 'cubical', which is not a choice. Did you mean 'cubic'? It is: signal between samples.",
         Recorded,
         hold="cubical",
     )

@@ -394,9 +394,7 @@ def test_a_resonance_at_full_share_is_the_oscillator():
 
 def test_refuses_bad_values():
     refuses(
-        "Slack.share must lie in [0, 1], got 1.5. It is: share of the slope that is lost beyond the edge.",
-        Slack,
-        share=1.5,
+        "Slack.share must lie in [0, 1], got 1.5. It is: share of the slope lost beyond the edge.", Slack, share=1.5
     )
     refuses(
         "Slack.side is 'left', which is not a choice. Known here: high, low. "
@@ -405,8 +403,7 @@ def test_refuses_bad_values():
         side="left",
     )
     refuses(
-        "Ripple.cycles must lie in (0, inf), got 0. It is: phase n in rad per unit of the signal; for angles in "
-        "rad, periods per turn.",
+        "Ripple.cycles must lie in (0, inf), got 0. It is: phase n [rad] per unit of u; periods per turn of an angle.",
         Ripple,
         cycles=0,
     )

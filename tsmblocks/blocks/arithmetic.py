@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import functools
+import operator
+from functools import reduce
 from typing import Any, ClassVar
 
 import attrs
 import casadi as ca
 
-from tsmblocks.blocks.unit_options import UNIT
+from tsmblocks.blocks.shared import UNIT
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.common.units import UnitError, factor
 from tsmblocks.model.block import Block, Input, Output, block, option, parameter
 
 
-def numbered_inputs(n: int, about: str, unit: str = "") -> dict[str, Input]:
-    """Make inputs ``u1`` to ``un``."""
-    return {f"u{k}": Input(f"{about} {k}", unit=unit) for k in range(1, n + 1)}
+def _numbered_inputs(about: str, unit: str = "") -> Any:
+    """The property ``inports`` of a block with inputs ``u1`` to ``un``."""
+    return property(lambda block: {f"u{k}": Input(f"{about} {k}", unit=unit) for k in range(1, block.n + 1)})
 
 
 @block
@@ -64,16 +65,16 @@ class Sum(Block):
 
     @property
     def inports(self) -> dict[str, Input]:
-        names, ports = {"+": ("plus", "added"), "-": ("minus", "subtracted")}, {}
+        ports = {}
         for k, sign in enumerate(self.signs):
-            name, about = names[sign]
-            number = str(self.signs[: k + 1].count(sign)) if self.signs.count(sign) > 1 else ""
-            ports[name + number] = Input(f"signal that is {about}", unit="?u")
+            name, about = ("plus", "added") if sign == "+" else ("minus", "subtracted")
+            number = self.signs[: k + 1].count(sign) if self.signs.count(sign) > 1 else ""
+            ports[f"{name}{number}"] = Input(f"signal that is {about}", unit="?u")
         return ports
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         terms = [value if sign == "+" else -value for sign, value in zip(self.signs, u, strict=True)]
-        return dict(y=functools.reduce(lambda a, b: a + b, terms))
+        return dict(y=reduce(operator.add, terms))
 
 
 @block
@@ -89,13 +90,10 @@ class Product(Block):
     n: int = option(default=2, about="number of inputs", at_least=1, at_most=1000)
 
     y = Output("the product")
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return numbered_inputs(self.n, "factor")
+    inports = _numbered_inputs("factor")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=functools.reduce(lambda a, b: a * b, u))
+        return dict(y=reduce(operator.mul, u))
 
 
 @block
@@ -260,13 +258,10 @@ class Minimum(Block):
     n: int = option(default=2, about="number of inputs", at_least=1, at_most=1000)
 
     y = Output("the smallest input", unit="?u")
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return numbered_inputs(self.n, "candidate", unit="?u")
+    inports = _numbered_inputs("candidate", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=functools.reduce(ca.fmin, u))
+        return dict(y=reduce(ca.fmin, u))
 
 
 @block
@@ -282,13 +277,10 @@ class Maximum(Block):
     n: int = option(default=2, about="number of inputs", at_least=1, at_most=1000)
 
     y = Output("the largest input", unit="?u")
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return numbered_inputs(self.n, "candidate", unit="?u")
+    inports = _numbered_inputs("candidate", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=functools.reduce(ca.fmax, u))
+        return dict(y=reduce(ca.fmax, u))
 
 
 @block

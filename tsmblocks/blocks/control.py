@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
-
-from tsmblocks.blocks.hysteresis import slope, state_rate
-from tsmblocks.common.errors import ParameterError
+from tsmblocks.blocks.hysteresis import hysteresis_state, slope
+from tsmblocks.blocks.shared import check_limits, limited
 from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 
 
@@ -35,8 +33,7 @@ class HysteresisObserver(Block):
     y = Output("estimated internal state", unit="rad")
     zeta: float = state(default=0.0, about="estimated internal state", unit="rad")
 
-    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(zeta=state_rate(x.zeta, u.v, self.A, self.theta, self.delta))
+    derivatives = hysteresis_state
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=x.zeta)
@@ -91,8 +88,7 @@ class FeedforwardCompensator(Block):
     y = Output("command for the motor", unit="rad")
     zeta: float = state(default=0.0, about="estimated internal state", unit="rad")
 
-    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(zeta=state_rate(x.zeta, u.v, self.A, self.theta, self.delta))
+    derivatives = hysteresis_state
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=(u.x - x.zeta) / slope(u.v, self.alpha1, self.alpha2))
@@ -153,9 +149,7 @@ class PIDController(Block):
     c: float = parameter(default=0.0, about="weight of the reference in the derivative action")
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
-    kaw: float = parameter(
-        default=2.0, about="rate at which the integral gives way at a limit", unit="1/s", at_least=0.0
-    )
+    kaw: float = parameter(default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0)
 
     r = Input("reference", unit="?r")
     ym = Input("measurement", unit="?r")
@@ -163,9 +157,7 @@ class PIDController(Block):
     integral: float = state(default=0.0, about="integral action", unit="?u")
     smooth: float = state(default=0.0, about="c r - ym after the derivative filter", unit="?r")
 
-    def check(self) -> None:
-        if self.low >= self.high:
-            raise ParameterError(f"PIDController needs low < high, got low={self.low:g}, high={self.high:g}.")
+    check = check_limits
 
     def _rate(self, x: Any, u: Any) -> Any:
         return (self.c * u.r - u.ym - x.smooth) / self.tau
@@ -173,16 +165,13 @@ class PIDController(Block):
     def _wanted(self, x: Any, u: Any) -> Any:
         return self.kp * (self.b * u.r - u.ym) + x.integral + self.kd * self._rate(x, u)
 
-    def _given(self, wanted: Any) -> Any:
-        return ca.fmin(ca.fmax(wanted, self.low), self.high)
-
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         wanted = self._wanted(x, u)
-        excess = self._given(wanted) - wanted
+        excess = limited(self, wanted) - wanted
         return dict(integral=self.ki * (u.r - u.ym) + self.kaw * excess, smooth=self._rate(x, u))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(u=self._given(self._wanted(x, u)))
+        return dict(u=limited(self, self._wanted(x, u)))
 
 
 @block

@@ -8,11 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
-
 from tsmblocks.blocks import linear_systems as systems
-from tsmblocks.blocks.unit_options import UNIT, UNIT_IN
-from tsmblocks.common.errors import ParameterError
+from tsmblocks.blocks.shared import UNIT, UNIT_IN, check_limits, limited
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
 
@@ -163,9 +160,7 @@ class DiscretePID(Block):
     tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", at_least=0.0)
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
-    kaw: float = parameter(
-        default=2.0, about="rate at which the integral gives way at a limit", unit="1/s", at_least=0.0
-    )
+    kaw: float = parameter(default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0)
 
     e = Input("reference minus measurement", unit="?e")
     y = Output("control effort within the limits", unit="?u")
@@ -173,24 +168,21 @@ class DiscretePID(Block):
     derivative: float = state(default=0.0, about="derivative action at the last sample", unit="?u")
     last: float = state(default=0.0, about="error at the last sample", unit="?e")
 
-    def check(self) -> None:
-        if self.low >= self.high:
-            raise ParameterError(f"DiscretePID needs low < high, got low={self.low:g}, high={self.high:g}.")
+    check = check_limits
 
-    def _actions(self, x: Any, u: Any) -> tuple[Any, Any, Any, Any]:
-        """Integral and derivative action, what they ask for and what is given."""
+    def _actions(self, x: Any, u: Any) -> tuple[Any, Any, Any]:
+        """Integral and derivative action, and the control effort before the limits."""
         integral = x.integral + self.ki * self.period * u.e
         derivative = (self.tau * x.derivative + self.kd * (u.e - x.last)) / (self.tau + self.period)
-        wanted = self.kp * u.e + integral + derivative
-        return integral, derivative, wanted, ca.fmin(ca.fmax(wanted, self.low), self.high)
+        return integral, derivative, self.kp * u.e + integral + derivative
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        integral, derivative, wanted, given = self._actions(x, u)
-        integral = integral + self.kaw * self.period * (given - wanted)
-        return dict(integral=integral, derivative=derivative, last=u.e)
+        integral, derivative, wanted = self._actions(x, u)
+        excess = limited(self, wanted) - wanted
+        return dict(integral=integral + self.kaw * self.period * excess, derivative=derivative, last=u.e)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=self._actions(x, u)[3])
+        return dict(y=limited(self, self._actions(x, u)[2]))
 
 
 @block
@@ -225,7 +217,7 @@ class DiscreteIntegrator(Block):
         return dict(total=x.total + self.gain * self.period * u.u)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        if self.method == "forward":
+        if self.method == "forward":  # without a path from the input
             return dict(y=x.total)
         share = 1.0 if self.method == "backward" else 0.5
         return dict(y=x.total + share * self.gain * self.period * u.u)

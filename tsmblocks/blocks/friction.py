@@ -18,13 +18,10 @@ import casadi as ca
 from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 
 
-def stribeck_level(v: Any, coulomb: Any, static: Any, stribeck: Any) -> Any:
-    r"""Level of sliding friction at velocity ``v``, between the static and the Coulomb level.
-
-    .. math:: g(v) = F_c + (F_s - F_c)\, e^{-(v/v_s)^2}
-    """
-    ratio = v / stribeck
-    return coulomb + (static - coulomb) * ca.exp(-(ratio * ratio))
+def _stribeck_level(block: Any, v: Any) -> Any:
+    """Level of sliding friction at velocity ``v``, between the static and the Coulomb level."""
+    ratio = v / block.stribeck
+    return block.coulomb + (block.static - block.coulomb) * ca.exp(-(ratio * ratio))
 
 
 @block
@@ -63,15 +60,9 @@ class AsymmetricFriction(Block):
     symbol = "F₊ / F₋"
 
     level_positive: float = parameter(default=0.02, about="dry friction while moving forwards", unit="?f", at_least=0.0)
-    level_negative: float = parameter(
-        default=0.025, about="dry friction while moving backwards", unit="?f", at_least=0.0
-    )
-    viscous_positive: float = parameter(
-        default=0.002, about="friction per velocity while moving forwards", at_least=0.0
-    )
-    viscous_negative: float = parameter(
-        default=0.0025, about="friction per velocity while moving backwards", at_least=0.0
-    )
+    level_negative: float = parameter(default=0.025, about="dry friction while moving back", unit="?f", at_least=0.0)
+    viscous_positive: float = parameter(default=0.002, about="friction per velocity forwards", at_least=0.0)
+    viscous_negative: float = parameter(default=0.0025, about="friction per velocity backwards", at_least=0.0)
     smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
 
     v = Input("sliding velocity", unit="?v")
@@ -136,9 +127,7 @@ class StribeckFriction(Block):
 
     coulomb: float = parameter(default=0.02, about="friction while sliding fast", unit="?f", at_least=0.0)
     static: float = parameter(default=0.03, about="friction just before sliding", unit="?f", at_least=0.0)
-    stribeck: float = parameter(
-        default=0.1, about="velocity over which friction falls to the Coulomb level", unit="?v", above=0.0
-    )
+    stribeck: float = parameter(default=0.1, about="velocity over which the static part falls", unit="?v", above=0.0)
     viscous: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
     smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
 
@@ -146,8 +135,7 @@ class StribeckFriction(Block):
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        level = stribeck_level(u.v, self.coulomb, self.static, self.stribeck)
-        return dict(y=level * ca.tanh(u.v / self.smoothing) + self.viscous * u.v)
+        return dict(y=_stribeck_level(self, u.v) * ca.tanh(u.v / self.smoothing) + self.viscous * u.v)
 
 
 @block
@@ -198,20 +186,15 @@ class LuGreFriction(Block):
     sigma2: float = parameter(default=0.002, about="viscous friction per velocity", at_least=0.0)
     coulomb: float = parameter(default=0.02, about="friction while sliding fast", unit="?f", above=0.0)
     static: float = parameter(default=0.03, about="friction just before sliding", unit="?f", above=0.0)
-    stribeck: float = parameter(
-        default=0.1, about="velocity over which friction falls to the Coulomb level", unit="?v", above=0.0
-    )
+    stribeck: float = parameter(default=0.1, about="velocity over which the static part falls", unit="?v", above=0.0)
 
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
     z: float = state(default=0.0, about="mean deflection of the bristles", unit="?v*s")
 
-    def _bending(self, x: Any, u: Any) -> Any:
-        level = stribeck_level(u.v, self.coulomb, self.static, self.stribeck)
-        return u.v - self.sigma0 * ca.fabs(u.v) * x.z / level
-
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(z=self._bending(x, u))
+        return dict(z=u.v - self.sigma0 * ca.fabs(u.v) * x.z / _stribeck_level(self, u.v))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=self.sigma0 * x.z + self.sigma1 * self._bending(x, u) + self.sigma2 * u.v)
+        bending = self.derivatives(t, x, u)["z"]
+        return dict(y=self.sigma0 * x.z + self.sigma1 * bending + self.sigma2 * u.v)

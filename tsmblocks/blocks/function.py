@@ -68,14 +68,12 @@ def function_block(
     """
     if function is None:
         return functools.partial(function_block, outputs=outputs, units=units, about=about, register=register)
-    name, outputs = _name_of(function), (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    name = getattr(function, "__name__", "")
+    if not inspect.isfunction(function) or not name.isidentifier():
+        raise BlockError(f"function_block needs a function made by def, with a name, got {in_words(function)}.")
+    outputs, units, about = (outputs,) if isinstance(outputs, str) else tuple(outputs), units or {}, about or {}
     inputs, numbers, timed = _signature(function, name)
-    names = [*inputs, *numbers, *outputs]
-    _check_names(name, names)
-    units, about = dict(units or {}), dict(about or {})
-    _check_words(name, "units", units, names)
-    _check_words(name, "about", about, names)
-    _check_units(name, units)
+    _check_names(name, [*inputs, *numbers, *outputs], units, about)
     made: dict[str, Any] = {
         "__module__": function.__module__,
         "__qualname__": function.__qualname__,
@@ -84,10 +82,8 @@ def function_block(
         "symbol": name[:12],
         "function": staticmethod(function),
     }
-    for key in inputs:
-        made[key] = Input(about.get(key, f"input {key}"), unit=units.get(key, ""))
-    for key in outputs:
-        made[key] = Output(about.get(key, f"output {key}"), unit=units.get(key, ""))
+    made |= {key: Input(about.get(key, f"input {key}"), units.get(key, "")) for key in inputs}
+    made |= {key: Output(about.get(key, f"output {key}"), units.get(key, "")) for key in outputs}
     for key, value in numbers.items():
         made[key] = parameter(default=value, about=about.get(key, f"parameter {key}"), unit=units.get(key, ""))
     made["outputs"] = _equations(function, name, tuple(numbers), outputs, timed)
@@ -111,17 +107,9 @@ def _equations(
     return outputs
 
 
-def _name_of(function: Callable[..., Any]) -> str:
-    name = getattr(function, "__name__", "")
-    if not inspect.isfunction(function) or not name.isidentifier():
-        raise BlockError(f"function_block needs a function made by def, with a name, got {in_words(function)}.")
-    return name
-
-
 def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict[str, Any], bool]:
     """Input names, parameters with their defaults, and whether the function takes the time first."""
-    inputs: list[str] = []
-    numbers: dict[str, Any] = {}
+    inputs, numbers = list[str](), dict[str, Any]()
     for key, argument in inspect.signature(function).parameters.items():
         if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
             stars = "*" if argument.kind is argument.VAR_POSITIONAL else "**"
@@ -151,22 +139,17 @@ def _is_default(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _check_names(name: str, names: list[str]) -> None:
-    """Raise BlockError for a name that is used twice, or that is an attribute of every block."""
+def _check_names(name: str, names: list[str], units: Mapping[str, str], about: Mapping[str, str]) -> None:
+    """Raise BlockError for a name that is not free or used twice, for words about another name, for unknown units."""
     for key in names:
         if not key.isidentifier() or key.startswith("_") or hasattr(Block, key) or key in ("function", "t"):
             raise BlockError(f"{name}: '{key}' cannot name an input, a parameter or an output. Choose another name.")
         if names.count(key) > 1:
             raise BlockError(f"{name}: '{key}' names two things. Choose another name, or say outputs=('…',).")
-
-
-def _check_words(name: str, what: str, given: Mapping[str, str], names: list[str]) -> None:
-    for key in given:
-        if key not in names:
-            raise BlockError(f"{name}: {what} names '{key}', which it does not have.{near(key, names)}")
-
-
-def _check_units(name: str, units: Mapping[str, str]) -> None:
+    for what, given in (("units", units), ("about", about)):
+        for key in given:
+            if key not in names:
+                raise BlockError(f"{name}: {what} names '{key}', which it does not have.{near(key, names)}")
     for key, unit in units.items():
         try:
             parse("1" if unit.startswith("?") else unit)

@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 
+from tsmblocks.blocks.linear_systems import check_initial, initial_states
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
@@ -30,13 +31,13 @@ def slope(v: Any, alpha1: Any, alpha2: Any) -> Any:
     return (alpha1 + alpha2) / 2 + (alpha1 - alpha2) / 2 * ca.tanh(v)
 
 
-def state_rate(zeta: Any, v: Any, A: Any, theta: Any, delta: Any) -> Any:
+def hysteresis_state(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:  # noqa: ARG001 - the arguments of a method
     r"""Rate of the internal state [rad/s], Eq (8) in the plant and Eq (12) in the observer.
 
     .. math:: \dot\zeta = A v - \vartheta |v| \zeta + \delta |v|
     """
-    speed = ca.fabs(v)
-    return A * v - theta * speed * zeta + delta * speed
+    speed = ca.fabs(u.v)
+    return dict(zeta=block.A * u.v - block.theta * speed * x.zeta + block.delta * speed)
 
 
 def play(u: Any, half_width: Any, memory: Any) -> Any:
@@ -47,6 +48,18 @@ def play(u: Any, half_width: Any, memory: Any) -> Any:
     """
     low, high = u - half_width, u + half_width
     return ca.if_else(low >= memory, low, ca.if_else(high <= memory, high, memory))
+
+
+def plays(block: Any, x: Any, u: Any) -> dict[str, Any]:
+    """Outputs of the plays of a block with ``radii``, by the states that remember them."""
+    return {name: play(u.u, r, m) for name, r, m in zip(x._fields, block.radii, x, strict=True)}
+
+
+def check_weights(block: Any) -> None:
+    """Raise ParameterError unless there is a weight for each radius."""
+    weights, radii = len(block.weights), len(block.radii)
+    if weights != radii:
+        raise ParameterError(f"{type(block).__name__} needs as many weights as radii, got {weights} and {radii}.")
 
 
 def _reduced_power(zeta: Any, n: Any) -> Any:
@@ -83,8 +96,7 @@ class AsymmetricBoucWen(Block):
     y = Output("displacement at the tool end", unit="rad")
     zeta: float = state(default=0.0, about="internal hysteresis state", unit="rad")
 
-    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(zeta=state_rate(x.zeta, u.v, self.A, self.theta, self.delta))
+    derivatives = hysteresis_state
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=slope(u.v, self.alpha1, self.alpha2) * u.x + x.zeta)
@@ -195,9 +207,7 @@ class DahlHysteresis(Block):
     symbol = "Dahl"
 
     alpha_x: float = parameter(default=0.92295, about="slope of the transmission, stretch apart")
-    rho: float = parameter(
-        default=0.8745, about="share of the travel lost just after rest; 0 for no loop at all", at_least=0.0
-    )
+    rho: float = parameter(default=0.8745, about="share of the travel lost just after rest; 0: no loop", at_least=0.0)
     half_width: float = parameter(default=0.17372, about="stretch after long travel one way", unit="rad", above=0.0)
 
     x = Input("displacement at the motor end", unit="rad")
@@ -243,9 +253,7 @@ class ElasticBacklash(Block):
     alpha_x: float = parameter(default=0.916, about="slope of the transmission, stretch apart", above=0.0)
     rho: float = parameter(default=1.307, about="share of the travel lost just after a reversal", above=0.0)
     half_width: float = parameter(default=0.172, about="half of the slack, tool straight", unit="rad", above=0.0)
-    roundness: float = parameter(
-        default=0.484, about="from sharp corners (0.01) to those of Dahl's law (1)", at_least=0.01, at_most=1.0
-    )
+    roundness: float = parameter(default=0.484, about="0.01: sharp corners, 1: Dahl's law", at_least=0.01, at_most=1.0)
     growth_up: float = parameter(default=0.091, about="growth of the half width where y > 0", unit="1/rad")
     growth_down: float = parameter(default=-0.195, about="growth of the half width where y < 0", unit="1/rad")
 
@@ -259,9 +267,8 @@ class ElasticBacklash(Block):
         sides = self.growth_up * ca.fmax(y, 0) + self.growth_down * ca.fmax(-y, 0)
         width = self.half_width * ca.fmax(1 + sides, NARROWEST)
         share = (1 + ca.sign(u.v) * x.zeta / width) / 2
-        followed = (
-            ca.fmin(ca.fmax(share, SMALLEST_BASE), 1) ** (1 / self.roundness) + ca.fmax(share - 1, 0) / self.roundness
-        )
+        inside = ca.fmin(ca.fmax(share, SMALLEST_BASE), 1)
+        followed = inside ** (1 / self.roundness) + ca.fmax(share - 1, 0) / self.roundness
         return dict(zeta=self.rho * u.v * (1 - followed))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
@@ -299,14 +306,11 @@ class TaoBacklash(Block):
     y = Output("displacement of the driven side", unit="?u")
     m: float = state(default=0.0, about="displacement of the driven side a step ago", unit="?u")
 
-    def _contact(self, x: Any, u: Any) -> Any:
-        return ca.fmax(self.c1 * (u.u - self.B1), ca.fmin(self.c2 * (u.u + self.B2), x.m))
-
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(m=self._contact(x, u))
+        return dict(m=ca.fmax(self.c1 * (u.u - self.B1), ca.fmin(self.c2 * (u.u + self.B2), x.m)))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=self._contact(x, u))
+        return dict(y=self.updates(t, x, u)["m"])
 
 
 @block
@@ -347,9 +351,7 @@ class PrandtlIshlinskii(Block):
     symbol = "Σ play"
 
     weight0: float = parameter(default=0.1, about="weight of the input itself (radius zero)")
-    radii: tuple[float, ...] = parameter(
-        default=(0.1, 0.2, 0.3), about="half of the slack of each play", unit="?u", at_least=0.0
-    )
+    radii: tuple[float, ...] = parameter(default=(0.1, 0.2, 0.3), about="half of each slack", unit="?u", at_least=0.0)
     weights: tuple[float, ...] = parameter(default=(0.2, 0.3, 0.3), about="weight of each play")
     x0: tuple[float, ...] = parameter(default=(), about="where each play starts; an empty list means zeros", unit="?u")
 
@@ -357,20 +359,16 @@ class PrandtlIshlinskii(Block):
     y = Output("displacement of the driven side", unit="?u")
 
     def check(self) -> None:
-        n = len(self.radii)
-        if len(self.weights) != n:
-            raise ParameterError(f"PrandtlIshlinskii needs as many weights as radii, got {len(self.weights)} and {n}.")
-        if self.x0 and len(self.x0) != n:
-            raise ParameterError(f"PrandtlIshlinskii.x0 needs one number per play ({n}) or none, got {len(self.x0)}.")
+        check_weights(self)
+        check_initial("PrandtlIshlinskii", self.x0, len(self.radii), "play")
 
     @property
     def states(self) -> dict[str, State]:
-        starts = self.x0 or (0.0,) * len(self.radii)
-        return {f"m{k}": State(start, f"play {k}, a step ago", "?u") for k, start in enumerate(starts, 1)}
+        return initial_states(self.x0, len(self.radii), "value a step ago of play", "m", "?u")
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return {name: play(u.u, r, m) for name, r, m in zip(x._fields, self.radii, x, strict=True)}
+        return plays(self, x, u)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        moved = [w * play(u.u, r, m) for w, r, m in zip(self.weights, self.radii, x, strict=True)]
-        return dict(y=self.weight0 * u.u + sum(moved))
+        moved = plays(self, x, u).values()
+        return dict(y=self.weight0 * u.u + sum(w * p for w, p in zip(self.weights, moved, strict=True)))

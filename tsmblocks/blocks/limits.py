@@ -7,6 +7,7 @@ from typing import Any
 
 import casadi as ca
 
+from tsmblocks.blocks.shared import check_limits, limited
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
@@ -30,12 +31,10 @@ class Saturation(Block):
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
 
-    def check(self) -> None:
-        if self.low >= self.high:
-            raise ParameterError(f"Saturation needs low < high, got low={self.low:g}, high={self.high:g}.")
+    check = check_limits
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=ca.fmin(ca.fmax(u.u, self.low), self.high))
+        return dict(y=limited(self, u.u))
 
 
 @block
@@ -54,20 +53,16 @@ class SoftSaturation(Block):
 
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
-    softness: float = parameter(
-        default=1.0, about="distance s from a limit at which it begins to show", unit="?u", above=0.0
-    )
+    softness: float = parameter(default=1.0, about="distance s from a limit where it begins", unit="?u", above=0.0)
 
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
 
-    def check(self) -> None:
-        if self.low >= self.high:
-            raise ParameterError(f"SoftSaturation needs low < high, got low={self.low:g}, high={self.high:g}.")
+    check = check_limits
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        hard = ca.fmin(ca.fmax(u.u, self.low), self.high)
-        return dict(y=hard - _rounding(u.u - self.high, self.softness) + _rounding(self.low - u.u, self.softness))
+        above, below = _rounding(u.u - self.high, self.softness), _rounding(self.low - u.u, self.softness)
+        return dict(y=limited(self, u.u) - above + below)
 
 
 def _softened(away: Any, softness: Any) -> Any:
@@ -129,10 +124,7 @@ class RateLimit(Block):
     @property
     def states(self) -> dict[str, State]:
         begin = LONG_AGO if self.start == "input" else 0.0
-        return {
-            "last": State(self.last, self.fields()["last"].about, "?u"),
-            "time": State(begin, "start of the step", "s"),
-        }
+        return {**super().states, "time": State(begin, "start of the step", "s")}
 
     def _limited(self, t: Any, x: Any, u: Any) -> Any:
         passed = t - x.time
@@ -165,9 +157,7 @@ class SoftRateLimit(Block):
 
     rising: float = parameter(default=3.0, about="fastest rise r", unit="?u/s", above=0.0)
     falling: float = parameter(default=-3.0, about="fastest fall f, negative", unit="?u/s", below=0.0)
-    softness: float = parameter(
-        default=0.3, about="distance s from a limit at which it begins to show", unit="?u/s", above=0.0
-    )
+    softness: float = parameter(default=0.3, about="distance s from a limit where it begins", unit="?u/s", above=0.0)
     lag: float = parameter(default=0.03, about="time constant T with which it catches up", unit="s", above=0.0)
 
     u = Input("wanted value", unit="?u")
@@ -177,11 +167,7 @@ class SoftRateLimit(Block):
 
     @property
     def states(self) -> dict[str, State]:
-        abouts = self.fields()
-        return {
-            **{name: State(getattr(self, name), abouts[name].about, "?u") for name in ("last", "behind")},
-            "time": State(LONG_AGO, "start of the step", "s"),
-        }
+        return {**super().states, "time": State(LONG_AGO, "start of the step", "s")}
 
     def _behind(self, t: Any, x: Any, u: Any) -> Any:
         passed = ca.fmax(t - x.time, 1e-12)  # as a step begins nothing is divided by zero

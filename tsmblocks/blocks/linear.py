@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import casadi as ca
 
+from tsmblocks.blocks.shared import check_limits, limited
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, Past, block, option, parameter, state
-
-INFINITE = float("inf")
 
 
 @block
@@ -26,8 +26,8 @@ class Integrator(Block):
     symbol = "∫"
 
     gain: float = parameter(default=1.0, about="factor on the input")
-    low: float = parameter(default=-INFINITE, about="smallest output", unit="?u*s", finite=False)
-    high: float = parameter(default=INFINITE, about="largest output", unit="?u*s", finite=False)
+    low: float = parameter(default=-math.inf, about="smallest output", unit="?u*s", finite=False)
+    high: float = parameter(default=math.inf, about="largest output", unit="?u*s", finite=False)
     reset: bool = option(default=False, about="whether there is a port that sets the integral back")
     unit: str = option(default="", about="unit of the output when the gain brings one; empty means the input's times s")
 
@@ -36,8 +36,7 @@ class Integrator(Block):
     integral: float = state(default=0.0, about="the integral; starts and is reset here", unit="?u*s")
 
     def check(self) -> None:
-        if self.low >= self.high:
-            raise ParameterError(f"Integrator needs low < high, got low={self.low:g}, high={self.high:g}.")
+        check_limits(self)
         if not self.low <= self.integral <= self.high:
             raise ParameterError(
                 f"Integrator.integral must start within its limits, {self.low:g} to {self.high:g}, "
@@ -47,7 +46,7 @@ class Integrator(Block):
     @property
     def inports(self) -> dict[str, Input]:
         more = {"reset": Input("above 0.5 sets the integral back")} if self.reset else {}
-        return {"u": self._declared["u"], **more}
+        return {**super().inports, **more}
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         rate = self.gain * u.u
@@ -55,12 +54,10 @@ class Integrator(Block):
         return dict(integral=ca.if_else(x.integral >= self.high, ca.fmin(rate, 0.0), above_low))
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        if not self.reset:
-            return {}
-        return dict(integral=ca.if_else(u.reset > 0.5, self.integral, x.integral))
+        return dict(integral=ca.if_else(u.reset > 0.5, self.integral, x.integral)) if self.reset else {}
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=ca.fmin(ca.fmax(x.integral, self.low), self.high))
+        return dict(y=limited(self, x.integral))
 
 
 @block
@@ -106,7 +103,7 @@ class FilteredDerivative(Block):
         return dict(smooth=(u.u - x.smooth) / self.time_constant)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(y=(u.u - x.smooth) / self.time_constant)
+        return dict(y=self.derivatives(t, x, u)["smooth"])
 
 
 @block

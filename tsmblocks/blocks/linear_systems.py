@@ -23,15 +23,15 @@ Rows = tuple[tuple[float, ...], ...]
 _NAMED = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\[\]]*)\])?\s*", re.ASCII)
 
 
-def initial_states(x0: tuple[Any, ...], n: int, about: str, letter: str = "x") -> dict[str, State]:
+def initial_states(x0: tuple[Any, ...], n: int, about: str, letter: str = "x", unit: str = "") -> dict[str, State]:
     """States ``x1`` to ``xn``; without initial values they are zero."""
-    return {f"{letter}{k}": State(start, f"{about} {k}") for k, start in enumerate(x0 or (0.0,) * n, 1)}
+    return {f"{letter}{k}": State(start, f"{about} {k}", unit) for k, start in enumerate(x0 or (0.0,) * n, 1)}
 
 
-def check_initial(owner: str, x0: tuple[Any, ...], n: int) -> None:
+def check_initial(owner: str, x0: tuple[Any, ...], n: int, what: str = "state") -> None:
     """Raise ParameterError unless there are n initial values or none."""
     if x0 and len(x0) != n:
-        raise ParameterError(f"{owner}.x0 needs one number per state ({n}) or none, got {len(x0)}.")
+        raise ParameterError(f"{owner}.x0 needs one number per {what} ({n}) or none, got {len(x0)}.")
 
 
 # ---- num/den ------------------------------------------------------------------------------------

@@ -6,18 +6,15 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.blocks.hysteresis import play
+from tsmblocks.blocks.hysteresis import check_weights, plays
+from tsmblocks.blocks.linear_systems import initial_states
 from tsmblocks.blocks.transmission import after
-from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
 
-def side_rate(v: Any, z: Any, distance: Any) -> Any:
-    r"""Rate of a state that tends to 1 while travelling forwards and to -1 backwards (Dahl's law).
-
-    .. math:: \dot z = \frac{v - |v| z}{d}
-    """
-    return (v - ca.fabs(v) * z) / distance
+def _dahl_state(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:  # noqa: ARG001 - the arguments of a method
+    """Rate of a state that tends to 1 while travelling forwards and to -1 backwards (Dahl's law)."""
+    return dict(z=(u.v - ca.fabs(u.v) * x.z) / block.distance)
 
 
 @block
@@ -40,8 +37,7 @@ class Stretch(Block):
     y = Output("the signal less the stretch", unit="?u")
     z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
 
-    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(z=side_rate(u.v, x.z, self.distance))
+    derivatives = _dahl_state
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u - self.half_width * x.z)
@@ -73,8 +69,7 @@ class LoopChange(Block):
     y = Output("the signal with the loop on it", unit="?u")
     z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
 
-    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(z=side_rate(u.v, x.z, self.distance))
+    derivatives = _dahl_state
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + after(t, self.time, self.width) * (self.gain * u.u + self.change * x.z))
@@ -156,26 +151,20 @@ class NonlocalMemory(Block):
     symbol = "+ Σ play"
 
     weights: tuple[float, ...] = parameter(default=(0.0, 0.0, 0.0), about="share of the signal behind each play")
-    radii: tuple[float, ...] = parameter(
-        default=(0.05, 0.15, 0.4), about="half of the slack of each play", unit="?u", at_least=0.0
-    )
+    radii: tuple[float, ...] = parameter(default=(0.05, 0.15, 0.4), about="half of each slack", unit="?u", at_least=0.0)
 
     u = Input("any signal", unit="?u")
     y = Output("the signal, shares of it behind plays", unit="?u")
 
-    def check(self) -> None:
-        if len(self.weights) != len(self.radii):
-            raise ParameterError(
-                f"NonlocalMemory needs as many weights as radii, got {len(self.weights)} and {len(self.radii)}."
-            )
+    check = check_weights
 
     @property
     def states(self) -> dict[str, State]:
-        return {f"m{k}": State(0.0, f"play {k}, a step ago", "?u") for k in range(1, len(self.radii) + 1)}
+        return initial_states((), len(self.radii), "value a step ago of play", "m", "?u")
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return {name: play(u.u, r, m) for name, r, m in zip(x._fields, self.radii, x, strict=True)}
+        return plays(self, x, u)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        behind = [w * (play(u.u, r, m) - u.u) for w, r, m in zip(self.weights, self.radii, x, strict=True)]
-        return dict(y=u.u + sum(behind))
+        moved = plays(self, x, u).values()
+        return dict(y=u.u + sum(w * (p - u.u) for w, p in zip(self.weights, moved, strict=True)))

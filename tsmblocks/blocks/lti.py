@@ -6,9 +6,11 @@ import re
 from itertools import zip_longest
 from typing import Any
 
+import numpy as np
+
 from tsmblocks.blocks import linear_systems as systems
 from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
-from tsmblocks.blocks.unit_options import UNIT, UNIT_IN
+from tsmblocks.blocks.shared import UNIT, UNIT_IN
 from tsmblocks.common.errors import BlockError, ParameterError, in_words
 from tsmblocks.common.tables import unique_names
 from tsmblocks.common.units import heading, split_heading
@@ -52,11 +54,9 @@ def _quadratic(pair: Any) -> tuple[Any, ...]:
     return (1.0, -2 * re, re * re + im * im)
 
 
-def _linear(roots: list[Any]) -> tuple[Any, ...]:
+def _linear(*roots: Any) -> tuple[Any, ...]:
     """Coefficients of the product of (s - z) over at most two real roots."""
-    if len(roots) == 2:
-        return (1.0, -(roots[0] + roots[1]), roots[0] * roots[1])
-    return (1.0, *(-z for z in roots))
+    return (1.0, -(roots[0] + roots[1]), roots[0] * roots[1]) if len(roots) == 2 else (1.0, *(-z for z in roots))
 
 
 @block
@@ -77,12 +77,8 @@ class ZeroPoleGain(Block):
 
     zeros: tuple[float, ...] = parameter(default=(-10.0,), about="real zeros", unit="rad/s")
     poles: tuple[float, ...] = parameter(default=(-20.0,), about="real poles", unit="rad/s")
-    zero_pairs: systems.Rows = parameter(
-        default=(), about="conjugate zeros, as rows of real and imaginary part", unit="rad/s"
-    )
-    pole_pairs: systems.Rows = parameter(
-        default=((-3.0, 4.0),), about="conjugate poles, as rows of real and imaginary part", unit="rad/s"
-    )
+    zero_pairs: systems.Rows = parameter(default=(), about="conjugate zeros, as rows (re, im)", unit="rad/s")
+    pole_pairs: systems.Rows = parameter(default=((-3.0, 4.0),), about="conjugate poles, likewise", unit="rad/s")
     gain: float = parameter(default=50.0, about="factor in front of the fraction")
     x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros")
     unit: str = option(default="", about=UNIT)
@@ -117,11 +113,11 @@ class ZeroPoleGain(Block):
         over, real = [_quadratic(pair) for pair in self.zero_pairs], list(self.zeros)
         under, single = [_quadratic(pair) for pair in self.pole_pairs], list(self.poles)
         while len(under) < len(over):
-            under.append(_linear([single.pop(), single.pop()]))
+            under.append(_linear(single.pop(), single.pop()))
         sections = []
-        for num, den in zip_longest(over, [*under, *(_linear([p]) for p in single)]):
+        for num, den in zip_longest(over, [*under, *(_linear(p) for p in single)]):
             taken, real = ([], real) if num else (real[: len(den) - 1], real[len(den) - 1 :])
-            sections.append((num or _linear(taken), den))
+            sections.append((num or _linear(*taken), den))
         return sections
 
     def _chain(self, x: Any, u: Any) -> tuple[list[Any], Any]:
@@ -217,28 +213,35 @@ def from_control(system: Any) -> Block:
             "from_control needs the sample time, but this system has dt=True (sampled, period unknown). "
             "Build it with its period in s, such as control.tf(num, den, 0.01)."
         )
-    period = float(system.dt or 0.0)
-    if isinstance(system, control.TransferFunction):
-        return _from_fraction(system, period)
-    return _from_matrices(system, period)
+    fraction = isinstance(system, control.TransferFunction)
+    fields = _fields_of_fraction(system) if fraction else _fields_of_matrices(system)
+    if system.dt:
+        return (DiscreteTransferFunction if fraction else DiscreteStateSpace)(period=float(system.dt), **fields)
+    return (TransferFunction if fraction else StateSpace)(**fields)
 
 
-def _from_fraction(system: Any, period: float) -> Block:
+def _fields_of_fraction(system: Any) -> dict[str, Any]:
     if (system.ninputs, system.noutputs) != (1, 1):
         raise BlockError(
             f"from_control takes a transfer function with one input and one output, got {system.ninputs} "
             f"and {system.noutputs}. Give it as a state space, such as control.ss(system)."
         )
-    num, den = (_trimmed(part[0][0]) for part in (system.num, system.den))
+    # Leading zeros would count as a direct path.
+    num, den = (tuple(np.trim_zeros(part[0][0], "f").tolist()) or (0.0,) for part in (system.num, system.den))
     if len(num) > len(den):
         raise BlockError(
             f"from_control needs a proper transfer function, got a numerator of degree {len(num) - 1} over a "
             f"denominator of degree {len(den) - 1}. Add a fast pole."
         )
     unit_in, unit = (_heading(labels[0])[1] for labels in (system.input_labels, system.output_labels))
-    if period:
-        return DiscreteTransferFunction(num=num, den=den, period=period, unit=unit, unit_in=unit_in)
-    return TransferFunction(num=num, den=den, unit=unit, unit_in=unit_in)
+    return dict(num=num, den=den, unit=unit, unit_in=unit_in)
+
+
+def _fields_of_matrices(system: Any) -> dict[str, Any]:
+    matrices = {name: tuple(map(tuple, getattr(system, name).tolist())) for name in "ABCD"}
+    if not system.D.any() and matrices["A"]:
+        matrices["D"] = ()
+    return matrices | _names(system)
 
 
 def _heading(label: str) -> tuple[str, str]:
@@ -255,32 +258,8 @@ def _names(system: Any) -> dict[str, Any]:
 
     python-control allows a state and an output of one name, which here is one signal: the state gets a number.
     """
-    labels = {
-        "input_names": system.input_labels,
-        "output_names": system.output_labels,
-        "state_names": system.state_labels,
-    }
-    found = {kind: [_heading(label) for label in own] for kind, own in labels.items()}
-    found = {kind: own for kind, own in found.items() if all(name for name, _ in own)}
-    plain = iter(unique_names(name for own in found.values() for name, _ in own))
-    return {
-        kind: tuple(heading(name, unit) for (_, unit), name in zip(own, plain, strict=False))
-        for kind, own in found.items()
-    }
-
-
-def _trimmed(coefficients: Any) -> tuple[float, ...]:
-    """Coefficients without leading zeros, which would count as a direct path."""
-    numbers = [float(c) for c in coefficients]
-    while len(numbers) > 1 and numbers[0] == 0:
-        del numbers[0]
-    return tuple(numbers)
-
-
-def _from_matrices(system: Any, period: float) -> Block:
-    a, b, c, d = (tuple(map(tuple, matrix.tolist())) for matrix in (system.A, system.B, system.C, system.D))
-    if not system.D.any() and a:
-        d = ()
-    if period:
-        return DiscreteStateSpace(A=a, B=b, C=c, D=d, period=period, **_names(system))
-    return StateSpace(A=a, B=b, C=c, D=d, **_names(system))
+    kinds = ("input", "output", "state")
+    found = {f"{kind}_names": [_heading(label) for label in getattr(system, f"{kind}_labels")] for kind in kinds}
+    found = {field: own for field, own in found.items() if all(name for name, _ in own)}
+    names = iter(unique_names(name for own in found.values() for name, _ in own))
+    return {field: tuple(heading(next(names), unit) for _, unit in own) for field, own in found.items()}

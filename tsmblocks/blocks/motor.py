@@ -68,13 +68,9 @@ class DCMotor(Block):
     b: float = parameter(default=2e-7, about="viscous friction at the rotor", unit="N*m*s/rad", at_least=0.0)
     gear: float = parameter(default=14.0, about="turns of the rotor per turn of the output shaft", above=0.0)
     coulomb: float = parameter(default=1e-3, about="dry friction at the rotor", unit="N*m", at_least=0.0)
-    smoothing: float = parameter(
-        default=2.0, about="rotor speed over which the dry friction changes sign", unit="rad/s", above=0.0
-    )
+    smoothing: float = parameter(default=2.0, about="rotor speed over which it changes sign", unit="rad/s", above=0.0)
     voltage_drop: float = parameter(default=0.3, about="voltage lost at the brushes", unit="V", at_least=0.0)
-    drop_current: float = parameter(
-        default=0.1, about="current over which the voltage drop builds up", unit="A", above=0.0
-    )
+    drop_current: float = parameter(default=0.1, about="current over which that builds up", unit="A", above=0.0)
     load: bool = option(default=False, about="whether there is a port for the load's torque")
 
     u = Input("voltage at the motor", unit="V")
@@ -87,8 +83,8 @@ class DCMotor(Block):
 
     @property
     def inports(self) -> dict[str, Input]:
-        load = {"load": Input("torque the output shaft has to overcome", unit="N*m")}
-        return {"u": type(self).u, **(load if self.load else {})}
+        load = {"load": Input("torque the output shaft has to overcome", unit="N*m")} if self.load else {}
+        return {**super().inports, **load}
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         brushes = self.voltage_drop * ca.tanh(x.current / self.drop_current)

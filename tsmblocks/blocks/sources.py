@@ -10,13 +10,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tsmblocks.blocks.unit_options import UNIT
+from tsmblocks.blocks.shared import UNIT
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Output, Samples, Tape, block, option, parameter
 
 PAPER_AMPLITUDE = math.radians(55.0)
 """Amplitude of the paper's sine [rad]."""
-PAPER_TONE_AMPLITUDE = math.radians(28.0)
+PAPER_TONE = math.radians(28.0)
 """Amplitude of each sine of the paper's two-tone signals [rad]."""
 ROUNDING = 1e-12
 """Advance of a jump, as a share of its time: 3 * 0.1 s may fall short of 0.3 s. Chosen: above rounding."""
@@ -125,12 +125,8 @@ class MultiSine(Block):
     source = "Paper, Fig. 14: 28 degrees at 0.2 Hz and 28 degrees at 0.5 Hz"
     symbol = "Σ sin"
 
-    amplitudes: tuple[float, ...] = parameter(
-        default=(PAPER_TONE_AMPLITUDE, PAPER_TONE_AMPLITUDE), about="amplitude of each sine", unit="?y"
-    )
-    frequencies: tuple[float, ...] = parameter(
-        default=(0.2, 0.5), about="periods per second of each sine", unit="Hz", at_least=0.0
-    )
+    amplitudes: tuple[float, ...] = parameter(default=(PAPER_TONE,) * 2, about="amplitude of each sine", unit="?y")
+    frequencies: tuple[float, ...] = parameter(default=(0.2, 0.5), about="frequency of each", unit="Hz", at_least=0.0)
     phases: tuple[float, ...] = parameter(default=(0.0, 0.0), about="phase of each sine at time zero", unit="rad")
     unit: str = option(default="", about=UNIT)
     y = Output("the sum of the sines", unit="?y", unit_option="unit")
@@ -265,9 +261,7 @@ class Recorded(Block):
 
     times: tuple[float, ...] = option(default=(0.0, 1.0, 3.0, 4.0), about="instants of the samples", unit="s")
     values: tuple[float, ...] = option(default=(0.0, 1.0, -1.0, 0.0), about="values at these instants")
-    hold: str = option(
-        default="linear", about="what the signal does between samples", choices=("zero", "linear", "cubic")
-    )
+    hold: str = option(default="linear", about="signal between samples", choices=("zero", "linear", "cubic"))
     gain: float = parameter(default=1.0, about="factor on the recorded values")
     offset: float = parameter(default=0.0, about="added to the recorded values", unit="?y")
     unit: str = option(default="", about=UNIT)

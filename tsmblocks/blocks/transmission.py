@@ -37,9 +37,7 @@ class Slack(Block):
     source = "definition; the dead zone of one side, with the share that is lost as a number"
     symbol = "slack"
 
-    share: float = parameter(
-        default=0.0, about="share of the slope that is lost beyond the edge", at_least=0.0, at_most=1.0
-    )
+    share: float = parameter(default=0.0, about="share of the slope lost beyond the edge", at_least=0.0, at_most=1.0)
     edge: float = parameter(default=0.0, about="value at which the signal begins to be lost", unit="?u")
     side: str = option(default="low", about="on which side of the edge it is lost", choices=("low", "high"))
 
@@ -113,9 +111,7 @@ class Ripple(Block):
     sine: float = parameter(default=0.0, about="amplitude b of the sine", unit="?u")
     cosine2: float = parameter(default=0.0, about="amplitude a2 of the second harmonic's cosine", unit="?u")
     sine2: float = parameter(default=0.0, about="amplitude b2 of the second harmonic's sine", unit="?u")
-    cycles: float = parameter(
-        default=1.0, about="phase n in rad per unit of the signal; for angles in rad, periods per turn", above=0.0
-    )
+    cycles: float = parameter(default=1.0, about="phase n [rad] per unit of u; periods per turn of an angle", above=0.0)
 
     u = Input("any signal", unit="?u")
     y = Output("the signal with the ripple on it", unit="?u")

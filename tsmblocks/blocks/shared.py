@@ -1,0 +1,23 @@
+"""What blocks of several families share: descriptions of options, and the limits ``low`` and ``high`` of an output."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from tsmblocks.common.errors import ParameterError
+
+UNIT = "unit of the signal; empty means that of whatever it drives"
+UNIT_IN = "unit of the input; empty means that of whatever drives it"
+
+
+def check_limits(block: Any) -> None:
+    """Raise ParameterError unless the lower limit is below the upper one: the ``check`` of a block with both."""
+    if block.low >= block.high:
+        raise ParameterError(f"{type(block).__name__} needs low < high, got low={block.low:g}, high={block.high:g}.")
+
+
+def limited(block: Any, value: Any) -> Any:
+    """A value within the limits of a block."""
+    return ca.fmin(ca.fmax(value, block.low), block.high)
