@@ -33,8 +33,6 @@ from tsmblocks.model.fields import (
     validate,
 )
 
-# ---- signals by name and by position ------------------------------------------------------------
-
 
 @functools.cache
 def _signal_type(names: tuple[str, ...]) -> Any:
@@ -50,7 +48,7 @@ def signals(names: tuple[str, ...] | list[str], values: Any) -> Any:
     names : sequence of str
         Names of the signals.
     values : iterable
-        Their values, in the same order.
+        Values of the signals, in this order.
 
     Returns
     -------
@@ -66,8 +64,6 @@ def signals(names: tuple[str, ...] | list[str], values: Any) -> Any:
     """
     return _signal_type(tuple(names))(*values)
 
-
-# ---- the block --------------------------------------------------------------------------------
 
 REGISTRY: dict[str, type[Block]] = {}
 """Blocks that files may name, by class name."""
@@ -91,7 +87,7 @@ class Block:
     Parameters
     ----------
     *_, **__ : object
-        Not used here: a class made by ``block`` has a constructor of its own, which takes its fields by keyword.
+        Fields, by keyword: a class made by ``block`` has a constructor of its own.
 
     Raises
     ------
@@ -106,8 +102,7 @@ class Block:
     _declared: ClassVar[dict[str, Any]] = {}  # ports by name: Input, Output, Tape, Past
 
     def __init__(self, *_: Any, **__: Any) -> None:
-        # A class that @block has made a block has a constructor of its own.
-        owner = type(self).__name__
+        owner = type(self).__name__  # where @block was left out
         raise BlockError(f"{owner} is not a block yet: write @block above class {owner}(Block).")
 
     # -- equations, to be written by the block
@@ -119,10 +114,8 @@ class Block:
         ----------
         t : SX or float
             Time [s].
-        x : namedtuple
-            States by name.
-        u : namedtuple
-            Inputs, tapes and past values by name.
+        x, u : namedtuple
+            States; inputs, tapes and past values, by name.
 
         Returns
         -------
@@ -130,10 +123,8 @@ class Block:
             Outputs by name.
         """
         if self.outports:
-            raise EquationError(
-                f"{type(self).__name__} has no method outputs(self, t, x, u), which should give "
-                f"{', '.join(self.outports)}."
-            )
+            method = f"{type(self).__name__} has no method outputs(self, t, x, u)"
+            raise EquationError(f"{method}, which should give {', '.join(self.outports)}.")
         return {}
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
@@ -143,10 +134,8 @@ class Block:
         ----------
         t : SX or float
             Time [s].
-        x : namedtuple
-            States by name.
-        u : namedtuple
-            Inputs, tapes and past values by name.
+        x, u : namedtuple
+            States; inputs, tapes and past values, by name.
 
         Returns
         -------
@@ -162,10 +151,8 @@ class Block:
         ----------
         t : SX or float
             Time [s].
-        x : namedtuple
-            States by name, before the update.
-        u : namedtuple
-            Inputs, tapes and past values by name.
+        x, u : namedtuple
+            States before the update; inputs, tapes and past values, by name.
 
         Returns
         -------
@@ -327,12 +314,10 @@ B = TypeVar("B", bound=type[Block])
 def block(target: B | None = None, *, register: bool = True) -> Any:
     """Make a class a block: frozen, compared by value, checked, and known to files by its name.
 
-    A decorator of a class that derives from ``Block``, with or without arguments.
-
     Parameters
     ----------
     target : type or None, default None
-        The class; None where the decorator is used with arguments.
+        The class, which derives from ``Block``; None where the decorator is used with arguments.
     register : bool, default True
         Whether files may name the block. ``False`` is for a block of one script.
 
@@ -344,10 +329,10 @@ def block(target: B | None = None, *, register: bool = True) -> Any:
     Raises
     ------
     BlockError
-        When the class does not derive from ``Block`` directly, declares what a block cannot have, or has the name of
+        For a class that does not derive from ``Block`` directly, declares what a block cannot have, or has the name of
         another block.
     ParameterError
-        When a default is out of its bounds.
+        For a default out of its bounds.
 
     Examples
     --------
@@ -367,21 +352,19 @@ def block(target: B | None = None, *, register: bool = True) -> Any:
     if target is None:
         return functools.partial(block, register=register)
     if target.__bases__ != (Block,):
-        base = target.__bases__[0].__name__
-        raise BlockError(
-            f"{target.__name__} must derive from Block itself, not from {base}. Write class {target.__name__}(Block)."
-        )
+        owner, base = target.__name__, target.__bases__[0].__name__
+        raise BlockError(f"{owner} must derive from Block itself, not from {base}. Write class {owner}(Block).")
     own = frozenset(vars(target))
     ports = {k: v for k, v in vars(target).items() if isinstance(v, (Input, Output, Tape, Past))}
-    made: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(target)
-    made._declared = ports
-    made._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(made) if "tsm" in a.metadata}
-    _check_declarations(made, own)
-    type.__setattr__(made, "__init__", _by_name_only(made.__init__, made))
-    type.__setattr__(made, "__setattr__", _refuse_change)
+    cls: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(target)
+    cls._declared = ports
+    cls._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(cls) if "tsm" in a.metadata}
+    _check_declarations(cls, own)
+    cls.__init__ = _by_name_only(cls.__init__, cls)
+    cls.__setattr__ = _refuse_change
     if register:
-        _register(made)
-    return made
+        _register(cls)
+    return cls
 
 
 def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
@@ -391,10 +374,8 @@ def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
     """
     owner = cls.__name__
     if "__init__" in own:
-        raise BlockError(
-            f"{owner} must not have __init__: it is made from what is declared. Numbers that must go "
-            "together are for check()."
-        )
+        wrong = f"{owner} must not have __init__: it is made from what is declared."
+        raise BlockError(f"{wrong} Numbers that must go together are for check().")
     for name, annotation in vars(cls).get("__annotations__", {}).items():
         if name in cls._declared:
             raise BlockError(f"{owner}.{name} is a port and takes no annotation: {name} = Input(…) or Output(…).")
@@ -414,7 +395,7 @@ def _by_name_only(init: Callable[..., None], cls: type[Block]) -> Callable[..., 
     """The constructor, with this package's message for an unknown name or a positional argument."""
 
     @functools.wraps(init)
-    def made(self: Block, *args: Any, **values: Any) -> None:
+    def by_name(self: Block, *args: Any, **values: Any) -> None:
         if args:
             first = next(iter(cls._fields), "gain")
             raise ParameterError(f"{cls.__name__} takes its parameters by name: {first}={in_words(args[0])}.")
@@ -423,7 +404,7 @@ def _by_name_only(init: Callable[..., None], cls: type[Block]) -> Callable[..., 
                 raise ParameterError(f"{cls.__name__} has no parameter '{name}'.{near(name, cls._fields)}")
         init(self, **values)
 
-    return made
+    return by_name
 
 
 class Unchanging(AttributeError):
@@ -432,22 +413,19 @@ class Unchanging(AttributeError):
 
 def _refuse_change(self: Block, name: str, value: Any) -> None:
     """Raise Unchanging, with the way to a changed block or diagram."""
-    raise Unchanging(
-        f"a block does not change. A {type(self).__name__} with another {name} is block.replace({name}="
-        f"{in_words(value)}); a diagram with it is diagram.with_parameters({{'NAME.{name}': {in_words(value)}}}), NAME "
-        "being the block's.",
-        name=name,
+    one = f"A {type(self).__name__} with another {name} is block.replace({name}={in_words(value)})"
+    whole = (
+        f"a diagram with it is diagram.with_parameters({{'NAME.{name}': {in_words(value)}}}), NAME being the block's."
     )
+    raise Unchanging(f"a block does not change. {one}; {whole}", name=name)
 
 
 def _register(cls: type[Block]) -> None:
     """Enter a class in the registry. Raises BlockError where the name is taken."""
     known = REGISTRY.get(cls.__name__)
     if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-        raise BlockError(
-            f"A block named {cls.__name__} exists already, in {known.__module__}. "
-            "Choose another name, or use @block(register=False)."
-        )
+        taken = f"A block named {cls.__name__} exists already, in {known.__module__}."
+        raise BlockError(f"{taken} Choose another name, or use @block(register=False).")
     REGISTRY[cls.__name__] = cls
 
 

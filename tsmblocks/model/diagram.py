@@ -6,6 +6,7 @@ depth; a dotted name refers to what is inside (``"motor.drive.high"``).
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -15,12 +16,12 @@ from typing import Any
 import attrs
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DiagramError, ParameterError, TsmError, in_words, near
+from tsmblocks.common.errors import DiagramError, ParameterError, TsmError, in_words
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model import edits, unit_inference, validation
 from tsmblocks.model.block import Block, Input, Output, is_reference, leaves, plain
-from tsmblocks.model.wires import Link, chains, class_name, not_a_block, short_name
+from tsmblocks.model.wires import End, Link, chains, not_a_block, short_name
 
 _PACKAGE = str(Path(__file__).parent.parent)
 DEEPEST = 64
@@ -56,8 +57,8 @@ def _frozen(given: Any) -> Any:
 
 
 def _inlets(given: Any) -> Any:
-    made = isinstance(given, Mapping)
-    return _frozen({k: v if isinstance(v, Inlet) else Inlet(v) for k, v in given.items()} if made else given)
+    is_mapping = isinstance(given, Mapping)
+    return _frozen({k: v if isinstance(v, Inlet) else Inlet(v) for k, v in given.items()} if is_mapping else given)
 
 
 def _values(given: Any) -> Any:
@@ -65,8 +66,8 @@ def _values(given: Any) -> Any:
 
 
 def _listed(wires: Any) -> Any:
-    whole = isinstance(wires, str) or not isinstance(wires, Iterable)
-    return wires if whole else tuple(wires)  # one text, or no list, is refused with the other faults
+    """The wires as a tuple; one text, or no list, unchanged, to be refused with the other faults."""
+    return tuple(wires) if isinstance(wires, Iterable) and not isinstance(wires, str) else wires
 
 
 def _caller() -> str:
@@ -132,38 +133,43 @@ class Diagram:
     values: Mapping[str, float] = attrs.field(factory=dict, converter=_values)
     where: str = attrs.field(factory=_caller, eq=False, repr=False)
     links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)
-    inlets: Mapping[str, tuple[tuple[str, str], ...]] = attrs.field(init=False, eq=False, repr=False)
-    shown: Mapping[str, tuple[str, str]] = attrs.field(init=False, eq=False, repr=False)
-    port_units: Mapping[tuple[str, str], units.Unit] = attrs.field(init=False, eq=False, repr=False)
+    inlets: Mapping[str, tuple[End, ...]] = attrs.field(init=False, eq=False, repr=False)
+    shown: Mapping[str, End] = attrs.field(init=False, eq=False, repr=False)
+    port_units: Mapping[End, units.Unit] = attrs.field(init=False, eq=False, repr=False)
     interface: Mapping[str, tuple[str, units.Unit]] = attrs.field(init=False, eq=False, repr=False)
 
     def __attrs_post_init__(self) -> None:
-        found = self._checked()
-        object.__setattr__(self, "links", tuple(dict.fromkeys(found.links)))
-        object.__setattr__(self, "inlets", _frozen(found.inlets))
-        object.__setattr__(self, "shown", _frozen(found.shown))
-        object.__setattr__(self, "port_units", _frozen(found.port_units))
-        object.__setattr__(self, "interface", _frozen(found.interface))
-        object.__setattr__(self, "wires", tuple(chains(self.links, self.blocks)))
+        checked = self._checked()
+        links = tuple(dict.fromkeys(checked.links))
         # one spelling of each end, so that "tsm" and "tsm.y" make equal diagrams
-        full = {k: attrs.evolve(v, ports=[".".join(e) for e in found.inlets[k]]) for k, v in self.inputs.items()}
-        object.__setattr__(self, "inputs", _frozen(full))
-        object.__setattr__(self, "outputs", _frozen({k: ".".join(filter(None, e)) for k, e in found.shown.items()}))
+        ports = {k: [".".join(end) for end in ends] for k, ends in checked.inlets.items()}
+        meaning = {
+            "links": links,
+            "wires": tuple(chains(links, self.blocks)),
+            "inputs": _frozen({k: attrs.evolve(v, ports=ports[k]) for k, v in self.inputs.items()}),
+            "outputs": _frozen({k: ".".join(filter(None, end)) for k, end in checked.shown.items()}),
+            "inlets": _frozen(checked.inlets),
+            "shown": _frozen(checked.shown),
+            "port_units": _frozen(checked.port_units),
+            "interface": _frozen(checked.interface),
+        }
+        for name, value in meaning.items():
+            object.__setattr__(self, name, value)
 
     def _checked(self) -> validation.Checked:
         """The meaning of wires, inputs and outputs. Raises DiagramError with every fault."""
         blocks = self.blocks
-        wrong = [*validation.kind_faults({a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init})]
+        wrong = [*validation.kind_faults(self._fields())]
         if not wrong:
             wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
         if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
             wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
             raise DiagramError(self.title, wrong, self.where)
-        found = validation.examine(blocks, self.wires, self.inputs, self.outputs, self.values)
-        if found.faults:
-            raise DiagramError(self.title, found.faults, self.where)
-        return found
+        checked = validation.examine(blocks, self.wires, self.inputs, self.outputs, self.values)
+        if checked.faults:
+            raise DiagramError(self.title, checked.faults, self.where)
+        return checked
 
     # ---- as a block of another diagram
 
@@ -182,7 +188,7 @@ class Diagram:
         """Its outputs as ports."""
         return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
 
-    def _unit_of(self, *ends: tuple[str, str]) -> str:
+    def _unit_of(self, *ends: End) -> str:
         return next((unit_inference.unit_label(self.port_units[e]) for e in ends if e in self.port_units), "")
 
     def unit(self, signal: str) -> str:
@@ -204,9 +210,8 @@ class Diagram:
             return self.inports[signal].unit
         name, _, rest = signal.partition(".")
         block = self.blocks.get(name)
-        if isinstance(block, Diagram) and rest:
-            return block.unit(rest) or self._unit_of((name, rest))
-        return self._unit_of((name, rest))
+        inner = block.unit(rest) if isinstance(block, Diagram) and rest else ""
+        return inner or self._unit_of((name, rest))
 
     # ---- parameters by name
 
@@ -217,42 +222,32 @@ class Diagram:
         Entries of the ``values`` table are listed under their own name, once, and not under the blocks that refer to
         them.
         """
-        return dict(self._leaves())
+        entries = ((name, value) for _, name, kind, value in self._entries() if kind != "option")
+        return {k: x for name, value in entries for k, x in leaves(value, name) if not is_reference(x)}
 
-    def _leaves(self, prefix: str = "") -> Iterator[tuple[str, float]]:
+    def _entries(self, prefix: str = "") -> Iterator[tuple[Diagram, str, str, Any]]:
+        """The diagram, full name, kind and value of each number in a table and each field of a block, at any depth."""
         for name, value in self.values.items():
-            yield prefix + name, value
+            yield self, prefix + name, "value", value
         for name, block in self.blocks.items():
             if isinstance(block, Diagram):
-                yield from block._leaves(f"{prefix}{name}.")
-                continue
-            for key, value in block.parameters.items():
-                for leaf, number in leaves(value, f"{prefix}{name}.{key}"):
-                    if not is_reference(number):
-                        yield leaf, number
+                yield from block._entries(f"{prefix}{name}.")
+            else:
+                for key, field in block.fields().items():
+                    yield self, f"{prefix}{name}.{key}", field.kind, getattr(block, key)
 
-    def parameter_names(self, prefix: str = "") -> Iterator[str]:
+    def parameter_names(self) -> Iterator[str]:
         """Yield every name that ``with_parameters`` takes, options and whole lists included.
-
-        Parameters
-        ----------
-        prefix : str, default ""
-            Text before each name.
 
         Yields
         ------
         str
             A full name (``"pid.kp"``, ``"filter.den[1]"``).
         """
-        yield from (prefix + k for k in self.values)
-        for name, block in self.blocks.items():
-            if isinstance(block, Diagram):
-                yield from block.parameter_names(f"{prefix}{name}.")
-                continue
-            for key in block.fields():
-                yield f"{prefix}{name}.{key}"
-                if not is_reference(getattr(block, key)) and isinstance(getattr(block, key), tuple):
-                    yield from (leaf for leaf, _ in leaves(getattr(block, key), f"{prefix}{name}.{key}"))
+        for _, name, _, value in self._entries():
+            yield name
+            if isinstance(value, tuple):
+                yield from (leaf for leaf, _ in leaves(value, name))
 
     def with_parameters(self, changes: Mapping[str, Any]) -> Diagram:
         """Return the diagram with other parameters.
@@ -277,7 +272,7 @@ class Diagram:
         """
         if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
             raise ParameterError(f"parameters must map names to numbers, got {in_words(changes)}.")
-        return edits.overridden(self, changes, self, "")
+        return edits.override(self, changes, self)
 
     def untied(self, names: Iterable[str]) -> Diagram:
         """Return the diagram in which parameters have numbers of their own in the place of references.
@@ -292,63 +287,33 @@ class Diagram:
         Diagram
             The changed diagram.
         """
-        changes = {name: value for name in names if (value := self._referred(name)) is not None}
+        wanted = set(names)
+        changes = {
+            leaf: diagram.values[x[1:]]
+            for diagram, name, kind, value in self._entries()
+            if kind != "option"
+            for leaf, x in leaves(value, name)
+            if leaf in wanted and is_reference(x)
+        }
         return self.with_parameters(changes) if changes else self
-
-    def _referred(self, name: str) -> float | None:
-        """The number that a parameter refers to; None for a parameter that is no reference."""
-        head, _, rest = name.partition(".")
-        block = self.blocks.get(head)
-        if isinstance(block, Diagram):
-            return block._referred(rest)
-        if block is None:
-            return None
-        known: dict[str, Any] = {}
-        for key, value in block.parameters.items():
-            known.update(leaves(value, key))
-        found = known.get(rest)
-        return self.values[found[1:]] if found is not None and is_reference(found) else None
 
     # ---- edits
 
+    def _fields(self) -> dict[str, Any]:
+        """The arguments that make this diagram."""
+        return {a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init}
+
     def _with(self, **changes: Any) -> Diagram:
         """The same diagram with some fields changed (``wires`` may hold links or text)."""
-        fields = {a.name: getattr(self, a.name) for a in attrs.fields(Diagram) if a.init}
-        fields["wires"] = self.links
-        return Diagram(**{**fields, **changes})
-
-    def _inside(self, name: str, edit: str, *args: Any, **options: Any) -> Diagram | None:
-        """Apply an edit with a dotted name to the diagram inside; None for a name without a dot."""
-        head, _, rest = name.partition(".")
-        if not rest:
-            return None
-        inner = self._need(head)
-        if not isinstance(inner, Diagram):
-            raise self._fault(
-                f"{edit} '{name}': {head} is a {class_name(inner)}, not a diagram, so nothing stands inside it."
-            )
-        try:
-            changed = getattr(inner, edit)(rest, *args, **options)
-        except DiagramError as error:
-            raise DiagramError(self.title, [f"{head}: {p}" for p in error.problems], self.where) from None
-        return self._with(blocks={**self.blocks, head: changed})
-
-    def _fault(self, text: str) -> DiagramError:
-        return DiagramError(self.title, [text], self.where)
-
-    def _need(self, name: str) -> Block | Diagram:
-        if name not in self.blocks:
-            raise self._fault(f"there is no block '{name}'.{near(name, self.blocks)}")
-        return self.blocks[name]
+        return Diagram(**{**self._fields(), "wires": self.links, **changes})
 
     def insert(
         self, name: str, block: Block | Diagram, *, after: str = "", before: str = "", wires: Iterable[str] = ()
     ) -> Diagram:
         """Return the diagram with a block put on a wire.
 
-        The input of the block that is wired is its only one, or of several the one named ``u``. With a dotted ``name``
-        (``"motor.slack"``) the diagram inside block ``motor`` is edited, and ``after``, ``before`` and ``wires`` refer
-        to it.
+        Of the block's inputs its only one is wired, or the one named ``u``. With a dotted ``name`` (``"motor.slack"``)
+        the diagram inside block ``motor`` is edited, to which ``after``, ``before`` and ``wires`` refer.
 
         Parameters
         ----------
@@ -375,15 +340,7 @@ class Diagram:
         DiagramError
             When the name is taken, or the block does not fit.
         """
-        inner = self._inside(name, "insert", block, after=after, before=before, wires=wires)
-        if inner is not None:
-            return inner
-        if name in self.blocks:
-            raise self._fault(f"there is a block '{name}' already; choose another name.")
-        if bool(after) == bool(before):
-            got = "both" if after else "neither"
-            raise self._fault(f"insert '{name}' takes either after= or before=, got {got}.")
-        return edits.inserted(self, name, block, after, before, edits.wires_in(self, "wires", wires))
+        return edits.insert(self, name, block, after, before, wires)
 
     def replace(self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None) -> Diagram:
         """Return the diagram with another block in the place of one, wired the same way.
@@ -407,11 +364,7 @@ class Diagram:
         DiagramError
             When a port in use does not exist on the new block.
         """
-        inner = self._inside(name, "replace", block, ports=ports)
-        if inner is not None:
-            return inner
-        self._need(name)
-        return edits.replaced(self, name, block, ports or {})
+        return edits.replace(self, name, block, ports or {})
 
     def remove(self, name: str) -> Diagram:
         """Return the diagram without a block; the signal at its only input then drives its receivers.
@@ -432,11 +385,7 @@ class Diagram:
             When the block has several inputs or outputs in use, so that the signal that should replace it is not known,
             or when its input is a rate ``v`` (friction, an observer), which cannot replace it.
         """
-        inner = self._inside(name, "remove")
-        if inner is not None:
-            return inner
-        self._need(name)
-        return edits.removed(self, name)
+        return edits.remove(self, name)
 
     def rewire(
         self,
@@ -473,20 +422,9 @@ class Diagram:
         DiagramError
             When a wire to cut does not exist, or the result does not fit together.
         """
-        fields = {
-            "blocks": blocks,
-            "inputs": inputs,
-            "outputs": outputs,
-            "values": values,
-            "title": title,
-            "source": source,
-        }
-        return edits.rewired(
-            self,
-            edits.wires_in(self, "cut", cut),
-            edits.wires_in(self, "add", add),
-            {k: v for k, v in fields.items() if v is not None},
-        )
+        texts = {"title": title, "source": source}
+        mappings = {"blocks": blocks, "inputs": inputs, "outputs": outputs, "values": values}
+        return edits.rewire(self, cut, add, {**texts, **mappings})
 
     def __hash__(self) -> int:  # of parts in which most diagrams differ
         return hash((self.title, frozenset(self.blocks), frozenset(self.links)))
@@ -498,17 +436,14 @@ class Diagram:
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        ends = {
-            "inputs": {k: p.unit for k, p in self.inports.items()},
-            "outputs": {k: self.unit(k) for k in self.outputs},
-        }
-        said = [
-            f"{word} {few(f'{k} [{u}]' if u else k for k, u in named.items())}" for word, named in ends.items() if named
-        ]
         count = f"{len(self.blocks)} block{'' if len(self.blocks) == 1 else 's'}"
-        return f"Diagram({', '.join([repr(self.title), count, *said])})"
+        parts = [repr(self.title), count]
+        for word, ports in (("inputs", self.inports), ("outputs", self.outports)):
+            if ports:
+                parts.append(f"{word} {few(units.heading(k, p.unit) for k, p in ports.items())}")
+        return f"Diagram({', '.join(parts)})"
 
-    def short(self, end: tuple[str, str]) -> str:
+    def short(self, end: End) -> str:
         """Return the shortest name of an output port.
 
         Parameters
@@ -528,17 +463,9 @@ class Diagram:
         return view("svg", self)
 
     def __reduce__(self) -> Any:  # mapping proxies do not pickle
-        plain = {
-            "title": self.title,
-            "source": self.source,
-            "blocks": dict(self.blocks),
-            "wires": self.links,
-            "inputs": dict(self.inputs),
-            "outputs": dict(self.outputs),
-            "values": dict(self.values),
-            "where": self.where,
-        }
-        return _rebuild, (plain,)
+        fields: dict[str, Any] = {**self._fields(), "wires": self.links}
+        fields |= {k: dict(v) for k, v in fields.items() if isinstance(v, Mapping)}
+        return functools.partial(Diagram, **fields), ()
 
 
 def required_diagram(given: Any, use: str, error: type[TsmError]) -> Diagram:
@@ -547,7 +474,3 @@ def required_diagram(given: Any, use: str, error: type[TsmError]) -> Diagram:
         return given
     hint = f" Load it first: tsmblocks.load({given!r})." if isinstance(given, str) else ""
     raise error(f"only a diagram can be {use}, got {in_words(given)}.{hint}")
-
-
-def _rebuild(fields: dict[str, Any]) -> Diagram:
-    return Diagram(**fields)

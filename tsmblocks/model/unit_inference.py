@@ -12,11 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from tsmblocks.common import units
-from tsmblocks.model.wires import Link, place_of, placed
+from tsmblocks.model.wires import End, Link, placed
 
-End = tuple[str, str]
-Wire = tuple[End, End, str, str]
-"""Source, target, text and place; an input of the diagram is the source ``("", name)``."""
 Interface = dict[str, tuple[str, units.Unit]]
 """Port -> the group of ports that share its unknown unit ("" where it is known), and its unit or power in the group."""
 SHARED_UNIT = re.compile(r"\?(\w+?)((?:[*/].*)?)")
@@ -27,7 +24,7 @@ READABLE_LABELS = (  # noqa: SIM905
 ).split()
 """Labels tried first for an inferred unit."""
 DIMENSIONLESS = units.Unit(1.0, ())
-SI = "SI"
+SI: Any = "SI"
 """The node of pure numbers, which every known unit is related to."""
 
 
@@ -57,8 +54,7 @@ class _Units:
         """State unit(a) = ratio * unit(b); False when that contradicts earlier statements."""
         (ra, fa), (rb, fb) = self.find(a), self.find(b)
         if ra == rb:
-            known = _times(fa, fb, -1)
-            return known.dimension == ratio.dimension and abs(known.factor / ratio.factor - 1) < 1e-12
+            return _equal(_times(fa, fb, -1), ratio)
         step = _times(_times(ratio, fb), fa, -1)
         if ra == SI:  # pure numbers stay a root, so that a unit is read off directly
             self.parent[rb] = (ra, _times(DIMENSIONLESS, step, -1))
@@ -82,6 +78,11 @@ def _times(a: units.Unit, b: units.Unit, power: int = 1) -> units.Unit:
     return units.Unit(a.factor * b.factor**power, tuple(sorted((k, n) for k, n in total.items() if n)))
 
 
+def _equal(a: units.Unit, b: units.Unit) -> bool:
+    """Whether two units are the same, up to rounding."""
+    return a.dimension == b.dimension and abs(a.factor / b.factor - 1) < 1e-12
+
+
 class _Survey:
     """The declared units of the ports of a diagram, and which ports share one."""
 
@@ -93,51 +94,42 @@ class _Survey:
 
     def block(self, name: str, block: Any) -> None:
         """Add the ports of a block, or those of an inner diagram as they were inferred inside it."""
-        for port, (group, unit) in getattr(block, "interface", {}).items():
-            node = (name, "?", group) if group else SI
-            self.units.join((name, port), node, unit)
-            if group:
-                self.shared.append(((name, port), node))
-            else:
-                self.labels[name, port] = unit_label(unit)
         if hasattr(block, "interface"):
+            for port, (group, unit) in block.interface.items():
+                node = (name, "?", group) if group else SI
+                self.units.join((name, port), node, unit)
+                if group:
+                    self.shared.append(((name, port), node))
+                else:
+                    self.labels[name, port] = unit_label(unit)
             return
-        for side in (block.inports, block.outports):
-            for port, spec in side.items():
-                if not spec.unit:
-                    continue
-                end = (name, port)
-                try:
-                    sound = self._port(end, spec.unit)
-                except units.UnitError as error:
-                    self.faults.append(placed(f"{name}.{port}: {error}", place_of(name)))
-                    continue
-                if not sound:
-                    self.faults.append(
-                        placed(
-                            f"{name}.{port} cannot have the unit '{spec.unit}' beside the block's other ports.",
-                            place_of(name),
-                        )
-                    )
+        for port, spec in (*block.inports.items(), *block.outports.items()):
+            if spec.unit:
+                self._port((name, port), spec.unit)
 
-    def _port(self, end: End, unit: str) -> bool:
-        """Add one port; False when its unit contradicts the other ports of the block."""
-        match = SHARED_UNIT.fullmatch(unit)
-        if match is None:
+    def _port(self, end: End, unit: str) -> None:
+        """Add a port with a declared unit."""
+        name, node, known = end[0], SI, unit
+        if match := SHARED_UNIT.fullmatch(unit):
+            node, known = (name, "?", match[1]), "1" + match[2]
+            self.shared.append((end, node))
+        else:
             self.labels[end] = unit
-            return self.units.join(end, SI, units.parse(unit))
-        unknown = (end[0], "?", match[1])
-        self.shared.append((end, unknown))
-        return self.units.join(end, unknown, units.parse("1" + match[2]))
+        try:
+            if not self.units.join(end, node, units.parse(known)):
+                wrong = f"{'.'.join(end)} cannot have the unit '{unit}' beside the block's other ports."
+                self.faults.append(placed(wrong, name))
+        except units.UnitError as error:
+            self.faults.append(placed(f"{'.'.join(end)}: {error}", name))
 
     def interface(self, ends: Mapping[str, End]) -> Interface:
         """Which inputs and outputs of the diagram share a unit, for the diagram around it."""
         groups: dict[Any, str] = {SI: ""}
-        made = {}
+        interface = {}
         for name, end in ends.items():
             root, ratio = self.units.find(end)
-            made[name] = (groups.setdefault(root, f"g{len(groups)}"), ratio)
-        return made
+            interface[name] = (groups.setdefault(root, f"g{len(groups)}"), ratio)
+        return interface
 
     def inlet(self, name: str, unit: str) -> None:
         """Add an input of the diagram."""
@@ -145,7 +137,7 @@ class _Survey:
             self.units.join(("", name), SI, units.parse(unit))
             self.labels["", name] = unit
         except units.UnitError as error:
-            self.faults.append(placed(f"input '{name}': {error}", place_of(name)))
+            self.faults.append(placed(f"input '{name}': {error}", name))
 
     def label(self, end: End) -> str:
         """The label of a port whose unit is known."""
@@ -153,15 +145,12 @@ class _Survey:
 
 
 def unit_faults(
-    links: list[Link],
-    inlets: Mapping[str, tuple[End, ...]],
-    declared: Mapping[str, str],
-    blocks: Mapping[str, Any],
-    shown: Mapping[str, End],
+    links: list[Link], declared: Mapping[str, str], blocks: Mapping[str, Any], shown: Mapping[str, End]
 ) -> tuple[list[str], dict[End, units.Unit], Interface]:
-    """Faults of wires that join different units, the unit of every port that has one, and the interface.
+    """Faults of links that join different units, the unit of every port that has one, and the interface.
 
-    A ring in which only unknown units disagree is accepted, since none of its units is declared.
+    ``links`` include those from the inputs of the diagram, whose ``declared`` units are given by name. A ring in which
+    only unknown units disagree is accepted, since none of its units is declared.
     """
     survey = _Survey()
     for name, block in blocks.items():
@@ -169,28 +158,25 @@ def unit_faults(
     for name, unit in declared.items():
         if unit:
             survey.inlet(name, unit)
-    wires: list[Wire] = [(link.source, link.target, str(link), link.place) for link in links]
-    wires += [
-        (("", n), end, f"input {n} -> {'.'.join(end)}", place_of(n)) for n, ends in inlets.items() for end in ends
-    ]
-    wrong = [wire for wire in wires if not survey.units.join(wire[0], wire[1], DIMENSIONLESS)]
-    wrong = [wire for wire in wrong if survey.units.known(wire[0]) is not None]
-    ends = [*survey.labels, *(end for end, _ in survey.shared), *(e for s, t, *_ in wires for e in (s, t))]
-    found = {end: known for end in ends if (known := survey.units.known(end)) is not None}
-    interface = survey.interface({**{name: ("", name) for name in inlets}, **shown})
-    return [*survey.faults, *_wire_faults(survey, wires, wrong)], found, interface
+    contradicting = [x for x in links if not survey.units.join(x.source, x.target, DIMENSIONLESS)]
+    wrong = [x for x in contradicting if survey.units.known(x.source) is not None]
+    ends = [*survey.labels, *(end for end, _ in survey.shared), *(end for x in links for end in (x.source, x.target))]
+    port_units = {end: known for end in ends if (known := survey.units.known(end)) is not None}
+    interface = survey.interface({**{name: ("", name) for name in declared}, **shown})
+    return [*survey.faults, *_link_faults(survey, links, wrong)], port_units, interface
 
 
-def _wire_faults(survey: _Survey, wires: list[Wire], wrong: list[Wire]) -> Iterator[str]:
-    """A sentence for each wire that joins two units."""
+def _link_faults(survey: _Survey, links: list[Link], wrong: list[Link]) -> Iterator[str]:
+    """A sentence for each link that joins two units."""
     if not wrong:
         return
-    sound = [(s, t) for s, t, *_ in wires if (s, t) not in {w[:2] for w in wrong}]
+    bad = set(wrong)
+    sound = ((x.source, x.target) for x in links if x not in bad)
     beside = _neighbours([*sound, *survey.shared])
-    for source, target, text, place in wrong:
-        a, b = survey.label(source), survey.label(target)
-        why = "".join(_reason(survey, beside, end) for end in (source, target))
-        yield placed(f"{text} joins {a} to {b}.{why} {_advice(a, b)}", place)
+    for link in wrong:
+        a, b = survey.label(link.source), survey.label(link.target)
+        why = "".join(_reason(survey, beside, end) for end in (link.source, link.target))
+        yield placed(f"{link} joins {a} to {b}.{why} {_advice(a, b)}", link)
 
 
 def _neighbours(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
@@ -234,8 +220,7 @@ def _advice(a: str, b: str) -> str:
 def unit_label(unit: units.Unit) -> str:
     """A readable label of an inferred unit."""
     for label in READABLE_LABELS:
-        u = units.parse(label)
-        if u.dimension == unit.dimension and abs(u.factor / unit.factor - 1) < 1e-12:
+        if _equal(units.parse(label), unit):
             return label
     power = "*".join(k if n == 1 else f"{k}^{n}" for k, n in unit.dimension) or "1"
     return power if abs(unit.factor - 1) < 1e-12 else f"{unit.factor:g}*{power}"

@@ -41,35 +41,43 @@ class PlacedText(str):
         return made
 
 
+End = tuple[str, str]
+"""A block and one of its ports; ``("", name)`` is an input or output of the diagram itself."""
+
+
 @attrs.frozen
 class Link:
-    """A connection of two ports; ``place`` is where it was written."""
+    """A connection of two ends; ``place`` is where it was written."""
 
-    source: tuple[str, str]
-    target: tuple[str, str]
+    source: End
+    target: End
     place: str = attrs.field(default="", eq=False)
 
     def __str__(self) -> str:
-        return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
+        if not self.target[0]:
+            return f"output {self.target[1]}"
+        source = ".".join(self.source) if self.source[0] else f"input {self.source[1]}"
+        return f"{source} -> {'.'.join(self.target)}"
 
 
-def placed(text: str, place: str) -> str:
-    """A sentence with ``file:line`` in front, where a place is known."""
+def inlet_links(inlets: Mapping[str, Iterable[End]]) -> list[Link]:
+    """A link from each input of a diagram to each port that it drives."""
+    return [Link(("", name), end, place_of(name)) for name, ends in inlets.items() for end in ends]
+
+
+def place_of(origin: Any) -> str:
+    """``file:line`` of a name, text or link, ``""`` where it is not known."""
+    return getattr(origin, "place", "")
+
+
+def placed(text: str, origin: Any) -> str:
+    """A sentence with the place of a name, text or link in front, where one is known."""
+    place = place_of(origin)
     return f"{place}: {text}" if place else text
-
-
-def place_of(text: Any) -> str:
-    """``file:line`` of a name or wire, ``""`` where it is not known."""
-    return getattr(text, "place", "")
 
 
 class Fault(Exception):
     """A fault of one piece of wire notation, as a sentence; collected by the caller."""
-
-
-def class_name(block: Ported) -> str:
-    """The class of a block, for messages."""
-    return type(block).__name__
 
 
 def not_a_block(name: str, given: object) -> str:
@@ -78,29 +86,32 @@ def not_a_block(name: str, given: object) -> str:
     return f"{name} must be a block or a diagram, got {in_words(given)}.{hint}"
 
 
+def _ports(block: Ported, side: str) -> Mapping[str, Any]:
+    return block.inports if side == "input" else block.outports
+
+
 def _choose(name: str, block: Ported, port: str, side: str) -> str:
     """The port that ``name`` or ``name.port`` refers to, on one side of a block; raises Fault."""
-    ports = block.inports if side == "input" else block.outports
-    other = block.outports if side == "input" else block.inports
+    ports, other = _ports(block, side), "output" if side == "input" else "input"
+    owner = f"{name} ({type(block).__name__})"
+    if port in ports:
+        return port
+    if port in _ports(block, other):
+        raise Fault(
+            f"{name}.{port} is an {other} of {owner}, and an {side} is needed here."
+            f" Its {side}s: {', '.join(ports) or 'none'}."
+        )
     if port:
-        if port in ports:
-            return port
-        if port in other:
-            turned = "output" if side == "input" else "input"
-            raise Fault(
-                f"{name}.{port} is an {turned} of {name} ({class_name(block)}), and an {side} is needed here."
-                f" Its {side}s: {', '.join(ports) or 'none'}."
-            )
-        raise Fault(f"{name} ({class_name(block)}) has no {side} '{clip(port)}'.{near(port, ports)}")
+        raise Fault(f"{owner} has no {side} '{clip(port)}'.{near(port, ports)}")
     usual = [k for k, p in ports.items() if not getattr(p, "rate_of", "")]
     if len(usual) == 1:
         return usual[0]
     if not usual:
-        raise Fault(f"{name} ({class_name(block)}) has no {side}.")
-    raise Fault(f"{name} ({class_name(block)}) has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
+        raise Fault(f"{owner} has no {side}.")
+    raise Fault(f"{owner} has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
 
 
-def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, str]:
+def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> End:
     """``"tsm"`` or ``"tsm.y"`` as (block, port), the port being an ``input`` or ``output``; raises Fault."""
     if not isinstance(text, str):
         raise Fault(f"a port must be text such as 'motor.y', got {in_words(text)}.")
@@ -109,10 +120,9 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, st
     numbered = re.fullmatch(r"(\w+)\[\d+\]", name) or (port.isdigit() and re.fullmatch(r"(\w+)", name))
     if numbered and numbered[1] in blocks:
         block = blocks[numbered[1]]
-        ports = block.inports if side == "input" else block.outports
         raise Fault(
-            f"the ports of {numbered[1]} ({class_name(block)}) go by name, not by number."
-            f" Its {side}s: {', '.join(ports) or 'none'}."
+            f"the ports of {numbered[1]} ({type(block).__name__}) go by name, not by number."
+            f" Its {side}s: {', '.join(_ports(block, side)) or 'none'}."
         )
     if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
         raise Fault(f"'{clip(text.strip())}' is not a name. Write block or block.port.")
@@ -123,7 +133,7 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> tuple[str, st
 
 def parse_chain(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str]]:
     """The links of one chain, and a sentence for each fault in it."""
-    place = getattr(text, "place", "")
+    place = place_of(text)
     stages = [[part.strip() for part in stage.split(",")] for stage in text.split("->")]
     links: list[Link] = []
     faults: list[str] = []
@@ -155,7 +165,7 @@ def fault_sentence(place: str, fault: object) -> str:
     return f"{place} {fault}" if str(fault).startswith("names ") else f"{place}: {fault}"
 
 
-def short_name(end: tuple[str, str], blocks: Mapping[str, Ported], side: str) -> str:
+def short_name(end: End, blocks: Mapping[str, Ported], side: str) -> str:
     """``block`` where the port is its only one, else ``block.port``."""
     name, port = end
     try:
@@ -171,7 +181,7 @@ def chains(links: Iterable[Link], blocks: Mapping[str, Ported]) -> list[str]:
     A chain continues through a block when it leaves by the only output and that signal has not been written yet;
     several receivers of one signal share a line.
     """
-    targets: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    targets: dict[End, list[End]] = {}
     for link in links:
         targets.setdefault(link.source, []).append(link.target)
     fed = {end[0] for ends in targets.values() for end in ends}
