@@ -1,7 +1,9 @@
 """The package as seen from outside: names, words, annotations, sizes, layers, and what importing it costs."""
 
 import ast
+import functools
 import inspect
+import itertools
 import re
 import subprocess
 import sys
@@ -18,6 +20,8 @@ from tests.mistakes.all import TABLE
 SOURCE = Path(tsmblocks.__file__).parent
 ROOT = SOURCE.parent
 FILES = sorted(SOURCE.rglob("*.py"))
+ROOMS = {room: list(paths) for room, paths in itertools.groupby(FILES, lambda p: p.relative_to(SOURCE).parts[0])}
+"""Package or top module -> its modules."""
 LIMITS = dict(module=400, function=40)
 EXCUSED = {}
 """path or path:function -> reason; empty is the goal."""
@@ -32,6 +36,7 @@ def name_of(path):
     return path.relative_to(SOURCE).as_posix()
 
 
+@functools.cache
 def tree_of(path):
     return ast.parse(path.read_text(encoding="utf-8"))
 
@@ -45,6 +50,13 @@ def public_things(path):
                 for part in node.body:
                     if isinstance(part, ast.FunctionDef) and not part.name.startswith("_"):
                         yield f"{node.name}.{part.name}", part
+
+
+def things_of(room):
+    """(path, qualified name, node) of everything public in a package."""
+    for path in ROOMS[room]:
+        for name, node in public_things(path):
+            yield path, name, node
 
 
 def inherited(path, name):
@@ -95,22 +107,22 @@ def has_list(path):
     return path.name != "__main__.py" and re.search(r"^__all__\b", path.read_text(encoding="utf-8"), re.M) is not None
 
 
-@pytest.mark.parametrize("path", list(filter(has_list, FILES)), ids=name_of)
-def test_listed_names_exist(path):
-    parts = path.relative_to(SOURCE).with_suffix("").parts
-    module = import_module(".".join(["tsmblocks", *(p for p in parts if p != "__init__")]))
-    assert [name for name in module.__all__ if not hasattr(module, name)] == []
+def test_listed_names_exist():
+    for path in filter(has_list, FILES):
+        parts = path.relative_to(SOURCE).with_suffix("").parts
+        module = import_module(".".join(["tsmblocks", *(p for p in parts if p != "__init__")]))
+        assert [name for name in module.__all__ if not hasattr(module, name)] == [], path
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_nothing_public_takes_any_keyword(path):
+def test_nothing_public_takes_any_keyword():
     """Else a misspelt name would be taken without a word."""
     found = {
         f"{name_of(path)}:{name}"
+        for path in FILES
         for name, node in public_things(path)
         if isinstance(node, ast.FunctionDef) and node.args.kwarg is not None
     }
-    assert found - PASSED_ON == {k for k in TAKES_ANY_KEYWORD if k.partition(":")[0] == name_of(path)}
+    assert found - PASSED_ON == set(TAKES_ANY_KEYWORD)
 
 
 def test_what_takes_any_keyword_refuses_a_misspelt_one():
@@ -120,28 +132,28 @@ def test_what_takes_any_keyword_refuses_a_misspelt_one():
 # ---- words and annotations
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_every_module_says_what_it_is(path):
-    text = ast.get_docstring(tree_of(path)) or ""
-    assert re.match(r"[^\n]+[.:]$", text.partition("\n")[0]), "the first line is a sentence"
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_module_says_what_it_is(room):
+    first = {name_of(path): (ast.get_docstring(tree_of(path)) or "").partition("\n")[0] for path in ROOMS[room]}
+    assert {name: text for name, text in first.items() if not re.match(r"[^\n]+[.:]$", text)} == {}
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_everything_public_is_documented(path):
-    bare = [name for name, node in public_things(path) if not ast.get_docstring(node) and not inherited(path, name)]
+@pytest.mark.parametrize("room", ROOMS)
+def test_everything_public_is_documented(room):
+    bare = [(p, name) for p, name, node in things_of(room) if not ast.get_docstring(node) and not inherited(p, name)]
     assert bare == []
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_everything_public_is_annotated(path):
+@pytest.mark.parametrize("room", ROOMS)
+def test_everything_public_is_annotated(room):
     bare = []
-    for name, node in public_things(path):
+    for path, name, node in things_of(room):
         if not isinstance(node, ast.FunctionDef):
             continue
         every = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs, node.args.vararg, node.args.kwarg]
         silent = [a.arg for a in every if a is not None and a.annotation is None and a.arg not in ("self", "cls")]
         if silent or node.returns is None:
-            bare.append(f"{name}({', '.join(silent)})")
+            bare.append(f"{name_of(path)}:{name}({', '.join(silent)})")
     assert bare == []
 
 
@@ -153,24 +165,32 @@ def docstring_lines(node):
     return node.body[0].end_lineno - node.body[0].lineno + 1 if documented else 0
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_modules_stay_small(path):
+@pytest.mark.parametrize("room", ROOMS)
+def test_modules_stay_small(room):
     """Docstrings do not count: a documented argument takes a line or two."""
-    lines = len(path.read_text(encoding="utf-8").splitlines()) - sum(map(docstring_lines, ast.walk(tree_of(path))))
-    assert lines <= LIMITS["module"] or name_of(path) in EXCUSED
+    lines = {
+        name_of(path): len(path.read_text(encoding="utf-8").splitlines())
+        - sum(map(docstring_lines, ast.walk(tree_of(path))))
+        for path in ROOMS[room]
+    }
+    assert {name: n for name, n in lines.items() if n > LIMITS["module"] and name not in EXCUSED} == {}
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_functions_fit_a_page(path):
+def nodes_of(path):
+    return ((name_of(path), node) for node in ast.walk(tree_of(path)))
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_functions_fit_a_page(room):
     """Arguments and docstrings do not count: a list of options has a line for each."""
     long = {}
-    for node in ast.walk(tree_of(path)):
+    for name, node in itertools.chain.from_iterable(nodes_of(path) for path in ROOMS[room]):
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             body = node.body[1:] if ast.get_docstring(node) else node.body
             lines = body[-1].end_lineno - body[0].lineno + 1 if body else 0
-            if lines > LIMITS["function"] and f"{name_of(path)}:{node.name}" not in EXCUSED:
-                long[node.name] = lines
-    assert long == {}
+            if lines > LIMITS["function"]:
+                long[f"{name}:{node.name}"] = lines
+    assert {name: lines for name, lines in long.items() if name not in EXCUSED} == {}
 
 
 def test_excuses_are_not_kept_longer_than_needed():

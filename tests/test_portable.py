@@ -1,6 +1,7 @@
 """What differs between systems: how files are written and named, what a process may do, where things are kept."""
 
 import ast
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ from tsmblocks.model.block import REGISTRY
 
 SOURCE = Path(tsmblocks.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
+ROOMS = {room: list(paths) for room, paths in itertools.groupby(FILES, lambda p: p.relative_to(SOURCE).parts[0])}
 POSIX = {
     "fork",
     "getuid",
@@ -59,29 +61,29 @@ def calls(path):
             yield name, node.args, {k.arg: ast.unparse(k.value) for k in node.keywords}
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_texts_are_written_alike_everywhere(path):
-    for name, args, given in calls(path):
+def calls_of(room):
+    return ((path, *call) for path in ROOMS[room] for call in calls(path))
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_texts_are_written_alike_everywhere(room):
+    for path, name, args, given in calls_of(room):
         mode = next((a.value for a in args if isinstance(a, ast.Constant) and isinstance(a.value, str)), "")
         if name == "write_text" or (name in ("open", "fdopen") and set(mode) & set("wax") and "b" not in mode):
-            assert (given.get("encoding"), given.get("newline")) == ("'utf-8'", r"'\n'"), name
+            assert (given.get("encoding"), given.get("newline")) == ("'utf-8'", r"'\n'"), (path, name)
         if name == "read_text" or (name == "open" and mode == "r"):
-            assert given.get("encoding") == "'utf-8'", name
-        assert name not in ("rename", "renames"), "rename fails where there is a file, replace does not"
+            assert given.get("encoding") == "'utf-8'", (path, name)
+        assert name not in ("rename", "renames"), f"{path}: rename fails where there is a file, replace does not"
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_nothing_is_asked_that_a_system_may_not_have(path):
-    used = {
-        node.attr for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Attribute)
-    }
-    assert used & POSIX == ASKED_FIRST.get(name_of(path), set())
-    texts = [
-        node.value
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    ]
-    assert not [text for text in texts if text.startswith(("/tmp", "/dev/", "/usr/", "/home", "C:\\"))]
+@pytest.mark.parametrize("room", ROOMS)
+def test_nothing_is_asked_that_a_system_may_not_have(room):
+    for path in ROOMS[room]:
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        used = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+        assert used & POSIX == ASKED_FIRST.get(name_of(path), set()), path
+        texts = [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+        assert not [text for text in texts if text.startswith(("/tmp", "/dev/", "/usr/", "/home", "C:\\"))], path
 
 
 def test_names_stay_apart_where_capitals_do_not():

@@ -1,6 +1,7 @@
 """The words of the field: no private idiom in messages, docstrings, comments and pages."""
 
 import io
+import itertools
 import re
 import tokenize
 from pathlib import Path
@@ -27,6 +28,14 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 PAGES += sorted(p for kind in ("*.md", "*.rst", "*.html") for p in (ROOT / "tsmblocks").rglob(kind))
 
 
+def room_of(path):
+    return path.relative_to(ROOT).parts[:2][-1]
+
+
+ROOMS = {room: list(paths) for room, paths in itertools.groupby(sorted([*SOURCES, *PAGES], key=room_of), room_of)}
+"""Package, top module or page -> its files."""
+
+
 def words_of(path):
     """(line, text) of every comment and string of a module; every line of another file."""
     text = path.read_text(encoding="utf-8")
@@ -39,10 +48,11 @@ def words_of(path):
             yield from enumerate(token.string.splitlines(), token.start[0])
 
 
-@pytest.mark.parametrize("path", [*SOURCES, *PAGES], ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_no_private_idiom(path):
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_private_idiom(room):
     found = [
-        f"{number}: '{hit.group()}', say: {standard}"
+        f"{path.relative_to(ROOT)}:{number}: '{hit.group()}', say: {standard}"
+        for path in ROOMS[room]
         for number, text in words_of(path)
         for pattern, standard in IDIOM.items()
         for hit in re.finditer(rf"\b(?:{pattern})", text, re.IGNORECASE)
