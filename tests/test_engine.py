@@ -872,7 +872,7 @@ def test_without_llvmlite_the_other_back_end_serves(monkeypatch):
 def test_own_elementary_functions_are_accurate_in_lanes(name):
     """Each against NumPy over its range, side by side in lanes; a few units in the last place."""
     from tsmblocks.engine.backends import CompiledKernel
-    from tsmblocks.engine.kernel import Memory
+    from tsmblocks.engine.kernel import Memory, Steps
     from tsmblocks.engine.plan import Plan
 
     x = np.concatenate(
@@ -896,21 +896,19 @@ def test_own_elementary_functions_are_accurate_in_lanes(name):
             lag=None,
             method=METHODS["euler"],
             y=(0,),
-            groups=0,
             every_step=False,
             lanes=lanes,
             wide_x=(True,),
             wide_d=(),
             wide_p=(True,),
             wide_s=(),
-            inputs=0,
         )
     )
     got = np.empty_like(x)
     for k in range(0, len(x), lanes):
         memory = Memory(np.zeros(lanes), np.empty(0), x[k : k + lanes].copy(), np.empty(0), 0)
         y = np.empty((1, lanes))
-        kernel.advance(memory, np.empty((1, 1, 0)), t0=0.0, h=1.0, k0=0, n=0, final=True, every=1, skip=0, hits=(), y=y)
+        kernel.advance(memory, np.empty((1, 1, 0)), y, Steps(0.0, 1.0, 0, 0, True))
         got[k : k + lanes] = y[0]
     expected = getattr(np, name)(x)
     size = np.abs(expected)

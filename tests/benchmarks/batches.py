@@ -10,6 +10,7 @@ import ours
 from measure import Best, Report, race, three
 
 import tsmblocks as tsm
+from tsmblocks.engine.kernel import Steps
 from tsmblocks.engine.methods import method_named
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import batch_kernel, lane_memory
@@ -45,8 +46,7 @@ class LanesRun:
         self.y = np.zeros((STEPS + 1, self.kernel.layout_y.size))
 
     def __call__(self) -> None:
-        numbers = dict(t0=0.0, h=STOP / STEPS, k0=0, n=STEPS, every=1, skip=0)
-        self.kernel.advance(self.memory.copy(), self.u, final=True, hits=self.hits, y=self.y, **numbers)
+        self.kernel.advance(self.memory.copy(), self.u, self.y, Steps(0.0, STOP / STEPS, 0, STEPS, True, self.hits))
 
 
 def one(report: Report, title: str, diagram: Any, names: tuple[str, ...], inputs: dict[str, Any], count: int) -> None:

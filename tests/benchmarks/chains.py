@@ -15,7 +15,7 @@ from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.engine import jit
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.methods import method_named
-from tsmblocks.engine.session import plan_for
+from tsmblocks.engine.plan import plan_for
 
 TOLERANCE = 1e-9
 LIMIT, T = 0.4, 0.02

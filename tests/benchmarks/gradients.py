@@ -10,6 +10,7 @@ import ours
 from measure import Report, difference, ms, race, three
 
 import tsmblocks as tsm
+from tsmblocks.engine.kernel import Steps
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.sensitivities import tangent_memory
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -100,7 +101,6 @@ def tangents(
     y = np.zeros((plain.steps + 1, kernel.layout_y.size))
 
     def run() -> None:
-        numbers = dict(t0=0.0, h=plain.step, k0=0, n=plain.steps, every=1, skip=0)
-        kernel.advance(memory.copy(), plain.u, final=True, hits=plain.hits, y=y, **numbers)
+        kernel.advance(memory.copy(), plain.u, y, Steps(0.0, plain.step, 0, plain.steps, True, plain.hits))
 
     return run

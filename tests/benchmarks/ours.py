@@ -11,7 +11,7 @@ import numpy as np
 import tsmblocks as tsm
 from tsmblocks import blocks, load, simulate  # noqa: F401 - parts that are imported when first asked for; the same
 from tsmblocks.engine.inputs import input_rows
-from tsmblocks.engine.kernel import Kernel
+from tsmblocks.engine.kernel import Kernel, Steps
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -68,8 +68,7 @@ class KernelRun:
         self.y = np.zeros((self.steps + 1, self.kernel.layout_y.size))
 
     def __call__(self) -> None:
-        numbers = dict(t0=0.0, h=self.step, k0=0, n=self.steps, every=1, skip=0)
-        self.kernel.advance(self.memory.copy(), self.u, final=True, hits=self.hits, y=self.y, **numbers)
+        self.kernel.advance(self.memory.copy(), self.u, self.y, Steps(0.0, self.step, 0, self.steps, True, self.hits))
 
     def signals(self) -> dict[str, np.ndarray]:
         """What the last call logged."""

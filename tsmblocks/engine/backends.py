@@ -7,7 +7,8 @@ import numpy as np
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine import jit
 from tsmblocks.engine.casadi_kernel import CasadiKernel
-from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory, Steps
+from tsmblocks.engine.kernel_frame import SETTINGS
 from tsmblocks.engine.large_kernel import LargeKernel
 from tsmblocks.engine.plan import Plan
 from tsmblocks.engine.register_kernel import RegisterKernel
@@ -20,39 +21,19 @@ class CompiledKernel(Kernel):
     """Machine code through llvmlite. Re-entrant; runs without the interpreter's lock."""
 
     def __init__(self, plan: Plan, quick: bool = False) -> None:
-        host = jit.host()
         size = plan.rhs.n_instructions() + (plan.update.n_instructions() if plan.update else 0)
-        if size > LARGE_OPERATIONS:
-            large = LargeKernel(plan, host)
-            super().__init__(large.f)
-            self.text, self.work = large.text(), large.work
-            self.function = jit.compile_text(self.text, promote=False)
-        else:
-            kernel = RegisterKernel(plan, host)
-            super().__init__(kernel.f)
-            self.text, self.work = kernel.text(), 0
-            self.function = jit.compile_text(self.text, promote=True, quick=quick)
+        large = size > LARGE_OPERATIONS
+        writer = (LargeKernel if large else RegisterKernel)(plan, jit.host())
+        super().__init__(writer.f)
+        self.text, self.work = writer.text(), writer.work
+        self.function = jit.compile_text(self.text, promote=not large, quick=quick and not large)
 
-    def advance(
-        self,
-        memory: Memory,
-        u: np.ndarray,
-        *,
-        t0: float,
-        h: float,
-        k0: int,
-        n: int,
-        final: bool,
-        every: int,
-        skip: int,
-        hits: tuple[int, ...],
-        y: np.ndarray,
-    ) -> None:
-        settings = np.empty(2 + 6 + len(hits))
-        settings[:2] = h, t0
-        settings[2:].view(np.int64)[:] = (k0, n, int(final), every, skip, memory.mask, *hits)
-        work = np.empty(self.work)
-        arrays = (settings, memory.x, memory.d, memory.p, u, memory.ring, y, work)
+    def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
+        settings = np.empty(2 + len(SETTINGS) + len(steps.hits))
+        settings[:2] = steps.h, steps.t0
+        counts = (steps.k0, steps.n, int(steps.final), steps.every, steps.skip, memory.mask)
+        settings[2:].view(np.int64)[:] = (*counts, *steps.hits)
+        arrays = (settings, memory.x, memory.d, memory.p, u, memory.ring, y, np.empty(self.work))
         table = np.array([a.ctypes.data for a in arrays], dtype=np.uintp)
         self.function(table.ctypes.data)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine.inputs import input_rows
-from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session, Stopped
 from tsmblocks.engine.switches import Frozen, freeze
@@ -203,7 +203,7 @@ class _Walk:
     def _advance(self, kernel: Kernel, memory: Memory, n: int, final: bool, rows: np.ndarray) -> None:
         s = self.s
         u = input_rows(s.signals, s.start, s.h, self.k, n, kernel.plan.method.instants)
-        kernel.advance(memory, u, t0=s.start, h=s.h, k0=self.k, n=n, final=final, every=1, skip=0, hits=s.hits, y=rows)
+        kernel.advance(memory, u, rows, Steps(s.start, s.h, self.k, n, final, s.hits))
 
     def _keep(self, rows: np.ndarray) -> None:
         """Log the rows, which begin at the present instant, that are due."""

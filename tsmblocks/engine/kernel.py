@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import attrs
 import numpy as np
 
 from tsmblocks.engine.kernel_frame import KernelFrame
-from tsmblocks.engine.plan import Layout
+from tsmblocks.engine.plan import Elements
 
 
+@attrs.define(eq=False)
 class Memory:
     """The arrays of one run (or one group of lanes); a kernel works on them in place.
 
@@ -15,47 +19,54 @@ class Memory:
     ``ring`` the past of each delayed signal, in a ring buffer of ``mask`` + 1 instants (a power of two).
     """
 
-    def __init__(self, x: np.ndarray, d: np.ndarray, p: np.ndarray, ring: np.ndarray, mask: int) -> None:
-        self.x, self.d, self.p, self.ring, self.mask = x, d, p, ring, mask
+    x: np.ndarray
+    d: np.ndarray
+    p: np.ndarray
+    ring: np.ndarray
+    mask: int
 
     def copy(self) -> Memory:
         """The same state in arrays of its own (parameters are shared, they do not change)."""
         return Memory(self.x.copy(), self.d.copy(), self.p, self.ring.copy(), self.mask)
 
 
+class Steps(NamedTuple):
+    """Which steps a kernel takes: ``n`` steps of ``h`` s from instant ``k0``; instant k is at ``t0 + k h``.
+
+    A row is logged at each ``every``-th instant, the first after ``skip`` instants; with ``final`` at the last instant
+    too. ``hits`` are the steps between samples of each rate group.
+    """
+
+    t0: float
+    h: float
+    k0: int
+    n: int
+    final: bool
+    hits: tuple[int, ...] = ()
+    every: int = 1
+    skip: int = 0
+
+
 class Kernel:
     """A compiled plan. ``advance`` takes steps; layouts give the position of each number."""
-
-    layout_x: Layout
-    layout_d: Layout
-    layout_p: Layout
-    layout_s: Layout
-    layout_y: Layout
 
     def __init__(self, frame: KernelFrame) -> None:
         self.plan = frame.plan
         self.layout_x, self.layout_d, self.layout_p = frame.x, frame.d, frame.p
         self.layout_s, self.layout_y = frame.s, frame.y
 
-    def advance(
-        self,
-        memory: Memory,
-        u: np.ndarray,
-        *,
-        t0: float,
-        h: float,
-        k0: int,
-        n: int,
-        final: bool,
-        every: int,
-        skip: int,
-        hits: tuple[int, ...],
-        y: np.ndarray,
-    ) -> None:
-        """Take ``n`` steps of ``h`` s from instant ``k0``; write a row of ``y`` at each ``every``-th instant.
+    def memory(self, x: Elements, d: Elements, p: Elements, s: Elements, capacity: int) -> Memory:
+        """Memory before the first step; each element is a number, or one number per lane where it is wide.
 
-        Instant k is at ``t0 + k h``; ``memory`` and ``y`` are written in place. With ``final`` the last instant is
-        logged too; ``skip`` instants come before the first row. ``u`` (steps, instants of the method, inputs) are the
-        sampled inputs, ``hits`` the steps between samples of each rate group.
+        Of the delayed signals ``s`` so many instants are stored, of equal value before the run.
+        """
+        past = [np.tile(v, capacity) for v in s]
+        ring = np.concatenate(past) if past else np.empty(0)
+        return Memory(self.layout_x.spread(x), self.layout_d.spread(d), self.layout_p.spread(p), ring, capacity - 1)
+
+    def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
+        """Take steps, with ``memory`` changed in place and the logged rows written to ``y``.
+
+        ``u`` (steps, instants of the method, inputs) are the sampled inputs.
         """
         raise NotImplementedError

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import attrs
+import numpy as np
 
-from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
 from tsmblocks.engine.methods import Method
+
+Elements = Sequence[Any] | np.ndarray
+"""For each element of a vector a number, or one number per lane where it is wide."""
 
 
 @attrs.frozen(eq=False)
@@ -19,7 +25,7 @@ class Plan:
     it has one value per lane (``lanes`` of them) or one for all. ``every_step``: memory is updated
     at each step, not at hits only. ``y`` picks and orders the outputs of ``rhs`` that are logged.
     ``jumps``: signals jump with time alone (None: read from ``rhs``). ``watched``: a signal that is not
-    logged and not finite is a fault too.
+    logged and not finite is a fault too. ``fused``: a product is not rounded before it is added.
     """
 
     rhs: Any
@@ -27,22 +33,39 @@ class Plan:
     lag: Any
     method: Method
     y: tuple[int, ...]
-    groups: int
     every_step: bool
     lanes: int
     wide_x: tuple[bool, ...]
     wide_d: tuple[bool, ...]
     wide_p: tuple[bool, ...]
     wide_s: tuple[bool, ...]
-    inputs: int
     fused: bool = True
     jumps: bool | None = None
     watched: bool = True
 
     @property
+    def groups(self) -> int:
+        """Number of rate groups that are sampled."""
+        return 0 if self.update is None else int(self.update.size1_in("hit"))
+
+    @property
+    def inputs(self) -> int:
+        """Number of sampled inputs."""
+        return int(self.rhs.size1_in("u"))
+
+    @property
     def wide_q(self) -> tuple[bool, ...]:
         """For each delay its values, an instant, steps per second (one for all lanes) and a count."""
         return tuple(w and k != DELAY_SAMPLES + 1 for w in self.wide_s for k in range(DELAY_NUMBERS))
+
+
+def plan_for(
+    eq: Equations, method: Method, y: tuple[int, ...], *, lanes: int = 1, vary: frozenset[int] = frozenset()
+) -> Plan:
+    """A plan; with lanes, every state and the parameters in ``vary`` have one value per lane."""
+    wide_x, wide_d, wide_s = ((lanes > 1,) * len(names) for names in (eq.x, eq.d, eq.q))
+    wide_p = tuple(k in vary for k in range(len(eq.p)))
+    return Plan(eq.rhs, eq.update, eq.lag, method, y, eq.every_step, lanes, wide_x, wide_d, wide_p, wide_s)
 
 
 @attrs.frozen
@@ -57,12 +80,18 @@ class Layout:
     @classmethod
     def of(cls, wide: tuple[bool, ...], lanes: int) -> Layout:
         """Lay elements out one after another, wide ones taking a place per lane."""
-        offsets, place = [], 0
-        for flag in wide:
-            offsets.append(place)
-            place += lanes if flag else 1
-        return cls(tuple(offsets), wide, lanes, place)
+        *offsets, size = itertools.accumulate((lanes if flag else 1 for flag in wide), initial=0)
+        return cls(tuple(offsets), wide, lanes, size)
 
     def span(self, k: int) -> slice:
         """The doubles of element k."""
         return slice(self.offset[k], self.offset[k] + (self.lanes if self.wide[k] else 1))
+
+    def spread(self, values: Elements) -> np.ndarray:
+        """The elements as an array in this layout."""
+        if self.size == len(values):
+            return np.array(values, dtype=float).ravel()
+        flat = np.empty(self.size)
+        for k in range(len(self.wide)):
+            flat[self.span(k)] = values[k]
+        return flat

@@ -18,6 +18,9 @@ class RegisterKernel:
     an element of a vector, is wide where it has one value per lane.
     """
 
+    work = 0
+    """Doubles of working memory."""
+
     def __init__(self, plan: Plan, host: str) -> None:
         self.f = KernelFrame(plan, host)
         self.plan, self.w = plan, self.f.w

@@ -20,33 +20,28 @@ from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations, 
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
-from tsmblocks.engine.plan import Plan
+from tsmblocks.engine.plan import Plan, plan_for
 from tsmblocks.engine.program import Program
-from tsmblocks.engine.session import check_delays, delay_capacity, spread
+from tsmblocks.engine.session import check_delays, delay_capacity
 
 
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
     """A plan that carries each state and each logged signal together with its derivatives."""
     rhs, update, lag = _tangent_functions(eq)
 
-    def both(count: int) -> tuple[bool, ...]:
+    def both(names: tuple[str, ...]) -> tuple[bool, ...]:
         """Which are wide: values are equal in all lanes, their derivatives are not."""
-        return (False,) * count + (True,) * count
+        return (False,) * len(names) + (True,) * len(names)
 
-    return Plan(
+    return attrs.evolve(
+        plan_for(eq, method, (*y, *(len(eq.y) + k for k in y)), lanes=lanes),
         rhs=rhs,
         update=update,
         lag=lag,
-        method=method,
-        y=(*y, *(len(eq.y) + k for k in y)),
-        groups=len(eq.periods),
-        every_step=eq.every_step,
-        lanes=lanes,
-        wide_x=both(len(eq.x)),
-        wide_d=both(len(eq.d)),
-        wide_p=both(len(eq.p)),
-        wide_s=both(len(eq.q)),
-        inputs=len(eq.u),
+        wide_x=both(eq.x),
+        wide_d=both(eq.d),
+        wide_p=both(eq.p),
+        wide_s=both(eq.q),
         jumps=time_jumps(Program(eq.rhs)),
     )
 
@@ -91,15 +86,8 @@ def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarr
     x, d, s = np.split(values, ends)
     x_tangent, d_tangent, s_tangent = np.split(derivatives.reshape(len(p), -1).T @ seeds, ends)
     capacity = delay_capacity(check_delays(eq, p, h))
-    # Before the run every stored instant has the same value; a tangent has one value per lane at each instant.
-    ring = [np.repeat(v, capacity) for v in s] + [np.tile(v, capacity) for v in s_tangent]
-    return Memory(
-        spread([*x, *x_tangent], kernel.layout_x),
-        spread([*d, *d_tangent], kernel.layout_d),
-        spread([*p, *seeds], kernel.layout_p),
-        np.concatenate(ring) if ring else np.empty(0),
-        capacity - 1,
-    )
+    starts = ([*x, *x_tangent], [*d, *d_tangent], [*p, *seeds], [*s, *s_tangent])
+    return kernel.memory(*starts, capacity)
 
 
 @attrs.frozen(eq=False)

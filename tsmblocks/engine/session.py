@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import attrs
@@ -16,9 +16,9 @@ from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations, numbers
 from tsmblocks.engine.inputs import Signal, input_rows
-from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
-from tsmblocks.engine.plan import Layout, Plan
+from tsmblocks.engine.plan import plan_for
 
 MOST_DELAY_STEPS = 1e8
 """Steps that a delay may be long. Chosen: its past takes 1 GB."""
@@ -32,28 +32,6 @@ PIECE_SECONDS = 0.2
 def single_kernel(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> Kernel:
     """A kernel for one run at a time (kept, since equations are compared by identity)."""
     return kernel_for(plan_for(eq, method, y), backend)
-
-
-def plan_for(
-    eq: Equations, method: Method, y: tuple[int, ...], *, lanes: int = 1, vary: frozenset[int] = frozenset()
-) -> Plan:
-    """A plan; with lanes, every state and the parameters in ``vary`` have one value per lane."""
-    many = lanes > 1
-    return Plan(
-        rhs=eq.rhs,
-        update=eq.update,
-        lag=eq.lag,
-        method=method,
-        y=y,
-        groups=len(eq.periods),
-        every_step=eq.every_step,
-        lanes=lanes,
-        wide_x=(many,) * len(eq.x),
-        wide_d=(many,) * len(eq.d),
-        wide_p=tuple(k in vary for k in range(len(eq.p))),
-        wide_s=(many,) * len(eq.q),
-        inputs=len(eq.u),
-    )
 
 
 def steps_per_period(eq: Equations, h: float) -> tuple[int, ...]:
@@ -105,16 +83,6 @@ def delay_capacity(tau: np.ndarray) -> int:
     return 1 << int(max(tau, default=0) + SPARE_INSTANTS).bit_length()
 
 
-def spread(values: Sequence[Any] | np.ndarray, layout: Layout) -> np.ndarray:
-    """Values in the layout of a kernel: for each element a number, or one number per lane."""
-    if layout.size == len(values):
-        return np.array(values, dtype=float).ravel()
-    flat = np.empty(layout.size)
-    for k in range(len(layout.wide)):
-        flat[layout.span(k)] = values[k]
-    return flat
-
-
 def start_memory(
     eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: Mapping[str, float] | None = None
 ) -> Memory:
@@ -132,11 +100,7 @@ def start_memory(
             d[eq.d.index(name)] = value
         else:
             raise RunError(f"diagram '{eq.title}' has no state '{name}'.{near(name, [*eq.x, *eq.d])}")
-    capacity = delay_capacity(check_delays(eq, p, h))
-    ring = np.repeat(s, capacity) if len(s) else np.empty(0)
-    return Memory(
-        spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(p, kernel.layout_p), ring, capacity - 1
-    )
+    return kernel.memory(x, d, p, s, delay_capacity(check_delays(eq, p, h)))
 
 
 def gather_signals(eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, hold: str) -> list[tuple[Signal, int]]:
@@ -202,19 +166,8 @@ class Session:
         """Take n steps, writing the rows logged into ``y``, shape (rows, size of a row)."""
         kernel = self.kernel
         u = input_rows(self.signals, self.start, self.h, self.k, n, kernel.plan.method.instants)
-        kernel.advance(
-            self.memory,
-            u,
-            t0=self.start,
-            h=self.h,
-            k0=self.k,
-            n=n,
-            final=final,
-            every=self.every,
-            skip=-self.k % self.every,
-            hits=self.hits,
-            y=y,
-        )
+        steps = Steps(self.start, self.h, self.k, n, final, self.hits, self.every, -self.k % self.every)
+        kernel.advance(self.memory, u, y, steps)
         self.k += n
 
     def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:

@@ -20,7 +20,7 @@ from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
-from tsmblocks.engine.plan import Plan
+from tsmblocks.engine.plan import Plan, plan_for
 from tsmblocks.engine.program import Program
 
 SWITCHES = {"FABS": "abs", "SIGN": "sign", "FMIN": "min", "FMAX": "max", "LT": "<", "LE": "<="}
@@ -173,23 +173,15 @@ def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
 
 def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]) -> Plan:
     # Not fused: a memory and the signal it was taken from must differ by exactly nothing.
-    memory = rhs.size1_in(rhs.index_in("d"))
-    return Plan(
+    # Not watched: a branch that is not taken may have any value.
+    return attrs.evolve(
+        plan_for(eq, method, tuple(y)),
         rhs=rhs,
         update=update,
-        lag=eq.lag,
-        method=method,
-        y=tuple(y),
-        groups=0 if update is None else len(eq.periods),
         every_step=update is not None,
-        lanes=1,
-        wide_x=(False,) * len(eq.x),
-        wide_d=(False,) * memory,
-        wide_p=(False,) * len(eq.p),
-        wide_s=(),
-        inputs=len(eq.u),
+        wide_d=(False,) * rhs.size1_in("d"),
         fused=False,
-        watched=False,  # a branch that is not taken may have any value
+        watched=False,
     )
 
 

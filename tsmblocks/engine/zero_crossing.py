@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine.inputs import Signal, input_rows
-from tsmblocks.engine.kernel import Memory
+from tsmblocks.engine.kernel import Memory, Steps
 from tsmblocks.engine.switches import Frozen, margin
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
@@ -115,19 +115,8 @@ class Crossing:
         """One step of the method from a point to t, or no step and g evaluated again; None if not finite."""
         n, length = (1, t - here.t) if t > here.t else (0, self.h)
         memory, g = self.frozen.memory(here.x, here.d, here.m, self.like), np.empty((1, len(here.m)))
-        self.frozen.part.advance(
-            memory,
-            self._inputs(here.t, length),
-            t0=here.t,
-            h=length,
-            k0=0,
-            n=n,
-            final=True,
-            every=1,
-            skip=n,
-            hits=(),
-            y=g,
-        )
+        steps = Steps(here.t, length, 0, n, True, skip=n)
+        self.frozen.part.advance(memory, self._inputs(here.t, length), g, steps)
         finite = np.isfinite(memory.x).all() and not np.isnan(g).any()
         return Point(t, memory.x, here.d, here.m, g[0]) if finite else None
 

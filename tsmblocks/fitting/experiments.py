@@ -14,7 +14,7 @@ from tsmblocks.data import Record
 from tsmblocks.data.missing_units import how_to_map
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import input_rows
-from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.sensitivities import tangent_memory
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
@@ -128,19 +128,8 @@ class Experiment:
             b = kept if final else a + PIECE
             n = (kept - 1 - a if final else PIECE) * every
             rows = self.rows[a * every : a * every + n + 1]
-            kernel.advance(
-                memory,
-                rows,
-                t0=self.times.start,
-                h=self.times.h,
-                k0=a * every,
-                n=n,
-                final=final,
-                every=every,
-                skip=0,
-                hits=self.hits,
-                y=y[: b - a],
-            )
+            steps = Steps(self.times.start, self.times.h, a * every, n, final, self.hits, every)
+            kernel.advance(memory, rows, y[: b - a], steps)
             if b > first:
                 lead = max(first - a, 0)
                 yield y[lead : b - a], self.measured[a + lead - first : b - first]
@@ -149,19 +138,8 @@ class Experiment:
         """Rows at the instants of measurement, whatever a row of this kernel holds."""
         times = self.times
         y = np.empty((times.kept, kernel.layout_y.size))
-        kernel.advance(
-            memory,
-            self.rows,
-            t0=times.start,
-            h=times.h,
-            k0=0,
-            n=times.steps,
-            final=True,
-            every=times.every,
-            skip=0,
-            hits=self.hits,
-            y=y,
-        )
+        steps = Steps(times.start, times.h, 0, times.steps, True, self.hits, times.every)
+        kernel.advance(memory, self.rows, y, steps)
         if self.share is not None:
             with np.errstate(over="ignore", invalid="ignore"):
                 return (1 - self.share)[:, None] * y[self.place] + self.share[:, None] * y[self.place + 1]

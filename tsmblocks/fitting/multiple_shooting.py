@@ -12,10 +12,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
-from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.plan import Layout
 from tsmblocks.engine.sensitivities import tangent_memory
-from tsmblocks.engine.session import spread
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.ipopt import Box, Point, solve
@@ -247,7 +246,7 @@ def _run_lanes(
     memory = tangent_memory(trial.eq, kernel, p, np.pad(seed_p, room), trial.times.h)
     if state is not None:
         n, seed = len(trial.eq.x), np.pad(seed_x, room)
-        x, d = spread([*state[:n], *seed[:n]], kernel.layout_x), spread([*state[n:], *seed[n:]], kernel.layout_d)
+        x, d = kernel.layout_x.spread([*state[:n], *seed[:n]]), kernel.layout_d.spread([*state[n:], *seed[n:]])
         memory = Memory(x, d, memory.p, memory.ring, memory.mask)
     y = _rows(trial, piece, kernel, memory)
     count = len(trial.columns)
@@ -276,19 +275,8 @@ def _rows(trial: Experiment, piece: Segment, kernel: Kernel, memory: Memory) -> 
     steps, every = piece.last - piece.first, times.every if even else 1
     final = piece.last == times.steps or not even
     y = np.empty(((steps + every - 1) // every + (1 if final and steps % every == 0 else 0), kernel.layout_y.size))
-    kernel.advance(
-        memory,
-        trial.rows[piece.first : piece.last + 1],
-        t0=times.start,
-        h=times.h,
-        k0=piece.first,
-        n=steps,
-        final=final,
-        every=every,
-        skip=0,
-        hits=trial.hits,
-        y=y,
-    )
+    rows = trial.rows[piece.first : piece.last + 1]
+    kernel.advance(memory, rows, y, Steps(times.start, times.h, piece.first, steps, final, trial.hits, every))
     part = samples_of(trial, piece)
     if trial.share is None:
         picked: np.ndarray = y[trial.place[part] - piece.first // every]

@@ -11,10 +11,11 @@ import numpy as np
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations, numbers
 from tsmblocks.engine.inputs import Signal, input_rows
-from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
+from tsmblocks.engine.plan import plan_for
 from tsmblocks.engine.sensitivities import tangent_plan
-from tsmblocks.engine.session import check_delays, delay_capacity, plan_for, spread, steps_per_period
+from tsmblocks.engine.session import check_delays, delay_capacity, steps_per_period
 from tsmblocks.simulation.arguments import TimeGrid
 
 MOST_DIRECTIONS = 32
@@ -52,11 +53,8 @@ def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memor
     lanes = kernel.plan.lanes
     x, d, s = (v.reshape(lanes, -1).T for v in numbers(_start_function(eq, lanes), p.T))
     capacity = delay_capacity(np.concatenate([check_delays(eq, p[:, k], h) for k in range(lanes)]))
-    ring = np.concatenate([np.tile(v, capacity) for v in s]) if len(s) else np.empty(0)
     flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
-    return Memory(
-        spread(x, kernel.layout_x), spread(d, kernel.layout_d), spread(flat, kernel.layout_p), ring, capacity - 1
-    )  # type: ignore[arg-type]
+    return kernel.memory(x, d, flat, s, capacity)  # type: ignore[arg-type]
 
 
 def whole_run(
@@ -64,14 +62,11 @@ def whole_run(
 ) -> Callable[[Memory], np.ndarray]:
     """A function that runs from given memory to the end and returns the rows that are kept."""
     rows = input_rows(signals, times.start, times.h, 0, times.steps, kernel.plan.method.instants)
-    hits = steps_per_period(eq, times.h)
-    fixed: dict[str, Any] = dict(
-        t0=times.start, h=times.h, k0=0, n=times.steps, final=True, every=times.every, skip=0, hits=hits
-    )
+    steps = Steps(times.start, times.h, 0, times.steps, True, steps_per_period(eq, times.h), times.every)
 
     def run(memory: Memory) -> np.ndarray:
         y = np.empty((times.kept, kernel.layout_y.size))
-        kernel.advance(memory, rows, **fixed, y=y)
+        kernel.advance(memory, rows, y, steps)
         return y
 
     return run

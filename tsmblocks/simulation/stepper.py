@@ -11,7 +11,7 @@ from tsmblocks.common.arguments import as_number, as_positive
 from tsmblocks.common.errors import DataError, NotFinite, RunError, in_words, near
 from tsmblocks.engine.equations import SampledInput
 from tsmblocks.engine.inputs import Signal
-from tsmblocks.engine.kernel import Memory
+from tsmblocks.engine.kernel import Memory, Steps
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
@@ -146,19 +146,8 @@ class Stepper:
         return error
 
     def _advance(self, memory: Memory, u: np.ndarray, n: int, final: bool, skip: int, y: np.ndarray) -> None:
-        self.kernel.advance(
-            memory,
-            u,
-            t0=self.start,
-            h=self.h,
-            k0=self.k,
-            n=n,
-            final=final,
-            every=1 << 40,
-            skip=skip,
-            hits=self.hits,
-            y=y,
-        )
+        steps = Steps(self.start, self.h, self.k, n, final, self.hits, every=1 << 40, skip=skip)
+        self.kernel.advance(memory, u, y, steps)
 
     def _values(self, inputs: Mapping[str, Any]) -> list[float]:
         """The inputs in order. Raises DataError for one that is missing, unknown or no number."""
