@@ -121,7 +121,7 @@ def test_the_derivatives_of_a_fit_equal_central_differences(name):
     for k, phase in enumerate((0.2, 1.1)):
         driven = {u: 0.9 * np.sin(1.3 * t + phase) for u in diagram.inputs}
         records.append(tsm.Record(f"run {k}", t, {**driven, **dict.fromkeys(diagram.outputs, 0 * t)}, {}))
-    problem = posed(
+    problem = pose(
         diagram,
         records,
         free=SMOOTH[name],
@@ -129,7 +129,7 @@ def test_the_derivatives_of_a_fit_equal_central_differences(name):
         window=(0.5, None),
         step=1e-3,
         hold="cubic",
-    )
+    )[0]
     theta = problem.unknowns.start
     r, jacobian = problem.jacobian(theta)
     np.testing.assert_allclose(r, problem.residuals(theta), rtol=0, atol=BACKENDS)
@@ -141,12 +141,6 @@ def test_the_derivatives_of_a_fit_equal_central_differences(name):
         # a difference across a kink that moves with the parameter is itself of first order: a few instants
         assert min(np.quantile(share, 0.99) for share in shares) < 1e-6, unknown
         assert name in JUMPS or min(share.max() for share in shares) < 1e-3, unknown
-
-
-def posed(diagram, records, **options):
-    usual = dict.fromkeys(("bounds", "start", "constraints", "ties", "priors", "sigma", "outputs", "window", "step"))
-    usual |= {"local": (), "start_states": False, "integrator": "rk4", "hold": "linear", "backend": ""}
-    return pose(diagram, records, **(usual | options))[0]
 
 
 def difference(problem, theta, k, size):
@@ -170,7 +164,7 @@ def test_sums_side_by_side_equal_those_one_by_one(name):
             tsm.Record(f"run {k}", t, {"x_in": np.sin(t + k), "x_out": rng.standard_normal(samples)}, {})
             for k in range(2)
         ]
-        problem = posed(
+        problem = pose(
             diagram,
             records,
             free=["tsm.*"],
@@ -179,7 +173,7 @@ def test_sums_side_by_side_equal_those_one_by_one(name):
             sigma=0.1,
             window=window,
             step=step,
-        )
+        )[0]
         thetas = problem.unknowns.start * rng.uniform(0.9, 1.1, (70, len(problem.unknowns.start)))
         for sets in (thetas[:3], thetas[:11], thetas):
             expected = [problem.cost(theta) for theta in sets]

@@ -68,25 +68,7 @@ class Case:
 
     def posed(self) -> Any:
         """The problem as searches see it."""
-        return pose(
-            self.diagram,
-            self.record,
-            free=["tsm.*"],
-            bounds=None,
-            start=START,
-            local=(),
-            start_states=False,
-            constraints=None,
-            ties=None,
-            priors=None,
-            sigma=None,
-            outputs=None,
-            window=None,
-            step=STEP,
-            integrator="rk4",
-            hold="linear",
-            backend="",
-        )[0]
+        return pose(self.diagram, self.record, free=["tsm.*"], start=START, step=STEP)[0]
 
     def squares(self, theta: Any) -> float:
         """Half the sum of squares at an optimum found elsewhere, by one simulation of ours."""

@@ -126,14 +126,14 @@ def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSe
     problem, setup = pose_model(diagram, records, settings, settings.free)
     feasible = feasible_start(problem, problem.unknowns.start)
     ends = [
-        gauss_newton(problem, one, iterations=MAX_ITERATIONS, tolerance=COARSE_TOLERANCE, tell=progress)
+        gauss_newton(problem, one, iterations=MAX_ITERATIONS, tolerance=COARSE_TOLERANCE, progress=progress)
         for one in starting_points(problem, setup, feasible, settings.starts, settings.seed)
     ]
     best = min(ends, key=lambda found: found.cost)
     return model_at(
         problem,
         setup,
-        gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE, tell=progress),
+        gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE, progress=progress),
     )
 
 
@@ -152,19 +152,14 @@ def pose_model(
         dict(records),
         free=free,
         bounds=bounds,
-        start=None,
         local=local or (),
         start_states=settings.start_states and local is None,
-        constraints=None,
-        ties=None,
-        priors=None,
         sigma=known,
         outputs=settings.outputs,
         window=settings.window,
         step=settings.step,
         integrator=settings.integrator,
         hold=settings.hold,
-        backend="",
     )
 
 
@@ -211,5 +206,5 @@ def converged(model: Model) -> Model:
 def model_at(problem: Problem, setup: Setup, found: OptimizerResult) -> Model:
     """The model where an optimisation ended."""
     theta = found.theta
-    r, J = problem.jacobian(theta) if found.reach is None else problem.finite_difference_jacobian(theta, found.reach)
+    r, J = problem.jacobian(theta, found.difference_steps)
     return Model(setup.diagram, problem, setup, theta, r, np.where(np.isfinite(J), J, 0.0), found.status)

@@ -15,7 +15,6 @@ from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, fast_noise_of_recording
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
-from tsmblocks.fitting.experiments import prepare
 from tsmblocks.model.diagram import Diagram
 
 GIVEN = "given"
@@ -115,19 +114,7 @@ def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iter
         noisy = _noisy(clean, raw[experiment.name], names, draw)
         if noisy is None:
             continue
-        again = conditioned(noisy, names)
-        other = prepare(
-            experiment.name,
-            again,
-            model.diagram,
-            model.setup.eq,
-            outputs=model.setup.outputs,
-            rule=experiment.rule,
-            step=experiment.times.h,
-            hold=experiment.hold,
-            window=(experiment.t[0], experiment.t[-1]),
-            backend=experiment.backend,
-        )
+        other = model.setup.prepared(e, record=conditioned(noisy, names))
         p = model.problem.unknowns.parameters(model.theta, e)
         change = (other.outputs(p) - experiment.outputs(p)) * model.problem.weights
         total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))

@@ -275,15 +275,15 @@ def compare(
         if name not in candidates:
             raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
     chosen = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
-    arguments.as_callback(progress, "stage, evaluations and rms")
+    report = arguments.as_callback(progress, "model, evaluations and rms")
     common: dict[str, Any] = dict(outputs=chosen, step=step, integrator=integrator, hold=hold, backend=backend)
     search: dict[str, Any] = dict(start_states=start_states, method=method, starts=starts, seed=seed)
     rows, notes = list[Row](), _assumed_units(candidates, records, chosen)
     for name, diagram in candidates.items():
-        tell = None if progress is None else lambda _, n, rms, name=name: progress(name, n, rms)
         training = {k: records[k] for k in fitted}
         try:
-            found = fit(diagram, training, window=fitted, free=given.get(name), progress=tell, **search, **common)
+            shown = lambda _, n, rms, name=name: report(name, n, rms)  # noqa: E731
+            found = fit(diagram, training, window=fitted, free=given.get(name), progress=shown, **search, **common)
             rows.append(_judged(name, found, records, tested, common))
             notes += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
         except TsmError as error:

@@ -61,40 +61,47 @@ class Experiment:
     def outputs(self, p: np.ndarray) -> np.ndarray:
         """Simulated outputs at the instants of measurement, shape (samples, outputs)."""
         kernel = single_kernel(self.eq, self.rule, self.columns, self.backend)
-        y = self._run(kernel, start_memory(self.eq, kernel, p, self.times.h))
+        y = self.run(kernel, start_memory(self.eq, kernel, p, self.times.h))
         return np.stack([y[:, kernel.layout_y.offset[k]] for k in range(len(self.columns))], axis=1)
 
-    def slopes(self, p: np.ndarray, seeds: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    def derivatives(self, p: np.ndarray, seeds: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         """Outputs, and their derivatives along ``seeds`` (parameters, directions).
 
         Shapes (samples, outputs), and (samples, directions) for each output.
         """
-        count, width, parts = len(self.columns), seeds.shape[1], list[list[np.ndarray]]()
-        lanes = directions(width)
-        kernel = tangent_kernel(self.eq, self.rule, self.columns, lanes, self.backend)
-        for first in range(0, max(width, 1), lanes):
+        parts, lanes = list[list[np.ndarray]](), directions(seeds.shape[1])
+        for first in range(0, max(seeds.shape[1], 1), lanes):
             part = seeds[:, first : first + lanes]
-            padded = np.zeros((len(seeds), lanes))
-            padded[:, : part.shape[1]] = part
-            y = self._run(kernel, tangent_memory(self.eq, kernel, p, padded, self.times.h))
-            spans = (kernel.layout_y.span(count + i) for i in range(count))
-            parts.append([np.broadcast_to(y[:, span], (len(y), lanes))[:, : part.shape[1]] for span in spans])
-        begin = kernel.layout_y.offset[0]  # the signals stand before their derivatives, one number each
-        joined = [np.hstack(wide) if len(wide) > 1 else wide[0] for wide in zip(*parts, strict=True)]
-        return y[:, begin : begin + count], joined
+            kernel, memory = self.tangents(p, part, lanes)
+            y, derivatives = self.split(kernel, self.run(kernel, memory), part.shape[1])
+            parts.append(derivatives)
+        return y, [np.hstack(wide) if len(wide) > 1 else wide[0] for wide in zip(*parts, strict=True)]
+
+    def tangents(self, p: np.ndarray, seeds: np.ndarray, lanes: int) -> tuple[Kernel, Memory]:
+        """Kernel and memory of a run with derivatives along ``seeds`` (parameters, up to ``lanes``)."""
+        kernel = tangent_kernel(self.eq, self.rule, self.columns, lanes, self.backend)
+        padded = np.pad(seeds, ((0, 0), (0, lanes - seeds.shape[1])))
+        return kernel, tangent_memory(self.eq, kernel, p, padded, self.times.h)
+
+    def split(self, kernel: Kernel, y: np.ndarray, width: int) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Outputs, and ``width`` derivatives of each, from the rows of a kernel with derivatives."""
+        count, begin, lanes = len(self.columns), kernel.layout_y.offset[0], kernel.plan.lanes
+        spans = (kernel.layout_y.span(count + i) for i in range(count))  # outputs first, one number each
+        derivatives = [np.broadcast_to(y[:, span], (len(y), lanes))[:, :width] for span in spans]
+        return y[:, begin : begin + count], derivatives
 
     def many(self, p: np.ndarray, vary: frozenset[int]) -> np.ndarray:
         """Outputs for many parameter sets at once: ``p`` (parameters, lanes) gives (samples, outputs, lanes).
 
-        For a few runs of a model that is looked at in passing: its code is made in a hurry.
+        For a few runs of a model: its code is compiled quickly and runs slower.
         """
         kernel, memory = self.lanes(p, vary, quick=True)
-        y = self._run(kernel, memory)
+        y = self.run(kernel, memory)
         wide = [y[:, kernel.layout_y.span(i)] for i in range(len(self.columns))]
         return np.stack([np.broadcast_to(v, (len(y), p.shape[1])) for v in wide], axis=1)
 
     def lanes(self, p: np.ndarray, vary: frozenset[int], *, quick: bool = False) -> tuple[Kernel, Memory]:
-        """What it takes to run many parameter sets ``p`` (parameters, lanes), places ``vary`` differing.
+        """Kernel and memory of a run of many parameter sets ``p`` (parameters, lanes), places ``vary`` differing.
 
         ``quick`` as for ``kernel_for``.
         """
@@ -102,7 +109,7 @@ class Experiment:
         return kernel, lane_memory(self.eq, kernel, p, self.times.h)
 
     def squares(self, kernel: Kernel, memory: Memory, weights: np.ndarray) -> np.ndarray:
-        """Sum of squared weighted differences for each parameter set of ``lanes``, shape (lanes,).
+        """Sum of squared weighted residuals for each parameter set of ``lanes``, shape (lanes,).
 
         ``weights`` has shape (outputs,). Nothing symbolic is touched, so this may run in a thread.
         """
@@ -110,41 +117,55 @@ class Experiment:
         with np.errstate(over="ignore", invalid="ignore"):
             for y, measured in self._pieces(kernel, memory):
                 for i, weight in enumerate(weights):
-                    off = y[:, kernel.layout_y.span(i)]
-                    np.subtract(off, measured[:, i, None], out=off)
-                    total = total + weight**2 * np.einsum("kl,kl->l", off, off)
+                    r = y[:, kernel.layout_y.span(i)]
+                    np.subtract(r, measured[:, i, None], out=r)
+                    total = total + weight**2 * np.einsum("kl,kl->l", r, r)
         return total
 
     def _pieces(self, kernel: Kernel, memory: Memory) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Rows at the instants of measurement, and what was measured, a few at a time: many lanes fill the caches."""
         if self.share is not None:
-            yield self._run(kernel, memory), self.measured
+            yield self.run(kernel, memory), self.measured
             return
         every, kept, first = self.times.every, self.times.kept, int(self.place[0])
         pieces = max((kept - 1) // PIECE, 1)
         y = np.empty((kept - (pieces - 1) * PIECE, kernel.layout_y.size))
         for piece in range(pieces):
-            final, a = piece == pieces - 1, piece * PIECE
-            b = kept if final else a + PIECE
-            n = (kept - 1 - a if final else PIECE) * every
-            rows = self.rows[a * every : a * every + n + 1]
-            steps = Steps(self.times.start, self.times.h, a * every, n, final, self.hits, every)
-            kernel.advance(memory, rows, y[: b - a], steps)
+            a = piece * PIECE
+            b = kept if piece == pieces - 1 else a + PIECE
+            self._advance(kernel, memory, a * every, min(b, kept - 1) * every, y[: b - a])
             if b > first:
                 lead = max(first - a, 0)
                 yield y[lead : b - a], self.measured[a + lead - first : b - first]
 
-    def _run(self, kernel: Kernel, memory: Memory) -> np.ndarray:
-        """Rows at the instants of measurement, whatever a row of this kernel holds."""
-        times = self.times
-        y = np.empty((times.kept, kernel.layout_y.size))
-        steps = Steps(times.start, times.h, 0, times.steps, True, self.hits, times.every)
-        kernel.advance(memory, self.rows, y, steps)
-        if self.share is not None:
-            with np.errstate(over="ignore", invalid="ignore"):
-                return (1 - self.share)[:, None] * y[self.place] + self.share[:, None] * y[self.place + 1]
-        first, last = self.place[0], self.place[-1] + 1
-        return y[first:last] if last - first == len(self.place) else y[self.place]
+    def run(self, kernel: Kernel, memory: Memory, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Rows at the instants of measurement within the steps ``first`` to ``last``, which ``memory`` is then at."""
+        times, samples = self.times, self.samples_within(first, last)
+        last = times.steps if last is None else last
+        ends_inside = last < times.steps and self.share is None  # a sample at the last step is in the next part
+        rows = (last - first) // times.every + (0 if ends_inside else 1)
+        y = np.empty((rows, kernel.layout_y.size))
+        self._advance(kernel, memory, first, last, y)
+        begin = int(self.place[0]) - first // times.every
+        if self.share is None:
+            return y[begin + samples.start : begin + samples.stop]
+        at, share = self.place[samples] - first, self.share[samples, None]
+        with np.errstate(over="ignore", invalid="ignore"):
+            between: np.ndarray = (1 - share) * y[at] + share * y[at + 1]
+        return between
+
+    def samples_within(self, first: int, last: int | None) -> slice:
+        """The samples within the steps ``first`` to ``last`` (None: the end); one at ``last`` belongs to the next."""
+        every = self.times.every
+        end = len(self.place) if last in (None, self.times.steps) else int(np.searchsorted(self.place * every, last))
+        return slice(int(np.searchsorted(self.place * every, first)) if first else 0, end)
+
+    def _advance(self, kernel: Kernel, memory: Memory, first: int, last: int, y: np.ndarray) -> None:
+        """Run from step ``first`` to ``last``; where ``y`` has room for it, its last row is at step ``last``."""
+        times, n = self.times, last - first
+        final = len(y) > n // times.every
+        steps = Steps(times.start, times.h, first, n, final, self.hits, times.every)
+        kernel.advance(memory, self.rows[first : last + 1], y, steps)
 
 
 def prepare(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
-from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt
+from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.multistart import Range, search_range, spread
 from tsmblocks.fitting.optimizer import (
@@ -158,10 +159,14 @@ def fit(
     >>> round(fitted["gain.gain"].value, 6), fitted.status
     (0.8, 'converged')
     """
-    _check(method, segments)
+    if not isinstance(method, str) or method not in METHODS:
+        raise RunError(f"there is no method {in_words(method)} of fitting.{near(method, METHODS)}")
+    if as_integer("segments", segments, 1) > 1 and method != "ipopt":
+        raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
     starts, seed = as_integer("starts", starts, 1), as_integer("seed", seed, 0)
-    iterations = iterations if iterations is None else as_integer("iterations", iterations, 0)
-    arguments.as_callback(progress, "stage, evaluations and rms")
+    limit = {} if iterations is None else {"iterations": as_integer("iterations", iterations, 0)}
+    report = arguments.as_callback(progress, "stage, evaluations and rms")
+    simulation = dict(outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend)
     problem, setup = pose(
         diagram,
         data,
@@ -174,19 +179,21 @@ def fit(
         ties=ties,
         priors=priors,
         sigma=sigma,
-        outputs=outputs,
-        window=window,
-        step=step,
-        integrator=integrator,
-        hold=hold,
-        backend=backend,
+        **simulation,
     )
     begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
+    samples, unweighted = problem.samples, sigma is None and len(problem.priors.which) > 0
     with defer_interrupt() as interrupt:
-        search = _searcher(method, seed, segments, iterations, _progress_in_rms(progress, problem, interrupt))
-        for noise in _prior_noises(problem, sigma):
-            problem = attrs.evolve(problem, noise=noise(found))
-            found = search(problem, [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed))
+
+        def report_rms(stage: str, count: int, cost: float) -> None:
+            interrupt.check()
+            report(stage, count, float(np.sqrt(2 * cost / samples)))
+
+        for _ in range(2 if unweighted else 1):
+            if unweighted:
+                problem = attrs.evolve(problem, noise=_prior_noise(problem, found))
+            begins = [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed)
+            found = _search(problem, begins, method, _method(method, seed, segments), {**limit, "progress": report_rms})
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
                 found[0] = attrs.evolve(found[0], status="interrupted")
@@ -194,64 +201,34 @@ def fit(
     return summarise(problem, setup, method, found)
 
 
-def _check(method: str, segments: Any) -> None:
-    if not isinstance(method, str) or method not in METHODS:
-        raise RunError(f"there is no method {in_words(method)} of fitting.{near(method, METHODS)}")
-    if as_integer("segments", segments, 1) > 1 and method != "ipopt":
-        raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
-
-
-def _prior_noises(problem: Problem, sigma: Any) -> list[Callable[[list[OptimizerResult]], float]]:
-    """Noise that weights the priors, for each search in turn, as a function of the results of the search before.
-
-    Where no noise was given there are two searches: one in which priors hardly count, and one with its residual.
-    """
-    if sigma is not None or not len(problem.priors.which):
-        return [lambda _: 1.0]
+def _prior_noise(problem: Problem, found: list[OptimizerResult]) -> float:
+    """Noise that weights the priors where none is given: so small that they hardly count, then the first residual."""
+    if not found:
+        return NEGLIGIBLE_PRIOR_NOISE * problem.size
+    squares = 2 * (found[0].cost - problem.prior_cost(found[0].theta))
     free = max(problem.samples - len(problem.unknowns.items), 1)
-
-    def residual_noise(found: list[OptimizerResult]) -> float:
-        squares = 2 * (
-            found[0].cost - problem.prior_cost(found[0].theta) * (NEGLIGIBLE_PRIOR_NOISE * problem.size) ** 2
-        )
-        return float(np.sqrt(max(squares / free, 0.0))) + 1e-9 * problem.size
-
-    return [lambda _: NEGLIGIBLE_PRIOR_NOISE * problem.size, residual_noise]
+    return float(np.sqrt(max(squares / free, 0.0))) + 1e-9 * problem.size
 
 
-def _progress_in_rms(progress: ProgressCallback | None, problem: Problem, interrupt: InterruptFlag) -> ProgressCallback:
-    """The progress callback for a search: it reports the rms residual rather than the cost, and stops on Ctrl-C."""
-
-    def tell(stage: str, count: int, cost: float) -> None:
-        interrupt.check()
-        if progress is not None:
-            progress(stage, count, float(np.sqrt(2 * cost / problem.samples)))
-
-    return tell
-
-
-Search = Callable[[Problem, Sequence[np.ndarray]], list[OptimizerResult]]
-
-
-def _searcher(method: str, seed: int, segments: int, iterations: int | None, tell: ProgressCallback) -> Search:
-    """The method as a function from starting points to results, best first."""
+def _search(
+    problem: Problem,
+    begins: Sequence[np.ndarray],
+    method: str,
+    optimizer: Callable[..., OptimizerResult],
+    options: Mapping[str, Any],
+) -> list[OptimizerResult]:
+    """The results from all starting points, best first."""
     from tsmblocks.fitting.discontinuous import search_discontinuous
 
-    one = _method(method, seed, segments)
-    most: dict[str, Any] = {"tell": tell} if iterations is None else {"tell": tell, "iterations": iterations}
-
-    def search(problem: Problem, begins: Sequence[np.ndarray]) -> list[OptimizerResult]:
-        ends: list[OptimizerResult] = []
-        for begin in begins[:1] if method == "ga" else begins:
-            try:
-                ends.append(one(problem, begin, **most))
-            except KeyboardInterrupt:  # before the search had a first result
-                ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
-            if ends[-1].status == "interrupted":
-                return _ranked(problem, ends)
-        return _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **most))
-
-    return search
+    ends: list[OptimizerResult] = []
+    for begin in begins[:1] if method == "ga" else begins:
+        try:
+            ends.append(optimizer(problem, begin, **options))
+        except KeyboardInterrupt:  # before the search had a first result
+            ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
+        if ends[-1].status == "interrupted":
+            return _ranked(problem, ends)
+    return _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:
@@ -260,7 +237,7 @@ def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResu
 
 
 def _method(method: str, seed: int, segments: int) -> Callable[..., OptimizerResult]:
-    """The method as a function of problem and start, with keywords ``iterations`` and ``tell``."""
+    """The method as a function of problem and start, with keywords ``iterations`` and ``progress``."""
     if method == "gauss-newton":
         from tsmblocks.fitting.gauss_newton import gauss_newton
 
@@ -268,14 +245,14 @@ def _method(method: str, seed: int, segments: int) -> Callable[..., OptimizerRes
     if method == "ga":
         from tsmblocks.fitting.global_search import genetic_route
 
-        return lambda problem, start, **most: genetic_route(problem, start, ranges(problem), seed=seed, **most)
+        return lambda problem, start, **options: genetic_route(problem, start, ranges(problem), seed=seed, **options)
     if segments == 1:
-        from tsmblocks.fitting.single_shooting import interior_point
+        from tsmblocks.fitting.ipopt import interior_point
 
         return interior_point
     from tsmblocks.fitting.multiple_shooting import multiple_shooting
 
-    return lambda problem, start, **most: multiple_shooting(problem, start, segments, **most)
+    return functools.partial(multiple_shooting, segments=segments)
 
 
 def ranges(problem: Problem) -> list[Range]:

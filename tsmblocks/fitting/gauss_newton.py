@@ -6,8 +6,6 @@ constraints are part of the step and not a penalty beside it.
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import attrs
 import numpy as np
 
@@ -16,6 +14,7 @@ from tsmblocks.fitting.optimizer import (
     OptimizerResult,
     ProgressCallback,
     linearised_constraints,
+    no_progress,
     within_bounds,
 )
 from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
@@ -44,8 +43,8 @@ MOST_DAMPINGS = 16
 class _State:
     """The current point of the search, with cost and derivatives.
 
-    ``penalty`` weights constraint violations in the merit function. ``reach`` are the steps of finite differences, None
-    for exact derivatives.
+    ``penalty`` weights constraint violations in the merit function. ``steps`` are those of finite differences, None for
+    exact derivatives.
     """
 
     theta: np.ndarray
@@ -55,7 +54,7 @@ class _State:
     damping: float = FIRST_DAMPING
     penalty: float = 0.0
     evaluations: int = 2  # values with derivatives count as two runs
-    reach: np.ndarray | None = None
+    steps: np.ndarray | None = None
     tolerance: float = GAIN_TOLERANCE
 
 
@@ -72,33 +71,34 @@ def gauss_newton(
     start: np.ndarray,
     *,
     iterations: int = 100,
-    tell: ProgressCallback | None = None,
+    progress: ProgressCallback = no_progress,
     tolerance: float = GAIN_TOLERANCE,
     coarse: bool = True,
+    steps: np.ndarray | None = None,
 ) -> OptimizerResult:
     """Search downhill from ``start``, which must be in the bounds and simulate to finite numbers.
 
     Ends when the predicted gain of a step is below ``tolerance`` variances of one sample, by default far below any
-    standard error. Where derivatives lead to no descent, ``coarse`` continues with finite differences. After Ctrl-C the
-    best so far is returned. Source: Nocedal and Wright, Numerical Optimization (2006), 10.3 and 18; damping
-    as Nielsen, IMM-REP-1999-05.
+    standard error. With ``steps`` (unknowns,) derivatives are differences over that far; without, where they lead to no
+    descent, ``coarse`` continues with such differences. After Ctrl-C the best so far is returned.
+    Source: Nocedal and Wright, Numerical Optimization (2006), 10.3 and 18; damping as Nielsen, IMM-REP-1999-05.
     """
-    state = _State(start, *problem.normal(start), tolerance=tolerance)
+    state = _State(start, *problem.normal(start, steps), steps=steps, tolerance=tolerance)
     history, status = [state.cost], "limit"
     try:
-        status = _search(problem, state, history, iterations, tell)
-        for share in DIFFERENCE_STEPS if coarse and status == "stalled" else ():
-            reach = share * _magnitudes(problem, state, start)
-            rough = attrs.evolve(state, reach=reach, damping=FIRST_DAMPING)
-            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, reach)
-            ended = _search(problem, rough, history, iterations, tell)
+        status = _search(problem, state, history, iterations, progress)
+        for share in DIFFERENCE_STEPS if coarse and steps is None and status == "stalled" else ():
+            wide = share * _magnitudes(problem, state, start)
+            rough = attrs.evolve(state, steps=wide, damping=FIRST_DAMPING)
+            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, wide)
+            ended = _search(problem, rough, history, iterations, progress)
             if rough.cost >= state.cost * (1 - LEAST_GAIN):  # differences find no descent either
                 break
             state, status = rough, ended
     except KeyboardInterrupt:
         status = "interrupted"
     return OptimizerResult(
-        state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.reach
+        state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.steps
     )
 
 
@@ -110,31 +110,12 @@ def _magnitudes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarra
     return np.where(size > 0, size, np.where(has_effect, signal_norm / np.where(has_effect, sensitivity, 1.0), 1.0))
 
 
-def gauss_newton_differences(
-    problem: Problem,
-    start: np.ndarray,
-    reach: np.ndarray,
-    *,
-    iterations: int = 100,
-    tell: ProgressCallback | None = None,
-) -> OptimizerResult:
-    """As ``gauss_newton``, with differences over ``reach`` (unknowns,) to each side in place of derivatives."""
-    state = _State(start, *problem.normal(start, reach), reach=reach)
-    history, status = [state.cost], "interrupted"
-    with suppress(KeyboardInterrupt):
-        status = _search(problem, state, history, iterations, tell)
-    return OptimizerResult(state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), reach)
-
-
-def _search(
-    problem: Problem, state: _State, history: list[float], iterations: int, tell: ProgressCallback | None
-) -> str:
+def _search(problem: Problem, state: _State, history: list[float], iterations: int, progress: ProgressCallback) -> str:
     """Iterate until the search ends; returns the status."""
     for _ in range(iterations):
         ended = _iterate(problem, state)
         history.append(state.cost)
-        if tell is not None:
-            tell("gauss-newton", state.evaluations, state.cost)
+        progress("gauss-newton", state.evaluations, state.cost)
         if ended:
             return ended
     return "limit"
@@ -151,7 +132,7 @@ def _iterate(problem: Problem, state: _State) -> str:
             undamped = _step(problem, state, LEAST_DAMPING)  # only the damping may have made it negligible
             return "converged" if undamped is None or _negligible(problem, state, undamped) else "stalled"
         # Most steps are good, so derivatives are computed at once; of a step in doubt the cost alone.
-        new = problem.normal(step.theta, state.reach) if grow == 2.0 else None
+        new = problem.normal(step.theta, state.steps) if grow == 2.0 else None
         cost = new[0] if new is not None else problem.cost(step.theta)
         state.evaluations += 2 if new is not None else 1
         gained = _merit(problem, state, state.theta, state.cost) - _merit(problem, state, step.theta, cost)
@@ -159,7 +140,7 @@ def _iterate(problem: Problem, state: _State) -> str:
             if new is None:
                 state.evaluations += 2
             state.theta = step.theta
-            state.cost, state.gradient, state.matrix = new or problem.normal(step.theta, state.reach)
+            state.cost, state.gradient, state.matrix = new or problem.normal(step.theta, state.steps)
             share = min(gained / step.predicted, 2.0)
             state.damping = max(state.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
             return ""

@@ -329,7 +329,7 @@ def genetic_route(
     *,
     seed: int,
     iterations: int | None = None,
-    tell: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> OptimizerResult:
     """Search the ranges, then downhill from the best set. Source: paper, section 4.
 
@@ -352,7 +352,7 @@ def genetic_route(
         generations=iterations,
         constraints=constraints,
         start=start,
-        progress=_progress(tell, "genetic"),
+        progress=_progress(progress, "genetic"),
     )
     first = _found(problem, evolved)
     if evolved.status == "interrupted":
@@ -364,16 +364,16 @@ def genetic_route(
             ranges,
             iterations=iterations,
             constraints=constraints,
-            progress=_progress(tell, "nelder-mead"),
+            progress=_progress(progress, "nelder-mead"),
         )
     except KeyboardInterrupt:  # at its first evaluation
         return attrs.evolve(first, status="interrupted")
     ended = _after(first, _found(problem, polished))
-    return ended if ended.status == "interrupted" else _continued(problem, ended, ranges, tell)
+    return ended if ended.status == "interrupted" else _continued(problem, ended, ranges, progress)
 
 
-def _progress(tell: ProgressCallback | None, stage: str) -> Progress | None:
-    return None if tell is None else lambda count, cost: tell(stage, count, cost)
+def _progress(progress: ProgressCallback | None, stage: str) -> Progress | None:
+    return None if progress is None else lambda count, cost: progress(stage, count, cost)
 
 
 def _violations(problem: Problem) -> Violations:
@@ -398,18 +398,18 @@ def _after(before: OptimizerResult, then: OptimizerResult) -> OptimizerResult:
 
 
 def _continued(
-    problem: Problem, ended: OptimizerResult, ranges: Sequence[Range], tell: ProgressCallback | None
+    problem: Problem, ended: OptimizerResult, ranges: Sequence[Range], progress: ProgressCallback | None
 ) -> OptimizerResult:
     """Continue by Gauss-Newton where a simplex cannot: along a constraint, and past a range that is no bound."""
     unknowns, theta = problem.unknowns, ended.theta
     low, high = np.array([r.low for r in ranges]), np.array([r.high for r in ranges])
     margin = AT_END * (high - low)
     at_end = ((unknowns.low < low) & (theta - low <= margin)) | ((high < unknowns.high) & (high - theta <= margin))
-    values, slopes = problem.constraints.values(theta), problem.constraints.slopes(theta)
+    values, slopes = problem.constraints.values(theta), problem.constraints.jacobian(theta)
     on_constraint = values <= AT_END * np.abs(slopes * theta).max(axis=1, initial=1e-12)
     if not (at_end.any() or on_constraint.any()):
         return ended
-    found = gauss_newton(problem, theta, tell=tell)
+    found = gauss_newton(problem, theta, progress=progress)
     if not found.cost < ended.cost or problem.violation(found.theta) > CONSTRAINT_TOLERANCE:
         return ended
     return _after(ended, found)

@@ -18,15 +18,19 @@ CONSTRAINT_TOLERANCE = 1e-9
 """Sum of constraint violations that counts as none. Chosen."""
 
 
+def no_progress(stage: str, evaluations: int, cost: float) -> None:
+    """The callback of a search that is not watched."""
+
+
 @attrs.frozen(eq=False)
 class OptimizerResult:
     """The result of an optimisation.
 
-    ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no descent, though the
-    gradient is not zero: a kink, or rounding) or ``interrupted`` (by Ctrl-C). ``history`` holds the cost after
-    each iteration, ``evaluations`` the number of simulations of all experiments. ``reach`` is the step of
-    finite differences (unknowns,), where the outputs are nonsmooth and exact derivatives led to no descent; ``blur``
-    how far each unknown may go to either side without a change of the outputs.
+    ``status`` is ``converged``, ``limit`` (of iterations), ``stalled`` (no descent, though the gradient is not zero: a
+    kink, or rounding) or ``interrupted`` (by Ctrl-C). ``history`` holds the cost after each iteration, ``evaluations``
+    the number of simulations of all experiments. ``difference_steps`` (unknowns,) are those of finite differences,
+    where the outputs are nonsmooth and exact derivatives led to no descent; ``plateau`` (unknowns,) is how far each
+    unknown may go to either side without a change of the outputs.
     """
 
     theta: np.ndarray
@@ -35,8 +39,8 @@ class OptimizerResult:
     iterations: int
     evaluations: int
     history: tuple[float, ...] = attrs.field(default=(), repr=False)
-    reach: np.ndarray | None = attrs.field(default=None, repr=False)
-    blur: np.ndarray | None = attrs.field(default=None, repr=False)
+    difference_steps: np.ndarray | None = attrs.field(default=None, repr=False)
+    plateau: np.ndarray | None = attrs.field(default=None, repr=False)
 
 
 def linearised_constraints(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -46,7 +50,7 @@ def linearised_constraints(problem: Problem, theta: np.ndarray) -> tuple[np.ndar
     rows = [eye[below], -eye[above]]
     bounds = [low[below], -high[above]]
     if problem.constraints.names:
-        rows.append(problem.constraints.slopes(theta))
+        rows.append(problem.constraints.jacobian(theta))
         bounds.append(-problem.constraints.values(theta))
     equal = np.zeros(sum(len(b) for b in bounds), dtype=bool)
     if problem.constraints.names:

@@ -117,7 +117,7 @@ class Unknowns:
         p[self._places[e]] = thetas[:, self.columns(e)].T
         return p
 
-    def slopes(self, p: np.ndarray, e: int) -> np.ndarray:
+    def jacobian(self, p: np.ndarray, e: int) -> np.ndarray:
         """Derivatives of ``p`` with respect to the unknowns of ``columns(e)``, shape (parameters, columns)."""
         places = self._places[e]
         made = np.zeros((len(p), len(places)))
@@ -191,14 +191,14 @@ class Constraints:
             parts += [g[int(k)] for k in rows]
         return ca.vertcat(*parts) if parts else ca.SX(0, 1)
 
-    def slopes(self, theta: np.ndarray) -> np.ndarray:
+    def jacobian(self, theta: np.ndarray) -> np.ndarray:
         """Derivatives of the values, shape (constraints, unknowns)."""
         made = np.zeros((len(self.names), len(theta)))
         first = 0
         for e, rows in self.rows:
             p = self.unknowns.parameters(theta, e)
             with np.errstate(invalid="ignore"):  # a slope may be infinite, as that of a logarithm at zero
-                jacobian = np.asarray(self.function(p)[1])[rows] @ self.unknowns.slopes(p, e)
+                jacobian = np.asarray(self.function(p)[1])[rows] @ self.unknowns.jacobian(p, e)
             made[first : first + len(rows), self.unknowns.columns(e)] = jacobian
             first += len(rows)
         return made

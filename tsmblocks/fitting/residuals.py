@@ -19,7 +19,7 @@ from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.parameters import Constraints, Unknowns
 
 LANES = 32
-"""Parameter sets side by side in one run."""
+"""Parameter sets side by side in one run. Chosen, as ``MOST_DIRECTIONS`` of derivatives."""
 ROUNDING = 1e-12
 """Rounding of simulated outputs relative to the measured signals. Chosen."""
 
@@ -80,51 +80,43 @@ class Problem:
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Weighted differences, simulation less measurement, shape (samples,)."""
-        parts = []
-        for e, experiment in enumerate(self.experiments):
-            y = experiment.outputs(self.unknowns.parameters(theta, e))
-            parts.append(((y - experiment.measured) * self.weights).ravel(order="F"))
-        return np.concatenate(parts)
+        outputs = [e.outputs(self.unknowns.parameters(theta, k)) for k, e in enumerate(self.experiments)]
+        pairs = zip(outputs, self.experiments, strict=True)
+        return np.concatenate([((y - e.measured) * self.weights).ravel(order="F") for y, e in pairs])
 
-    def jacobian(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted differences (samples,) and their derivatives (samples, unknowns)."""
-        r, made, first = np.empty(self.samples), np.zeros((self.samples, len(theta))), 0
-        for columns, off, slopes in self._blocks(theta):
-            rows = slice(first, first + len(off))
-            r[rows] = off
-            made[rows, columns] = slopes
-            first = rows.stop
-        return r, made
+    def jacobian(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted residuals (samples,) and their derivatives (samples, unknowns).
 
-    def _blocks(self, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """For each experiment and output: columns of the unknowns it depends on, the differences, their derivatives."""
+        With ``steps`` (unknowns,), central differences over that far to each side: where the outputs jump (an encoder
+        in a loop) or bend (a stop), these lead downhill.
+        """
+        residuals, derivatives = np.empty(self.samples), np.zeros((self.samples, len(theta)))
+        for rows, (columns, r, J) in zip(self.segments, self._blocks(theta, steps), strict=True):
+            residuals[rows], derivatives[rows, columns] = r, J
+        return residuals, derivatives
+
+    def _blocks(
+        self, theta: np.ndarray, steps: np.ndarray | None
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """For each experiment and output: columns of the unknowns it depends on, residuals, their derivatives."""
         for e, experiment in enumerate(self.experiments):
             p, columns = self.unknowns.parameters(theta, e), self.unknowns.columns(e)
-            y, slopes = experiment.slopes(p, self.unknowns.slopes(p, e))
+            if steps is None:
+                y, derivatives = experiment.derivatives(p, self.unknowns.jacobian(p, e))
+            else:
+                y, derivatives = experiment.outputs(p), self._finite_differences(theta, steps, e)
             for i, weight in enumerate(self.weights):
-                off = y[:, i] - experiment.measured[:, i]
-                yield (columns, off, slopes[i]) if weight == 1 else (columns, weight * off, weight * slopes[i])
+                r = y[:, i] - experiment.measured[:, i]
+                yield (columns, r, derivatives[i]) if weight == 1 else (columns, weight * r, weight * derivatives[i])
 
-    def finite_difference_jacobian(self, theta: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As ``jacobian``, by central differences over ``reach`` (unknowns,) to each side, in lanes.
-
-        Where the outputs jump (an encoder in a loop) or bend (a stop), this is the slope that a search can use.
-        """
-        low = np.maximum(theta - reach, self.unknowns.low)
-        high = np.minimum(theta + reach, self.unknowns.high)
-        made, first = np.zeros((self.samples, len(theta))), 0
-        for e, experiment in enumerate(self.experiments):
-            columns = self.unknowns.columns(e)  # initial states of another experiment change nothing here
-            many = self.outputs(
-                [np.where(np.arange(len(theta)) == k, side, theta) for k in columns for side in (low, high)], e
-            )
-            for i, weight in enumerate(self.weights):
-                rows = slice(first, first + len(experiment.t))
-                for n, k in enumerate(columns):
-                    rise = many[:, i, 2 * n + 1] - many[:, i, 2 * n]
-                    made[rows, k] = weight * rise / (high[k] - low[k])
-                first = rows.stop
-        return self.residuals(theta), made
+    def _finite_differences(self, theta: np.ndarray, steps: np.ndarray, e: int) -> list[np.ndarray]:
+        """Central differences in bounds of each output of an experiment, side by side in lanes."""
+        low = np.maximum(theta - steps, self.unknowns.low)
+        high = np.minimum(theta + steps, self.unknowns.high)
+        columns, place = self.unknowns.columns(e), np.arange(len(theta))
+        y = self.outputs([np.where(place == k, end, theta) for k in columns for end in (low, high)], e)
+        rise = (y[:, :, 1::2] - y[:, :, ::2]) / (high - low)[columns]
+        return [rise[:, i] for i in range(len(self.weights))]
 
     def outputs(self, sets: list[np.ndarray], e: int) -> np.ndarray:
         """Outputs of an experiment for several sets, shape (samples, outputs, sets)."""
@@ -144,26 +136,19 @@ class Problem:
             total = 0.5 * square(r) + self.prior_cost(theta)
         return total if np.isfinite(total) else np.inf
 
-    def normal(self, theta: np.ndarray, reach: np.ndarray | None = None) -> tuple[float, np.ndarray, np.ndarray]:
-        """Cost, its gradient (unknowns,), and the Gauss-Newton matrix (unknowns, unknowns).
-
-        With ``reach`` the derivatives are differences over that far (``finite_difference_jacobian``).
-        """
+    def normal(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[float, np.ndarray, np.ndarray]:
+        """Cost, its gradient (unknowns,), and the Gauss-Newton matrix (unknowns, unknowns); ``steps`` as above."""
         n = len(theta)
         squares, gradient, matrix = 0.0, np.zeros(n), np.zeros((n, n))
         with np.errstate(over="ignore", invalid="ignore"):
-            if reach is not None:
-                off, slopes = self.finite_difference_jacobian(theta, reach)
-                squares, (gradient, matrix) = square(off), products(slopes, off)
-            else:
-                for columns, off, slopes in self._blocks(theta):
-                    squares += square(off)
-                    part, whole = products(slopes, off)
-                    gradient[columns] += part
-                    matrix[np.ix_(columns, columns)] += whole
-        slope, curve = self.prior_slopes(theta)
+            for columns, r, J in self._blocks(theta, steps):
+                squares += square(r)
+                part, whole = products(J, r)
+                gradient[columns] += part
+                matrix[np.ix_(columns, columns)] += whole
+        slope, curvature = self.prior_derivatives(theta)
         cost = 0.5 * squares + self.prior_cost(theta)
-        return cost if np.isfinite(cost) else np.inf, gradient + slope, matrix + np.diag(curve)
+        return cost if np.isfinite(cost) else np.inf, gradient + slope, matrix + np.diag(curvature)
 
     def costs(self, thetas: np.ndarray) -> np.ndarray:
         """Cost of many sets at once, shape (sets,), run side by side in lanes and threads."""
@@ -186,13 +171,13 @@ class Problem:
             total = total + np.array([self.prior_cost(theta) for theta in thetas])
         return np.where(np.isfinite(total), total, np.inf)
 
-    def prior_slopes(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def prior_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradient and curvature that the priors add, both of shape (unknowns,)."""
-        slope, curve, priors = np.zeros(len(theta)), np.zeros(len(theta)), self.priors
-        stiff = (self.noise / priors.deviation) ** 2
-        np.add.at(slope, priors.which, stiff * (theta[priors.which] - priors.mean))
-        np.add.at(curve, priors.which, stiff)
-        return slope, curve
+        slope, curvature, priors = np.zeros(len(theta)), np.zeros(len(theta)), self.priors
+        weight = (self.noise / priors.deviation) ** 2
+        np.add.at(slope, priors.which, weight * (theta[priors.which] - priors.mean))
+        np.add.at(curvature, priors.which, weight)
+        return slope, curvature
 
     def prior_cost(self, theta: np.ndarray) -> float:
         """What the priors add to the cost."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,22 @@ class Setup:
     outputs: tuple[str, ...]
     notes: tuple[str, ...]
     finer: tuple[Experiment | None, ...] = ()  # the same at half the step, where that was tried
+
+    def prepared(self, e: int, *, record: Record | None = None, step: float | None = None) -> Experiment:
+        """An experiment with another recording, or another step in s. Raises as ``prepare`` does."""
+        one = self.experiments[e]
+        return prepare(
+            one.name,
+            record or one.record,
+            self.diagram,
+            self.eq,
+            outputs=self.outputs,
+            rule=one.rule,
+            step=step or one.times.h,
+            hold=one.hold,
+            window=(one.t[0], one.t[-1]),
+            backend=one.backend,
+        )
 
 
 def recordings(data: Data) -> dict[str, Record]:
@@ -137,45 +154,30 @@ def set_up(
     diagram: Diagram,
     records: Mapping[str, Record],
     *,
-    outputs: Iterable[str] | None,
-    window: Any,
-    step: float | None,
-    integrator: str,
-    hold: str,
-    backend: str,
+    outputs: Iterable[str] | None = None,
+    window: Any = None,
+    step: float | None = None,
+    integrator: str = "rk4",
+    hold: str = "linear",
+    backend: str = "",
 ) -> Setup:
     """Every recording beside the diagram; without ``step``, one that resolves the diagram is found."""
     for what, word in (("integrator", integrator), ("hold", hold), ("backend", backend)):
         arguments.as_text(what, word)
-    asked = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
-    eq, names, rule = equations(diagram), compared(records, diagram, asked), method_named(integrator)
-    parts = windows(window, records)
-    p, trials, finer = parameter_vector(eq, diagram), list[Experiment](), list[Experiment | None]()
-    notes = without_units(records, diagram, names)
-
+    given = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
+    eq, names, rule = equations(diagram), compared(records, diagram, given), method_named(integrator)
+    p, parts, notes = parameter_vector(eq, diagram), windows(window, records), without_units(records, diagram, names)
+    made, finer = list[Experiment](), list[Experiment | None]()
+    common: Any = dict(diagram=diagram, eq=eq, outputs=names, rule=rule, hold=hold, backend=backend)
     for name, record in records.items():
-
-        def made(h: float, name: str = name, record: Record = record) -> Experiment:
-            return prepare(
-                name,
-                record,
-                diagram,
-                eq,
-                outputs=names,
-                rule=rule,
-                step=h,
-                hold=hold,
-                window=parts[name],
-                backend=backend,
-            )
-
+        at_step = functools.partial(prepare, name, record, window=parts[name], **common)
         if step is None:
-            experiment, half = _resolved(made, record, eq.periods, p, notes)
+            experiment, half = _resolved(at_step, record, eq.periods, p, notes)
         else:
-            experiment, half = made(as_positive("step", step)), None
-        trials.append(experiment)
+            experiment, half = at_step(step=as_positive("step", step)), None
+        made.append(experiment)
         finer.append(half)
-        if trials[-1].share is not None:
+        if experiment.share is not None:
             own = median_step(record.t)
             why = (
                 f"the samples, {own:.4g} s apart, are no multiples of the step of {experiment.times.h:.4g} s"
@@ -183,7 +185,7 @@ def set_up(
                 else "the samples are unevenly spaced"
             )
             notes.append(f"{name}: {why}, so the simulation is read off between its steps.")
-    return Setup(diagram, eq, tuple(trials), names, tuple(notes), tuple(finer))
+    return Setup(diagram, eq, tuple(made), names, tuple(notes), tuple(finer))
 
 
 def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
@@ -209,28 +211,24 @@ def _parts(own: float, periods: Sequence[float]) -> int:
 
 
 def _resolved(
-    made: Any, record: Record, periods: Sequence[float], p: np.ndarray, notes: list[str]
+    at_step: Callable[..., Experiment], record: Record, periods: Sequence[float], p: np.ndarray, notes: list[str]
 ) -> tuple[Experiment, Experiment | None]:
-    """A experiment whose step is the sampling step, or that divided until dividing it further changes nothing.
+    """An experiment whose step is the sampling step, or that divided until dividing it further changes nothing.
 
     With it, the experiment at half that step, where there is one.
     """
-    own, best = median_step(record.t), None
+    own, best, fault = median_step(record.t), None, None
     divide = _parts(own, periods)
-    fault: RunError | None = None
     while divide <= FINEST:
         try:
-            experiment: Experiment = made(own / divide)
+            experiment = at_step(step=own / divide)
         except RunError as error:  # sample periods that this step does not divide, a delay shorter than it
             fault, divide = error, 2 * divide
             continue
-        if best is not None:
-            change = _change(best, experiment, p)
-            if change < SETTLED:
-                return best, experiment
+        if best is not None and _change(best, experiment, p) < SETTLED:
+            return best, experiment
         best, divide = experiment, 2 * divide
     if best is None:
-        assert fault is not None
         raise RunError(
             f"experiment '{record.name}': no step that divides the {own:g} s between samples suits the diagram: {fault}"
         ) from None
@@ -258,58 +256,40 @@ def pose(
     diagram: Diagram,
     data: Data,
     *,
-    free: Iterable[str] | None,
-    bounds: Mapping[str, Any] | None,
-    start: Mapping[str, float] | None,
-    local: Iterable[str],
-    start_states: bool,
-    constraints: Any,
-    ties: Mapping[str, str] | None,
-    priors: Mapping[str, tuple[float, float]] | None,
-    sigma: Any,
-    outputs: Sequence[str] | None,
-    window: Any,
-    step: float | None,
-    integrator: str,
-    hold: str,
-    backend: str,
+    free: Iterable[str] | None = None,
+    bounds: Mapping[str, Any] | None = None,
+    start: Mapping[str, float] | None = None,
+    local: Iterable[str] = (),
+    start_states: bool = False,
+    constraints: Any = None,
+    ties: Mapping[str, str] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    sigma: Any = None,
+    **simulation: Any,
 ) -> tuple[Problem, Setup]:
-    """The problem that a fit solves, every name checked. Arguments as for ``fit``."""
+    """The problem that a fit solves, every name checked. Arguments as for ``fit``, the rest as for ``set_up``."""
     diagram = as_diagram(diagram).with_parameters(arguments.as_mapping("start", start, "'tsm.theta': 3.0"))
-    records = recordings(data)
+    records, known = recordings(data), numbers(diagram)
     names = chosen(diagram, free)
     own = [] if local is None else chosen(diagram, local, "local")
     if arguments.as_bool("start_states", start_states):
-        own += [name for name, fields in numbers(diagram).items() if is_start(fields) and name not in own]
-    names = [k for k in numbers(diagram) if k in {*names, *own}]
-    tie = read_ties({} if ties is None else ties, list(numbers(diagram)), _named_alone(names, free))
+        own += [name for name, fields in known.items() if is_start(fields) and name not in own]
+    names = [k for k in known if k in {*names, *own}]
+    # tying a name that is freed by itself is a contradiction, while a pattern may cover tied ones
+    exact = set() if free is None else set(arguments.as_names("free", free, "tsm.*"))
+    tie = read_ties({} if ties is None else ties, list(known), [k for k in names if k in exact])
     followers = [name for name, _ in tie.items]
     names = [k for k in names if k not in followers]
     diagram = diagram.untied([*names, *followers])
-    setup = set_up(
-        diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
-    )
+    setup = set_up(diagram, records, **simulation)
     items = _items(diagram, names, own, bounds, tuple(records))
     unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
     unknowns = _delays_of_a_step(unknowns, setup)
     checked = read_constraints([] if constraints is None else constraints, list(setup.eq.p))
     weights = _weights(setup, sigma)
     _in_range(setup, weights)
-    problem = Problem(
-        unknowns,
-        constraint_functions(checked, unknowns),
-        setup.experiments,
-        weights,
-        _priors(priors, unknowns),
-        noise=1.0,
-    )
-    return problem, attrs.evolve(setup, diagram=diagram)
-
-
-def _named_alone(names: list[str], free: Any) -> list[str]:
-    """Names freed one by one: tying one of those is a contradiction, while a pattern may cover tied ones."""
-    exact = set() if free is None else set(arguments.as_names("free", free, "tsm.*"))
-    return [k for k in names if k in exact]
+    limits, prior = constraint_functions(checked, unknowns), _priors(priors, unknowns)
+    return Problem(unknowns, limits, setup.experiments, weights, prior), setup
 
 
 def _items(

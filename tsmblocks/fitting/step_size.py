@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.experiments import prepare
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import moved
@@ -23,26 +22,12 @@ FAR = 100.0
 
 def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
     """The same problem simulated at half its step. Raises RunError where that makes too many steps."""
-    made = []
-    for e, experiment in enumerate(setup.experiments):
-        fine = setup.finer[e] if setup.finer else None
-        made.append(
-            fine
-            or prepare(
-                experiment.name,
-                experiment.record,
-                setup.diagram,
-                setup.eq,
-                outputs=setup.outputs,
-                rule=experiment.rule,
-                step=experiment.times.h / 2,
-                hold=experiment.hold,
-                window=(experiment.t[0], experiment.t[-1]),
-                backend=experiment.backend,
-            )
-        )
-    trials = tuple(made)
-    return attrs.evolve(problem, experiments=trials), attrs.evolve(setup, experiments=trials, finer=())
+    finer = setup.finer or [None] * len(setup.experiments)
+    fine = tuple(
+        half or setup.prepared(e, step=experiment.times.h / 2)
+        for e, (experiment, half) in enumerate(zip(setup.experiments, finer, strict=True))
+    )
+    return attrs.evolve(problem, experiments=fine), attrs.evolve(setup, experiments=fine, finer=())
 
 
 def shifts(

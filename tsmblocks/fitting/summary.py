@@ -84,10 +84,7 @@ def summarise(problem: Problem, setup: Setup, method: str, searches: list[Optimi
 def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
     """What is known where the best search ended."""
     theta, unknowns = best.theta, problem.unknowns
-    if best.reach is None:
-        residuals, jacobian = problem.jacobian(theta)
-    else:
-        residuals, jacobian = problem.finite_difference_jacobian(theta, best.reach)
+    residuals, jacobian = problem.jacobian(theta, best.difference_steps)
     steep = ~np.isfinite(jacobian).all(axis=0)
     if steep.any():
         name = np.array(unknowns.names)[steep][0]
@@ -97,11 +94,11 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
         )
     active, gradients = active_constraints(problem, theta)
     rows = gradients if len(gradients) else None
-    prior = np.diag(problem.prior_slopes(theta)[1]) if len(problem.priors.which) else None
+    prior = np.diag(problem.prior_derivatives(theta)[1]) if len(problem.priors.which) else None
     noise = None if prior is None else problem.noise
     known = uncertainty(jacobian, residuals, problem.segments, prior=prior, noise=noise, held=rows)
-    if best.blur is not None:  # anything between two jumps is as good
-        known = attrs.evolve(known, covariance=known.covariance + np.diag(best.blur**2 / 3))
+    if best.plateau is not None:  # anything between two jumps is as good
+        known = attrs.evolve(known, covariance=known.covariance + np.diag(best.plateau**2 / 3))
     open_ = undetermined(
         jacobian,
         residuals,
@@ -161,7 +158,7 @@ def active_constraints(problem: Problem, theta: np.ndarray) -> tuple[dict[int | 
                 words[k] = f"the {side} bound of {item.name} ({bound:.4g})"
                 rows.append(np.eye(len(theta))[k])
     if problem.constraints.names:
-        values, slopes = problem.constraints.values(theta), problem.constraints.slopes(theta)
+        values, slopes = problem.constraints.values(theta), problem.constraints.jacobian(theta)
         for name, value, slope, equal in zip(
             problem.constraints.names, values, slopes, problem.constraints.equal, strict=True
         ):
