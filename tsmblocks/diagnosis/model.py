@@ -14,7 +14,7 @@ from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import starting_points
 from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.noise import Floor
-from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, within_bounds
+from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.model.diagram import Diagram
@@ -121,7 +121,9 @@ class Model:
         return self.diagram.with_parameters(own)
 
 
-def calibrate(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings, progress: Any = None) -> Model:
+def calibrate(
+    diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings, progress: Any = no_progress
+) -> Model:
     """The base model, fitted from several starting points. Raises what ``tsm.fit`` raises."""
     problem, setup = pose_model(diagram, records, settings, settings.free)
     feasible = feasible_start(problem, problem.unknowns.start)

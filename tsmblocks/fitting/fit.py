@@ -166,7 +166,7 @@ def fit(
     starts, seed = as_integer("starts", starts, 1), as_integer("seed", seed, 0)
     limit = {} if iterations is None else {"iterations": as_integer("iterations", iterations, 0)}
     report = arguments.as_callback(progress, "stage, evaluations and rms")
-    simulation = dict(outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend)
+    options: Any = dict(outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend)
     problem, setup = pose(
         diagram,
         data,
@@ -179,7 +179,7 @@ def fit(
         ties=ties,
         priors=priors,
         sigma=sigma,
-        **simulation,
+        **options,
     )
     begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
     samples, unweighted = problem.samples, sigma is None and len(problem.priors.which) > 0

@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.multistart import Box, Range, hypercube
-from tsmblocks.fitting.optimizer import CONSTRAINT_TOLERANCE, OptimizerResult, ProgressCallback
+from tsmblocks.fitting.optimizer import CONSTRAINT_TOLERANCE, OptimizerResult, ProgressCallback, no_progress
 from tsmblocks.fitting.residuals import Problem
 
 LANES = 32
@@ -329,7 +329,7 @@ def genetic_route(
     *,
     seed: int,
     iterations: int | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = no_progress,
 ) -> OptimizerResult:
     """Search the ranges, then downhill from the best set. Source: paper, section 4.
 
@@ -372,8 +372,8 @@ def genetic_route(
     return ended if ended.status == "interrupted" else _continued(problem, ended, ranges, progress)
 
 
-def _progress(progress: ProgressCallback | None, stage: str) -> Progress | None:
-    return None if progress is None else lambda count, cost: progress(stage, count, cost)
+def _progress(progress: ProgressCallback, stage: str) -> Progress:
+    return lambda count, cost: progress(stage, count, cost)
 
 
 def _violations(problem: Problem) -> Violations:
@@ -398,7 +398,7 @@ def _after(before: OptimizerResult, then: OptimizerResult) -> OptimizerResult:
 
 
 def _continued(
-    problem: Problem, ended: OptimizerResult, ranges: Sequence[Range], progress: ProgressCallback | None
+    problem: Problem, ended: OptimizerResult, ranges: Sequence[Range], progress: ProgressCallback
 ) -> OptimizerResult:
     """Continue by Gauss-Newton where a simplex cannot: along a constraint, and past a range that is no bound."""
     unknowns, theta = problem.unknowns, ended.theta

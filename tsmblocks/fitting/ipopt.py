@@ -16,7 +16,7 @@ import numpy as np
 from tsmblocks.fitting.optimizer import OptimizerResult, ProgressCallback, no_progress
 from tsmblocks.fitting.residuals import Problem
 
-OPTIONS = {
+OPTIONS: dict[str, Any] = {
     "print_time": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -178,7 +178,7 @@ def solve(program: Program, start: np.ndarray, first: Point, *, iterations: int,
     f = _Function("cost", [(n, 1), (0, 0)], [one], evaluator.cost)
     g = _Function("constraints", [(n, 1)], [values], evaluator.constraints)
     state = [(n, 1), (1, 1), (m, 1), (n, 1), (m, 1), (0, 1)]
-    functions = {
+    functions: dict[str, Any] = {
         "grad_f": _Function("grad_f", [(n, 1), (0, 0)], [one, column], evaluator.gradient),
         "jac_g": _Function("jac_g", [(n, 1), (0, 0)], [values, wide], evaluator.jacobian),
         "hess_lag": _Function("hess_lag", [(n, 1), (0, 0), (1, 1), (m, 1)], [upper], evaluator.matrix),

@@ -265,9 +265,14 @@ def pose(
     ties: Mapping[str, str] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     sigma: Any = None,
-    **simulation: Any,
+    outputs: Iterable[str] | None = None,
+    window: Any = None,
+    step: float | None = None,
+    integrator: str = "rk4",
+    hold: str = "linear",
+    backend: str = "",
 ) -> tuple[Problem, Setup]:
-    """The problem that a fit solves, every name checked. Arguments as for ``fit``, the rest as for ``set_up``."""
+    """The problem that a fit solves, every name checked. Arguments as for ``fit``."""
     diagram = as_diagram(diagram).with_parameters(arguments.as_mapping("start", start, "'tsm.theta': 3.0"))
     records, known = recordings(data), numbers(diagram)
     names = chosen(diagram, free)
@@ -275,13 +280,15 @@ def pose(
     if arguments.as_bool("start_states", start_states):
         own += [name for name, fields in known.items() if is_start(fields) and name not in own]
     names = [k for k in known if k in {*names, *own}]
-    # tying a name that is freed by itself is a contradiction, while a pattern may cover tied ones
+    # tying a name that is freed alone is a contradiction, while a pattern may cover tied ones
     exact = set() if free is None else set(arguments.as_names("free", free, "tsm.*"))
     tie = read_ties({} if ties is None else ties, list(known), [k for k in names if k in exact])
     followers = [name for name, _ in tie.items]
     names = [k for k in names if k not in followers]
     diagram = diagram.untied([*names, *followers])
-    setup = set_up(diagram, records, **simulation)
+    setup = set_up(
+        diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
+    )
     items = _items(diagram, names, own, bounds, tuple(records))
     unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
     unknowns = _delays_of_a_step(unknowns, setup)
