@@ -8,7 +8,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks import plots
 from tsmblocks.analysis import frequency_response
-from tsmblocks.plots.tracking import plot_tracking_changes
+from tsmblocks.plots.runs import plot_tracking_changes
 from tsmblocks.studies import latin_hypercube, responses, sweep
 
 pyplot = pytest.importorskip("matplotlib.pyplot", reason="the extra [plots] brings it")

@@ -487,7 +487,7 @@ def test_what_was_measured_shows_on_both_sides_of_the_models_drawn_over_it():
         float(re.search(rf"{kind}{{[^}}]*stroke-width:([.\d]+)", CSS)[1]) for kind in (".line.measured", ".line")
     )
     assert wide > 2 * model
-    drawn = re.findall(r'class="line (\w+)', figures.signals_over_time(trace("slow", 0.8), 100))
+    drawn = re.findall(r'class="line (\w+)', figures.signals_chart(trace("slow", 0.8), 100))
     assert drawn == ["measured", "before", "after"]  # what is drawn later lies on top
 
 

@@ -119,8 +119,8 @@ def _diagnosed(diagnosis: Diagnosis) -> dict[str, Any]:
         "charts": [
             figures.gap_bars(segment, gap),
             *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects)) for one in along),
-            figures.signals_over_time(worst, POINTS),
-            figures.residual_over_time(worst, gap.noise_floor, POINTS),
+            figures.signals_chart(worst, POINTS),
+            figures.residual_chart(worst, gap.noise_floor, POINTS),
         ],
     }
 

@@ -10,12 +10,14 @@ import numpy as np
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, binned, coordinates
-from tsmblocks.diagnosis.result import NamedEffect, Quantity, Segment, Trace
+from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, Segment, Trace
 from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
 
 MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
+DARKEST = 4.0
+"""Excess, in variances of the noise, at which a block of a strip is as dark as it gets. Chosen."""
 COORDINATE_UNITS = {
     "position": "{}",
     "direction": "",
@@ -109,6 +111,20 @@ def strips(trace: Trace) -> np.ndarray:
         after = np.mean((trace.after - trace.measured)[here] ** 2)
         rows.append((start, stop, square, square * after / before if before > 0 else 0.0))
     return np.array(rows)
+
+
+def darkness(square: float) -> float:
+    """How dark a block of time is in a strip, 0 to 1, given its mean square [noise variances]."""
+    return float(np.clip((square - 1) / (DARKEST - 1), 0.0, 1.0))
+
+
+def gap_rows(segment: Segment, gap: Gap) -> list[tuple[str, tuple[float, ...], tuple[float, float]]]:
+    """Rows of a chart of rms errors, ``all`` first: name, errors on validation data, first and last on fitted data."""
+    rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
+    if len(gap.experiments) > 1:
+        fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
+        rows += [(name, values, fitted[name]) for name, values in gap.experiments.items()]
+    return rows
 
 
 def by_excess(traces: Sequence[Trace]) -> list[Trace]:

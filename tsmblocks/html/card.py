@@ -30,7 +30,7 @@ def rows(
     names: Sequence[str],
     cells: Sequence[Sequence[str]],
     kinds: Sequence[str] = (),
-    most: int = MOST_ROWS,
+    most: int | None = MOST_ROWS,
     count: int | None = None,
 ) -> Markup:
     """A table of texts; a name that begins with ``l:`` is of a column that is flush left.
@@ -41,7 +41,7 @@ def rows(
     return part("table", names, cells, kinds, most, count)
 
 
-def table_of(cells: Sequence[Sequence[str]], left: Collection[int], most: int = MOST_ROWS) -> Markup:
+def table_of(cells: Sequence[Sequence[str]], left: Collection[int], most: int | None = MOST_ROWS) -> Markup:
     """The rows of a printed table, the heading first; empty columns are left out."""
     kept = [k for k in range(len(cells[0])) if any(row[k] for row in cells[1:])]
     head = [f"l:{cells[0][k]}" if k in left else cells[0][k] for k in kept]
@@ -80,14 +80,22 @@ def over_time_and_ranges(
 
 def _chart(t: np.ndarray, lines: Sequence[tuple[str, np.ndarray]], unit: str, words: str) -> Markup:
     shown = lines[:MOST_LINES]
-    frame = Frame(LEFT, 22, RIGHT, 120, ends(t), charts.spread(*(y for _, y in shown)))
-    parts = [charts.axes(frame, "t [s]", heading(shown[0][0] if len(shown) == 1 else "", unit).strip())]
-    for k, (_, y) in enumerate(shown):
-        parts.append(charts.line(frame, *charts.thinned(t, y, POINTS), f"c{k}"))
-    names = [(f"c{k}", name) for k, (name, _) in enumerate(shown)] if len(shown) > 1 else []
+    names = [name for name, _ in shown]
+    kinds = [f"c{k}" for k in range(len(shown))]
+    label = heading(names[0] if len(names) == 1 else "", unit).strip()
+    curves = [(kind, y) for kind, (_, y) in zip(kinds, shown, strict=True)]
+    drawn = time_chart(t, curves, label, f"{', '.join(names)} {words}")
     more = f"… ({len(lines)} in all)" if len(lines) > len(shown) else ""
-    said = f"{', '.join(name for name, _ in shown)} {words}"
-    return part("chart", charts.chart(parts, 152, said), names, more)
+    return part("chart", drawn, list(zip(kinds, names, strict=True)) if len(names) > 1 else [], more)
+
+
+def time_chart(
+    t: np.ndarray, lines: Sequence[tuple[str, np.ndarray]], label: str, words: str, *, zero: bool = False
+) -> Markup:
+    """A chart of lines (class, values) over time in s; ``zero`` is on its y axis too."""
+    frame = Frame(LEFT, 22, RIGHT, 120, ends(t), charts.spread(*(y for _, y in lines), zero=zero))
+    drawn = [charts.line(frame, *charts.thinned(t, y, POINTS), kind) for kind, y in lines]
+    return charts.chart([charts.axes(frame, "t [s]", label), *drawn], 152, words)
 
 
 def table_number(value: float, size: float = 0.0) -> str:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 from itertools import pairwise
+from typing import Any
 
 import attrs
 import numpy as np
@@ -36,12 +37,12 @@ class Frame:
     x: tuple[float, float]
     y: tuple[float, float]
 
-    def across(self, x: np.ndarray) -> np.ndarray:
-        """Pixels of data along x."""
+    def across(self, x: Any) -> Any:
+        """Pixels of data along x, a number or an array."""
         low, high = self.x
         return self.left + (np.asarray(x, dtype=float) - low) / (high - low) * (self.right - self.left)
 
-    def up(self, y: np.ndarray) -> np.ndarray:
+    def up(self, y: Any) -> Any:
         """Pixels of data along y."""
         low, high = self.y
         return self.bottom - (np.asarray(y, dtype=float) - low) / (high - low) * (self.bottom - self.top)
@@ -91,18 +92,24 @@ def axes(frame: Frame, x_label: str, y_label: str, *, numbers: bool = True) -> s
     """Grid, numbers and labels; without ``numbers`` none below, where another chart stands under this one."""
     parts = []
     for value in ticks(*frame.y, most=5):
-        y = float(frame.up(np.array(value)))
-        parts.append(rule(frame.left, y, frame.right, y, "grid"))
-        parts.append(text(frame.left - 4, y + 4, tick_label(value), "end"))
+        y = frame.up(value)
+        parts += [rule(frame.left, y, frame.right, y, "grid"), text(frame.left - 4, y + 4, tick_label(value), "end")]
+    parts.append(x_axis(frame, x_label, numbers=numbers))
+    if y_label:
+        parts.append(text(2, frame.top - 6, y_label))
+    return "".join(parts)
+
+
+def x_axis(frame: Frame, label: str, *, numbers: bool = True) -> str:
+    """Grid, numbers and label of the x axis."""
+    parts = []
     for value in ticks(*frame.x):
-        x = float(frame.across(np.array(value)))
+        x = frame.across(value)
         parts.append(rule(x, frame.top, x, frame.bottom, "grid"))
         if numbers:
             parts.append(text(x, frame.bottom + 14, tick_label(value), "middle"))
-    if numbers and x_label:
-        parts.append(text(frame.right, frame.bottom + 28, x_label, "end"))
-    if y_label:
-        parts.append(text(2, frame.top - 6, y_label))
+    if numbers and label:
+        parts.append(text(frame.right, frame.bottom + 28, label, "end"))
     return "".join(parts)
 
 
@@ -116,8 +123,7 @@ def line(frame: Frame, x: np.ndarray, y: np.ndarray, kind: str) -> str:
     if not len(x):
         return ""
     across, up = frame.across(x), np.clip(frame.up(y), frame.top - 2, frame.bottom + 2)
-    pieces, old = list[str](), ""
-    begin = True
+    pieces, old, begin = list[str](), "", True
     for a, b in zip(across, up, strict=True):
         if not (math.isfinite(a) and math.isfinite(b)):
             begin = True
@@ -131,8 +137,8 @@ def line(frame: Frame, x: np.ndarray, y: np.ndarray, kind: str) -> str:
 
 def band(frame: Frame, low: float, high: float, kind: str) -> str:
     """A band across the whole width between two values."""
-    top, bottom = np.clip(frame.up(np.array([high, low])), frame.top, frame.bottom)
-    return box(frame.left, float(top), frame.right - frame.left, float(bottom - top), kind)
+    top, bottom = np.clip(frame.up([high, low]), frame.top, frame.bottom)
+    return box(frame.left, top, frame.right - frame.left, bottom - top, kind)
 
 
 def area(frame: Frame, x: np.ndarray, low: np.ndarray, high: np.ndarray, kind: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from tsmblocks.data import heading
-from tsmblocks.diagnosis.presentation import Profile, digits, display_unit, fitted_rms, output_traces, strips
+from tsmblocks.diagnosis.presentation import Profile, darkness, digits, display_unit, gap_rows, strips
 from tsmblocks.diagnosis.result import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.html import charts
@@ -14,9 +14,7 @@ from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
 from tsmblocks.model.diagram import Diagram
 
 BAR, SPACE = 9, 9
-"""Height of a bar, and space between the bars of experiments."""
-DARKEST = 4.0
-"""Excess, in variances of the noise, at which a strip is as dark as it gets."""
+"""Height of a bar, and space between the bars of experiments [pixels]."""
 KINDS = ("measured", "before", "after")
 """Classes of lines, which give their colours."""
 CORNERS = 4
@@ -29,26 +27,18 @@ CORNERS = 4
 def gap_bars(segment: Segment, gap: Gap) -> Markup:
     """Rms error of each experiment on validation data before and after each effect; hollow bars: on fitted data."""
     k, unit = display_unit(gap.unit)
-    fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
-    rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
-    if len(gap.experiments) > 1:
-        rows += [(name, values, fitted[name]) for name, values in gap.experiments.items()]
-    count = len(gap.held_out)
+    rows, count = gap_rows(segment, gap), len(gap.held_out)
     names = min(max(charts.width_of(name) for name, _, _ in rows) + 8, 112)
     tall = count * BAR + SPACE
     top, bottom = 24.0, 24.0 + tall * len(rows)
     largest = max(max(*values, *train) for _, values, train in rows)
     frame = Frame(names, top, RIGHT - 40, bottom, (0.0, k * max(largest, gap.noise_floor) * 1.02), (0.0, 1.0))
-    parts = [_grid(frame, heading(f"rms of {gap.output}", unit))]
+    parts = [charts.x_axis(frame, heading(f"rms of {gap.output}", unit))]
     for place, (name, values, train) in enumerate(rows):
-        y = top + tall * place + SPACE / 2
-        parts.append(
-            charts.text(
-                names - 6, y + count * BAR / 2 + 4, charts.cut(name, names - 8), "end", "strong" if not place else ""
-            )
-        )
+        y, kind = top + tall * place + SPACE / 2, "" if place else "strong"
+        parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, charts.cut(name, names - 8), "end", kind))
         parts += _bars(frame, y, k, values, train)
-    x = float(frame.across(np.array(k * gap.noise_floor)))
+    x = frame.across(k * gap.noise_floor)
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
     parts.append(charts.text(x, top - 9, f"noise {digits(k * gap.noise_floor)}", "middle", "floor"))
     words = f"rms error of {gap.output} on validation data, {' then '.join(column_titles(segment))}"
@@ -57,104 +47,81 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
 
 def _bars(frame: Frame, y: float, k: float, values: tuple[float, ...], train: tuple[float, float]) -> list[str]:
     """The bars of one experiment: base first, a hollow one where the same model was fitted."""
-    parts, count = [], len(values)
+    parts, last = [], len(values) - 1
     for step, value in enumerate(values):
-        end = float(frame.across(np.array(k * value)))
-        kind = step_class(step, count)
-        parts.append(charts.box(frame.left, y + step * BAR, end - frame.left, BAR - 1.5, f"fill {kind}"))
-        own = train[0] if step == 0 else train[1] if step == count - 1 else None
+        top, end = y + step * BAR, frame.across(k * value)
+        kind = "after" if step == last else "between"
+        parts.append(charts.box(frame.left, top, end - frame.left, BAR - 1.5, f"fill {kind if step else 'before'}"))
         edge = end
-        if own is not None:
-            edge = float(frame.across(np.array(k * own)))
-            parts.append(charts.box(frame.left, y + step * BAR + 0.5, edge - frame.left, BAR - 2.5, "hollow"))
-        parts.append(charts.text(max(end, edge) + 4, y + step * BAR + BAR - 1.5, digits(k * value), kind="small"))
+        if step in (0, last):
+            edge = frame.across(k * train[1 if step else 0])
+            parts.append(charts.box(frame.left, top + 0.5, edge - frame.left, BAR - 2.5, "hollow"))
+        parts.append(charts.text(max(end, edge) + 4, top + BAR - 1.5, digits(k * value), kind="small"))
     return parts
-
-
-def step_class(step: int, count: int) -> str:
-    """The colour of a model: the base, the last one, or one between."""
-    return "before" if step == 0 else "after" if step == count - 1 else "between"
-
-
-def _grid(frame: Frame, label: str) -> str:
-    parts = []
-    for value in charts.ticks(*frame.x):
-        x = float(frame.across(np.array(value)))
-        parts.append(charts.rule(x, frame.top, x, frame.bottom, "grid"))
-        parts.append(charts.text(x, frame.bottom + 14, charts.tick_label(value), "middle"))
-    parts.append(charts.text(frame.right, frame.bottom + 28, label, "end"))
-    return "".join(parts)
 
 
 # ---- one experiment ------------------------------------------------------------------------------
 
 
-def signals_over_time(trace: Trace, count: int) -> Markup:
-    """The measured signal and those of the base and the final model, over time."""
+def signals_chart(trace: Trace, count: int, over: Diagram | None = None) -> Markup:
+    """The measured signal and those of the base and the final model, over time or over the input of a diagram.
+
+    ``count`` is that of the points of a line over time.
+    """
     k, unit = display_unit(trace.unit)
-    signals = [k * trace.measured, *(k * y for y in _models(trace))]
-    frame = Frame(LEFT, 22, RIGHT, 150, ends(trace.t), charts.spread(*signals))
-    parts = [charts.axes(frame, "t [s]", heading(trace.output, unit))]
-    for kind, y in zip(KINDS, signals, strict=False):
-        parts.append(charts.line(frame, *charts.thinned(trace.t, y, count), kind))
-    return charts.chart(parts, 184, f"{trace.output} of {trace.experiment} over time, measured and simulated")
+    x, x_label, limits = _abscissa(trace, over)
+    signals = [k * y for y in (trace.measured, *_models(trace))]
+    frame = Frame(LEFT, 22, RIGHT, 150, limits, charts.spread(*signals))
+    parts = [charts.axes(frame, x_label, heading(trace.output, unit))]
+    parts += [_line(frame, x, y, count, kind, over) for kind, y in zip(KINDS, signals, strict=False)]
+    words = f"{trace.output} of {trace.experiment} over time, measured and simulated"
+    return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}" if over else words)
 
 
-def residual_over_time(trace: Trace, noise: float, count: int) -> Markup:
-    """The residual over time before and after, the noise as a band, and the excess of each block as a strip."""
+def residual_chart(trace: Trace, noise: float, count: int, over: Diagram | None = None) -> Markup:
+    """The residual before and after, the noise as a band, over time or over the input of a diagram.
+
+    Over time the excess of each block of time is drawn above it; a loop over the input is one that the model lacks.
+    """
     k, unit = display_unit(trace.unit)
+    x, x_label, limits = _abscissa(trace, over)
     residuals = [k * (trace.measured - y) for y in _models(trace)]
-    frame = Frame(LEFT, 46, RIGHT, 150, ends(trace.t), charts.spread(*residuals, zero=True))
-    parts = [charts.axes(frame, "t [s]", ""), charts.band(frame, -2 * k * noise, 2 * k * noise, "noise")]
+    frame = Frame(LEFT, 22 if over else 46, RIGHT, 150, limits, charts.spread(*residuals, zero=True))
+    parts = [charts.axes(frame, x_label, ""), charts.band(frame, -2 * k * noise, 2 * k * noise, "noise")]
     parts.append(charts.text(2, 12, heading(f"residual of {trace.output}", unit)))
     for kind, y in zip(KINDS[1:], residuals, strict=False):
-        parts.append(charts.line(frame, *charts.thinned(trace.t, y, count), f"{kind} thin"))
+        parts.append(_line(frame, x, y, count, f"{kind} thin", over))
+    if over:
+        return charts.chart(parts, 184, f"residual of {trace.output} over {trace.drive_name} in {trace.experiment}")
     parts += _strip(trace, frame)
     return charts.chart(parts, 184, f"residual of {trace.output} in {trace.experiment} over time")
+
+
+def _abscissa(trace: Trace, over: Diagram | None) -> tuple[np.ndarray, str, tuple[float, float]]:
+    """Values along x, their label, and the ends of the axis."""
+    if over is None:
+        return trace.t, "t [s]", ends(trace.t)
+    k, unit = display_unit(over.unit(trace.drive_name))
+    return k * trace.drive, heading(trace.drive_name, unit), charts.spread(k * trace.drive)
+
+
+def _line(frame: Frame, x: np.ndarray, y: np.ndarray, count: int, kind: str, over: Diagram | None) -> str:
+    corners = charts.traced(frame, x, y, CORNERS * count) if over else charts.thinned(x, y, count)
+    return charts.line(frame, *corners, kind)
 
 
 def _strip(trace: Trace, frame: Frame) -> list[str]:
     """A row of blocks before, and one after if an effect is reported: the darker, the further above the noise."""
     parts, rows = [], list(zip((20, 31), KINDS[1:], _models(trace), strict=False))
     for start, stop, *squares in strips(trace):
-        x, end = (float(v) for v in np.clip(frame.across(np.array([start, stop])), frame.left, frame.right))
+        x, end = np.clip(frame.across(np.array([start, stop])), frame.left, frame.right)
         for (y, kind, _), square in zip(rows, squares, strict=False):
-            dark = min(max((square - 1) / (DARKEST - 1), 0.0), 1.0)
-            parts.append(charts.box(x, y, end - x - 0.5, 9, f"fill {kind}", f' fill-opacity="{dark:.2f}"'))
+            opacity = f' fill-opacity="{darkness(square):.2f}"'
+            parts.append(charts.box(x, y, end - x - 0.5, 9, f"fill {kind}", opacity))
             parts.append(charts.box(x, y, end - x - 0.5, 9, "cell"))
     for y, kind, _ in rows:
         parts.append(charts.text(LEFT - 4, y + 8, kind, "end", "small"))
     return parts
-
-
-def output_over_input(trace: Trace, diagram: Diagram, count: int) -> Markup:
-    """The output over the input, measured and simulated."""
-    k, unit = display_unit(trace.unit)
-    k_in, unit_in = display_unit(diagram.unit(trace.drive_name))
-    x, signals = k_in * trace.drive, [k * trace.measured, *(k * y for y in _models(trace))]
-    frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*signals))
-    parts = [charts.axes(frame, heading(trace.drive_name, unit_in), heading(trace.output, unit))]
-    for kind, y in zip(KINDS, signals, strict=False):
-        parts.append(charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), kind))
-    return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}")
-
-
-def residual_over_input(trace: Trace, diagram: Diagram, noise: float, count: int) -> Markup:
-    """The residual over the input, before and after: a loop here is a loop that the model lacks."""
-    k, unit = display_unit(trace.unit)
-    k_in, unit_in = display_unit(diagram.unit(trace.drive_name))
-    x, residuals = k_in * trace.drive, [k * (trace.measured - y) for y in _models(trace)]
-    frame = Frame(LEFT, 22, RIGHT, 150, charts.spread(x), charts.spread(*residuals, zero=True))
-    parts = [
-        charts.axes(frame, heading(trace.drive_name, unit_in), ""),
-        charts.band(frame, -2 * k * noise, 2 * k * noise, "noise"),
-        charts.text(2, 12, heading(f"residual of {trace.output}", unit)),
-    ]
-    parts += [
-        charts.line(frame, *charts.traced(frame, x, y, CORNERS * count), f"{kind} thin")
-        for kind, y in zip(KINDS[1:], residuals, strict=False)
-    ]
-    return charts.chart(parts, 184, f"residual of {trace.output} over {trace.drive_name} in {trace.experiment}")
 
 
 def _models(trace: Trace) -> list[np.ndarray]:
@@ -173,7 +140,7 @@ def residual_over_coordinate(curve: Profile, *, explained: bool) -> Markup:
     wide = [before, before - k * curve.error_before, before + k * curve.error_before]
     frame = Frame(LEFT, 22, RIGHT, 170, charts.spread(x), charts.spread(*wide, after, zero=True))
     parts = [charts.axes(frame, heading(curve.coordinate, unit_in), heading("mean residual", unit))]
-    zero = float(frame.up(np.array(0.0)))
+    zero = frame.up(0.0)
     parts.append(charts.rule(LEFT, zero, RIGHT, zero, "zero"))
     if explained:
         parts.append(charts.line(frame, x, k * curve.explained, "explained"))

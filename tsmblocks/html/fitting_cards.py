@@ -13,9 +13,7 @@ from tsmblocks.fitting.compare import Comparison
 from tsmblocks.fitting.result import STATUS, Fit
 from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.text import cautions, estimate_rows, left_rows, ranking_rows, row_doubts
-from tsmblocks.html import charts
-from tsmblocks.html.card import POINTS, card, listed, table_of
-from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
+from tsmblocks.html.card import card, listed, table_of, time_chart
 from tsmblocks.html.pages import part
 
 view = functools.singledispatch(no_view)
@@ -75,19 +73,9 @@ def _chart(one: Difference, before: str = "") -> str:
     """One output of one experiment over time: measured, simulated, and the residual."""
     k, unit = units.display_unit(one.unit)
     measured, simulated, left = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
-    above = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(measured, simulated))
-    below = Frame(LEFT, 22, RIGHT, 120, ends(one.t), charts.spread(left, zero=True))
-    first = [
-        charts.axes(above, "t [s]", heading(f"{before}{one.experiment}, {one.output}", unit)),
-        charts.line(above, *charts.thinned(one.t, measured, POINTS), "measured"),
-        charts.line(above, *charts.thinned(one.t, simulated, POINTS), "c0"),
-    ]
-    second = [
-        charts.axes(below, "t [s]", heading("residual", unit)),
-        charts.line(below, *charts.thinned(one.t, left, POINTS), "c1"),
-    ]
-    both = (
-        charts.chart(first, 152, f"{one.output} of {one.experiment} over time, measured and simulated"),
-        charts.chart(second, 152, f"residual of {one.output} in {one.experiment} over time"),
-    )
-    return part("charts", both) + part("key", [("measured", "measured"), ("c0", "simulated")])
+    title = heading(f"{before}{one.experiment}, {one.output}", unit)
+    words = f"{one.output} of {one.experiment} over time, measured and simulated"
+    above = time_chart(one.t, [("measured", measured), ("c0", simulated)], title, words)
+    words = f"residual of {one.output} in {one.experiment} over time"
+    below = time_chart(one.t, [("c1", left)], heading("residual", unit), words, zero=True)
+    return part("charts", (above, below)) + part("key", [("measured", "measured"), ("c0", "simulated")])

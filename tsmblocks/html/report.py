@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -12,6 +12,7 @@ from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
+    DARKEST,
     by_excess,
     digits,
     display_unit,
@@ -37,12 +38,14 @@ from tsmblocks.diagnosis.verdict_text import percent, segments_by_verdict, verdi
 from tsmblocks.draw import to_svg
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.html import figures
+from tsmblocks.html.card import table_of
 from tsmblocks.html.pages import rendered, sentence
 
 MAX_TOTAL_POINTS = 12000
 """Points of one line in all traces together. Chosen: the page stays small."""
 MAX_POINTS, MIN_POINTS = 500, 100
 """Points of one line at most and at least. Chosen."""
+LINE_BREAK = Markup("<br>")
 WORDS = {"named": "Found", "unknown": "Unknown effect", "none": "Nothing missing"}
 
 
@@ -61,7 +64,7 @@ def page(diagnosis: Diagnosis) -> str:
             "between": any(len(s.effects) > 1 for s in segments),
         },
         disagreement=lambda segment: _disagreement(diagnosis, segment),
-        darkest=f"{figures.DARKEST:g}",
+        darkest=f"{DARKEST:g}",
         rounds=[one for s in segments for one in _rounds(s, len(diagnosis.experiments))],
         blocks=[(e.block, e.words, e.wire.strip(), _numbers(diagnosis, e)) for e in effects],
         drawn=to_svg(diagnosis.base),
@@ -103,30 +106,22 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
     """Profiles of each output of a segment, the experiment that is worst, and the others to be opened."""
     count = sum(len(output_traces(s, g.output)) for s in diagnosis.segments for g in s.gaps)
     points = max(MIN_POINTS, min(MAX_POINTS, MAX_TOTAL_POINTS // max(count, 1)))
+    explained = bool(segment.effects)
     for gap in segment.gaps:
         profiles = [profile(segment, gap.output, w.coordinate, diagnosis.base) for w in segment.where[:2]]
-        worst, *others = [
-            _experiment(diagnosis, gap, one, points) for one in by_excess(output_traces(segment, gap.output))
-        ]
-        yield {
-            "name": gap.output,
-            "profiles": [
-                figures.residual_over_coordinate(one, explained=bool(segment.effects)) for one in profiles if one
-            ],
-            "worst": worst,
-            "others": others,
-        }
+        traces = by_excess(output_traces(segment, gap.output))
+        worst, *others = [_experiment(diagnosis, gap, one, points) for one in traces]
+        drawn = [figures.residual_over_coordinate(one, explained=explained) for one in profiles if one]
+        yield {"name": gap.output, "profiles": drawn, "worst": worst, "others": others}
 
 
 def _experiment(diagnosis: Diagnosis, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
     k, unit = display_unit(trace.unit)
     before, after = (digits(k * v) for v in fitted_rms(trace))
-    charts = [figures.signals_over_time(trace, points), figures.residual_over_time(trace, gap.noise_floor, points)]
-    if len(trace.drive):
-        charts += [
-            figures.output_over_input(trace, diagnosis.base, points),
-            figures.residual_over_input(trace, diagnosis.base, gap.noise_floor, points),
-        ]
+    charts = []
+    for over in [None, diagnosis.base] if len(trace.drive) else [None]:
+        charts.append(figures.signals_chart(trace, points, over))
+        charts.append(figures.residual_chart(trace, gap.noise_floor, points, over))
     change = f"rms {before} → {after} {unit}" if before != after else f"rms {before} {unit}"
     return {"experiment": trace.experiment, "output": trace.output, "rms": change, "charts": charts}
 
@@ -143,34 +138,22 @@ def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
             "number": number,
             "fitted": [_ranked(r, experiments) for r in fitted],
             "kinds": ["named" if r.named else "" for r in fitted],
-            "rest": [(candidate_title(r), r.family, r.wire.strip(), percent(r.share)) for r in rows if not r.fitted],
+            "rest": [(*_where(r), percent(r.share)) for r in rows if not r.fitted],
         }
 
 
 def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
-    values = [
-        Markup("{} {}{}").format(
-            name,
-            in_display_units(value, r.units.get(name, "")),
-            Markup(" <small>at its bound</small>") if name in r.at_bound else "",
-        )
-        for name, value in r.parameters.items()
-    ]
+    values = []
+    for name, value in r.parameters.items():
+        text = Markup("{} {}").format(name, in_display_units(value, r.units.get(name, "")))
+        values.append(text + Markup(" <small>at its bound</small>") if name in r.at_bound else text)
     said = "named" if r.named else "indistinguishable from it" if r.in_set else ""
-    where = (candidate_title(r), r.family, r.wire.strip())
-    return (
-        *where,
-        _lines(values),
-        percent(r.share),
-        percent(share_across_experiments(r, experiments)),
-        f"{r.t:.1f}",
-        f"{r.line:.1f}",
-        said,
-    )
+    shares = (percent(r.share), percent(share_across_experiments(r, experiments)))
+    return (*_where(r), LINE_BREAK.join(values), *shares, f"{r.t:.1f}", f"{r.line:.1f}", said)
 
 
-def _lines(texts: Iterable[str]) -> Markup:
-    return Markup("<br>").join(texts)
+def _where(r: RankedCandidate) -> tuple[str, ...]:
+    return candidate_title(r), r.family, r.wire.strip()
 
 
 def _marked(diagnosis: Diagnosis) -> str:
@@ -189,18 +172,15 @@ def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:
         if block == effect.block and name not in effect.parameters and not is_start(known[full]):
             text = in_display_units(value, unit_of(diagnosis.augmented, full))
             shown.append(Markup("<small>{} {} (not fitted)</small>").format(name, text))
-    return _lines(shown)
+    return LINE_BREAK.join(shown)
 
 
 def _own_numbers(segment: Segment) -> dict[str, Any]:
     """The diagram's own parameters with intervals, and the cautions of a fit."""
     head, *rows = parameter_rows(segment) or [()]
-    kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
-    return {
-        "names": [f"{'l:' if k in (0, 4, 6) else ''}{head[k]}" for k in kept],
-        "rows": [[sentence(row[k]) for k in kept] for row in rows],
-        "cautions": [sentence(text) for text in segment.cautions],
-    }
+    cells = [head, *([sentence(text) for text in row] for row in rows)]
+    cautions = [sentence(text) for text in segment.cautions]
+    return {"table": table_of(cells, {0, 4, 6}, None) if rows else "", "cautions": cautions}
 
 
 # ---- limits, control, provenance --------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -69,11 +70,10 @@ def _spread(results: Results, name: str) -> str:
         return ""
     counts, edges = np.histogram(values, bins=min(BARS, max(4, int(np.sqrt(len(values))))))
     frame = Frame(LEFT, 22, RIGHT, 100, (float(edges[0]), float(edges[-1])), (0.0, float(counts.max()) * 1.05))
-    across = frame.across(edges)
-    up = frame.up(counts)
+    sides = pairwise(frame.across(edges))
     bars = [
         charts.box(x, y, end - x - 1, frame.bottom - y, "bar")
-        for x, end, y in zip(across, across[1:], up, strict=False)
+        for (x, end), y in zip(sides, frame.up(counts), strict=True)
     ]
     return charts.chart([charts.axes(frame, heading(name, unit), "runs"), *bars], 132, f"distribution of {name}")
 

@@ -1,7 +1,6 @@
-"""Figures. Angles are stored in rad and shown in deg, as the paper shows them.
+"""Figures. Every function draws on the axes it is given, or makes a figure, and returns the figure.
 
-Every function draws on the axes it is given, or makes a figure, and returns the figure. Needs
-matplotlib, imported when a figure is made.
+Angles are stored in rad and shown in deg, as the paper shows them. Needs matplotlib, imported when a figure is made.
 """
 
 import functools

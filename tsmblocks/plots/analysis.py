@@ -1,17 +1,15 @@
-"""Figures of analysis: the frequency response of a diagram to sines of several amplitudes.
-
-Needs matplotlib, imported when a figure is made.
-"""
+"""Figures of analysis: the frequency response of a diagram to sines of several amplitudes."""
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 
 from tsmblocks.analysis.frequency_response import FrequencyResponse
 from tsmblocks.data import heading
-from tsmblocks.plots.panels import COLOURS, axes, decimal, dress, shown
+from tsmblocks.plots.panels import COLOURS, LEGEND, axes, decimal, dress, head, shown
 
 
 def plot_frequency_response(response: FrequencyResponse, ax: Any = None) -> Any:
@@ -25,47 +23,19 @@ def plot_frequency_response(response: FrequencyResponse, ax: Any = None) -> Any:
     gain = np.where(response.gain > 0, response.gain, np.nan)  # there is no zero on an axis of decades
     rows = ((gain, "gain"), (response.phase, "phase [deg]"), (100 * response.distortion, "distortion [%]"))
     for panel, (values, label) in zip(panels, rows, strict=True):
-        for k, (amplitude, line) in enumerate(zip(sizes, values, strict=True)):
-            panel.semilogx(
-                response.frequencies,
-                line,
-                "o-",
-                ms=3,
-                lw=1.2,
-                color=COLOURS[k % len(COLOURS)],
-                label=f"{amplitude:.3g}",
-            )
-        panel.set_ylabel(label)
-        dress(panel, legend=False)
-    _mark_undefined(panels[0], response.frequencies, gain)
+        for amplitude, line, colour in zip(sizes, values, cycle(COLOURS), strict=False):
+            panel.semilogx(response.frequencies, line, "o-", ms=3, lw=1.2, color=colour, label=f"{amplitude:.3g}")
+        dress(panel, ylabel=label)
+    for line, colour in zip(gain, cycle(COLOURS), strict=False):
+        undefined = response.frequencies[np.isnan(line)]
+        if len(undefined):
+            across = panels[0].get_xaxis_transform()
+            mark: dict[str, Any] = dict(ms=5, color=colour, clip_on=False, transform=across, label="_no answer")
+            panels[0].plot(undefined, np.zeros(len(undefined)), "x", **mark)
     panels[0].set_yscale("log")
-    decimal(panels[0].yaxis)
-    for panel in panels:
-        decimal(panel.xaxis)
+    for axis in (panels[0].yaxis, *(panel.xaxis for panel in panels)):
+        decimal(axis)
     panels[-1].set_xlabel("frequency [Hz]")
-    panels[0].legend(
-        title=heading(f"size of {response.driven}", unit),
-        frameon=False,
-        fontsize=9,
-        loc="center left",
-        bbox_to_anchor=(1.0, 0.5),
-    )
-    panels[0].set_title(f"{response.title}: {response.output} over {response.driven}", loc="left", fontsize=11)
+    panels[0].legend(title=heading(f"size of {response.driven}", unit), **LEGEND)
+    head(panels[0], f"{response.title}: {response.output} over {response.driven}", 11)
     return panels[0].figure
-
-
-def _mark_undefined(panel: Any, frequencies: np.ndarray, gain: np.ndarray) -> None:
-    """A cross at each frequency without a gain (amplitudes by frequencies), at the lower edge of the panel."""
-    for k, line in enumerate(gain):
-        none = frequencies[np.isnan(line)]
-        if len(none):
-            panel.plot(
-                none,
-                np.zeros(len(none)),
-                "x",
-                ms=5,
-                color=COLOURS[k % len(COLOURS)],
-                clip_on=False,
-                transform=panel.get_xaxis_transform(),
-                label="_no answer",
-            )

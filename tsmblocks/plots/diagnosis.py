@@ -1,11 +1,4 @@
-"""Figures of diagnoses: errors and residuals before and after.
-
-A whole diagnosis is one figure; each panel can also be drawn alone, on axes of one's own:
-
-    plot_gap(diagnosis, ax)
-
-Every function returns the figure. Angles are shown in deg. Needs matplotlib, imported when a figure is made.
-"""
+"""Figures of diagnoses: errors and residuals before and after, in one figure or a panel at a time."""
 
 from __future__ import annotations
 
@@ -15,15 +8,15 @@ import numpy as np
 
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
-from tsmblocks.diagnosis.presentation import by_excess, display_unit, fitted_rms, output_traces, profile, strips
+from tsmblocks.diagnosis.presentation import by_excess, darkness, display_unit, gap_rows, output_traces, profile, strips
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.diagnosis.verdict_text import worst_gap
-from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet
+from tsmblocks.plots.panels import COLOURS, INK, PALE, SMALL, axes, dress, head, sheet
 
 BEFORE, AFTER, NOISE = COLOURS[1], COLOURS[0], COLOURS[2]
-DARKEST = 4.0
-"""Excess, in variances of the noise, at which the strip is as dark as it gets."""
+BELOW: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.16), **SMALL}
+"""Place of a legend below a panel."""
 
 
 def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
@@ -41,8 +34,8 @@ def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
         _traces(row[1], trace, gap)
         _loop(row[2], trace, diagnosis)
         _along(row[3], segment, gap, diagnosis)
-        row[0].set_title(f"{segment.name}: {segment.verdict}", loc="left", fontsize=10, fontweight="bold")
-        row[1].set_title(trace.experiment, loc="left", fontsize=10)
+        head(row[0], f"{segment.name}: {segment.verdict}", fontweight="bold")
+        head(row[1], trace.experiment)
     names = ", ".join(e.name for e in diagnosis.effects)
     if ax is None:
         figure.suptitle(f"{diagnosis.diagram}: {names or diagnosis.verdict}", x=0.01, ha="left", fontsize=11)
@@ -86,38 +79,28 @@ def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
         return traces[0]
     matching = [one for one in traces if one.experiment == experiment]
     if not matching:
-        raise TsmError(
-            f"there is no experiment '{experiment}' in this diagnosis."
-            f"{near(experiment, [one.experiment for one in traces])}"
-        )
+        hint = near(experiment, [one.experiment for one in traces])
+        raise TsmError(f"there is no experiment '{experiment}' in this diagnosis.{hint}")
     return matching[0]
 
 
 def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
     k, unit = display_unit(gap.unit)
-    fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
-    rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
-    if len(gap.experiments) > 1:
-        rows += [(name, values, fitted[name]) for name, values in gap.experiments.items()]
-    names, count = column_titles(segment), len(gap.held_out)
-    tall = 0.8 / count
+    rows, names, last = gap_rows(segment, gap), column_titles(segment), len(gap.held_out) - 1
+    tall = 0.8 / len(gap.held_out)
     for step, name in enumerate(names):
         places = np.arange(len(rows)) + step * tall - 0.4 + tall / 2
-        colour = BEFORE if step == 0 else AFTER
-        between = 0.5 if 0 < step < count - 1 else 1.0
-        panel.barh(
-            places, [k * values[step] for _, values, _ in rows], 0.9 * tall, color=colour, alpha=between, label=name
-        )
-        if step in (0, count - 1):
-            own = [k * train[0 if step == 0 else 1] for _, _, train in rows]
+        errors = [k * values[step] for _, values, _ in rows]
+        pale = 0.5 if 0 < step < last else 1.0
+        panel.barh(places, errors, 0.9 * tall, color=AFTER if step else BEFORE, alpha=pale, label=name)
+        if step in (0, last):
+            own = [k * train[1 if step else 0] for _, _, train in rows]
             panel.barh(places, own, 0.9 * tall, fill=False, edgecolor=INK, lw=0.8, label="" if step else "as fitted")
     panel.axvline(k * gap.noise_floor, color=NOISE, ls="--", lw=1.2, label="noise")
     panel.set_yticks(range(len(rows)), [name for name, _, _ in rows])
     panel.invert_yaxis()
     panel.locator_params(axis="x", nbins=4)
-    panel.set_xlabel(heading(f"rms of {gap.output} on validation data", unit))
-    dress(panel, legend=False)
-    panel.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=2)
+    dress(panel, heading(f"rms of {gap.output} on validation data", unit), legend={**BELOW, "ncols": 2})
 
 
 def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
@@ -129,37 +112,28 @@ def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
     if not np.array_equal(*left):
         panel.plot(trace.t, left[1], color=AFTER, lw=0.8, label="after")
     reach = max(float(np.abs(left[0]).max()), noise)
-    for start, stop, before, after in strips(trace):
-        for row, (square, colour) in enumerate(((before, BEFORE), (after, AFTER))):
-            dark = float(np.clip((square - 1) / (DARKEST - 1), 0.0, 1.0))
-            low = reach * (1.22 - 0.1 * row)
-            panel.fill_between([start, stop], low, low + 0.09 * reach, color=colour, alpha=dark, lw=0)
-    panel.set_ylabel(heading(f"residual of {trace.output}", unit))
-    panel.set_xlabel("t [s]")
-    dress(panel, legend=False)
-    panel.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=3)
+    for start, stop, *squares in strips(trace):
+        for low, square, colour in zip((1.22 * reach, 1.12 * reach), squares, (BEFORE, AFTER), strict=True):
+            panel.fill_between([start, stop], low, low + 0.09 * reach, color=colour, alpha=darkness(square), lw=0)
+    dress(panel, "t [s]", heading(f"residual of {trace.output}", unit), legend={**BELOW, "ncols": 3})
 
 
 def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
     k, unit = display_unit(trace.unit)
+    x, label = trace.t, "t [s]"
     if len(trace.drive):
         k_in, unit_in = display_unit(diagnosis.base.unit(trace.drive_name))
         x, label = k_in * trace.drive, heading(trace.drive_name, unit_in)
-    else:
-        x, label = trace.t, "t [s]"
     here = _worst_stretch(trace)
-    for y, colour, width, name in (
-        (trace.measured, PALE, 4.0, "measured"),
-        (trace.before, BEFORE, 1.0, "before"),
-        (trace.after, AFTER, 1.0, "after"),
+    for name, y, colour, width in (
+        ("measured", trace.measured, PALE, 4.0),
+        ("before", trace.before, BEFORE, 1.0),
+        ("after", trace.after, AFTER, 1.0),
     ):
         panel.plot(x[here], k * y[here], color=colour, lw=width, label=name)
-    panel.set_title(f"{trace.t[here][0]:.3g} s to {trace.t[here][-1]:.3g} s", loc="left", fontsize=10)
+    head(panel, f"{trace.t[here][0]:.3g} s to {trace.t[here][-1]:.3g} s")
     panel.locator_params(axis="x", nbins=5)
-    panel.set_xlabel(label)
-    panel.set_ylabel(heading(trace.output, unit))
-    dress(panel, legend=False)
-    panel.legend(fontsize=8, frameon=False)
+    dress(panel, label, heading(trace.output, unit), legend=SMALL)
 
 
 def _worst_stretch(trace: Trace) -> slice:
@@ -186,7 +160,4 @@ def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None
         panel.errorbar(x, k * curve.after, k * curve.error_after, fmt="o", ms=3, color=AFTER, lw=1, label="after")
     panel.errorbar(x, k * curve.before, k * curve.error_before, fmt="o", ms=3, color=BEFORE, lw=1, label="before")
     panel.axhline(0.0, color=INK, lw=0.6)
-    panel.set_xlabel(heading(curve.coordinate, unit_in))
-    panel.set_ylabel(heading("mean residual", unit))
-    dress(panel, legend=False)
-    panel.legend(fontsize=8, frameon=False)
+    dress(panel, heading(curve.coordinate, unit_in), heading("mean residual", unit), legend=SMALL)

@@ -1,10 +1,8 @@
 """Figures of fits: measured and simulated signals, residuals and their autocorrelation, models compared.
 
-A whole fit is one figure; each of its four panels can also be drawn alone, on axes of one's own:
+A whole fit is one figure; each of its four panels can also be drawn alone:
 
     plot_residual(fit.differences["bend 60"], ax)
-
-Every function returns the figure. Angles are shown in deg. Needs matplotlib, imported when a figure is made.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from tsmblocks.fitting.compare import Comparison, overall
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.statistics import whiteness
-from tsmblocks.plots.panels import COLOURS, INK, LEGEND, PALE, axes, dress, sheet, shown
+from tsmblocks.plots.panels import COLOURS, INK, INSIDE, LEGEND, PALE, SMALL, axes, dress, head, sheet, shown
 
 MOST = 8
 """Experiments and outputs drawn; more would be too small to read."""
@@ -29,8 +27,6 @@ LAGS = 500
 """Samples up to which the autocorrelation is drawn."""
 MARKS = "osD^vPX*"
 """Markers of files, beside their colours."""
-ABOVE: dict[str, Any] = {"loc": "outside upper right", "frameon": False, "fontsize": 9}
-"""Where the one legend of a figure with many panels stands."""
 
 
 def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
@@ -45,15 +41,14 @@ def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
     for row, one in zip(panels, rows, strict=True):
         for panel, draw in zip(row, (_history, _residual, _loop, _autocorrelation), strict=True):
             draw(panel, one)
-        row[0].set_title(f"{one.experiment}, {one.output}", loc="left", fontsize=10, fontweight="bold")
-        row[1].set_title(f"residual: {_in_figures(one)}", loc="left", fontsize=10)
-        row[3].set_title("autocorrelation", loc="left", fontsize=10)
+        head(row[0], f"{one.experiment}, {one.output}", fontweight="bold")
+        head(row[1], _residual_title(one))
+        head(row[3], "autocorrelation")
     for above, below in zip(panels[:-1].flat, panels[1:].flat, strict=True):
         if above.get_xlabel() == below.get_xlabel():
             above.set_xlabel("")
-    hidden = len(differences) - len(rows)
-    more = f" (the first {MOST} of {len(differences)})" if hidden else ""
     if ax is None:
+        more = f" (the first {MOST} of {len(differences)})" if len(differences) > MOST else ""
         figure.suptitle(f"{differences.title}{more}", x=0.01, ha="left", fontsize=11)
     _legend(figure, panels[0], own=ax is None)
     return figure
@@ -92,30 +87,32 @@ def _alone(draw: Any, one: Difference, ax: Any) -> Any:
 
 def _legend(figure: Any, panels: Any, *, own: bool) -> None:
     """One legend for all panels, each label once; on a figure of the caller one in each panel."""
-    if not own:
-        for panel in panels:
-            if any(panel.get_legend_handles_labels()[1]):
-                panel.legend(frameon=False, fontsize=8)
-        return
     named: dict[str, Any] = {}
     for panel in panels:
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+        handles, labels = panel.get_legend_handles_labels()
+        for handle, label in zip(handles, labels, strict=True):
             named.setdefault(label, handle)
-    figure.legend(named.values(), named.keys(), ncols=len(named), **ABOVE)
+        if not own and any(labels):
+            panel.legend(**SMALL)
+    if own:
+        figure.legend(named.values(), named.keys(), ncols=len(named), loc="outside upper right", **INSIDE)
 
 
-def _in_figures(one: Difference) -> str:
+def _residual_title(one: Difference) -> str:
     d = one.in_degrees()
-    return f"rms {d.rms:.3g}, largest {d.largest:.3g} {d.unit}".rstrip()
+    return f"residual: rms {d.rms:.3g}, largest {d.largest:.3g} {d.unit}".rstrip()
+
+
+def _measured_and_simulated(panel: Any, x: np.ndarray, one: Difference, width: float) -> str:
+    """Both over ``x``; the label of their axis."""
+    measured, unit = shown(one.measured, one.unit)
+    panel.plot(x, measured, color=PALE, lw=4.0, label="measured")
+    panel.plot(x, shown(one.simulated, one.unit)[0], color=COLOURS[0], lw=width, label="simulated")
+    return heading(one.output, unit)
 
 
 def _history(panel: Any, one: Difference) -> None:
-    measured, unit = shown(one.measured, one.unit)
-    panel.plot(one.t, measured, color=PALE, lw=4.0, label="measured")
-    panel.plot(one.t, shown(one.simulated, one.unit)[0], color=COLOURS[0], lw=1.1, label="simulated")
-    panel.set_ylabel(heading(one.output, unit))
-    panel.set_xlabel("t [s]")
-    dress(panel, legend=False)
+    dress(panel, "t [s]", _measured_and_simulated(panel, one.t, one, 1.1))
 
 
 def _residual(panel: Any, one: Difference) -> None:
@@ -126,9 +123,7 @@ def _residual(panel: Any, one: Difference) -> None:
         panel.axhspan(-band, band, color=COLOURS[2], alpha=0.25, lw=0, label="noise (± 2 rms)")
     panel.plot(one.t, left, color=COLOURS[1], lw=0.8, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
-    panel.set_ylabel(heading("residual", unit))
-    panel.set_xlabel("t [s]")
-    dress(panel, legend=False)
+    dress(panel, "t [s]", heading("residual", unit))
 
 
 def _floor(one: Difference) -> float | None:
@@ -141,21 +136,15 @@ def _floor(one: Difference) -> float | None:
 
 
 def _loop(panel: Any, one: Difference) -> None:
-    y, unit = shown(one.measured, one.unit)
-    simulated = shown(one.simulated, one.unit)[0]
     if len(one.inputs) == 1:
-        ((name, (values, own)),) = one.inputs.items()
-        x, across = shown(values, own)
-        panel.plot(x, y, color=PALE, lw=4.0, label="measured")
-        panel.plot(x, simulated, color=COLOURS[0], lw=0.9, label="simulated")
-        panel.set_xlabel(heading(name, across))
-        panel.set_ylabel(heading(one.output, unit))
+        ((name, signal),) = one.inputs.items()
+        x, unit = shown(*signal)
+        dress(panel, heading(name, unit), _measured_and_simulated(panel, x, one, 0.9))
     else:
+        (y, unit), (simulated, _) = (shown(values, one.unit) for values in (one.measured, one.simulated))
         panel.plot(simulated, y, color=COLOURS[0], lw=0.9)
         panel.axline((float(y.mean()), float(y.mean())), slope=1, color=INK, lw=0.6)
-        panel.set_xlabel(heading(f"{one.output} simulated", unit))
-        panel.set_ylabel(heading("measured", unit))
-    dress(panel, legend=False)
+        dress(panel, heading(f"{one.output} simulated", unit), heading("measured", unit))
 
 
 def _autocorrelation(panel: Any, one: Difference) -> None:
@@ -165,8 +154,7 @@ def _autocorrelation(panel: Any, one: Difference) -> None:
     panel.plot(lag, test.autocorrelation, color=COLOURS[1], lw=1.0, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
     panel.set_ylim(-1.05, 1.05)
-    panel.set_xlabel("lag [s]")
-    dress(panel, legend=False)
+    dress(panel, "lag [s]")
 
 
 # ---- models beside each other -------------------------------------------------------------------
@@ -185,30 +173,25 @@ def plot_comparison(comparison: Comparison, ax: Any = None) -> Any:
         _loop(loop, best)
         _residual(residual, best)
         part = " (held out)" if comparison.best.held_out else ""
-        loop.set_title(f"{comparison.best.name}: {best.experiment}, {best.output}{part}", loc="left", fontsize=10)
-        residual.set_title(f"residual: {_in_figures(best)}", loc="left", fontsize=10)
+        head(loop, f"{comparison.best.name}: {best.experiment}, {best.output}{part}")
+        head(residual, _residual_title(best))
     _legend(figure, panels[0], own=ax is None)
     return figure
 
 
 def _errors(panel: Any, comparison: Comparison) -> None:
     """A dot for each model, and an open one for its error on fitted data."""
-    rows = [row for row in comparison if row.train is not None][::-1]
+    rows = [(row, row.train) for row in comparison if row.train is not None][::-1]
     k, unit = shown(np.ones(1), comparison.unit)
-    figures = k * np.array([row.figure for row in rows])
-    places = range(len(rows))
-    if _held_out([comparison]):
-        fitted = k * np.array([row.train.rms for row in rows if row.train is not None])
+    errors = k * np.array([row.figure for row, _ in rows])
+    label, places = _error_label([comparison]), range(len(rows))
+    if label != "rms":
+        fitted = k * np.array([train.rms for _, train in rows])
         panel.plot(fitted, places, "D", color=INK, mfc="none", ms=6, label="rms fitted")
-    panel.plot(figures, places, "o", color=COLOURS[0], ms=8, label="rms held out" if _held_out([comparison]) else "rms")
-    panel.set_yticks(
-        places,
-        [
-            f"{row.name}  {f'{value:.3g}' if np.isfinite(value) else '-'}"
-            for row, value in zip(rows, figures, strict=True)
-        ],
-    )
-    _over_models(panel, unit, [comparison])
+    panel.plot(errors, places, "o", color=COLOURS[0], ms=8, label=label)
+    texts = [f"{error:.3g}" if np.isfinite(error) else "-" for error in errors]
+    panel.set_yticks(places, [f"{row.name}  {text}" for (row, _), text in zip(rows, texts, strict=True)])
+    _over_models(panel, unit, label)
 
 
 def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None) -> Any:
@@ -219,28 +202,29 @@ def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None) -> Any:
     """
     ranked = [(name, rms) for name, rms in overall(comparisons)[::-1] if np.isfinite(rms)]
     (panel,) = axes(ax, 1, height=1.4 + 0.42 * len(ranked))
-    k, unit = shown(np.ones(1), next(iter(comparisons.values())).unit)
+    (k,), unit = shown(np.ones(1), next(iter(comparisons.values())).unit)
     names = [name for name, _ in ranked]
     for (file, one), colour, mark in zip(comparisons.items(), cycle(COLOURS), cycle(MARKS), strict=False):
-        known = {row.name: float(k[0]) * row.figure for row in one if np.isfinite(row.figure)}
+        known = {row.name: float(k) * row.figure for row in one if np.isfinite(row.figure)}
         panel.plot(list(known.values()), [names.index(name) for name in known], mark, color=colour, ms=6, label=file)
     for place, (_, rms) in enumerate(ranked):
-        panel.plot([k[0] * rms] * 2, [place - 0.35, place + 0.35], color=INK, lw=1.6, label="" if place else "all")
-    panel.set_yticks(range(len(names)), [f"{name}  {k[0] * rms:.3g}" for name, rms in ranked])
-    _over_models(panel, unit, comparisons.values())
+        panel.plot([k * rms] * 2, [place - 0.35, place + 0.35], color=INK, lw=1.6, label="" if place else "all")
+    panel.set_yticks(range(len(names)), [f"{name}  {k * rms:.3g}" for name, rms in ranked])
+    _over_models(panel, unit, _error_label(comparisons.values()))
     panel.legend(**LEGEND)
     return panel.figure
 
 
-def _held_out(comparisons: Iterable[Comparison]) -> bool:
-    return any(row.held_out is not None for one in comparisons for row in one)
+def _error_label(comparisons: Iterable[Comparison]) -> str:
+    held_out = any(row.held_out is not None for one in comparisons for row in one)
+    return "rms held out" if held_out else "rms"
 
 
-def _over_models(panel: Any, unit: str, comparisons: Iterable[Comparison]) -> None:
+def _over_models(panel: Any, unit: str, label: str) -> None:
     """Errors on the x axis, logarithmic where the largest is ten times the smallest."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    dress(panel, legend=False)
+    dress(panel, heading(label, unit or "of the spread"))
     drawn = np.concatenate([np.asarray(line.get_xdata(), dtype=float) for line in panel.lines])
     if 0 < 10 * drawn.min() < drawn.max():
         panel.set_xscale("log")
@@ -250,4 +234,3 @@ def _over_models(panel: Any, unit: str, comparisons: Iterable[Comparison]) -> No
         panel.margins(x=0.06)
     else:
         panel.set_xlim(0.0, 1.06 * drawn.max() or 1.0)
-    panel.set_xlabel(heading("rms held out" if _held_out(comparisons) else "rms", unit or "of the spread"))

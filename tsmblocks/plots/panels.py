@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,10 @@ QUANTITY = {"deg": "angle", "deg/s": "speed", "V": "voltage", "s": "time", "N": 
 """Label of an axis shared by several signals of a unit."""
 FEW, MANY = 20.0, 2000.0
 """Ranges of a logarithmic axis: below, more ticks between powers of ten are needed; above, they would be too many."""
-LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False, "fontsize": 9}
+INSIDE: dict[str, Any] = {"frameon": False, "fontsize": 9}
+SMALL: dict[str, Any] = {"frameon": False, "fontsize": 8}
+LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), **INSIDE}
+"""Arguments of legends: inside a panel, in a small one, and beside it."""
 
 
 def shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
@@ -32,8 +35,7 @@ def axes(ax: Any, count: int, *, height: float, width: float = 8.0) -> list[Any]
     """Return the axes to draw on: those given, or ``count`` panels of a new figure over one time axis."""
     if ax is not None:
         return _given(ax, count)
-    figure = _figure((width, height * count))
-    return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+    return list(_figure((width, height * count)).subplots(count, 1, sharex=True, squeeze=False)[:, 0])
 
 
 def _given(ax: Any, count: int) -> list[Any]:
@@ -43,16 +45,19 @@ def _given(ax: Any, count: int) -> list[Any]:
     return given
 
 
-def sheet(ax: Any, rows: int, columns: int, *, width: float, height: float, widths: Sequence[float]) -> tuple[Any, Any]:
+def sheet(
+    ax: Any, rows: int, columns: int, *, width: float, height: float, widths: Sequence[float] | None = None
+) -> tuple[Any, Any]:
     """``rows`` by ``columns`` panels: the axes given, row by row, or those of a new figure; figure and panels.
 
-    In a new figure columns are as wide as ``widths`` says. Raises TsmError where other axes are wanted.
+    ``widths`` are those of the columns of a new figure, relative to each other. Raises TsmError for another number
+    of axes.
     """
     if ax is not None:
         given = _given(ax, rows * columns)
         return given[0].figure, np.array(given, dtype=object).reshape(rows, columns)
     figure = _figure((width, height * rows))
-    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw={"width_ratios": list(widths)})
+    return figure, figure.subplots(rows, columns, squeeze=False, width_ratios=widths)
 
 
 def need_matplotlib() -> None:
@@ -72,14 +77,25 @@ def _figure(size: tuple[float, float]) -> Any:
     return Figure(figsize=size, layout="constrained")
 
 
-def dress(panel: Any, *, legend: bool) -> None:
-    """Give a panel its grid, without a frame, and a legend beside it if ``legend``."""
+def dress(
+    panel: Any, xlabel: str = "", ylabel: str = "", *, legend: Mapping[str, Any] | None = None, margin: float = 0.01
+) -> None:
+    """Name the axes of a panel, give it its grid, without a frame, and a legend with these arguments if there are."""
+    if xlabel:
+        panel.set_xlabel(xlabel)
+    if ylabel:
+        panel.set_ylabel(ylabel)
     panel.spines[["top", "right"]].set_visible(False)
     panel.grid(color=PALE, lw=0.5)
     panel.set_axisbelow(True)
-    panel.margins(x=0.01)
-    if legend:
-        panel.legend(**LEGEND)
+    panel.margins(x=margin)
+    if legend is not None:
+        panel.legend(**legend)
+
+
+def head(panel: Any, text: str, size: float = 10, **font: Any) -> None:
+    """Write a title above the left end of a panel."""
+    panel.set_title(text, loc="left", fontsize=size, **font)
 
 
 def decimal(axis: Any) -> None:
@@ -97,4 +113,4 @@ def timed(panels: list[Any], title: str) -> None:
     """Name the time axis under the last panel, and the figure above the first."""
     panels[-1].set_xlabel("t [s]")
     if title:
-        panels[0].set_title(title, loc="left", fontsize=11)
+        head(panels[0], title, 11)

@@ -1,12 +1,9 @@
-"""Figures of runs: signals over time, tracking with its error, hysteresis loops.
-
-Angles are stored in rad and shown in deg, as the paper shows them. Every function draws on the axes it
-is given, or makes a figure, and returns the figure. Needs matplotlib, imported when a figure is made.
-"""
+"""Figures of runs: signals over time, tracking with its error, changes from a baseline, hysteresis loops."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -16,8 +13,11 @@ from tsmblocks.common.errors import TsmError
 from tsmblocks.data import Record, heading
 from tsmblocks.metrics.metrics import expression_samples
 from tsmblocks.metrics.tracking import tracking_error
-from tsmblocks.plots.panels import COLOURS, INK, LEGEND, QUANTITY, axes, dress, shown, timed
+from tsmblocks.plots.panels import COLOURS, INK, LEGEND, PALE, QUANTITY, axes, dress, shown, timed
 from tsmblocks.simulation.run import Run
+
+ROUNDED = 1e-5
+"""Difference, as a share of a signal's size, below which it is that of the digits that a baseline keeps."""
 
 
 def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:
@@ -45,17 +45,16 @@ def _over_time(run: Run | Record, title: str, what: str, chosen: list[str], ax: 
         groups.setdefault(unit, []).append((name, values))
     one = hasattr(ax, "plot")
     panels = [ax] * len(groups) if one else axes(ax, len(groups), height=2.4)
-    count = 0
+    colours = cycle(COLOURS)
     for panel, (unit, lines) in zip(panels, groups.items(), strict=True):
         for name, values in lines:
-            panel.plot(run.t[kept], values[kept], color=COLOURS[count % len(COLOURS)], lw=1.4, label=name)
-            count += 1
+            panel.plot(run.t[kept], values[kept], color=next(colours), lw=1.4, label=name)
         alone = lines[0][0] if len(lines) == 1 else ""
-        panel.set_ylabel(heading(alone or QUANTITY.get(unit, ""), unit).strip())
-        dress(panel, legend=len(lines) > 1)
+        label = heading(alone or QUANTITY.get(unit, ""), unit).strip()
+        dress(panel, ylabel=label, legend=LEGEND if len(lines) > 1 else None)
     if one and len(groups) > 1:
-        panels[0].set_ylabel(", ".join(heading(QUANTITY.get(u, ""), u).strip() for u in groups if u))
-        dress(panels[0], legend=True)
+        label = ", ".join(heading(QUANTITY.get(u, ""), u).strip() for u in groups if u)
+        dress(panels[0], ylabel=label, legend=LEGEND)
     timed(panels, title if ax is None else "")
     return panels[0].figure
 
@@ -79,26 +78,46 @@ def plot_tracking(
         raise TsmError("plot_tracking needs at least one run.")
     above, below = axes(ax, 2, height=2.9)
     for k, (label, run) in enumerate(runs.items()):
-        kept = run.t >= (run.t[0] if after is None else after)
-        t, unit = run.t[kept], run.unit(reference)
-        wanted, reached = (shown(run[name][kept], unit) for name in (reference, output))
-        unit = wanted[1]
-        if k == 0:
-            above.plot(t, wanted[0], color=INK, lw=1.2, ls=(0, (4, 2)), label="reference")
-        error = tracking_error(
-            wanted[0], reached[0], t=t, unit=unit, after=(run.t[0] + run.t[-1]) / 2 if after is None else after
-        )
         colour = COLOURS[k % len(COLOURS)]
-        above.plot(t, reached[0], color=colour, lw=1.4, label=label)
-        below.plot(t, wanted[0] - reached[0], color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip())
-    above.set_ylabel(heading(QUANTITY.get(unit, output), unit))
-    below.set_ylabel(heading("error", unit))
+        kept = run.t >= (run.t[0] if after is None else after)
+        late = (run.t[0] + run.t[-1]) / 2 if after is None else after
+        t = run.t[kept]
+        (wanted, unit), (reached, _) = (shown(run[name][kept], run.unit(reference)) for name in (reference, output))
+        if k == 0:
+            above.plot(t, wanted, color=INK, lw=1.2, ls=(0, (4, 2)), label="reference")
+        error = tracking_error(wanted, reached, t=t, unit=unit, after=late)
+        above.plot(t, reached, color=colour, lw=1.4, label=label)
+        below.plot(t, wanted - reached, color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip())
     below.axhline(0.0, color=INK, lw=0.6)
-    for panel in (above, below):
-        dress(panel, legend=True)
-    below.legend(title="peak to peak", **LEGEND)
+    dress(above, ylabel=heading(QUANTITY.get(unit, output), unit), legend=LEGEND)
+    dress(below, ylabel=heading("error", unit), legend={"title": "peak to peak", **LEGEND})
     timed([above, below], title)
     return above.figure
+
+
+def plot_tracking_changes(before: Any, now: Any, title: str, ax: Any = None) -> Any:
+    """Signals that differ between a baseline and a new run, over time, each with its difference below.
+
+    ``before`` and ``now`` have ``t`` [s], ``signals`` and ``signal_units``. Returns the figure.
+    """
+    both = [name for name in now.signals if name in before.signals]
+    names = [name for name in both if _differs(before, now, name)] or both
+    panels = axes(ax, 2 * len(names), height=1.7)
+    for name, above, below in zip(names, panels[::2], panels[1::2], strict=True):
+        old, unit = shown(np.interp(now.t, before.t, before.signals[name]), now.signal_units[name])
+        new, _ = shown(now.signals[name], now.signal_units[name])
+        above.plot(now.t, old, color=PALE, lw=3.0, label="baseline")
+        above.plot(now.t, new, color=COLOURS[0], lw=1.2, label="now")
+        dress(above, ylabel=heading(name, unit), legend=LEGEND)
+        below.plot(now.t, new - old, color=COLOURS[1], lw=1.2)
+        dress(below, ylabel="moved by")
+    timed(panels, title)
+    return panels[0].figure
+
+
+def _differs(before: Any, now: Any, name: str) -> bool:
+    old = np.interp(now.t, before.t, before.signals[name])
+    return not np.allclose(now.signals[name], old, rtol=0.0, atol=ROUNDED * float(np.abs(old).max(initial=1e-12)))
 
 
 def plot_loop(
@@ -108,7 +127,5 @@ def plot_loop(
     (panel,) = axes(ax, 1, height=4.6, width=6.6)
     (across, label_unit), (up, _) = (shown(np.asarray(v, dtype=float), unit) for v in (x, y))
     panel.plot(across, up, lw=1.4, label=label or None, color=COLOURS[len(panel.lines) % len(COLOURS)])
-    panel.set_xlabel(heading(names[0], label_unit))
-    panel.set_ylabel(heading(names[1], label_unit))
-    dress(panel, legend=bool(label))
+    dress(panel, *(heading(name, label_unit) for name in names), legend=LEGEND if label else None)
     return panel.figure

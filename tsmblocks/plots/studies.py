@@ -1,8 +1,4 @@
-"""Figures of studies: a tornado, a Pareto front, a heat map, distributions, scatters, and the envelope of responses.
-
-Every function draws on the axes it is given, or makes a figure, and returns the figure. Needs matplotlib, imported
-when a figure is made.
-"""
+"""Figures of studies: a tornado, a Pareto front, a heat map, distributions, scatters, and the envelope of responses."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, RunError
 from tsmblocks.data import heading
-from tsmblocks.plots.panels import COLOURS, INK, PALE, axes, dress, sheet, shown, timed
+from tsmblocks.plots.panels import COLOURS, INK, INSIDE, LEGEND, PALE, axes, dress, head, sheet, shown, timed
 from tsmblocks.studies.influence import base_value
 from tsmblocks.studies.results import Results
 
@@ -37,27 +33,30 @@ def plot_study(results: Results, metrics: Sequence[str] = (), ax: Any = None) ->
     """
     chosen = list(metrics) or list(results.metrics)
     for name in chosen:
-        results[name]
-    numbers = [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+        results[name]  # raises for an unknown one
+    numbers = _numbers(results)
     alone = len(numbers) == len(results.parameters)
-    draw: Callable[..., Any]
+    draw: Callable[..., Any] = plot_distribution
+    height = 2.6
     if results.kind == "sweep":
         draw, height = plot_tornado, 0.8 + 0.35 * min(len(numbers), MOST)
     elif results.kind == "grid" and alone and len(numbers) == 2:
         draw, height = plot_heat_map, 4.0
     elif alone and len(numbers) == 1:
-        draw, height = _curve, 2.6
-    else:
-        if ax is None:
-            return _spread(results, chosen, numbers)
-        draw, height = plot_distribution, 2.6
-    _, rows = sheet(ax, len(chosen), 1, width=8.0, height=height, widths=(1.0,))
-    panels = rows[:, 0]
+        draw = _curve
+    elif ax is None:
+        return _spread(results, chosen, numbers)
+    panels = sheet(ax, len(chosen), 1, width=8.0, height=height)[1][:, 0]
     for panel, name in zip(panels, chosen, strict=True):
         draw(results, name, ax=panel)
     if ax is None:
-        panels[0].set_title(_head(results), loc="left", fontsize=11)
+        head(panels[0], _title(results), 11)
     return panels[0].figure
+
+
+def _numbers(results: Results) -> list[str]:
+    """The parameters that are numbers."""
+    return [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
 
 
 def _spread(results: Results, chosen: Sequence[str], numbers: Sequence[str]) -> Any:
@@ -69,7 +68,7 @@ def _spread(results: Results, chosen: Sequence[str], numbers: Sequence[str]) -> 
         plot_distribution(results, name, ax=panels[0])
         if varied:
             plot_scatter(results, name, varied, ax=panels[1:])
-    figure.suptitle(_head(results), x=0.01, ha="left", fontsize=11)
+    figure.suptitle(_title(results), x=0.01, ha="left", fontsize=11)
     return figure
 
 
@@ -88,10 +87,8 @@ def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
         panel.annotate(f"{name} ", (0, k), xycoords=("axes fraction", "data"), ha="right", va="center", fontsize=9)
     panel.axvline(middle, color=INK, lw=0.8)
     panel.set_yticks([])
-    panel.set_xlabel(f"{heading(metric, unit)}: pale at a parameter's low end, dark at its high end")
-    dress(panel, legend=False)
+    dress(panel, f"{heading(metric, unit)}: pale at a parameter's low end, dark at its high end", margin=0.05)
     panel.grid(axis="y", visible=False)
-    panel.margins(x=0.05)
     return panel.figure
 
 
@@ -101,19 +98,16 @@ def plot_scatter(results: Results, metric: str, parameters: Sequence[str] = (), 
     The line is the median of the metric in each of ``BINS`` intervals with equally many runs: where it is flat, the
     parameter does nothing to the metric. Returns the figure. Raises RunError for an unknown name.
     """
-    names = list(parameters) or [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+    names = list(parameters) or _numbers(results)
     y, unit = _shown(results, metric)
     xs = [results[name] for name in names]
-    widths = [1.0] * len(names)
-    panels = sheet(ax, 1, len(names), width=2.2 * len(names) + 1.5, height=2.8, widths=widths)[1][0]
+    kept = np.flatnonzero(np.isfinite(y))
+    panels = sheet(ax, 1, len(names), width=2.2 * len(names) + 1.5, height=2.8)[1][0]
     for panel, name, x in zip(panels, names, xs, strict=True):
-        kept = np.flatnonzero(np.isfinite(y))
         panel.scatter(x[kept], y[kept], s=6, color=COLOURS[5], alpha=0.7, lw=0)
         bins = [k for k in np.array_split(kept[np.argsort(x[kept])], BINS) if len(k) > 1]
         panel.plot([np.median(x[k]) for k in bins], [np.median(y[k]) for k in bins], color=INK, lw=1.4)
-        panel.set_xlabel(name)
-        dress(panel, legend=False)
-        panel.margins(x=0.05)
+        dress(panel, name, margin=0.05)
         if panel is not panels[0]:
             panel.tick_params(labelleft=False)
             panel.set_ylim(panels[0].get_ylim())
@@ -131,10 +125,7 @@ def plot_pareto(results: Results, x: str, y: str, ax: Any = None) -> Any:
     (across, x_unit), (up, y_unit) = (_shown(results, name) for name in (x, y))
     panel.scatter(across, up, s=8, color="#9a9a9a", alpha=0.6, lw=0, label="runs")
     panel.plot(across[front], up[front], "o-", color=COLOURS[1], ms=4, lw=1.2, label="no run beats these")
-    panel.set_xlabel(heading(x, x_unit))
-    panel.set_ylabel(heading(y, y_unit))
-    dress(panel, legend=False)
-    panel.legend(frameon=False, fontsize=9)
+    dress(panel, heading(x, x_unit), heading(y, y_unit), legend=INSIDE)
     return panel.figure
 
 
@@ -143,15 +134,13 @@ def plot_heat_map(results: Results, metric: str, x: str | None = None, y: str | 
 
     The cross marks the smallest value. Returns the figure. Raises RunError where the plan is no grid of numbers.
     """
-    names = [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+    names = _numbers(results)
     if results.kind != "grid" or len(names) < 2:
         raise RunError("a heat map needs a grid of two numbers at least.")
     x = x or next(k for k in names if k != y)
     y = y or next(k for k in names if k != x)
     others = [k for k in results.parameters if k not in (x, y)]
-    held = (
-        np.all([results[k] == results[k][0] for k in others], axis=0) if others else np.ones(len(results), dtype=bool)
-    )
+    held = np.all([np.full(len(results), True), *(results[k] == results[k][0] for k in others)], axis=0)
     across, up = np.unique(results[x][held]), np.unique(results[y][held])
     values, unit = _shown(results, metric)
     z = np.full((len(up), len(across)), np.nan)
@@ -172,18 +161,16 @@ def plot_heat_map(results: Results, metric: str, x: str | None = None, y: str | 
 def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
     """The distribution of a metric over the runs, with median and 5 and 95 % quantiles. Returns the figure."""
     (panel,) = axes(ax, 1, height=2.6)
-    factor, unit = _display_unit(results, metric)
-    values = factor * results[metric][np.isfinite(results[metric])]
+    values, unit = _shown(results, metric)
+    values = values[np.isfinite(values)]
     if len(values):
         panel.hist(values, bins=min(60, max(8, int(np.sqrt(len(values))))), color=COLOURS[5], alpha=0.8)
-    quantiles = results.quantiles(metric)
+    factor, quantiles = _display_unit(results, metric)[0], results.quantiles(metric)
     low, middle, high = (factor * quantiles[name] for name in ("5 %", "median", "95 %"))
     panel.axvline(middle, color=INK, lw=1.4)
     for end in (low, high):
         panel.axvline(end, color=INK, lw=0.8, ls="--")
-    panel.set_xlabel(f"{heading(metric, unit)}: median {middle:.4g}, 5 to 95 % {low:.4g} to {high:.4g}")
-    panel.set_ylabel("runs")
-    dress(panel, legend=False)
+    dress(panel, f"{heading(metric, unit)}: median {middle:.4g}, 5 to 95 % {low:.4g} to {high:.4g}", "runs")
     return panel.figure
 
 
@@ -198,35 +185,26 @@ def plot_envelope(responses: Any, signal: str, ax: Any = None, *, reference: str
     if not len(y):
         raise DataError(f"no run has a finite '{signal}' all along.")
     for k, (low, high, label) in enumerate(BANDS):
-        panel.fill_between(
-            responses.t,
-            *np.quantile(y, [low, high], axis=0),
-            color=COLOURS[0],
-            alpha=0.15 + 0.12 * k,
-            lw=0,
-            label=label,
-        )
+        between = np.quantile(y, [low, high], axis=0)
+        panel.fill_between(responses.t, *between, color=COLOURS[0], alpha=0.15 + 0.12 * k, lw=0, label=label)
     panel.plot(responses.t, np.median(y, axis=0), color=COLOURS[0], lw=1.4, label="median")
     if reference is not None:
         wanted = shown(responses[reference], responses.unit(reference))[0][0]
         panel.plot(responses.t, wanted, color=INK, lw=1.0, ls="--", label=reference)
-    panel.set_ylabel(heading(signal, unit))
-    dress(panel, legend=True)
+    dress(panel, ylabel=heading(signal, unit), legend=LEGEND)
     timed([panel], f"{responses.title}: {len(y)} runs" if ax is None else "")
     return panel.figure
 
 
 def _curve(results: Results, metric: str, ax: Any) -> Any:
-    (name,) = [k for k, v in results.parameters.items() if v.dtype.kind == "f"]
+    (name,) = _numbers(results)
     order = np.argsort(results[name])
     values, unit = _shown(results, metric)
     ax.plot(results[name][order], values[order], "o-", color=COLOURS[0], ms=3, lw=1.2)
-    ax.set_xlabel(name)
-    ax.set_ylabel(heading(metric, unit))
-    dress(ax, legend=False)
+    dress(ax, name, heading(metric, unit))
 
 
-def _head(results: Results) -> str:
+def _title(results: Results) -> str:
     return f"{results.title}: {results.kind} of {len(results)} runs"
 
 
@@ -236,5 +214,4 @@ def _display_unit(results: Results, name: str) -> tuple[float, str]:
 
 
 def _shown(results: Results, name: str) -> tuple[np.ndarray, str]:
-    factor, unit = _display_unit(results, name)
-    return (results[name] if factor == 1 else factor * results[name]), unit
+    return shown(results[name], results.units.get(name, ""))

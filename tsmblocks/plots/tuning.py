@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError, near
 from tsmblocks.metrics.metrics import named
-from tsmblocks.plots.panels import COLOURS, INK, dress, sheet, shown
+from tsmblocks.plots.panels import COLOURS, INK, INSIDE, dress, sheet, shown
 from tsmblocks.tuning.result import Tuned
 
 MAX_BARS = 12
@@ -30,10 +30,10 @@ def plot_tuned(tuned: Tuned, metrics: Sequence[str] = (), ax: Any = None) -> Any
             raise RunError(f"the tuning has no metric '{name}'.{near(name, short)}")
     cases = list(tuned.after)
     height = 1.0 + 0.4 * min(len(cases), 5)
-    panels = sheet(ax, len(chosen), 1, width=8.0, height=height, widths=(1.0,))[1][:, 0]
+    panels = sheet(ax, len(chosen), 1, width=8.0, height=height)[1][:, 0]
     for panel, name in zip(panels, chosen, strict=True):
         _panel(panel, tuned, name, cases)
-    panels[0].legend(frameon=False, fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **INSIDE)
     return panels[0].figure
 
 
@@ -54,6 +54,4 @@ def _panel(panel: Any, tuned: Tuned, name: str, cases: Sequence[str]) -> None:
     else:
         panel.set_yticks(range(len(cases)), labels=cases)
         panel.invert_yaxis()
-    panel.set_xlabel(tuned.title(name))
-    dress(panel, legend=False)
-    panel.margins(x=0.05)
+    dress(panel, tuned.title(name), margin=0.05)

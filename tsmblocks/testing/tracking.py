@@ -233,7 +233,7 @@ def read_baseline(path: Path) -> Baseline:
 
 def draw(found: Sequence[Change], before: Baseline, now: Baseline, path: Path, title: str) -> Path:
     """Plot the signals before and now, and their difference; returns the path. Needs matplotlib."""
-    from tsmblocks.plots.tracking import plot_tracking_changes
+    from tsmblocks.plots.runs import plot_tracking_changes
 
     path.parent.mkdir(parents=True, exist_ok=True)
     names = [one.name for one in found]
