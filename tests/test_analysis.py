@@ -154,6 +154,14 @@ def test_dead_time_in_a_loop():
     assert answer(loop_gain(late, "e -> c", pade=6), low).ravel() == pytest.approx(exact, rel=1e-3)
 
 
+def test_dead_times_in_series_add_up():
+    late = pi_loop().insert("d", DeadTime(time=0.1), after="g").insert("d2", DeadTime(time=0.05), after="d")
+    low = W[W < 20]
+    exact = (2 + 3 / (1j * low)) * 2 / (0.5j * low + 1) * np.exp(-0.15j * low)
+    assert answer(loop_gain(late, "e -> c", pade=6), low).ravel() == pytest.approx(exact, rel=1e-3)
+    assert answer(linearize(late, pade=6), low).ravel() == pytest.approx(exact / (1 + exact), rel=1e-2)
+
+
 def test_a_linear_model_is_what_a_small_motion_does():
     """A pendulum pushed a little off a point where gravity is held by the input."""
     blocks = {"sum": Sum(signs="++-"), "v": Integrator(), "x": Integrator(), "g": Product(), "k": Gain(gain=9.81)}

@@ -12,12 +12,10 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.analysis.operating_point import LocalEquations, with_held_outputs
+from tsmblocks.analysis.operating_point import HELD_SUFFIX, LocalEquations, with_held_outputs
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine.equations import Equations
 
-HELD_SUFFIX = " (held)"
-"""End of the name of an output that is held between samples, as the compiler writes it."""
 MATRIX_TOLERANCE = 1e-9
 """Difference of two matrices, as a share of the largest number, that is rounding."""
 MOST_TICKS = 10_000
@@ -62,23 +60,27 @@ def sampled_model(here: LocalEquations, x: np.ndarray, names: Sequence[str], sho
     """
     _check(here, names)
     every, tick = _ticks(here.eq)
-    d, own, n = with_held_outputs(here.eq, here.t, x, here.d, here.u, here.p), _input_positions(here, names), len(x)
+    cycle = math.lcm(*every)
+    d, n = with_held_outputs(here.eq, here.t, x, here.d, here.u, here.p), len(x)
+    own = [here.places[here.inputs.index(name)] for name in names]
     rates, signals, update = _jacobian_functions(here.eq, tuple(here.eq.aliases.get(name, name) for name in shown))
     given = (x, d, here.u, here.t, here.p)
-    transition, output_jacobians = _transition(_evaluated(rates, given), own, tick, n), _evaluated(signals, given)
     size = n + len(d)
-    A, B, C, D = np.eye(size), np.zeros((size, len(own))), None, None
-    for k in range(math.lcm(*every)):
-        due = [float(k % each == 0) for each in every]
-        z, u = _joined(_evaluated(update, (*given, due)), own)
-        if C is None:
-            direct = np.hstack(output_jacobians[:2])
-            C, D = direct @ z, direct @ u + output_jacobians[2][:, own]
-        step, push = transition[:, :size] @ z, transition[:, :size] @ u + transition[:, size:]
-        A, B = step @ A, step @ B + push
-    assert C is not None
-    assert D is not None
-    return SampledModel(A, B, C, D, tick * math.lcm(*every), [*here.eq.x, *here.eq.d])
+    transition, hold = np.split(_transition(_evaluated(rates, own, given), tick), [size], axis=1)
+
+    def sample(k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Jacobians of the states after the samples at tick ``k``."""
+        return _evaluated(update, own, (*given, [float(k % each == 0) for each in every]))
+
+    direct, direct_u = _evaluated(signals, own, given)
+    z, u = sample(0)
+    C, D = direct @ z, direct @ u + direct_u
+    A, B = np.eye(size), np.zeros((size, len(own)))
+    for k in range(cycle):
+        z, u = sample(k)
+        step = transition @ z
+        A, B = step @ A, step @ B + transition @ u + hold
+    return SampledModel(A, B, C, D, tick * cycle, [*here.eq.x, *here.eq.d])
 
 
 def _check(here: LocalEquations, names: Sequence[str]) -> None:
@@ -108,10 +110,6 @@ def _ticks(eq: Equations) -> tuple[tuple[int, ...], float]:
     return tuple(n // shared for n in every), eq.periods[0] / common * shared
 
 
-def _input_positions(here: LocalEquations, names: Sequence[str]) -> list[int]:
-    return [here.places[here.inputs.index(name)] for name in names]
-
-
 @lru_cache(maxsize=64)
 def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, Any, Any]:
     """Jacobians of rates, of signals, and of the update at a sample, by states, memory and inputs."""
@@ -128,24 +126,19 @@ def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, A
     return jacobians(dx), jacobians(shown), jacobians(ca.vertcat(x_next, d_next), (due,))
 
 
-def _evaluated(function: Any, given: tuple[Any, ...]) -> list[np.ndarray]:
-    made = [np.asarray(J, dtype=float) for J in function(*given)]
-    if not all(np.isfinite(J).all() for J in made):
+def _evaluated(function: Any, own: list[int], given: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Jacobians by states and memory together, and by the chosen inputs. Raises RunError."""
+    by_x, by_d, by_u = (np.asarray(J, dtype=float) for J in function(*given))
+    if not all(np.isfinite(J).all() for J in (by_x, by_d, by_u)):
         raise RunError("the derivatives are not finite at this point. Choose another one.")
-    return made
+    return np.hstack([by_x, by_d]), by_u[:, own]
 
 
-def _joined(parts: list[np.ndarray], own: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Jacobians by states and memory together, and by the chosen inputs."""
-    return np.hstack(parts[:2]), parts[2][:, own]
-
-
-def _transition(parts: list[np.ndarray], own: list[int], tick: float, n: int) -> np.ndarray:
-    """The transition of states and memory over a tick, and the effect of inputs held over it."""
+def _transition(jacobians: tuple[np.ndarray, np.ndarray], tick: float) -> np.ndarray:
+    """The transition of states and memory over a tick, and the effect of inputs held over it, side by side."""
     from scipy.linalg import expm
 
-    by, push = _joined(parts, own)
-    size = by.shape[1] + len(own)
-    whole = np.zeros((size, size))
-    whole[:n] = np.hstack([by, push])
-    return np.asarray(expm(whole * tick))[: by.shape[1]]
+    rates = np.hstack(jacobians)
+    whole = np.zeros((rates.shape[1], rates.shape[1]))
+    whole[: len(rates)] = rates
+    return np.asarray(expm(whole * tick))[: jacobians[0].shape[1]]

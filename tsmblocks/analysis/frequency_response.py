@@ -11,7 +11,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.analysis.discrete_time import HELD_SUFFIX
+from tsmblocks.analysis.operating_point import HELD_SUFFIX
 from tsmblocks.blocks import Sine
 from tsmblocks.common.arguments import as_integer, as_number, as_positive
 from tsmblocks.common.errors import RunError, in_words, near
@@ -46,8 +46,8 @@ class SettlingWarning(UserWarning):
 class FrequencyResponse:
     """The response to sines of several frequencies and amplitudes.
 
-    Where a response never becomes periodic, or a run diverges, it is NaN; where the output does not move it is 0,
-    without phase and harmonics (NaN).
+    It is NaN where a response never becomes periodic, or a run diverges, and 0, without phase and harmonics (NaN),
+    where the output does not move.
 
     Parameters
     ----------
@@ -67,15 +67,6 @@ class FrequencyResponse:
         Sizes at 2, 3, … times the frequency as shares of that at the frequency itself, shape (A, F, harmonics - 1).
     unit : str, optional
         Unit of the input, ``""`` where it is not known.
-
-    Attributes
-    ----------
-    gain : ndarray
-        Size of the output over that of the input, shape (A, F).
-    phase : ndarray
-        Phase of the output in degrees, shape (A, F), unwrapped along frequency.
-    distortion : ndarray
-        Root of the sum of squares of the harmonics, shape (A, F).
     """
 
     title: str
@@ -95,16 +86,20 @@ class FrequencyResponse:
     @property
     def phase(self) -> np.ndarray:
         """Phase of the output in degrees, shape (amplitudes, frequencies), unwrapped along frequency."""
-        made = np.full(self.response.shape, np.nan)
-        for row, answers in zip(made, self.response, strict=True):
-            there = np.isfinite(answers) & (answers != 0)
-            row[there] = np.degrees(np.unwrap(np.angle(answers[there])))
-        return made
+        phase = np.full(self.response.shape, np.nan)
+        for row, values in zip(phase, self.response, strict=True):
+            known = np.isfinite(values) & (values != 0)
+            row[known] = np.degrees(np.unwrap(np.angle(values[known])))
+        return phase
 
     @property
     def distortion(self) -> np.ndarray:
         """Root of the sum of squares of the harmonics, shape (amplitudes, frequencies)."""
         return np.sqrt((self.harmonics**2).sum(axis=2))
+
+    @property
+    def _columns(self) -> dict[str, np.ndarray]:
+        return {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
 
     def to_pandas(self) -> Any:
         """A table with a row for each amplitude and frequency.
@@ -116,8 +111,7 @@ class FrequencyResponse:
         """
         axes = [self.amplitudes, self.frequencies]
         index = optional_library("pandas").MultiIndex.from_product(axes, names=["amplitude", "frequency"])
-        columns = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
-        return frame({name: v.ravel() for name, v in columns.items()}, index, units={"phase": "deg"})
+        return frame({name: v.ravel() for name, v in self._columns.items()}, index, units={"phase": "deg"})
 
     def to_xarray(self) -> Any:
         """Gain, phase [deg] and distortion over ``amplitude`` and ``frequency`` [Hz].
@@ -128,19 +122,14 @@ class FrequencyResponse:
             The response. Needs xarray.
         """
         dims = ("amplitude", "frequency")
-        found = {"gain": self.gain, "phase": self.phase, "distortion": self.distortion}
+        variables = {k: (dims, v, "deg" if k == "phase" else "") for k, v in self._columns.items()}
         coords = {"amplitude": (dims[:1], self.amplitudes, ""), "frequency": (dims[1:], self.frequencies, "Hz")}
-        return dataset(
-            {k: (dims, v, "deg" if k == "phase" else "") for k, v in found.items()},
-            coords,
-            {"title": self.title, "driven": self.driven, "output": self.output},
-        )
+        return dataset(variables, coords, {"title": self.title, "driven": self.driven, "output": self.output})
 
     def __repr__(self) -> str:
-        sizes, f = few(f"{a:.3g}" for a in self.amplitudes), self.frequencies
-        return (
-            f"FrequencyResponse({self.title!r}, {self.output} over {self.driven}, {len(f)} frequencies, sizes {sizes})"
-        )
+        sizes = few(f"{a:.3g}" for a in self.amplitudes)
+        points = f"{len(self.frequencies)} frequencies, sizes {sizes}"
+        return f"FrequencyResponse({self.title!r}, {self.output} over {self.driven}, {points})"
 
     def _repr_html_(self) -> str:
         return view("html", self)
@@ -198,8 +187,7 @@ def frequency_response(
     inputs : dict of str to float, optional
         The other inputs, constant.
     settle : int, default 4
-        Periods that are left out. Where the response still changes from period to period, more are left out, up to
-        1024; where it changes even then it is NaN, with a SettlingWarning.
+        Periods that are left out; more, up to 1024, where the response still changes from period to period.
     periods : int, default 2
         Periods of which the harmonics are taken.
     samples : int, default 200
@@ -229,7 +217,7 @@ def frequency_response(
     Warns
     -----
     SettlingWarning
-        Where a response does not become periodic.
+        Where a response does not become periodic; it is NaN there.
 
     Examples
     --------
@@ -248,34 +236,32 @@ def frequency_response(
     shown = _output(tuned, output)
     held = _is_held(equations(tuned), shown)
     f, a = _positive("frequencies", frequencies), _positive("amplitudes", amplitudes)
-    count, rest, most = (
-        as_integer("periods", periods, 1),
-        as_integer("settle", settle, 0),
-        as_integer("harmonics", harmonics, 1),
-    )
+    count, settling = as_integer("periods", periods, 1), as_integer("settle", settle, 0)
+    most = as_integer("harmonics", harmonics, 1)
     longest, least = as_positive("step", step), as_integer("samples", samples, 4 * most)
     constant, kept = as_inputs(inputs), list(dict.fromkeys([f"{source}.y", shown]))
     response = np.full((len(a), len(f)), np.nan, dtype=complex)
     over = np.full((len(a), len(f), most - 1), np.nan)
     for k, one in enumerate(f):
-        n, left_out = max(least, math.ceil(1.0 / (one * longest))), rest
-        if n * (rest + count) > MOST_STEPS:
+        n, left_out = max(least, math.ceil(1.0 / (one * longest))), settling
+        if n * (left_out + count) > MOST_STEPS:
             raise RunError(
-                f"a run at {one:g} Hz would take {n * (rest + count):,} steps. Take a longer step, or leave "
+                f"a run at {one:g} Hz would take {n * (left_out + count):,} steps. Take a longer step, or leave "
                 "such frequencies out."
             )
+        harmonics_of = _Harmonics(f"{source}.y", shown, n, count, most, held)
         waiting = np.arange(len(a))
         while len(waiting):
             sets = {f"{source}.amplitude": a[waiting], f"{source}.frequency": np.full(len(waiting), one)}
             stop = (left_out + count) / one
             options = RunOptions(stop, 1.0 / (one * n), 0.0, method, constant, "zero", backend=backend)
             batch = batch_of(tuned, sets, options, kept)
-            found = batch.results(0, batch.count, _Harmonics(f"{source}.y", shown, n, count, most, held), threads)
-            settled = ~(found["change"] > PERIODICITY_TOLERANCE)
+            values = batch.results(0, batch.count, harmonics_of, threads)
+            settled = ~(values["change"] > PERIODICITY_TOLERANCE)
             done = waiting[settled]
-            response[done, k] = found["response"][settled]
+            response[done, k] = values["response"][settled]
             for m in range(2, most + 1):
-                over[done, k, m - 2] = found[f"harmonic {m}"][settled]
+                over[done, k, m - 2] = values[f"harmonic {m}"][settled]
             waiting, left_out = waiting[~settled], 4 * max(left_out, 1)
             if left_out > MOST_SETTLING_PERIODS or n * (left_out + count) > MOST_STEPS:
                 break
@@ -291,8 +277,7 @@ def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarr
     points = [f"{factor * a[i]:.3g} {label}".rstrip() + f" at {f[k]:.3g} Hz" for i, k in np.argwhere(where)]
     warnings.warn(
         f"the answer of '{shown}' to {len(points)} of {where.size} sines never becomes periodic: {listed(points, 3)}. "
-        "It is NaN there. A limit cycle does that, and a signal that drifts; "
-        "tsm.simulate shows which.",
+        "It is NaN there. A limit cycle does that, and a signal that drifts; tsm.simulate shows which.",
         SettlingWarning,
         stacklevel=3,
     )
@@ -300,14 +285,14 @@ def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarr
 
 @attrs.frozen
 class _Harmonics:
-    """Harmonics of the last ``count`` periods of runs, ``n`` steps each."""
+    """The harmonics of the last ``count`` periods of runs, ``n`` steps each, up to the ``most``-th."""
 
     driven: str
     shown: str
     n: int
     count: int
     most: int
-    held: bool = False
+    held: bool
     """Whether the output is that of sampled blocks, constant over a step."""
 
     def __call__(self, t: np.ndarray, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -323,34 +308,33 @@ class _Harmonics:
             change = np.abs(last - before).max(axis=0) / size if len(before) == len(last) else np.inf * size
             reach = np.maximum(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
             still = np.abs(y - y.mean(axis=0)).max(axis=0) <= NO_MOTION * reach
-            made = {"response": np.where(still, 0.0, out[0] / into[0]), "change": np.where(still, 0.0, change)}
-            return made | {
-                f"harmonic {m}": np.where(still, np.nan, np.abs(out[m - 1] / out[0])) for m in range(2, self.most + 1)
-            }
+            shares = np.where(still, np.nan, np.abs(out / out[0]))
+            harmonics = {f"harmonic {m}": shares[m - 1] for m in range(2, self.most + 1)}
+            response = np.where(still, 0.0, out[0] / into[0])
+        return {"response": response, "change": np.where(still, 0.0, change), **harmonics}
 
 
 def _driven(diagram: Diagram, name: str | None, bias: float | None) -> tuple[Diagram, str]:
     """The diagram with a Sine block of variable amplitude and frequency, and the name of that block."""
-    tones = [k for k, b in diagram.blocks.items() if isinstance(b, Sine)]
-    known = [*diagram.inputs, *tones]
+    sines = [k for k, b in diagram.blocks.items() if isinstance(b, Sine)]
+    known = [*diagram.inputs, *sines]
     if name is None:
-        if len(diagram.inputs) != 1 and (diagram.inputs or len(tones) != 1):
+        if len(diagram.inputs) != 1 and (diagram.inputs or len(sines) != 1):
             raise RunError(f"choose which input of '{diagram.title}' is driven: driven='…'.{near('', known)}")
         name = known[0]
-    if name in diagram.inputs:
-        ports = diagram.inputs[name].ports
-        others = {k: v for k, v in diagram.inputs.items() if k != name}
-        tone = Sine(unit=diagram.inports[name].unit or "", offset=bias or 0.0)
-        if SOURCE_NAME in diagram.blocks:
-            raise RunError(
-                f"'{diagram.title}' has a block '{SOURCE_NAME}', which is the name of the source added here."
-            )
-        return diagram.rewire(
-            blocks={**diagram.blocks, SOURCE_NAME: tone}, inputs=others, add=[f"{SOURCE_NAME} -> {', '.join(ports)}"]
-        ), SOURCE_NAME
-    if name not in tones:
+    if name in sines:
+        return diagram if bias is None else diagram.with_parameters({f"{name}.offset": bias}), name
+    if name not in diagram.inputs:
         raise RunError(f"'{diagram.title}' has no input and no Sine block '{name}'.{near(name, known)}")
-    return diagram if bias is None else diagram.with_parameters({f"{name}.offset": bias}), name
+    if SOURCE_NAME in diagram.blocks:
+        raise RunError(f"'{diagram.title}' has a block '{SOURCE_NAME}', which is the name of the source added here.")
+    tone = Sine(unit=diagram.inports[name].unit, offset=bias or 0.0)
+    driven = diagram.rewire(
+        blocks={**diagram.blocks, SOURCE_NAME: tone},
+        inputs={k: v for k, v in diagram.inputs.items() if k != name},
+        add=[f"{SOURCE_NAME} -> {', '.join(diagram.inputs[name].ports)}"],
+    )
+    return driven, SOURCE_NAME
 
 
 def _is_held(eq: Equations, name: str) -> bool:
@@ -358,20 +342,18 @@ def _is_held(eq: Equations, name: str) -> bool:
     signal = eq.aliases.get(name, name)
     if signal not in eq.y:
         return False
-    given = dict(zip(("t", "x", "d", "u", "q", "p"), eq.rhs.sx_in(), strict=True))
-    made = eq.rhs.call(list(given.values()))[1][eq.y.index(signal)]
-    others = [given["d"][k] for k, name in enumerate(eq.d) if not name.endswith(HELD_SUFFIX)]
-    moving = ca.vertcat(*(given[k] for k in ("t", "x", "u", "q")), *others)
-    return bool(ca.depends_on(made, given["d"]) and not ca.depends_on(made, moving))
+    t, x, d, u, q, p = eq.rhs.sx_in()
+    value = eq.rhs.call([t, x, d, u, q, p])[1][eq.y.index(signal)]
+    moving = ca.vertcat(t, x, u, q, *(d[k] for k, name in enumerate(eq.d) if not name.endswith(HELD_SUFFIX)))
+    return bool(ca.depends_on(value, d) and not ca.depends_on(value, moving))
 
 
 def _output(diagram: Diagram, name: str | None) -> str:
     if name is not None:
         return name
     if len(diagram.outputs) != 1:
-        raise RunError(
-            f"choose which signal of '{diagram.title}' is the output: output='…'.{near('', diagram.outputs)}"
-        )
+        known = near("", diagram.outputs)
+        raise RunError(f"choose which signal of '{diagram.title}' is the output: output='…'.{known}")
     return next(iter(diagram.outputs))
 
 

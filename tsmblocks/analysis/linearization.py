@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -82,42 +82,38 @@ def linearize(
     """
     import control
 
-    diagram = _without_rounding(as_diagram(diagram))
-    if at is not None and not isinstance(at, Point):
-        raise RunError(f"at must be a point that trim returned, got {in_words(at)}.")
-    here = local_equations(
-        diagram, at.inputs if at is not None else {}, at.t if at is not None else as_number("t", t), sampled=True
-    )
+    here, x = _equations_at("at", at, _without_rounding(as_diagram(diagram)), as_number("t", t))
+    eq = here.eq
     if not here.inputs:
-        raise RunError(
-            f"diagram '{here.eq.title}' has no input for a linear model: add one, or open "
-            "a loop (analysis.opened, analysis.loop_gain)."
-        )
-    names = _chosen(here, inputs, list(here.inputs), "input")
-    shown = _chosen(here, outputs, [*here.eq.aliases, *here.eq.y], "signal", list(here.eq.aliases))
-    x = here.x
-    if at is not None:
-        missing = [k for k in here.eq.x if k not in at.states]
-        if missing:
-            raise RunError(f"the point is one of '{at.title}': it has no '{missing[0]}', as '{here.eq.title}' has.")
-        x = np.array([at.states[k] for k in here.eq.x])
-    if here.eq.periods:
-        made = sampled_model(here, x, names, shown).without_idle()
-        return control.ss(
-            made.A,
-            made.B,
-            made.C,
-            made.D,
-            made.dt,
-            states=_labels(made.states),
-            inputs=_labels(names),
-            outputs=_labels(shown),
-        )
-    J = _jacobians(here, x, shown)
-    system = _proper(here, J, names)
-    if here.eq.q:
-        system = _with_delays(here, system, pade)
-    return control.ss(*system, states=_states(here, system[0]), inputs=_labels(names), outputs=_labels(shown))
+        remedy = "add one, or open a loop (analysis.opened, analysis.loop_gain)"
+        raise RunError(f"diagram '{eq.title}' has no input for a linear model: {remedy}.")
+    names = _chosen(eq, "input", inputs, here.inputs, here.inputs)
+    shown = _chosen(eq, "signal", outputs, eq.aliases, [*eq.aliases, *eq.y])
+    if eq.periods:
+        model = sampled_model(here, x, names, shown).without_idle()
+        system, states = control.ss(model.A, model.B, model.C, model.D, model.dt), model.states
+    else:
+        system = control.ss(*_proper(here, _jacobians(here, x, shown), names))
+        if eq.q:
+            system = system.lft(_pade_delays(here, pade), len(eq.q), len(eq.q))
+        states = [*eq.x, *(f"pade_{k}" for k in range(system.nstates - len(eq.x)))]
+    return control.ss(system, states=_labels(states), inputs=_labels(names), outputs=_labels(shown))
+
+
+def _equations_at(
+    what: str, point: Point | None, diagram: Diagram, t: float = 0.0
+) -> tuple[LocalEquations, np.ndarray]:
+    """The equations at a point (the argument ``what``) and its states; by default the initial states, inputs zero."""
+    if point is None:
+        here = local_equations(diagram, {}, t, sampled=True)
+        return here, here.x
+    if not isinstance(point, Point):
+        raise RunError(f"{what} must be a point that trim returned, got {in_words(point)}.")
+    here = local_equations(diagram, point.inputs, point.t, sampled=True)
+    missing = [k for k in here.eq.x if k not in point.states]
+    if missing:
+        raise RunError(f"the point is one of '{point.title}': it has no '{missing[0]}', as '{here.eq.title}' has.")
+    return here, np.array([point.states[k] for k in here.eq.x])
 
 
 def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: int | None = None) -> Any:
@@ -161,29 +157,26 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: in
     90.0 deg at 2.0 rad/s
     """
     diagram = as_diagram(diagram)
-    cut = _without_rounding(opened(diagram, at))
-    if not _is_loop(diagram, at):
+    cut, links = _without_rounding(opened(diagram, at)), _links(diagram, at)
+    if not _is_loop(diagram, links):
         raise RunError(f"at='{at}': this wire is in no loop, so there is nothing to open.")
-    closed = _without_rounding(diagram).rewire(outputs={**diagram.outputs, CUT_OUTPUT: _source(diagram, at)})
-    there = local_equations(
-        closed, point.inputs if point is not None else {}, point.t if point is not None else 0.0, sampled=True
-    )
-    x = np.array([point.states[k] for k in there.eq.x]) if point is not None else there.x
-    whole_point = point_at(there, x, np.array([there.u[k] for k in there.places]))
+    outputs = {**diagram.outputs, CUT_OUTPUT: ".".join(links[0].source)}
+    closed, x = _equations_at("point", point, _without_rounding(diagram).rewire(outputs=outputs))
+    whole_point = point_at(closed, x, closed.u[closed.places])
     inputs = {**whole_point.inputs, CUT_INPUT: whole_point.signals[CUT_OUTPUT]}
-    point = attrs.evolve(whole_point, inputs=inputs)
-    if there.eq.periods:
-        _check_closure(local_equations(cut, inputs, point.t, sampled=True), there, x, at)
-    return _loop_transfer(linearize(cut, inputs=[CUT_INPUT], outputs=[CUT_OUTPUT], at=point, pade=pade))
+    if closed.eq.periods:
+        _check_closure(local_equations(cut, inputs, whole_point.t, sampled=True), closed, x, at)
+    there = attrs.evolve(whole_point, inputs=inputs)
+    return _loop_transfer(linearize(cut, inputs=[CUT_INPUT], outputs=[CUT_OUTPUT], at=there, pade=pade))
 
 
 def _check_closure(cut: LocalEquations, closed: LocalEquations, x: np.ndarray, at: str) -> None:
     """Raise RunError where the loop, closed over a signal held between samples, differs from the diagram's."""
-    made = sampled_model(cut, x, [CUT_INPUT], [CUT_OUTPUT])
-    if not made.closes_to(sampled_model(closed, x, [], [])):
+    model = sampled_model(cut, x, [CUT_INPUT], [CUT_OUTPUT])
+    if not model.closes_to(sampled_model(closed, x, [], [])):
         raise RunError(
             f"at='{at}': the signal on this wire matters, and changes, between the instants at which all "
-            f"samples of '{closed.eq.title}' coincide ({made.dt:g} s apart). Open the loop where it "
+            f"samples of '{closed.eq.title}' coincide ({model.dt:g} s apart). Open the loop where it "
             "enters or leaves the slowest sampled block."
         )
 
@@ -243,9 +236,9 @@ def opened(diagram: Diagram, at: str) -> Diagram:
     diagram = as_diagram(diagram)
     links = _links(diagram, at)
     source = ".".join(links[0].source)
-    for name, side in ((CUT_INPUT, diagram.inputs), (CUT_OUTPUT, diagram.outputs)):
-        if name in side:
-            raise RunError(f"'{diagram.title}' has an {'input' if name == CUT_INPUT else 'output'} '{name}' already.")
+    for what, name, known in (("input", CUT_INPUT, diagram.inputs), ("output", CUT_OUTPUT, diagram.outputs)):
+        if name in known:
+            raise RunError(f"'{diagram.title}' has an {what} '{name}' already.")
     ports = [".".join(link.target) for link in links]
     return diagram.rewire(
         cut=[f"{source} -> {port}" for port in ports],
@@ -254,13 +247,8 @@ def opened(diagram: Diagram, at: str) -> Diagram:
     )
 
 
-def _source(diagram: Diagram, at: str) -> str:
-    return ".".join(_links(diagram, at)[0].source)
-
-
-def _is_loop(diagram: Diagram, at: str) -> bool:
+def _is_loop(diagram: Diagram, links: list[Link]) -> bool:
     """Whether a path along the wires leads from the targets of these back to their source."""
-    links = _links(diagram, at)
     reached, fresh = set[str](), {link.target[0] for link in links}
     while fresh:
         reached |= fresh
@@ -291,15 +279,16 @@ def _links(diagram: Diagram, at: str) -> list[Link]:
 
 
 def _chosen(
-    here: LocalEquations, given: Sequence[str] | None, known: list[str], what: str, usual: list[str] | None = None
+    eq: Equations, what: str, given: Sequence[str] | None, usual: Iterable[str], known: Iterable[str]
 ) -> list[str]:
-    chosen = as_list(given) if given is not None else list(usual if usual is not None else known)
+    """The signals or inputs that are given, by default the usual ones. Raises RunError for an unknown name."""
+    chosen = list(usual) if given is None else as_list(given)
     for name in chosen:
         if name not in known:
-            raise RunError(f"diagram '{here.eq.title}' has no {what} '{name}'.{near(name, known)}")
+            raise RunError(f"diagram '{eq.title}' has no {what} '{name}'.{near(name, known)}")
     if not chosen:
         argument = "inputs" if what == "input" else "outputs"
-        raise RunError(f"no {what} of diagram '{here.eq.title}' is chosen: give {argument}=[…].{near('', known)}")
+        raise RunError(f"no {what} of diagram '{eq.title}' is chosen: give {argument}=[…].{near('', known)}")
     return chosen
 
 
@@ -310,19 +299,19 @@ def _jacobians(here: LocalEquations, x: np.ndarray, shown: Sequence[str]) -> dic
     u, w = np.asarray(here.u, dtype=float), np.zeros(len(eq.q))
     for _ in range(len(eq.q)):
         w = np.asarray(late(x, u, w, here.t, here.p)).ravel()
-    *made, moved = (np.asarray(J, dtype=float) for J in jacobians(x, u, w, here.t, here.p))
-    if np.abs(moved).max(initial=0.0) > 1e-9:
+    *parts, by_moves = (np.asarray(J, dtype=float) for J in jacobians(x, u, w, here.t, here.p))
+    if np.abs(by_moves).max(initial=0.0) > 1e-9:
         raise RunError(
             f"'{eq.title}' depends on the derivative of a delayed signal, which no state space holds. Put a lag "
             "behind the delay."
         )
-    found = dict(zip(_KEYS, made, strict=True))
+    by_key = dict(zip(_KEYS, parts, strict=True))
     rows = {"dx": [f"the rate of {name}" for name in eq.x], "y": list(shown), "s": [f"what {q} delays" for q in eq.q]}
-    bad = [rows[a][k] for (a, _), J in found.items() for k in np.flatnonzero(~np.isfinite(J).all(axis=1))]
+    bad = [rows[a][k] for (a, _), J in by_key.items() for k in np.flatnonzero(~np.isfinite(J).all(axis=1))]
     if bad:
         listed = ", ".join(list(dict.fromkeys(bad))[:3])
         raise RunError(f"the derivatives of '{eq.title}' are not finite here: {listed}.")
-    return found
+    return by_key
 
 
 _KEYS = [(a, b) for a in ("dx", "y", "s") for b in ("x", "u", "w")]
@@ -336,19 +325,16 @@ def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, A
     """
     xs, us, ws = ca.SX.sym("x", len(eq.x)), ca.SX.sym("u", len(eq.u)), ca.SX.sym("w", len(eq.q))
     t, p, moves = ca.SX.sym("t"), ca.SX.sym("p", len(eq.p)), ca.SX.sym("moves", len(eq.q))
-    dx, y, s = evaluated(eq, xs, us, ws, t, p, moves)
+    dx, y, s = evaluated(eq, t, xs, ca.SX(0, 1), us, p, ws, moves)
     rows = {"dx": dx, "y": ca.vertcat(*(y[eq.y.index(name)] for name in signals)), "s": s}
     by = {"x": xs, "u": us, "w": ws}
     given = [xs, us, ws, t, p]
-    made = [ca.jacobian(rows[a], by[b]) for a, b in _KEYS] + [ca.jacobian(ca.vertcat(*rows.values()), moves)]
-    still = [ca.densify(ca.substitute(one, moves, ca.DM.zeros(len(eq.q)))) for one in made]
-    return ca.Function("jacobians", given, still), ca.Function("delayed", given, [ca.densify(s)])
+    jacobians = [ca.jacobian(rows[a], by[b]) for a, b in _KEYS] + [ca.jacobian(ca.vertcat(*rows.values()), moves)]
+    *at_rest, delayed = [ca.densify(ca.substitute(J, moves, ca.DM.zeros(len(eq.q)))) for J in (*jacobians, s)]
+    return ca.Function("jacobians", given, at_rest), ca.Function("delayed", given, [delayed])
 
 
-Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-def _proper(here: LocalEquations, J: dict[tuple[str, str], np.ndarray], names: Sequence[str]) -> Matrices:
+def _proper(here: LocalEquations, J: dict[tuple[str, str], np.ndarray], names: Sequence[str]) -> tuple[np.ndarray, ...]:
     r"""State space with inputs ``names``, then delayed signals; outputs the signals, then what is delayed.
 
     Where a rate depends on the derivative of an input, :math:`x' = A x + B u + E u'`, the state :math:`x - E u` is
@@ -379,45 +365,19 @@ def _proper(here: LocalEquations, J: dict[tuple[str, str], np.ndarray], names: S
     return A, B, rows, D
 
 
-def _with_delays(here: LocalEquations, system: Matrices, pade: int | None) -> Matrices:
-    """The system closed over its delays, each as a Padé approximation."""
+def _pade_delays(here: LocalEquations, order: int | None) -> Any:
+    """The delays as Padé approximations, side by side."""
     import control
 
-    eq = here.eq
-    lags = np.asarray(eq.lag(here.p), dtype=float).ravel()
-    if pade is None:
+    lags = np.asarray(here.eq.lag(here.p), dtype=float).ravel()
+    if order is None:
         listed = ", ".join(f"{v:g} s" for v in lags)
         raise RunError(
-            f"'{eq.title}' has dead times ({listed}), which no state space holds. "
+            f"'{here.eq.title}' has dead times ({listed}), which no state space holds. "
             "Give pade=3 for an approximation of third order."
         )
-    order = as_integer("pade", pade, 1)
-    parts = [
-        control.ss(control.tf(*control.pade(lag, order))) if lag > 0 else control.ss([], [], [], 1.0) for lag in lags
-    ]
-    delays = control.append(*parts) if len(parts) > 1 else parts[0]
-    A, B, C, D = system
-    n, m = B.shape[1] - len(lags), C.shape[0] - len(lags)
-    Bu, Bw, Cy, Cs = B[:, :n], B[:, n:], C[:m], C[m:]
-    Dyu, Dyw, Dsu, Dsw = D[:m, :n], D[:m, n:], D[m:, :n], D[m:, n:]
-    # w = Dd s + Cd z, s = Cs x + Dsu u + Dsw w
-    Dd, Cd = np.asarray(delays.D), np.asarray(delays.C)
-    solve = np.linalg.inv(np.eye(len(lags)) - Dd @ Dsw)
-    Wx, Wz, Wu = solve @ Dd @ Cs, solve @ Cd, solve @ Dd @ Dsu
-    Sx, Sz, Su = Cs + Dsw @ Wx, Dsw @ Wz, Dsu + Dsw @ Wu
-    Bd = np.asarray(delays.B)
-    return (
-        np.block([[A + Bw @ Wx, Bw @ Wz], [Bd @ Sx, np.asarray(delays.A) + Bd @ Sz]]),
-        np.vstack([Bu + Bw @ Wu, Bd @ Su]),
-        np.hstack([Cy + Dyw @ Wx, Dyw @ Wz]),
-        Dyu + Dyw @ Wu,
-    )
-
-
-def _states(here: LocalEquations, A: np.ndarray) -> list[str]:
-    """Names of the states, those of Padé approximations last."""
-    names = list(here.eq.x)
-    return _labels([*names, *(f"pade_{k}" for k in range(len(A) - len(names)))])
+    order = as_integer("pade", order, 1)
+    return control.append(*(control.ss(control.tf(*control.pade(lag, order))) for lag in lags))
 
 
 def _labels(names: Sequence[str]) -> list[str]:

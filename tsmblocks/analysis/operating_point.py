@@ -11,6 +11,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
+from tsmblocks.common.tables import columns
 from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, numbers
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
@@ -23,6 +24,8 @@ ABSOLUTE_TOLERANCE = 1e-12
 """... plus this much. Chosen: for terms of size zero."""
 REST_INSTANTS = 1e6
 """Instants of the past of a delayed signal that has been constant. Chosen: longer than any delay reads."""
+HELD_SUFFIX = " (held)"
+"""End of the name of an output that is held between samples, as the compiler writes it."""
 SOURCE_SPAN = 1e-3
 """Time [s] over which sources are evaluated; only the first instant is used."""
 
@@ -70,8 +73,6 @@ class Point:
         return iter([*self.states, *self.inputs])
 
     def __str__(self) -> str:
-        from tsmblocks.common.tables import columns
-
         def listed(side: Mapping[str, float]) -> list[tuple[str, str, str]]:
             return [(k, f"{v:.6g}", self.units.get(k, "")) for k, v in side.items()]
 
@@ -81,10 +82,9 @@ class Point:
 
 @attrs.frozen(eq=False)
 class LocalEquations:
-    """The equations of a diagram at one instant, as ``trim`` and ``linearize`` use them.
+    """The equations of a diagram at the instant ``t``, where all sources are as they are then.
 
-    ``f(x, u)`` gives ``(dx, y)``, ``u`` being the diagram's inputs alone; their time derivatives are zero and all
-    sources are as they are at ``t``.
+    ``u`` are the sampled inputs, of which ``inputs`` names the diagram's own; their time derivatives are zero.
     """
 
     eq: Equations
@@ -102,36 +102,19 @@ class LocalEquations:
         names = [feed.name if not feed.block and not feed.order else "" for feed in self.eq.u]
         return [names.index(name) for name in self.inputs]
 
-    def full(self, u: Any) -> Any:
-        """The sampled inputs with these values of the diagram's inputs, as CasADi expressions."""
-        made = [ca.SX(float(v)) for v in self.u]
-        for k, place in enumerate(self.places):
-            made[place] = u[k]
-        return ca.vertcat(*made) if made else ca.SX(0, 1)
 
-    def evaluated(self, x: Any, u: Any, late: Any = None) -> list[Any]:
-        """``(dx, y, s)`` of the equations. ``late`` are the outputs of delays, zero unless given."""
-        late = ca.SX.zeros(len(self.eq.q)) if late is None else late
-        return evaluated(self.eq, x, u, late, self.t, self.p, d=ca.SX(ca.DM(self.d)))
-
-
-def evaluated(
-    eq: Equations, x: Any, u: Any, late: Any, t: Any, p: Any, derivatives: Any = None, d: Any = None
-) -> list[Any]:
-    """``(dx, y, s)`` of the equations with delay outputs ``late`` and their time derivatives ``derivatives``.
+def evaluated(eq: Equations, t: Any, x: Any, d: Any, u: Any, p: Any, w: Any, moves: Any) -> list[Any]:
+    """``(dx, y, s)`` of the equations with delay outputs ``w`` and their time derivatives ``moves``.
 
     The past of a delayed signal is its values at four instants around the one that is read.
     """
-    lags = eq.lag.call([p])[0] if eq.q else ca.SX(0, 1)
-    held = []
+    lags = eq.lag.call([p])[0]
+    away = [float(i) - 0.5 * (DELAY_SAMPLES - 1) for i in range(DELAY_SAMPLES)]
+    past = []
     for k in range(len(eq.q)):
-        away = [float(i) - 0.5 * (DELAY_SAMPLES - 1) for i in range(DELAY_SAMPLES)]
-        values = [late[k] + (derivatives[k] * a if derivatives is not None else 0.0) for a in away]
-        held.append(ca.vertcat(*values, t - lags[k] + away[-1], 1.0, REST_INSTANTS))
-    found: list[Any] = eq.rhs.call(
-        [t, x, ca.SX(0, 1) if d is None else d, u, ca.vertcat(*held) if held else ca.SX(0, 1), p]
-    )
-    return found
+        past += [*(w[k] + moves[k] * a for a in away), t - lags[k] + away[-1], 1.0, REST_INSTANTS]
+    made: list[Any] = eq.rhs.call([t, x, d, u, ca.SX(ca.vertcat(*past)), p])
+    return made
 
 
 def _without(name: str) -> str:
@@ -146,7 +129,7 @@ def with_held_outputs(
     if not eq.periods or eq.q:
         return d
     fresh = np.asarray(eq.update(t, x, d, u, ca.DM(0, 1), p, np.ones(len(eq.periods)))[0], dtype=float).ravel()
-    return np.where([name.endswith(" (held)") for name in eq.d], fresh, d)
+    return np.where([name.endswith(HELD_SUFFIX) for name in eq.d], fresh, d)
 
 
 def local_equations(
@@ -159,22 +142,17 @@ def local_equations(
     eq = equations(diagram)
     if (eq.periods or eq.d) and not (sampled and eq.periods and not eq.every_step):
         owners = list(dict.fromkeys(name.rpartition(".")[0] for name in eq.d))
-        names = [name for name in owners if not sampled or name not in eq.sampled]
-        names = (list(eq.sampled) if not sampled else []) or names
-        one = len(names) == 1
+        names = [name for name in owners if name not in eq.sampled] if sampled else [*eq.sampled] or owners
+        act, their, them = ("acts", "its", "it") if len(names) == 1 else ("act", "their", "them")
         lack = "there is no linear model in continuous time" if sampled else "its rates do not determine an equilibrium"
+        where = f"{', '.join(names[:4])} of '{diagram.title}' {act} at instants of {their} own"
         raise RunError(
-            f"{', '.join(names[:4])} of '{diagram.title}' {'acts' if one else 'act'} at instants of "
-            f"{'its' if one else 'their'} own (samples, or memory from step to step, as a backlash has it), "
-            f"so {lack}. Replace or remove "
-            f"{'it' if one else 'them'} first: {_without(names[0])}."
+            f"{where} (samples, or memory from step to step, as a backlash has it), so {lack}. "
+            f"Replace or remove {them} first: {_without(names[0])}."
         )
     p = parameter_vector(eq, diagram)
     wanted = tuple(feed.name for feed in eq.u if not feed.block and not feed.order)
-    values = {name: inputs.get(name, 0.0) for name in wanted}
-    signals = gather_signals(
-        eq, {**{k: v for k, v in inputs.items() if k not in values}, **values}, np.array([t, t + SOURCE_SPAN]), "zero"
-    )
+    signals = gather_signals(eq, {**dict.fromkeys(wanted, 0.0), **inputs}, np.array([t, t + SOURCE_SPAN]), "zero")
     u = np.array(
         [
             0.0 if not feed.block and feed.order else signal.at(np.array([t]), order, "right", 0.0)[0]
@@ -187,7 +165,7 @@ def local_equations(
 
 def point_at(here: LocalEquations, x: np.ndarray, u: np.ndarray) -> Point:
     """A point from the values of states and inputs."""
-    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _at_rest(here, x, u)[:2])
+    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _at_rest(here, x, u))
     eq = here.eq
     signals = dict(zip(eq.y, y.tolist(), strict=True))
     signals |= {name: signals[signal] for name, signal in eq.aliases.items()}
@@ -203,17 +181,21 @@ def point_at(here: LocalEquations, x: np.ndarray, u: np.ndarray) -> Point:
 
 
 def _at_rest(here: LocalEquations, x: Any, u: Any) -> list[Any]:
-    """The equations at rest: the outputs of delays are their inputs."""
-    full = here.full(u)
-    if not here.eq.q:
-        return here.evaluated(x, full)
-    w = ca.SX.sym("w", len(here.eq.q))
-    s = here.evaluated(x, full, w)[2]
-    for _ in range(len(here.eq.q)):  # a delayed signal may be made of another
-        s = ca.substitute(s, w, s) if ca.depends_on(s, w) else s
+    """``(dx, y)`` with these values of the diagram's inputs, the outputs of delays being their inputs."""
+    eq = here.eq
+    sampled = [ca.SX(float(v)) for v in here.u]
+    for k, place in enumerate(here.places):
+        sampled[place] = u[k]
+    w, still = ca.SX.sym("w", len(eq.q)), ca.SX.zeros(len(eq.q))
+    given = (here.t, x, ca.SX(ca.DM(here.d)), ca.SX(ca.vertcat(*sampled)), here.p)
+    dx, y, s = evaluated(eq, *given, w, still)
+    if not eq.q:
+        return [dx, y]
+    for _ in range(len(eq.q).bit_length()):  # a delayed signal may be made of others: each pass doubles their number
+        s = ca.substitute(s, w, s)
     if ca.depends_on(s, w):
-        raise RunError(f"'{here.eq.title}' has a loop through delays alone, whose equilibrium is not determined.")
-    return here.evaluated(x, full, s)
+        raise RunError(f"'{eq.title}' has a loop through delays alone, whose equilibrium is not determined.")
+    return evaluated(eq, *given, s, still)[:2]
 
 
 def trim(
@@ -275,46 +257,41 @@ def trim(
     )
     free = [name for name in here.inputs if name not in given] if wanted else []
     begin = _initial_guess(here, start or {}, free)
-    residual, names, build = _conditions(here, wanted, free, begin)
-    z = _nearest_root(residual, np.concatenate(begin), len(names))
-    x, u = build(z)
-    left, J = (np.asarray(part, dtype=float) for part in residual(z))
-    left = np.abs(left.ravel())
+    conditions, names = _conditions(here, wanted, free)
+    z = _nearest_root(conditions, begin, len(names))
+    residual, J, u = (np.asarray(part, dtype=float) for part in conditions(z))
+    error = np.abs(residual.ravel())
     size = RATE_TOLERANCE * (np.abs(J) @ np.abs(z)) + ABSOLUTE_TOLERANCE  # of the terms that make up each row
-    worst = int(np.argmax(left / size)) if len(left) else 0
-    if len(left) and not left[worst] <= size[worst]:
-        raise RunError(
-            f"'{diagram.title}' has no equilibrium here: {names[worst]} is {left[worst]:.3g} off. "
-            f"{_advice(wanted, free)}"
-        )
-    return point_at(here, x, u)
+    worst = int(np.argmax(error / size)) if names else 0
+    if names and not error[worst] <= size[worst]:
+        advice = "Start elsewhere (start={…}), or choose an instant when no source drives it (t=…)."
+        if wanted and not free:
+            advice = "No input is free to bring the outputs there: leave one out of inputs."
+        off = f"{names[worst]} is {error[worst]:.3g} off"
+        raise RunError(f"'{diagram.title}' has no equilibrium here: {off}. {advice}")
+    return point_at(here, z[: len(here.x)], u.ravel())
 
 
-def _advice(wanted: Mapping[str, float], free: list[str]) -> str:
-    if wanted and not free:
-        return "No input is free to bring the outputs there: leave one out of inputs."
-    return "Start elsewhere (start={…}), or choose an instant when no source drives it (t=…)."
-
-
-def _initial_guess(here: LocalEquations, start: Mapping[str, float], free: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def _initial_guess(here: LocalEquations, start: Mapping[str, float], free: list[str]) -> np.ndarray:
+    """The states, then the free inputs, at which the search starts. Raises RunError for an unknown name."""
     known = [*here.eq.x, *free]
     for name, value in start.items():
         as_number(f"start: '{name}'", value, DataError)
         if name not in known:
             raise RunError(f"start: there is no state or free input '{name}'.{near(name, known)}")
-    x = np.array([float(start.get(name, v)) for name, v in zip(here.eq.x, here.x, strict=True)])
-    return x, np.array([float(start.get(name, 0.0)) for name in free])
+    own = [*here.x, *np.zeros(len(free))]
+    return np.array([float(start.get(name, v)) for name, v in zip(known, own, strict=True)])
 
 
-def _conditions(
-    here: LocalEquations, wanted: Mapping[str, float], free: list[str], begin: tuple[np.ndarray, np.ndarray]
-) -> tuple[Any, list[str], Any]:
-    """Residuals and their Jacobian as a function of states and free inputs; their names; a function to split these."""
-    eq, count = here.eq, len(begin[0])
+def _conditions(here: LocalEquations, wanted: Mapping[str, float], free: list[str]) -> tuple[Any, list[str]]:
+    """Residuals, their Jacobian and all inputs as a function of states and free inputs; names of the residuals."""
+    eq, count = here.eq, len(here.x)
     z = ca.SX.sym("z", count + len(free))
-    held = {name: here.u[place] for name, place in zip(here.inputs, here.places, strict=True)}
-    u = [z[count + free.index(name)] if name in free else ca.SX(float(held[name])) for name in here.inputs]
-    dx, y = _at_rest(here, z[:count], u)[:2]
+    u = [
+        z[count + free.index(name)] if name in free else ca.SX(float(here.u[place]))
+        for name, place in zip(here.inputs, here.places, strict=True)
+    ]
+    dx, y = _at_rest(here, z[:count], u)
     rows, names = [dx], [f"the rate of {name}" for name in eq.x]
     for name, value in wanted.items():
         signal = eq.aliases.get(name, name)
@@ -322,24 +299,19 @@ def _conditions(
             raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
         rows.append(y[eq.y.index(signal)] - as_number(f"output '{name}'", value, DataError))
         names.append(name)
-    zero = ca.vertcat(*rows)
-
-    def build(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = [values[count + free.index(name)] if name in free else held[name] for name in here.inputs]
-        return values[:count], np.array(found, dtype=float)
-
-    return ca.Function("residual", [z], [zero, ca.jacobian(zero, z)]), names, build
+    residual = ca.vertcat(*rows)
+    return ca.Function("conditions", [z], [residual, ca.jacobian(residual, z), ca.vertcat(*u)]), names
 
 
-def _nearest_root(residual: Any, begin: np.ndarray, count: int) -> np.ndarray:
+def _nearest_root(conditions: Any, begin: np.ndarray, count: int) -> np.ndarray:
     """The root nearest to the initial guess: Newton steps of least norm, which leave undetermined states unchanged."""
     from scipy.optimize import least_squares
 
     def error(v: np.ndarray) -> np.ndarray:
-        return np.asarray(residual(v)[0], dtype=float).ravel()
+        return np.asarray(conditions(v)[0], dtype=float).ravel()
 
     def jacobian(v: np.ndarray) -> np.ndarray:
-        return np.asarray(residual(v)[1], dtype=float)
+        return np.asarray(conditions(v)[1], dtype=float)
 
     if not count or not len(begin):
         return begin
