@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.data.repair import dropouts_are_reported, spikes_are_reported
+from tsmblocks.data.repair import dropouts, spikes
 from tsmblocks.data.table import Table
 
 T = np.arange(0.0, 20.0, 0.01)
@@ -14,7 +14,7 @@ NOISY = CLEAN + 0.2 * np.random.default_rng(0).standard_normal(len(T))
 
 def notes(x):
     table = Table("run.csv", ("t", "x"), ("s", "deg"), np.column_stack([T, x]), np.arange(len(T)) + 2, (1, 2))
-    return dropouts_are_reported(spikes_are_reported(table)).notes
+    return (*spikes(table), *dropouts(table))
 
 
 def with_values(x, **places):

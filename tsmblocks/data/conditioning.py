@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-import attrs
 import numpy as np
 
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES
@@ -35,22 +34,36 @@ BLEND_SAMPLES = 3
 """Samples of motion over which the offset of a rest that was held decays to zero. Chosen."""
 
 
-def conditioned(record: Record, inputs: Iterable[str]) -> Record:
-    """See Record.conditioned."""
-    if len(record) < MIN_FILTERED_SAMPLES:
-        return record
-    even = evenly_sampled(record)
-    names = [k for k in inputs if k in even and np.ptp(even[k]) > 0]
-    if not names:
+def conditioned(self: Record, names: Iterable[str]) -> Record:
+    """Return the record with measured inputs prepared for a model with memory, as a diagnosis does.
+
+    Signals are low-passed with zero phase, and held constant while they rest, since hysteresis and friction would
+    follow their noise. A signal whose spectrum shows no noise stays as it is; uneven samples are resampled first.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The inputs; those that are missing or constant are left out.
+
+    Returns
+    -------
+    Record
+        The conditioned record.
+    """
+    if len(self) < MIN_FILTERED_SAMPLES:
+        return self
+    even = evenly_sampled(self)
+    moving = [k for k in names if k in even and np.ptp(even[k]) > 0]
+    if not moving:
         return even
-    made = even.filtered(names)
+    made = even.filtered(moving)
     signals, notes = dict(made.signals), []
-    for name in names:
+    for name in moving:
         noise = float(np.sqrt(np.mean((made[name] - even[name]) ** 2)))
         signals[name], share = held_at_rest(made[name], made.step, noise)
         if share:
             notes.append(f"{name} was held constant where it rests ({100 * share:.0f} % of the samples).")
-    return attrs.evolve(made, signals=signals, notes=(*made.notes, *notes))
+    return made._changed(*notes, signals=signals)
 
 
 def all_conditioned(records: Mapping[str, Record], inputs: Iterable[str]) -> dict[str, Record]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-import attrs
 import numpy as np
 
 from tsmblocks.common import units
@@ -91,54 +90,99 @@ def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 
 
 
 def filtered(
-    record: Record, names: str | Iterable[str] | None = None, cutoff: float | None = None, order: int = 4
+    self: Record, names: str | Iterable[str] | None = None, *, cutoff: float | None = None, order: int = 4
 ) -> Record:
-    """Return the record with signals filtered; see Record.filtered."""
-    _check(record, cutoff, order, "filtering")
-    wanted = list(record) if names is None else [names] if isinstance(names, str) else list(names)
-    refuse_not_finite(record, wanted, "filtering")
-    signals, notes = dict(record.signals), []
+    """Return the record with signals low-passed with zero phase.
+
+    Parameters
+    ----------
+    names : str, iterable of str or None, default None
+        Signals to filter, by default all.
+    cutoff : float or None, default None
+        Frequency [Hz] at which the filter has fallen by 3 dB, below half the sampling frequency. By default it is
+        chosen for each signal from its spectrum, so that the expected error (motion lost and noise kept) is
+        least; a signal whose spectrum shows no noise stays as it is.
+    order : int, default 4
+        Order of the Butterworth filter, which runs forwards and backwards; from 1 to 12.
+
+    Returns
+    -------
+    Record
+        The filtered record.
+
+    Raises
+    ------
+    DataError
+        When the samples are unevenly spaced, not finite or too few, or the cut-off does not fit.
+    """
+    _refuse(self, cutoff, order, "filtering")
+    wanted = [names] if isinstance(names, str) else list(self if names is None else names)
+    refuse_not_finite(self, wanted, "filtering")
+    signals, notes = dict(self.signals), []
     for name in wanted:
-        chosen = cutoff or choose_cutoff(record[name], record.step, order)
+        chosen = cutoff or choose_cutoff(self[name], self.step, order)
         if chosen is None:
             notes.append(f"{name} was not filtered: its spectrum shows no noise.")
             continue
-        signals[name] = low_pass(record[name], record.step, chosen, order)
+        signals[name] = low_pass(self[name], self.step, chosen, order)
         notes.append(f"{name} was filtered with zero phase, {_cutoff_text(chosen, cutoff)}.")
-    return attrs.evolve(record, signals=signals, notes=(*record.notes, *notes))
+    return self._changed(*notes, signals=signals)
+
+
+def differentiated(
+    self: Record, signal: str, order: int = 1, *, name: str | None = None, cutoff: float | None = None
+) -> Record:
+    """Return the record with a derivative of a signal added.
+
+    The signal is low-passed with zero phase, and a quintic spline through it is differentiated.
+
+    Parameters
+    ----------
+    signal : str
+        The signal.
+    order : {1, 2}, default 1
+        First or second derivative, in unit/s or unit/s^2.
+    name : str or None, default None
+        Name of the derivative, by default ``signal_dot`` or ``signal_ddot``.
+    cutoff : float or None, default None
+        Cut-off [Hz] of the low-pass, by default chosen for the derivative from the spectrum.
+
+    Returns
+    -------
+    Record
+        The record with one signal more.
+
+    Raises
+    ------
+    DataError
+        As ``filtered`` does, for another order, and for a name that is taken.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    if order not in (1, 2):
+        raise DataError(f"{self.called}: a signal is differentiated once or twice (order = 1 or 2), got {order!r}.")
+    _refuse(self, cutoff, 4, "differentiating")
+    new = name or f"{signal}_{'d' * order}ot"
+    if new in self:
+        raise DataError(f"{self.called}: there is already a signal '{new}'; give the derivative another name.")
+    refuse_not_finite(self, [signal], "differentiating")
+    x, unit = self[signal], self.unit(signal)
+    chosen = cutoff or choose_cutoff(x, self.step, 4, order)
+    smooth = x if chosen is None else low_pass(x, self.step, chosen)
+    slope = make_interp_spline(self.t, smooth, k=5)(self.t, nu=order)
+    for _ in range(order if unit else 0):
+        unit = units.times(unit, "s", -1)
+    how = "" if chosen is None else f" after a zero-phase low-pass, {_cutoff_text(chosen, cutoff)}"
+    note = f"{heading(new, unit)} is {signal} differentiated{' twice' if order == 2 else ''}{how}."
+    labels = {**self.units, new: unit} if unit else self.units
+    return self._changed(note, signals={**self.signals, new: slope}, units=labels)
 
 
 def _cutoff_text(chosen: float, given: float | None) -> str:
     return f"cut-off {chosen:.4g} Hz" + ("" if given else " (chosen from its spectrum)")
 
 
-def differentiated(
-    record: Record, name: str, order: int = 1, new: str | None = None, cutoff: float | None = None
-) -> Record:
-    """Return the record with a derivative added; see Record.differentiated."""
-    from scipy.interpolate import make_interp_spline
-
-    if order not in (1, 2):
-        raise DataError(f"{record.called}: a signal is differentiated once or twice (order = 1 or 2), got {order!r}.")
-    _check(record, cutoff, 4, "differentiating")
-    new = new or f"{name}_{'d' * order}ot"
-    if new in record:
-        raise DataError(f"{record.called}: there is already a signal '{new}'; give the derivative another name.")
-    refuse_not_finite(record, [name], "differentiating")
-    x, own = record[name], record.unit(name)
-    chosen = cutoff or choose_cutoff(x, record.step, 4, order)
-    smooth = x if chosen is None else low_pass(x, record.step, chosen)
-    slope = make_interp_spline(record.t, smooth, k=5)(record.t, nu=order)
-    unit = own
-    for _ in range(order if own else 0):
-        unit = units.times(unit, "s", -1)
-    how = "" if chosen is None else f" after a zero-phase low-pass, {_cutoff_text(chosen, cutoff)}"
-    note = f"{heading(new, unit)} is {name} differentiated{' twice' if order == 2 else ''}{how}."
-    labels = {**record.units, new: unit} if unit else record.units
-    return attrs.evolve(record, signals={**record.signals, new: slope}, units=labels, notes=(*record.notes, note))
-
-
-def _check(record: Record, cutoff: float | None, order: int, what: str) -> None:
+def _refuse(record: Record, cutoff: float | None, order: int, what: str) -> None:
     if len(record) < MIN_FILTERED_SAMPLES:
         raise DataError(
             f"{record.called}: {what} needs at least {MIN_FILTERED_SAMPLES} samples, there are {len(record)}."

@@ -1,10 +1,9 @@
-"""Parts of a record: a span of time, training and validation data, one period after another."""
+"""Methods of ``Record`` for parts of it: a span of time, training and validation data, one period after another."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
@@ -15,18 +14,122 @@ if TYPE_CHECKING:
     from tsmblocks.data.record import Record
 
 
-def part(record: Record, start: float | None = None, stop: float | None = None) -> Record:
-    """Return the samples from start to stop; see Record.part."""
-    t = record.t
+def part(self: Record, start: float | None = None, stop: float | None = None) -> Record:
+    """Return the samples of a span of time.
+
+    Parameters
+    ----------
+    start, stop : float or None, default None
+        Ends of the span [s], both included; None is the end of the record.
+
+    Returns
+    -------
+    Record
+        The samples inside.
+
+    Raises
+    ------
+    DataError
+        When fewer than 4 remain.
+    """
+    t = self.t
     first, last = (t[0] if start is None else start), (t[-1] if stop is None else stop)
     kept = (t >= first) & (t <= last)
-    count = np.count_nonzero(kept)
+    count = int(kept.sum())
+    _refuse_few(self, count, f"only {count} samples lie between {first:g} s and {last:g} s")
+    return _samples_of(self, kept)
+
+
+def split(self: Record, fraction: float = 0.5, *, at: float | None = None) -> tuple[Record, Record]:
+    """Return two records, such as training and validation data: before a border, and from it on.
+
+    Parameters
+    ----------
+    fraction : float, default 0.5
+        Where the border lies, as a share of the time; between 0 and 1.
+    at : float or None, default None
+        Time of the border [s], in place of ``fraction``.
+
+    Returns
+    -------
+    tuple of Record
+        The two parts.
+
+    Raises
+    ------
+    DataError
+        When fewer than 4 samples are on one side.
+    """
+    t = self.t
+    if at is None and not 0 < fraction < 1:
+        raise DataError(
+            f"{self.called}: the share of the first part must lie between 0 and 1, got {fraction:g}. "
+            "For a time in s write split(at=…)."
+        )
+    border = t[0] + fraction * (t[-1] - t[0]) if at is None else at
+    before = t < border
+    smaller = int(min(before.sum(), (~before).sum()))
+    _refuse_few(self, smaller, f"a split at {border:g} s leaves {smaller} samples on one side")
+    return _samples_of(self, before), _samples_of(self, ~before)
+
+
+def period(self: Record, name: str | None = None) -> float | None:
+    """Return the period of a signal.
+
+    Parameters
+    ----------
+    name : str or None, default None
+        The signal, by default the one that repeats itself best.
+
+    Returns
+    -------
+    float or None
+        Period [s]; None when the record has no two periods alike.
+
+    Raises
+    ------
+    DataError
+        For an unknown signal.
+    """
+    names = self.names if name is None else (name,)
+    found = [p for k in names if (p := find_period(self.t, self[k])) is not None]
+    return min(found, key=lambda pair: pair[1])[0] if found else None
+
+
+def periods(self: Record, name: str | None = None) -> tuple[Record, ...]:
+    """Return the whole periods of a signal that repeats itself, one record each.
+
+    Parameters
+    ----------
+    name : str or None, default None
+        The signal, by default the one that repeats itself best.
+
+    Returns
+    -------
+    tuple of Record
+        The periods in order.
+
+    Raises
+    ------
+    DataError
+        When nothing repeats itself.
+    """
+    length = period(self, name)
+    if length is None:
+        what = f"'{name}' does not repeat itself" if name else "no signal repeats itself"
+        raise DataError(f"{self.called}: {what} at least twice, so there are no periods.")
+    t = self.t
+    count = int((t[-1] - t[0] + self.step) / length + 1e-6)
+    place = np.floor((t - t[0]) / length + 1e-6)
+    return tuple(_samples_of(self, place == k) for k in range(count))
+
+
+def _refuse_few(record: Record, count: int, cut: str) -> None:
     if count < MIN_RECORD_SAMPLES:
         raise DataError(
-            f"{record.called}: only {count} samples lie between {first:g} s and {last:g} s; "
-            f"{MIN_RECORD_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
+            f"{record.called}: {cut}; {MIN_RECORD_SAMPLES} are the least. "
+            f"The record is from {record.t[0]:g} s to {record.t[-1]:g} s."
         )
-    return _samples_of(record, kept)
 
 
 def _samples_of(record: Record, kept: np.ndarray) -> Record:
@@ -35,42 +138,4 @@ def _samples_of(record: Record, kept: np.ndarray) -> Record:
     span = f"{t[0]:g} s to {t[-1]:g} s"
     note = f"Only {span} ({len(t)} of {len(record)} samples)."
     signals = {k: x[kept] for k, x in record.signals.items()}
-    return attrs.evolve(record, name=f"{record.name}, {span}", t=t, signals=signals, notes=(*record.notes, note))
-
-
-def split(record: Record, fraction: float = 0.5, at: float | None = None) -> tuple[Record, Record]:
-    """Return what comes before an instant, and the rest; see Record.split."""
-    t = record.t
-    if at is None and not 0 < fraction < 1:
-        raise DataError(
-            f"{record.called}: the share of the first part must lie between 0 and 1, got {fraction:g}. "
-            "For a time in s write split(at=…)."
-        )
-    boundary = t[0] + fraction * (t[-1] - t[0]) if at is None else at
-    before = t < boundary
-    smaller = min(np.count_nonzero(before), np.count_nonzero(~before))
-    if smaller < MIN_RECORD_SAMPLES:
-        raise DataError(
-            f"{record.called}: a split at {boundary:g} s leaves {smaller} samples on one side; "
-            f"{MIN_RECORD_SAMPLES} are the least. The record is from {t[0]:g} s to {t[-1]:g} s."
-        )
-    return _samples_of(record, before), _samples_of(record, ~before)
-
-
-def period(record: Record, name: str | None = None) -> float | None:
-    """Return the period of a signal, or of the one that repeats itself best; see Record.period."""
-    names = record.names if name is None else (name,)
-    found = [p for k in names if (p := find_period(record.t, record[k])) is not None]
-    return min(found, key=lambda pair: pair[1])[0] if found else None
-
-
-def periods(record: Record, name: str | None = None) -> tuple[Record, ...]:
-    """Return the whole periods one by one; see Record.periods."""
-    length = period(record, name)
-    if length is None:
-        what = f"'{name}' does not repeat itself" if name else "no signal repeats itself"
-        raise DataError(f"{record.called}: {what} at least twice, so there are no periods.")
-    t = record.t
-    count = int((t[-1] - t[0] + record.step) / length + 1e-6)
-    place = np.floor((t - t[0]) / length + 1e-6)
-    return tuple(_samples_of(record, place == k) for k in range(count))
+    return record._changed(note, name=f"{record.name}, {span}", t=t, signals=signals)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,8 +16,9 @@ from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import view
-from tsmblocks.data import grid, resampling
-from tsmblocks.data import signals as signal_changes
+from tsmblocks.data import conditioning, filters, grid, parts, resampling
+from tsmblocks.data import signals as signal_methods
+from tsmblocks.data.writing import written
 from tsmblocks.model.block import Samples
 
 
@@ -27,12 +28,12 @@ def _read_only(values: np.ndarray) -> np.ndarray:
     return array
 
 
-def _read_only_signals(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    return MappingProxyType({name: _read_only(values) for name, values in signals.items()})
-
-
 def _read_only_labels(labels: Mapping[str, str]) -> Mapping[str, str]:
     return MappingProxyType(dict(labels))
+
+
+def _read_only_signals(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    return MappingProxyType({name: _read_only(values) for name, values in signals.items()})
 
 
 @attrs.frozen(eq=False)
@@ -78,7 +79,7 @@ class Record:
     notes: tuple[str, ...] = ()
 
     def __attrs_post_init__(self) -> None:
-        signal_changes.checked(self)
+        signal_methods.refuse_unsound(self)
 
     @property
     def called(self) -> str:
@@ -258,8 +259,6 @@ class Record:
         DataError
             For another ending, and for names that would not be read again as they are.
         """
-        from tsmblocks.data.writing import written
-
         return written(path, self.t, self.signals, self.units, "Give it another name with renamed({…}).")
 
     def __reduce__(self) -> Any:  # mapping proxies do not pickle
@@ -272,7 +271,7 @@ class Record:
     def _repr_html_(self) -> str:
         return view("html", self)
 
-    # ---- the time axis: grid.py, parts.py
+    # ---- the time axis
 
     @property
     def step(self) -> float:
@@ -289,288 +288,16 @@ class Record:
         """Whether the samples are evenly spaced (no step off by more than 1 %)."""
         return grid.is_even(self.t)
 
-    def resampled(self, step: float | None = None) -> Record:
-        """Return the record on an even grid.
+    # ---- methods that are written in modules of their own, by subject
 
-        Signals are interpolated by a cubic spline or linearly, whichever predicts every second sample better from the
-        others. When the new step is longer, a zero-phase low-pass at 0.7 of the new Nyquist frequency precedes it
-        against aliasing.
+    part, split = parts.part, parts.split
+    period, periods = parts.period, parts.periods
+    resampled = resampling.resampled
+    filtered, differentiated = filters.filtered, filters.differentiated
+    conditioned = conditioning.conditioned
+    unwrapped, with_signal = signal_methods.unwrapped, signal_methods.with_signal
+    renamed, converted = signal_methods.renamed, signal_methods.converted
 
-        Parameters
-        ----------
-        step : float or None, default None
-            Step [s], by default the median step of the record.
-
-        Returns
-        -------
-        Record
-            The record on the new grid.
-
-        Raises
-        ------
-        DataError
-            For a step that does not fit, and for samples that are not finite.
-        """
-        return resampling.resampled(self, step)
-
-    def part(self, start: float | None = None, stop: float | None = None) -> Record:
-        """Return the samples of a span of time.
-
-        Parameters
-        ----------
-        start, stop : float or None, default None
-            Ends of the span [s], both included; None is the end of the record.
-
-        Returns
-        -------
-        Record
-            The samples inside.
-
-        Raises
-        ------
-        DataError
-            When fewer than 4 remain.
-        """
-        from tsmblocks.data import parts
-
-        return parts.part(self, start, stop)
-
-    def split(self, fraction: float = 0.5, *, at: float | None = None) -> tuple[Record, Record]:
-        """Return two records, such as training and validation data: before a border, and from it on.
-
-        Parameters
-        ----------
-        fraction : float, default 0.5
-            Where the border lies, as a share of the time; between 0 and 1.
-        at : float or None, default None
-            Time of the border [s], in place of ``fraction``.
-
-        Returns
-        -------
-        tuple of Record
-            The two parts.
-
-        Raises
-        ------
-        DataError
-            When fewer than 4 samples are on one side.
-        """
-        from tsmblocks.data import parts
-
-        return parts.split(self, fraction, at)
-
-    def period(self, name: str | None = None) -> float | None:
-        """Return the period of a signal.
-
-        Parameters
-        ----------
-        name : str or None, default None
-            The signal, by default the one that repeats itself best.
-
-        Returns
-        -------
-        float or None
-            Period [s]; None when the record has no two periods alike.
-
-        Raises
-        ------
-        DataError
-            For an unknown signal.
-        """
-        from tsmblocks.data import parts
-
-        return parts.period(self, name)
-
-    def periods(self, name: str | None = None) -> tuple[Record, ...]:
-        """Return the whole periods of a signal that repeats itself, one record each.
-
-        Parameters
-        ----------
-        name : str or None, default None
-            The signal, by default the one that repeats itself best.
-
-        Returns
-        -------
-        tuple of Record
-            The periods in order.
-
-        Raises
-        ------
-        DataError
-            When nothing repeats itself.
-        """
-        from tsmblocks.data import parts
-
-        return parts.periods(self, name)
-
-    # ---- filters: filters.py
-
-    def filtered(
-        self, names: str | Iterable[str] | None = None, *, cutoff: float | None = None, order: int = 4
-    ) -> Record:
-        """Return the record with signals low-passed with zero phase.
-
-        Parameters
-        ----------
-        names : str, iterable of str or None, default None
-            Signals to filter, by default all.
-        cutoff : float or None, default None
-            Frequency [Hz] at which the filter has fallen by 3 dB, below half the sampling frequency. By default it is
-            chosen for each signal from its spectrum, so that the expected error (motion lost and noise kept) is
-            least; a signal whose spectrum shows no noise stays as it is.
-        order : int, default 4
-            Order of the Butterworth filter, which runs forwards and backwards; from 1 to 12.
-
-        Returns
-        -------
-        Record
-            The filtered record.
-
-        Raises
-        ------
-        DataError
-            When the samples are unevenly spaced, not finite or too few, or the cut-off does not fit.
-        """
-        from tsmblocks.data import filters
-
-        return filters.filtered(self, names, cutoff, order)
-
-    def conditioned(self, names: Iterable[str]) -> Record:
-        """Return the record with measured inputs prepared for a model with memory, as a diagnosis does.
-
-        Signals are low-passed with zero phase, and held constant while they rest, since hysteresis and friction would
-        follow their noise. A signal whose spectrum shows no noise stays as it is; uneven samples are resampled first.
-
-        Parameters
-        ----------
-        names : iterable of str
-            The inputs; those that are missing or constant are left out.
-
-        Returns
-        -------
-        Record
-            The conditioned record.
-        """
-        from tsmblocks.data.conditioning import conditioned
-
-        return conditioned(self, names)
-
-    def differentiated(
-        self, signal: str, order: int = 1, *, name: str | None = None, cutoff: float | None = None
-    ) -> Record:
-        """Return the record with a derivative of a signal added.
-
-        The signal is low-passed with zero phase, and a quintic spline through it is differentiated.
-
-        Parameters
-        ----------
-        signal : str
-            The signal.
-        order : {1, 2}, default 1
-            First or second derivative, in unit/s or unit/s^2.
-        name : str or None, default None
-            Name of the derivative, by default ``signal_dot`` or ``signal_ddot``.
-        cutoff : float or None, default None
-            Cut-off [Hz] of the low-pass, by default chosen for the derivative from the spectrum.
-
-        Returns
-        -------
-        Record
-            The record with one signal more.
-
-        Raises
-        ------
-        DataError
-            As ``filtered`` does, for another order, and for a name that is taken.
-        """
-        from tsmblocks.data import filters
-
-        return filters.differentiated(self, signal, order, name, cutoff)
-
-    # ---- signals one by one: signals.py
-
-    def unwrapped(self, name: str, *, turn: float | None = None) -> Record:
-        """Return the record with an angle made continuous: a step of more than half a turn counts as a wrap.
-
-        Parameters
-        ----------
-        name : str
-            The angle.
-        turn : float or None, default None
-            One turn in the signal's unit; known for rad, deg and rev.
-
-        Returns
-        -------
-        Record
-            The record with the continuous angle.
-
-        Raises
-        ------
-        DataError
-            When one turn is not known.
-        """
-        return signal_changes.unwrapped(self, name, turn)
-
-    def with_signal(self, name: str, values: Any, unit: str = "") -> Record:
-        """Return the record with a signal added or replaced.
-
-        Parameters
-        ----------
-        name : str
-            The signal.
-        values : array_like, shape (N,)
-            One finite number for each sample.
-        unit : str, default ""
-            Its unit.
-
-        Returns
-        -------
-        Record
-            The record with the signal.
-
-        Raises
-        ------
-        DataError
-            For another number of samples, and for samples that are not finite.
-        """
-        return signal_changes.with_signal(self, name, values, unit)
-
-    def renamed(self, names: Mapping[str, str]) -> Record:
-        """Return the record with signals under other names.
-
-        Parameters
-        ----------
-        names : mapping of str to str
-            New names by the present ones: ``{"motor angle": "x_in"}``.
-
-        Returns
-        -------
-        Record
-            The record with the new names.
-
-        Raises
-        ------
-        DataError
-            For an unknown signal, and for a name that two signals would have.
-        """
-        return signal_changes.renamed(self, names)
-
-    def converted(self, wanted: Mapping[str, str]) -> Record:
-        """Return the record with signals in other units.
-
-        Parameters
-        ----------
-        wanted : mapping of str to str
-            Units by signal: ``{"x_in": "rad"}``. A signal without a unit is taken to be in the one given.
-
-        Returns
-        -------
-        Record
-            The record in the new units.
-
-        Raises
-        ------
-        DataError
-            For an unknown signal or unit, and when units measure different things.
-        """
-        return signal_changes.converted(self, wanted)
+    def _changed(self, *notes: str, **changes: Any) -> Record:
+        """The record with other fields, and notes on that."""
+        return attrs.evolve(self, notes=(*self.notes, *notes), **changes)

@@ -1,14 +1,13 @@
 """Faults of measured numbers: each is repaired with a note, reported, or refused with its row.
 
-A repair is a function from a table, whose first column is the time in s, to a table. ``REPAIRS``
-lists them in the order in which they act; a new one is one function and one entry.
+A repair is a function from a table, whose first column is the time in s, to a table; a report yields notes. ``REPAIRS``
+and ``REPORTS`` list them in the order in which they act; a new one is one function and one entry.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
-import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
@@ -16,7 +15,7 @@ from tsmblocks.common.tables import listed
 from tsmblocks.data import repair_time
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES, stretches
 from tsmblocks.data.signals import first_wrap
-from tsmblocks.data.table import Table, noted, plural
+from tsmblocks.data.table import Table, plural, rows_text
 
 MAX_FILLED_GAP = 3
 """Missing samples in a row that are interpolated at most. Chosen: more would be invented data."""
@@ -41,36 +40,29 @@ MIN_TURN_SHARE = 0.4
 white noise."""
 
 
-def enough_samples(table: Table) -> Table:
-    """Refuse a handful of samples: they are no measurement."""
+def refuse_few_samples(table: Table) -> Table:
+    """A handful of samples is no measurement."""
     if len(table.values) < MIN_RECORD_SAMPLES:
-        raise DataError(
-            f"{table.origin}: only {plural(len(table.values), 'sample')} found; {MIN_RECORD_SAMPLES} are the least."
-        )
+        count = plural(len(table.values), "sample")
+        raise DataError(f"{table.origin}: only {count} found; {MIN_RECORD_SAMPLES} are the least.")
     return table
 
 
-def empty_columns_are_left_out(table: Table) -> Table:
+def drop_empty_columns(table: Table) -> Table:
     """Columns without unit and without any number are left out, unless they were named or no other would remain."""
     empty = np.isnan(table.values).all(axis=0) & [not unit for unit in table.units]
-    empty[0] = False
-    empty &= [name not in table.requested for name in table.names]
+    empty &= [k > 0 and name not in table.requested for k, name in enumerate(table.names)]
     kept = np.flatnonzero(~empty)
     if not empty.any() or len(kept) < 2:
         return table
-    gone = [table.column(int(k)) for k in np.flatnonzero(empty)]
-    note = f"{listed(gone)} {'hold no number and were' if len(gone) > 1 else 'holds no number and was'} left out."
-    return attrs.evolve(
-        table,
-        names=tuple(table.names[k] for k in kept),
-        units=tuple(table.units[k] for k in kept),
-        places=tuple(table.places[k] for k in kept),
-        values=table.values[:, kept],
-        notes=(*table.notes, f"{note[0].upper()}{note[1:]}"),
-    )
+    gone = listed([table.column(int(k)) for k in np.flatnonzero(empty)])
+    names, units, places = (tuple(values[k] for k in kept) for values in (table.names, table.units, table.places))
+    note = f"{gone} {'hold no number and were' if empty.sum() > 1 else 'holds no number and was'} left out."
+    note = f"{note[0].upper()}{note[1:]}"
+    return table.noted(note, names=names, units=units, places=places, values=table.values[:, kept])
 
 
-def gaps_are_filled(table: Table) -> Table:
+def fill_gaps(table: Table) -> Table:
     """Short runs of missing numbers are interpolated in time; longer ones and those at an end are refused."""
     for k in range(1, len(table.names)):
         missing = np.isnan(table.values[:, k])
@@ -79,13 +71,12 @@ def gaps_are_filled(table: Table) -> Table:
         _refuse_long_gaps(table, k, missing)
         t, values = table.values[:, 0], table.values.copy()
         values[missing, k] = np.interp(t[missing], t[~missing], values[~missing, k])
-        shown = ", ".join(map(str, table.rows[missing][:5])) + (", …" if missing.sum() > 5 else "")
         count = int(missing.sum())
         note = (
-            f"{table.names[k]}: {plural(count, 'missing number')} (row{'s' if count > 1 else ''} "
-            f"{shown}) {'were' if count > 1 else 'was'} interpolated."
+            f"{table.names[k]}: {plural(count, 'missing number')} ({rows_text(table.rows[missing])}) "
+            f"{'were' if count > 1 else 'was'} interpolated."
         )
-        table = noted(table, values, table.rows, note)
+        table = table.noted(note, values=values)
     return table
 
 
@@ -106,74 +97,55 @@ def _refuse_long_gaps(table: Table, k: int, missing: np.ndarray) -> None:
         raise DataError(f"{place} has no number in {where}. {why}, leave the column out, or correct the file.")
 
 
-def wraps_are_reported(table: Table) -> Table:
-    """Angles that jump by a turn are reported: an encoder that wraps looks like that, and so may a reference."""
-    notes = []
-    for k in range(1, len(table.names)):
-        found = first_wrap(table.values[:, k], table.units[k])
-        if found is not None:
+# ---- reports
+
+
+def wraps(table: Table) -> Iterator[str]:
+    """Angles that jump by a turn: an encoder that wraps looks like that, and so may a reference."""
+    for (name, values), unit in zip(table.signals(), table.units[1:], strict=True):
+        if (found := first_wrap(values, unit)) is not None:
             at, count, turn = found
-            unit = f" {table.units[k]}" if table.units[k] else ""
             more = f" and in {plural(count - 1, 'more place')}" if count > 1 else ""
-            name = table.names[k]
-            notes.append(
-                f"{name} jumps by about a turn ({turn:g}{unit}) at row {table.rows[at]}{more}. If it is an "
-                f"encoder that wraps, unwrapped('{name}') joins the parts."
+            yield (
+                f"{name} jumps by about a turn ({f'{turn:g} {unit}'.strip()}) at row {table.rows[at]}{more}. If it is "
+                f"an encoder that wraps, unwrapped('{name}') joins the parts."
             )
-    return attrs.evolve(table, notes=(*table.notes, *notes))
 
 
-def constants_are_reported(table: Table) -> Table:
-    """Constant signals are kept and reported: often a sensor was not connected."""
-    values = table.values[:, 1:]
-    still = [k + 1 for k in np.flatnonzero(values.min(axis=0) == values.max(axis=0))] if values.size else []
-    notes = [f"{table.names[k]} never changes (it is {table.values[0, k]:g} throughout)." for k in still]
-    return attrs.evolve(table, notes=(*table.notes, *notes))
+def constants(table: Table) -> Iterator[str]:
+    """Constant signals: often a sensor was not connected."""
+    for name, values in table.signals():
+        if values.min() == values.max():
+            yield f"{name} never changes (it is {values[0]:g} throughout)."
 
 
-def spikes_are_reported(table: Table) -> Table:
-    """One or two samples in a row far off all others are reported, and stay: a fit would follow them."""
-    for k in range(1, len(table.names)):
-        values = table.values[:, k]
+def spikes(table: Table) -> Iterator[str]:
+    """One or two samples in a row far off all others, which a fit would follow."""
+    for name, values in table.signals():
         at = _spikes(values)
         if not len(at):
             continue
         shown = ", ".join(f"row {table.rows[i]}: {values[i]:g}" for i in at[:3]) + (", …" if len(at) > 3 else "")
         rest = np.delete(values, at)
-        table = noted(
-            table,
-            table.values,
-            table.rows,
-            (
-                f"{table.names[k]} has {plural(len(at), 'spike')} ({shown}) far off all other samples, which "
-                f"are between "
-                f"{rest.min():g} and {rest.max():g}. A true pulse may be that short. A false one affects all "
-                "results: empty its cell, and it is interpolated."
-            ),
+        yield (
+            f"{name} has {plural(len(at), 'spike')} ({shown}) far off all other samples, which are between "
+            f"{rest.min():g} and {rest.max():g}. A true pulse may be that short. A false one affects all results: "
+            "empty its cell, and it is interpolated."
         )
-    return table
 
 
-def dropouts_are_reported(table: Table) -> Table:
-    """Equal samples in a signal that is noisy everywhere else are reported: its sensor may not have measured."""
-    for k in range(1, len(table.names)):
-        values = table.values[:, k]
-        first, last = _longest_rest(values)
-        rest = np.delete(values, slice(first, last + 1))
-        if last - first < MIN_DROPOUT or not _is_noisy(rest) or _clipped(values, first, last, rest):
-            continue
-        t = table.values[:, 0]
-        table = noted(
-            table,
-            table.values,
-            table.rows,
-            (
-                f"{table.names[k]} is constant at {values[first]:g} from {t[first]:g} s to {t[last]:g} s (rows "
-                f"{table.rows[first]} to {table.rows[last]}), and noisy elsewhere. Either it was at rest, "
-                "or its sensor dropped out; then leave this time out: part, or --rows and --window."
-            ),
-        )
-    return table
+def dropouts(table: Table) -> Iterator[str]:
+    """Equal samples in a signal that is noisy everywhere else: its sensor may not have measured."""
+    t, rows = table.values[:, 0], table.rows
+    for name, values in table.signals():
+        a, b = _longest_rest(values)
+        rest = np.delete(values, slice(a, b + 1))
+        if b - a >= MIN_DROPOUT and _is_noisy(rest) and not _clipped(values, a, b, rest):
+            yield (
+                f"{name} is constant at {values[a]:g} from {t[a]:g} s to {t[b]:g} s (rows {rows[a]} to {rows[b]}), and "
+                "noisy elsewhere. Either it was at rest, or its sensor dropped out; then leave this time out: part, or "
+                "--rows and --window."
+            )
 
 
 def _spikes(values: np.ndarray) -> np.ndarray:
@@ -219,26 +191,25 @@ def _is_noisy(values: np.ndarray) -> bool:
 
 
 REPAIRS: tuple[Callable[[Table], Table], ...] = (
-    empty_columns_are_left_out,
-    repair_time.time_is_known,
-    repair_time.time_moves,
-    repair_time.backwards_is_turned,
-    repair_time.disorder_is_sorted,
-    repair_time.time_goes_forward,
-    repair_time.repeats_are_merged,
-    enough_samples,
-    gaps_are_filled,
-    repair_time.missing_rows_are_reported,
-    repair_time.jitter_is_reported,
-    wraps_are_reported,
-    constants_are_reported,
-    spikes_are_reported,
-    dropouts_are_reported,
+    drop_empty_columns,
+    repair_time.refuse_missing_times,
+    repair_time.refuse_constant_time,
+    repair_time.reverse_falling_times,
+    repair_time.sort_late_rows,
+    repair_time.end_at_jump_back,
+    repair_time.merge_repeated_times,
+    refuse_few_samples,
+    fill_gaps,
+    repair_time.note_missing_samples,
 )
+REPORTS: tuple[Callable[[Table], Iterator[str]], ...] = (repair_time.jitter, wraps, constants, spikes, dropouts)
 
 
 def repaired(table: Table) -> Table:
     """Return the table after every repair. Raises DataError at the first fault that cannot be repaired."""
     for repair in REPAIRS:
         table = repair(table)
+    for report in REPORTS:
+        for note in report(table):
+            table = table.noted(note)
     return table

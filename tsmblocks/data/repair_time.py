@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import attrs
+from collections.abc import Iterator
+
 import numpy as np
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data.grid import MAX_JITTER, jitter_of_steps, usual_step
-from tsmblocks.data.table import Table, noted, plural
+from tsmblocks.data.table import Table, plural, rows_argument, rows_text
 
 MAX_SORTED_DISTANCE = 8
 """Rows by which a late row may have to move to be sorted. Chosen: farther, it belongs to another recording."""
@@ -17,50 +18,45 @@ LONG_GAP = 10.0
 """Usual steps without a sample from which a gap is refused. Chosen: the inputs in between are then unknown."""
 SHORT_GAP = 1.5
 """Usual steps without a sample from which samples are missing, rather than late. Derived: halfway to one missing."""
-MAX_LISTED_ROWS = 5
-"""Row numbers that a note lists at most. Chosen."""
 NOTABLE_DIFFERENCE = 5.0
 """Difference of two rows of one time, in rms differences of neighbouring samples, from which it is reported. Chosen."""
 
 
-def time_is_known(table: Table) -> Table:
+def refuse_missing_times(table: Table) -> Table:
     """Every row must have a time."""
     missing = np.flatnonzero(np.isnan(table.values[:, 0]))
     if len(missing):
-        raise DataError(
-            f"{table.origin}: {table.column(0)} has no number in row {table.rows[missing[0]]}"
-            f" ({plural(len(missing), 'such row')})."
-        )
+        place, count = f"row {table.rows[missing[0]]}", plural(len(missing), "such row")
+        raise DataError(f"{table.origin}: {table.column(0)} has no number in {place} ({count}).")
     return table
 
 
-def time_moves(table: Table) -> Table:
+def refuse_constant_time(table: Table) -> Table:
     """Time that never changes is a wrong column."""
     t = table.values[:, 0]
     if len(t) > 1 and t.min() == t.max():
         raise DataError(
-            f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot "
-            "be the time. Map t to the column that is."
+            f"{table.origin}: {table.column(0)} is {t[0]:g} s in all {len(t)} rows, so it cannot be the time. "
+            "Map t to the column that is."
         )
     return table
 
 
-def backwards_is_turned(table: Table) -> Table:
+def reverse_falling_times(table: Table) -> Table:
     """Rows in reverse order of time, newest first, are reversed."""
-    t = table.values[:, 0]
-    if len(t) < 3 or not (np.diff(t) <= 0).all():
+    if len(table.values) < 3 or not (np.diff(table.values[:, 0]) <= 0).all():
         return table
     note = "The time falls from row to row, the newest row coming first; the rows were reversed."
-    return noted(table, table.values[::-1], table.rows[::-1], note)
+    return table.noted(note, values=table.values[::-1], rows=table.rows[::-1])
 
 
-def disorder_is_sorted(table: Table) -> Table:
-    """A few rows written a little late are sorted; anything else is refused by time_goes_forward.
+def sort_late_rows(table: Table) -> Table:
+    """A few rows written a little late are sorted; anything else is refused by ``end_at_jump_back``.
 
     Sorting is a repair only where it gives no two rows the same time, as two recordings that overlap would have.
     """
     t = table.values[:, 0]
-    late = np.flatnonzero(t < np.maximum.accumulate(t)) if len(t) else np.empty(0, dtype=int)
+    late = np.flatnonzero(t < np.maximum.accumulate(t))
     if not len(late) or len(late) > max(1.0, MAX_LATE_SHARE * len(t)):
         return table
     order = np.argsort(t, kind="stable")
@@ -69,15 +65,15 @@ def disorder_is_sorted(table: Table) -> Table:
     if places > MAX_SORTED_DISTANCE or repeats > 0:
         return table
     k = late[0]
-    they = "row was" if len(late) == 1 else "rows were"
     note = (
-        f"{len(late)} {they} out of order by up to {plural(places, 'place')}, the first at row {table.rows[k]} "
-        f"({t[k]:g} s after {t[k - 1]:g} s); the rows were sorted by time."
+        f"{plural(len(late), 'row')} {'was' if len(late) == 1 else 'were'} out of order by up to "
+        f"{plural(places, 'place')}, the first at row {table.rows[k]} ({t[k]:g} s after {t[k - 1]:g} s); "
+        "the rows were sorted by time."
     )
-    return noted(table, table.values[order], table.rows[order], note)
+    return table.noted(note, values=table.values[order], rows=table.rows[order])
 
 
-def time_goes_forward(table: Table) -> Table:
+def end_at_jump_back(table: Table) -> Table:
     """Time that jumps back separates two recordings (or a tail the logger left): they are read one by one.
 
     With ``tail = "drop"`` what comes after the jump is left out.
@@ -88,21 +84,16 @@ def time_goes_forward(table: Table) -> Table:
         return table
     k = back[0]
     _refuse_lone_times(table, k, len(back))
-    rest = len(t) - k
-    share = f"{plural(rest, 'row')}, {100 * rest / len(t):.0f} %"
+    jump = f"ime jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s"
+    share = f"{plural(len(t) - k, 'row')}, {100 * (len(t) - k) / len(t):.0f} %"
     if table.tail == "drop":
-        note = (
-            f"Time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s; everything from there on "
-            f"({share}) was dropped, as requested."
-        )
-        return noted(table, table.values[:k], rows[:k], note)
+        note = f"T{jump}; everything from there on ({share}) was dropped, as requested."
+        return table.noted(note, values=table.values[:k], rows=rows[:k])
     places = "" if len(back) == 1 else f", the first of {len(back)} such places"
     raise DataError(
-        f"{table.origin}: time jumps back at row {rows[k]}, from {t[k - 1]:g} s to {t[k]:g} s{places}. "
-        f"From there on ({share}) it is another recording "
-        f"or a tail. To keep the first part, read rows {rows[0]} to {rows[k - 1]}: "
-        f"rows=({rows[0]}, {rows[k - 1]}), or --rows {rows[0]}:{rows[k - 1]}; "
-        'or drop the rest: tail="drop", or --tail drop.'
+        f"{table.origin}: t{jump}{places}. From there on ({share}) it is another recording or a tail. To keep the "
+        f"first part, read rows {rows[0]} to {rows[k - 1]}: {rows_argument(rows[0], rows[k - 1])}; or drop the rest: "
+        'tail="drop", or --tail drop.'
     )
 
 
@@ -122,11 +113,12 @@ def _refuse_lone_times(table: Table, k: int, places: int) -> None:
     )
 
 
-def repeats_are_merged(table: Table) -> Table:
+def merge_repeated_times(table: Table) -> Table:
     """Rows with the time of the row before are replaced, group by group, by their mean."""
     t = table.values[:, 0]
-    first = np.flatnonzero(np.r_[True, np.diff(t) > 0])
-    if len(first) >= len(t):
+    new = np.r_[True, np.diff(t) > 0]
+    first, again = np.flatnonzero(new), np.flatnonzero(~new)
+    if not len(again):
         return table
     known = np.isfinite(table.values)
     total = np.add.reduceat(np.where(known, table.values, 0.0), first, axis=0)
@@ -134,19 +126,17 @@ def repeats_are_merged(table: Table) -> Table:
     with np.errstate(invalid="ignore"):
         mean = np.where(count > 0, total / count, np.nan)
     mean[:, 0] = t[first]  # the mean of equal numbers is not always that number
-    again = np.setdiff1d(np.arange(len(t)), first)
-    shown = ", ".join(map(str, table.rows[again][:MAX_LISTED_ROWS])) + (", …" if len(again) > MAX_LISTED_ROWS else "")
-    apart = _largest_difference(table, again, first, mean)
+    off = np.nan_to_num(np.abs(table.values[again, 1:] - table.values[first, 1:][np.cumsum(new)[again] - 1]))
     note = (
-        f"{plural(len(again), 'row')} repeated the time of the row before (row{'s' if len(again) > 1 else ''} "
-        f"{shown}){apart}; each group was replaced by its mean, leaving {len(first)} of {len(t)} samples."
+        f"{plural(len(again), 'row')} repeated the time of the row before ({rows_text(table.rows[again])})"
+        f"{_largest_difference(table, again, off, mean)}; each group was replaced by its mean, leaving {len(first)} "
+        f"of {len(t)} samples."
     )
-    return noted(table, mean, table.rows[first], note)
+    return table.noted(note, values=mean, rows=table.rows[first])
 
 
-def _largest_difference(table: Table, again: np.ndarray, first: np.ndarray, mean: np.ndarray) -> str:
+def _largest_difference(table: Table, again: np.ndarray, off: np.ndarray, mean: np.ndarray) -> str:
     """Largest difference between rows of one time, in the signal where it is largest relative to the motion."""
-    off = np.nan_to_num(np.abs(table.values[again, 1:] - table.values[first, 1:][_group(again, first)]))
     if not off.any():
         return ", with the same values"
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,18 +146,14 @@ def _largest_difference(table: Table, again: np.ndarray, first: np.ndarray, mean
     worst = int(np.argmax(off[:, k]))
     size = f"{off[worst, k]:.3g} {table.units[k + 1]}".rstrip()
     far = ""
-    if share[k] > NOTABLE_DIFFERENCE:
-        times = f"{share[k]:.0f} times what" if np.isfinite(share[k]) else "while"
-        far = f", {times} neighbouring samples {'differ by' if np.isfinite(share[k]) else 'do not differ'}"
+    if np.isinf(share[k]):
+        far = ", while neighbouring samples do not differ"
+    elif share[k] > NOTABLE_DIFFERENCE:
+        far = f", {share[k]:.0f} times what neighbouring samples differ by"
     return f", their values up to {size} apart ({table.names[k + 1]}, row {table.rows[again[worst]]}{far})"
 
 
-def _group(again: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """The group that each of these samples belongs to, the groups beginning at ``first``."""
-    return np.searchsorted(first, again, side="right") - 1
-
-
-def missing_rows_are_reported(table: Table) -> Table:
+def note_missing_samples(table: Table) -> Table:
     """Places without samples: short ones are noted, long ones refused unless ``gaps = "keep"``.
 
     Across a long one the inputs are not known, so a run over it would be wrong unnoticed.
@@ -181,33 +167,28 @@ def missing_rows_are_reported(table: Table) -> Table:
         raise DataError(
             f"{table.origin}: there are no samples between row {rows[k]} ({t[k]:g} s) and row {rows[k + 1]} "
             f"({t[k + 1]:g} s), {steps[k] / usual:.0f} times the usual step{more}. What happened in between is not "
-            f"known, so a run across it would be wrong. Read the rows before or after it: "
-            f'rows=({rows[0]}, {rows[k]}), or --rows {rows[0]}:{rows[k]}; or keep it: gaps="keep", or --gaps keep.'
+            "known, so a run across it would be wrong. Read the rows before or after it: "
+            f'{rows_argument(rows[0], rows[k])}; or keep it: gaps="keep", or --gaps keep.'
         )
     if not len(gaps):
         return table
     k = gaps[np.argmax(steps[gaps])]
-    where = "one place" if len(gaps) == 1 else f"{len(gaps)} places"
-    longest = "It" if len(gaps) == 1 else "The longest"
+    where, longest = ("one place", "It") if len(gaps) == 1 else (f"{len(gaps)} places", "The longest")
     kept = " Long gaps were kept, as requested." if len(long) else ""
-    note = (
+    return table.noted(
         f"Samples are missing in {where}. {longest} lasts {steps[k] / usual:.1f} usual steps, before row "
         f"{rows[k + 1]} (from {t[k]:g} s to {t[k + 1]:g} s); signals are interpolated there.{kept}"
     )
-    return attrs.evolve(table, notes=(*table.notes, note))
 
 
-def jitter_is_reported(table: Table) -> Table:
-    """Uneven steps are kept as they were measured, and reported."""
+def jitter(table: Table) -> Iterator[str]:
+    """Uneven steps, which are kept as they were measured."""
     t = table.values[:, 0]
     steps = np.diff(t)
     steps = steps[steps <= SHORT_GAP * usual_step(t)]
-    usual = float(np.median(steps))
     off = jitter_of_steps(steps)
-    if off <= MAX_JITTER:
-        return table
-    note = (
-        f"The steps between samples are uneven: {steps.min():.4g} s to {steps.max():.4g} s around {usual:.4g} s "
-        f"(up to {100 * off:.0f} % off). resampled() gives an even grid."
-    )
-    return attrs.evolve(table, notes=(*table.notes, note))
+    if off > MAX_JITTER:
+        yield (
+            f"The steps between samples are uneven: {steps.min():.4g} s to {steps.max():.4g} s around "
+            f"{np.median(steps):.4g} s (up to {100 * off:.0f} % off). resampled() gives an even grid."
+        )

@@ -1,10 +1,9 @@
-"""A record on another time axis: interpolated, or decimated after a low-pass."""
+"""A record on an even time axis: interpolated, or decimated after a low-pass."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
@@ -26,43 +25,60 @@ def evenly_sampled(record: Record) -> Record:
     return record if record.uniform else resampled(record)
 
 
-def resampled(record: Record, step: float | None = None) -> Record:
-    """Return the record on an even grid; see Record.resampled."""
-    own = record.step
+def resampled(self: Record, step: float | None = None) -> Record:
+    """Return the record on an even grid.
+
+    Signals are interpolated by a cubic spline or linearly, whichever predicts every second sample better from the
+    others. When the new step is longer, a zero-phase low-pass at 0.7 of the new Nyquist frequency precedes it
+    against aliasing.
+
+    Parameters
+    ----------
+    step : float or None, default None
+        Step [s], by default the median step of the record.
+
+    Returns
+    -------
+    Record
+        The record on the new grid.
+
+    Raises
+    ------
+    DataError
+        For a step that does not fit, and for samples that are not finite.
+    """
+    t, own = self.t, self.step
     step = own if step is None else float(step)
-    t = record.t
-    if not 0 < step <= (t[-1] - t[0]) / 3:
+    span = t[-1] - t[0]
+    if not 0 < step <= span / 3:
         raise DataError(
-            f"{record.called}: the new step must be above 0 s and at most a third of the record "
-            f"({t[-1] - t[0]:g} s), got {step:g} s."
+            f"{self.called}: the new step must be above 0 s and at most a third of the record ({span:g} s), "
+            f"got {step:g} s."
         )
-    refuse_not_finite(record, record, "resampling")
-    count = int((t[-1] - t[0]) / step * (1 + 1e-12) + 1e-6) + 1
+    refuse_not_finite(self, self, "resampling")
+    count = int(span / step * (1 + 1e-12) + 1e-6) + 1
     if count > MAX_SAMPLES:
-        raise DataError(f"{record.called}: a step of {step:g} s makes {count} samples; is it in seconds?")
+        raise DataError(f"{self.called}: a step of {step:g} s makes {count} samples; is it in seconds?")
     grid = t[0] + step * np.arange(count)
     grid[-1] = min(grid[-1], t[-1])
     if step > 1.05 * own:
-        return _decimated(record, grid, step)
-    kinds = {name: better_interpolation(t, record[name]) for name in record}
-    signals = {name: interpolation(t, record[name], kinds[name])(grid) for name in record}
-    how = "; ".join(
-        f"{kind}: {', '.join(found)}"
-        for kind in ("cubic", "linear")
-        if (found := [n for n in record if kinds[n] == kind])
-    )
+        return _decimated(self, grid, step)
+    kinds = {name: better_interpolation(t, self[name]) for name in self}
+    signals = {name: interpolation(t, self[name], kind)(grid) for name, kind in kinds.items()}
+    used = {kind: [name for name in kinds if kinds[name] == kind] for kind in ("cubic", "linear")}
+    how = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in used.items() if names)
     note = f"Resampled from {len(t)} to {count} samples, {step:g} s apart (interpolated; {how})."
-    return attrs.evolve(record, t=grid, signals=signals, notes=(*record.notes, note))
+    return self._changed(note, t=grid, signals=signals)
 
 
 def _decimated(record: Record, grid: np.ndarray, step: float) -> Record:
     """Fewer samples, after a low-pass against aliasing."""
     even = evenly_sampled(record)
     cutoff = PASSBAND_SHARE * 0.5 / step
-    smooth = {name: low_pass(record[name] if even is record else even[name], even.step, cutoff, 8) for name in record}
+    smooth = {name: low_pass(even[name], even.step, cutoff, 8) for name in even}
     signals = {name: interpolation(even.t, values, "cubic")(grid) for name, values in smooth.items()}
     note = (
         f"Resampled from {len(record)} to {len(grid)} samples, {step:g} s apart, after a zero-phase low-pass at "
         f"{cutoff:.4g} Hz."
     )
-    return attrs.evolve(record, t=grid, signals=signals, notes=(*even.notes, note))
+    return even._changed(note, t=grid, signals=signals)

@@ -1,16 +1,15 @@
-"""Changes of single signals of a record: added, renamed, converted, angles unwrapped."""
+"""Methods of ``Record`` for single signals: added, renamed, converted, angles unwrapped; and what they must be."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
-import attrs
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DataError, in_words, near
+from tsmblocks.common.errors import DataError, in_words
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -47,35 +46,139 @@ def first_wrap(x: np.ndarray, unit: str) -> tuple[int, int, float] | None:
     return None
 
 
-def unwrapped(record: Record, name: str, turn: float | None = None) -> Record:
-    """See Record.unwrapped."""
-    x, unit = record[name], record.unit(name)
+def unwrapped(self: Record, name: str, *, turn: float | None = None) -> Record:
+    """Return the record with an angle made continuous: a step of more than half a turn counts as a wrap.
+
+    Parameters
+    ----------
+    name : str
+        The angle.
+    turn : float or None, default None
+        One turn in the signal's unit; known for rad, deg and rev.
+
+    Returns
+    -------
+    Record
+        The record with the continuous angle.
+
+    Raises
+    ------
+    DataError
+        When one turn is not known.
+    """
+    x, unit = self[name], self.unit(name)
     turn = turn if turn is not None else turn_in(unit)
     if turn is None:
         why = f"'{unit}' is no unit of angle" if unit else "it has no unit"
-        raise DataError(f"{record.called}: one turn of '{name}' is not known, because {why}. Give it: turn = 360.")
+        raise DataError(f"{self.called}: one turn of '{name}' is not known, because {why}. Give it: turn = 360.")
     if not 0 < turn < np.inf:
-        raise DataError(f"{record.called}: a turn must be a positive number, got {turn:g}.")
+        raise DataError(f"{self.called}: a turn must be a positive number, got {turn:g}.")
     joined = np.unwrap(x, period=turn)
     count = int(np.count_nonzero(np.diff(np.round((joined - x) / turn))))
     many = "1 jump of a turn was" if count == 1 else f"{count} jumps of a turn were"
     note = f"{name}: {many} joined (a turn is {f'{turn:g} {unit}'.strip()})."
-    return attrs.evolve(record, signals={**record.signals, name: joined}, notes=(*record.notes, note))
+    return self._changed(note, signals={**self.signals, name: joined})
 
 
-def with_signal(record: Record, name: str, values: Any, unit: str = "") -> Record:
-    """Return the record with one signal more; see Record.with_signal."""
+def with_signal(self: Record, name: str, values: Any, unit: str = "") -> Record:
+    """Return the record with a signal added or replaced.
+
+    Parameters
+    ----------
+    name : str
+        The signal.
+    values : array_like, shape (N,)
+        One finite number for each sample.
+    unit : str, default ""
+        Its unit.
+
+    Returns
+    -------
+    Record
+        The record with the signal.
+
+    Raises
+    ------
+    DataError
+        For another number of samples, and for samples that are not finite.
+    """
     array = np.asarray(values, dtype=float)
-    _fits(record, name, array)
+    _refuse_length(self, name, array)
     bad = np.flatnonzero(~np.isfinite(array))
     if len(bad):
-        raise DataError(f"{record.called}: signal '{name}' holds {array[bad[0]]} in sample {bad[0]}.")
-    note = f"{name} was {'replaced' if name in record else 'added'}."
-    labels = {**{k: u for k, u in record.units.items() if k != name}, **({name: unit} if unit else {})}
-    return attrs.evolve(record, signals={**record.signals, name: array}, units=labels, notes=(*record.notes, note))
+        raise DataError(f"{self.called}: signal '{name}' holds {array[bad[0]]} in sample {bad[0]}.")
+    note = f"{name} was {'replaced' if name in self else 'added'}."
+    labels = {k: u for k, u in {**self.units, name: unit}.items() if u}
+    return self._changed(note, signals={**self.signals, name: array}, units=labels)
 
 
-def checked(record: Record) -> None:
+def renamed(self: Record, names: Mapping[str, str]) -> Record:
+    """Return the record with signals under other names.
+
+    Parameters
+    ----------
+    names : mapping of str to str
+        New names by the present ones: ``{"motor angle": "x_in"}``.
+
+    Returns
+    -------
+    Record
+        The record with the new names.
+
+    Raises
+    ------
+    DataError
+        For an unknown signal, and for a name that two signals would have.
+    """
+    _refuse_unknown(self, names)
+    new = [names.get(k, k) for k in self]
+    twice = next((k for k in new if new.count(k) > 1), None)
+    if twice is not None:
+        raise DataError(f"{self.called}: two signals would both be named '{twice}'.")
+    changes = ", ".join(f"{a} is now {b}" for a, b in names.items())
+    signals = dict(zip(new, self.signals.values(), strict=True))
+    labels = {names.get(k, k): u for k, u in self.units.items()}
+    return self._changed(f"Renamed: {changes}.", signals=signals, units=labels)
+
+
+def converted(self: Record, wanted: Mapping[str, str]) -> Record:
+    """Return the record with signals in other units.
+
+    Parameters
+    ----------
+    wanted : mapping of str to str
+        Units by signal: ``{"x_in": "rad"}``. A signal without a unit is taken to be in the one given.
+
+    Returns
+    -------
+    Record
+        The record in the new units.
+
+    Raises
+    ------
+    DataError
+        For an unknown signal or unit, and when units measure different things.
+    """
+    _refuse_unknown(self, wanted)
+    for unit in wanted.values():
+        try:
+            units.parse(unit)
+        except units.UnitError as error:
+            raise DataError(f"{self.called}: {error}") from None
+    signals = {**self.signals, **{k: self.values(k, unit) for k, unit in wanted.items()}}
+    changes = ", ".join(
+        f"{k} from {self.unit(k)} to {u}" if self.unit(k) else f"{k}, which had no unit, taken as {u}"
+        for k, u in wanted.items()
+    )
+    return self._changed(f"Converted: {changes}.", signals=signals, units={**self.units, **wanted})
+
+
+def _refuse_unknown(record: Record, names: Iterable[str]) -> None:
+    for name in names:
+        record[name]
+
+
+def refuse_unsound(record: Record) -> None:
     """Raise DataError for signals of another length than the time, and for a unit of a misspelt signal.
 
     Units of signals that are not there are no mistake: one table of units serves many recordings.
@@ -83,55 +186,18 @@ def checked(record: Record) -> None:
     if record.t.ndim != 1:
         raise DataError(f"{record.called}: the times must be one row of numbers, got {in_words(record.t)}.")
     for name, array in record.signals.items():
-        _fits(record, name, array)
+        _refuse_length(record, name, array)
     bare = [k for k in record.signals if k not in record.units]
     for lost in (k for k in record.units if k not in record.signals):
-        meant = get_close_matches(lost, bare, 1, MISSPELT_RATIO)
-        if meant:
+        if meant := get_close_matches(lost, bare, 1, MISSPELT_RATIO):
             raise DataError(
                 f"{record.called}: a unit is given for '{lost}', which is no signal. Did you mean '{meant[0]}'?"
             )
 
 
-def _fits(record: Record, name: str, array: np.ndarray) -> None:
+def _refuse_length(record: Record, name: str, array: np.ndarray) -> None:
     if array.shape != record.t.shape:
         raise DataError(
             f"{record.called}: signal '{name}' must have one number for each of the {len(record)} samples, "
             f"got {in_words(array) if array.ndim > 1 else f'{array.size}'}."
         )
-
-
-def renamed(record: Record, names: Mapping[str, str]) -> Record:
-    """Return the record with signals under other names; see Record.renamed."""
-    _refuse_unknown(record, names)
-    new = [names.get(k, k) for k in record]
-    twice = next((k for k in new if new.count(k) > 1), None)
-    if twice is not None:
-        raise DataError(f"{record.called}: two signals would both be named '{twice}'.")
-    changes = ", ".join(f"{a} is now {b}" for a, b in names.items())
-    signals = dict(zip(new, record.signals.values(), strict=True))
-    labels = {names.get(k, k): u for k, u in record.units.items()}
-    return attrs.evolve(record, signals=signals, units=labels, notes=(*record.notes, f"Renamed: {changes}."))
-
-
-def converted(record: Record, wanted: Mapping[str, str]) -> Record:
-    """Return the record with signals in other units; see Record.converted."""
-    _refuse_unknown(record, wanted)
-    for unit in wanted.values():
-        try:
-            units.parse(unit)
-        except units.UnitError as error:
-            raise DataError(f"{record.called}: {error}") from None
-    signals = {**record.signals, **{k: record.values(k, unit) for k, unit in wanted.items()}}
-    changes = ", ".join(
-        f"{k} from {record.unit(k)} to {u}" if record.unit(k) else f"{k}, which had no unit, taken as {u}"
-        for k, u in wanted.items()
-    )
-    labels = {**record.units, **wanted}
-    return attrs.evolve(record, signals=signals, units=labels, notes=(*record.notes, f"Converted: {changes}."))
-
-
-def _refuse_unknown(record: Record, names: Mapping[str, str]) -> None:
-    for name in names:
-        if name not in record:
-            raise DataError(f"{record.called}: there is no signal '{name}'.{near(name, record.names)}")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Iterator, Sequence
+from typing import Any, Protocol
 
 import attrs
 import numpy as np
@@ -12,6 +12,10 @@ from tsmblocks.common.units import heading
 
 Rows = tuple[int | None, int | None]
 """First and last row to keep, both included, numbered as in the file; None is the end."""
+
+
+MAX_LISTED_ROWS = 5
+"""Row numbers that a note lists at most. Chosen."""
 
 
 @attrs.frozen(eq=False)
@@ -38,15 +42,29 @@ class Table:
         """Return a column as a message names it."""
         return f"column {self.places[k]} ({heading(self.names[k], self.units[k])})"
 
+    def signals(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Name and values of each column but the first, which is the time."""
+        return zip(self.names[1:], self.values.T[1:], strict=True)
 
-def noted(table: Table, values: np.ndarray, rows: np.ndarray, note: str) -> Table:
-    """Return the table with other numbers, and a note of what was changed."""
-    return attrs.evolve(table, values=values, rows=rows, notes=(*table.notes, note))
+    def noted(self, note: str, **changes: Any) -> Table:
+        """The table with other fields, and a note on that."""
+        return attrs.evolve(self, notes=(*self.notes, note), **changes)
 
 
 def plural(n: int, word: str) -> str:
     """``1 row``, ``2 rows``."""
     return f"{n} {word}{'' if n == 1 else 's'}"
+
+
+def rows_text(rows: np.ndarray) -> str:
+    """``row 7``, ``rows 7, 8, 9``; of many the first."""
+    shown = ", ".join(map(str, rows[:MAX_LISTED_ROWS])) + (", …" if len(rows) > MAX_LISTED_ROWS else "")
+    return f"row{'s' if len(rows) > 1 else ''} {shown}"
+
+
+def rows_argument(first: int, last: int) -> str:
+    """How to read these rows alone, in Python and by a command."""
+    return f"rows=({first}, {last}), or --rows {first}:{last}"
 
 
 class Source(Protocol):
