@@ -303,6 +303,16 @@ def test_without_h5py_the_way_out_is_told(tmp_path, monkeypatch):
     assert 'need h5py: pip install "tsmblocks[data]"' in refused(path)
 
 
+@pytest.mark.parametrize("kind", ["npz", "npy"])
+def test_a_damaged_file_of_numpy_is_refused_at_whatever_place_it_is_cut(tmp_path, kind):
+    (np.savez_compressed if kind == "npz" else np.save)(tmp_path / f"a.{kind}", np.random.default_rng(0).normal(size=9))
+    raw = (tmp_path / f"a.{kind}").read_bytes()
+    for size in range(len(raw) - 1):
+        (tmp_path / f"cut.{kind}").write_bytes(raw[:size])
+        with pytest.raises(DataError, match=f"this is not a {kind.upper()} file of plain numbers"):
+            read(tmp_path / f"cut.{kind}", columns="x", step=0.1)
+
+
 @pytest.mark.parametrize("name", ["broken.npz", "broken.mat", "broken.h5"])
 def test_damaged_binary_files(file, name):
     refused(file(b"\x01\x02\x03 this is nothing", name))

@@ -12,7 +12,7 @@ import numpy as np
 from tsmblocks.common.errors import DataError, near
 from tsmblocks.common.units import split_heading, unambiguous_heading
 from tsmblocks.data import structures
-from tsmblocks.data.table import Rows, within
+from tsmblocks.data.table import Rows, Source, within
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"  # signature of an HDF5 file, from its format specification
 TIME_ARRAY_NAMES = ("t", "time", "tout")
@@ -22,14 +22,10 @@ MAX_COLUMNS = 64
 
 
 @attrs.frozen(eq=False)
-class Arrays:
-    """Arrays of one length with their headings. ``folder`` is the group that all of them lie in, if any."""
+class Arrays(Source):
+    """Arrays of one length with their headings."""
 
-    origin: str
-    headings: Sequence[str]
-    columns: list[np.ndarray] = attrs.field(repr=False)
-    notes: tuple[str, ...] = ()
-    folder: str = ""
+    columns: Sequence[np.ndarray] = attrs.field(repr=False, kw_only=True)
 
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """See Source; the first sample is row 1."""
@@ -59,12 +55,11 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     clock = next((k for k in series if k.rpartition("/")[2].lower() in TIME_ARRAY_NAMES), None)
     length = len(series[clock]) if clock else max(set(lengths), key=lengths.count)
     kept = _of_length(known, length)
-    others = [k for k in series if len(series[k]) != length]
+    others = ", ".join(f"{k} ({len(a)})" for k, a in series.items() if len(a) != length)
     of = clock or next(iter(kept))
-    lengths_of_others = ", ".join(f"{k} ({len(series[k])})" for k in others)
-    notes = (f"Left out, being of another length than {of} ({length}): {lengths_of_others}.",) if others else ()
+    notes = (f"Left out, being of another length than {of} ({length}): {others}.",) if others else ()
     headings = [unambiguous_heading(k, units[k]) if k in units else k for k in kept]
-    return Arrays(origin, headings, list(kept.values()), notes)
+    return Arrays(origin, headings, notes, columns=list(kept.values()))
 
 
 def _of_length(known: Mapping[str, np.ndarray], length: int) -> dict[str, np.ndarray]:
@@ -74,20 +69,20 @@ def _of_length(known: Mapping[str, np.ndarray], length: int) -> dict[str, np.nda
         if array.ndim == 1 and len(array) == length:
             kept[name] = array
         elif array.ndim == 2 and length in array.shape and min(array.shape) <= MAX_COLUMNS:
-            table = array if array.shape[0] == length else array.T
-            kept.update({f"{name}_{k + 1}": table[:, k] for k in range(table.shape[1])})
+            table = array.T if array.shape[0] == length else array
+            kept.update({f"{name}_{k}": row for k, row in enumerate(table, 1)})
     return kept
 
 
 def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str] | None) -> Arrays:
     """Columns of the one matrix that a file holds, under the names given; its rows when those are as many."""
-    tables = {k: a for k, a in known.items() if a.ndim == 2}
-    inside = ", ".join(f"{k} {a.shape}" for k, a in known.items()) or "none"
+    tables = [(k, a) for k, a in known.items() if a.ndim == 2]
     if len(tables) != 1:
+        inside = ", ".join(f"{k} {a.shape}" for k, a in known.items()) or "none"
         raise DataError(
             f"{origin}: no arrays of one length were found that could be signals. Numeric arrays: {inside}."
         )
-    name, table = next(iter(tables.items()))
+    ((name, table),) = tables
     if columns and len(columns) == table.shape[0] != table.shape[1]:
         table = table.T
     if not columns or len(columns) != table.shape[1]:
@@ -96,19 +91,17 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
             f"{origin}: '{name}' has {table.shape[1]} columns, but {named}. Name them in order, "
             "with units (columns = t, x_in [deg], …)."
         )
-    return Arrays(origin, list(columns), list(table.T))
+    return Arrays(origin, list(columns), columns=list(table.T))
 
 
-def _inside(origin: str, found: Mapping[str, Any], group: str | None) -> Mapping[str, Any]:
+def _in_group(origin: str, found: Mapping[str, Any], group: str | None) -> Mapping[str, Any]:
     """Contents of one group of a file, named relative to it. Raises DataError with the near miss."""
     if not group:
         return found
     group = group.strip("/")
-    inner = found.get(group)
-    if isinstance(inner, Mapping):
-        return inner
-    if inner is not None:
-        return {group: inner}
+    if group in found:
+        inner = found[group]
+        return inner if isinstance(inner, Mapping) else {group: inner}
     part = {k.removeprefix(f"{group}/"): v for k, v in found.items() if k.startswith(f"{group}/")}
     if not part:
         groups = {k.partition("/")[0] for k in found if "/" in k} | {k for k, v in found.items() if isinstance(v, dict)}
@@ -116,28 +109,27 @@ def _inside(origin: str, found: Mapping[str, Any], group: str | None) -> Mapping
     return part
 
 
+def _numpy_arrays(path: Path, kind: str) -> dict[str, Any]:
+    """The arrays that NumPy reads from a file, a single one under the file's name; raises DataError."""
+    try:
+        with path.open("rb") as file:  # of a path, NumPy leaves the file open where it is damaged
+            held = np.load(file, allow_pickle=False)
+            return {path.stem: held} if isinstance(held, np.ndarray) else dict(held)
+    except Exception as error:  # NumPy and zipfile raise errors of any kind on a damaged file
+        raise DataError(f"{path}: this is not a {kind} file of plain numbers ({error}).") from None
+
+
 def open_npy(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
     """The columns (or rows) of the one matrix in an NPY file, which has no names of its own."""
-    try:
-        found = {path.stem: np.load(path, allow_pickle=False)}
-    except (ValueError, OSError, EOFError) as error:
-        raise DataError(f"{path}: this is not a NPY file of plain numbers ({error}).") from None
-    return _matrix(
-        str(path),
-        {k: v for k, a in _inside(str(path), found, group).items() if (v := _real_array(a)) is not None},
-        columns,
-    )
+    found = _in_group(str(path), _numpy_arrays(path, "NPY"), group)
+    return _matrix(str(path), {k: v for k, a in found.items() if (v := _real_array(a)) is not None}, columns)
 
 
 def open_npz(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
     """Arrays of an NPZ file; ``units`` in it, as ``Run.save`` writes, gives their units."""
-    try:
-        with np.load(path, allow_pickle=False) as held:
-            found = {k: held[k] for k in held.files}
-    except (ValueError, OSError, EOFError) as error:
-        raise DataError(f"{path}: this is not a NPZ file of plain numbers ({error}).") from None
+    found = _numpy_arrays(path, "NPZ")
     labels = [str(text).rpartition("=") for text in np.ravel(found.pop("units", []))]
-    return arrays(str(path), _inside(str(path), found, group), columns, {name: unit for name, _, unit in labels})
+    return arrays(str(path), _in_group(str(path), found, group), columns, {name: unit for name, _, unit in labels})
 
 
 def open_mat(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
@@ -147,21 +139,8 @@ def open_mat(path: Path, columns: Sequence[str] | None, group: str | None = None
     """
     with path.open("rb") as file:
         start = file.read(1024)
-    if _HDF5 in start:
-        return _of_tree(path, _hdf5(path, tree=True), columns, group)
-    from scipy.io import loadmat
-
-    try:
-        found = loadmat(path)
-    except Exception as error:  # scipy raises errors of any kind on a damaged file
-        raise DataError(f"{path}: this is not a MAT file that can be read ({error}).") from None
-    tree = {k: structures.tree_of_mat(v) for k, v in found.items() if not k.startswith("__")}
-    return _of_tree(path, tree, columns, group)
-
-
-def _of_tree(path: Path, tree: Mapping[str, Any], columns: Sequence[str] | None, group: str | None) -> Arrays:
-    inner = _inside(str(path), tree, group)
-    found = structures.signals_of(inner)
+    tree = _hdf5(path, mat=True) if _HDF5 in start else _mat5(path)
+    found = structures.signals_of(_in_group(str(path), tree, group))
     if not found.arrays:
         structures.refuse_objects(path, found.objects)
     made = arrays(str(path), found.arrays, columns, {k: u for k, u in found.units.items() if u})
@@ -171,18 +150,29 @@ def _of_tree(path: Path, tree: Mapping[str, Any], columns: Sequence[str] | None,
     return attrs.evolve(made, headings=short, folder=folder, notes=(*found.notes, *made.notes))
 
 
+def _mat5(path: Path) -> dict[str, Any]:
+    """The variables of a MAT file of version 5 as trees."""
+    from scipy.io import loadmat
+
+    try:
+        found = loadmat(path)
+    except Exception as error:  # scipy raises errors of any kind on a damaged file
+        raise DataError(f"{path}: this is not a MAT file that can be read ({error}).") from None
+    return {k: structures.tree_of_mat(v) for k, v in found.items() if not k.startswith("__")}
+
+
 def open_hdf5(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
     """Arrays of an HDF5 file; those in groups are named ``group/name``."""
-    return arrays(str(path), _inside(str(path), _hdf5(path, tree=False), group), columns, {})
+    return arrays(str(path), _in_group(str(path), _hdf5(path, mat=False), group), columns, {})
 
 
-def _hdf5(path: Path, tree: bool) -> dict[str, Any]:
+def _hdf5(path: Path, mat: bool) -> dict[str, Any]:
     """All data sets by their paths, or (of a MAT file) the variables as trees."""
     try:
         import h5py
     except ImportError:
-        what = "MAT files of version 7.3 need" if tree else "HDF5 files need"
-        other = " Or save the file with '-v7'." if tree else ""
+        what = "MAT files of version 7.3 need" if mat else "HDF5 files need"
+        other = " Or save the file with '-v7'." if mat else ""
         raise DataError(f'{path}: {what} h5py: pip install "tsmblocks[data]".{other}') from None
     found: dict[str, Any] = {}
 
@@ -192,7 +182,7 @@ def _hdf5(path: Path, tree: bool) -> dict[str, Any]:
 
     try:
         with h5py.File(path, "r") as file:
-            if tree:
+            if mat:
                 return {k: structures.tree_of_hdf5(file, v) for k, v in file.items() if not k.startswith("#")}
             file.visititems(keep)
     except (OSError, RuntimeError, KeyError) as error:
@@ -205,11 +195,9 @@ def frame_arrays(name: str, frame: Any) -> Arrays:
     given = {str(k): frame[k] for k in frame.columns}
     if str(frame.index.name).partition(" ")[0].lower() in ("t", "time"):
         given = {str(frame.index.name): frame.index, **given}
-    wrong = [k for k, v in given.items() if getattr(v, "dtype", np.dtype(object)).kind not in "fiub"]
-    if wrong:
-        raise DataError(f"{name}: column '{wrong[0]}' holds {given[wrong[0]].dtype} values, not numbers.")
-    units = {
-        str(k): str(u) for k, u in dict(getattr(frame, "attrs", {}).get("units", {})).items()
-    }  # as to_pandas has it
+    wrong = next((k for k, v in given.items() if getattr(v, "dtype", np.dtype(object)).kind not in "fiub"), None)
+    if wrong is not None:
+        raise DataError(f"{name}: column '{wrong}' holds {given[wrong].dtype} values, not numbers.")
+    units = {str(k): str(u) for k, u in dict(getattr(frame, "attrs", {}).get("units", {})).items()}  # from to_pandas
     headings = [k if units.get(k, "") in ("", split_heading(k)[1]) else unambiguous_heading(k, units[k]) for k in given]
-    return Arrays(name, headings, [np.asarray(v, dtype=float) for v in given.values()])
+    return Arrays(name, headings, columns=[np.asarray(v, dtype=float) for v in given.values()])

@@ -13,10 +13,10 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, clip, in_words, near
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import UnitError, factor, heading, same, split_heading
+from tsmblocks.common.units import UnitError, factor, same, split_heading
 from tsmblocks.data import containers, text
 from tsmblocks.data.grid import usual_step
-from tsmblocks.data.missing_units import how_to_map
+from tsmblocks.data.missing_units import how_to_map, map_argument
 from tsmblocks.data.record import Record
 from tsmblocks.data.repair import repaired
 from tsmblocks.data.table import Rows, Source, Table
@@ -35,10 +35,6 @@ MAX_PLAUSIBLE_STEP = 0.5
 """Time from row to row [s] from which a time without a unit may be in ms. Chosen: mechanisms are sampled faster."""
 MIN_DOUBTED_ROWS = 50
 """Rows from which that is reported. Chosen: a short table of slow samples is usual."""
-TAILS = ("refuse", "drop")
-"""What may be done with rows after a jump of the time backwards."""
-GAPS = ("refuse", "keep")
-"""What may be done with long gaps in time."""
 
 
 def _names(given: Iterable[str] | None) -> tuple[str, ...] | None:
@@ -144,7 +140,7 @@ def read(
     if reader is None and group:
         raise DataError(f"{path}: a group was given, but text files have none.")
     source = reader(path, columns, group) if reader else text.open_text(path, columns)
-    return _record(source, path.stem if not group else f"{path.stem} {group}", str(path), options)
+    return _record(source, path.stem if not group else f"{path.stem} {group}", options)
 
 
 def from_pandas(
@@ -192,7 +188,7 @@ def from_pandas(
     """
     source = containers.frame_arrays(name, frame)
     renamed, labels = _names_and_units(name, map or {}, units or {})
-    return _record(source, name, name, ReadOptions(renamed, labels, only, (), (None, None), step, tail, gaps))
+    return _record(source, name, ReadOptions(renamed, labels, only, (), (None, None), step, tail, gaps))
 
 
 def _names_and_units(
@@ -210,53 +206,48 @@ def _names_and_units(
     return renamed, units
 
 
-def _record(source: Source, name: str, origin: str, options: ReadOptions) -> Record:
+def _record(source: Source, name: str, options: ReadOptions) -> Record:
+    origin, columns = source.origin, [split_heading(text) for text in source.headings]
     _check(origin, options)
-    split = [split_heading(text) for text in source.headings]
-    found = _named(origin, split, options.renamed, getattr(source, "folder", ""))
-    time = None if options.step is not None else _time(origin, found, getattr(source, "clocks", ()))
-    bare = any(not unit and name.lower() not in TIME_NAMES for name, unit in split)
-    found = _selected(origin, found, options, time, bare, source.notes)
-    labels = _labels(origin, found, split, options.units)
-    values, at = source.numbers([*found.values()], options.rows)
-    if not len(at) and options.rows != (None, None):
-        _, every = source.numbers([*found.values()], (None, None))
+    places = _places(source, columns, options.renamed)
+    time = None if options.step is not None else _time(source, places)
+    bare = any(not unit and name.lower() not in TIME_NAMES for name, unit in columns)
+    places = _selected(source, places, options, time, bare)
+    labels = _labels(origin, places, columns, options.units)
+    if time is not None:
+        places = {time: places[time], **places}  # first
+    values, rows = source.numbers([*places.values()], options.rows)
+    if not len(rows) and options.rows != (None, None):
+        _, every = source.numbers([*places.values()], (None, None))
         first, last = options.rows[0] or 1, options.rows[1] or "the end"
         there = f"they are in rows {every[0]} to {every[-1]}" if len(every) else "the file has none"
         raise DataError(f"{origin}: there are no samples from row {first} to {last}; {there}.")
+    read_columns = [(k, labels[k], place + 1) for k, place in places.items()]
     if time is None:
-        table = _with_known_step(origin, found, labels, values, at, float(options.step or 0.0))
+        t, signals = float(options.step or 0.0) * np.arange(len(values)), values
+        read_columns = [("t", "s", 0), *read_columns]
     else:
-        order = [time, *(k for k in found if k != time)]
-        keys = list(found)
-        values = values[:, [keys.index(k) for k in order]]
-        values[:, 0] *= _time_factor(origin, labels[time])
-        places = tuple(found[k] + 1 for k in order)
-        table = Table(origin, tuple(order), tuple(labels[k] for k in order), values, at, places)
+        t, signals = values[:, 0] * _time_factor(origin, labels[time]), values[:, 1:]
+    names, units, numbers = zip(*read_columns, strict=True)
     requested = frozenset([*options.renamed, *options.units, *(options.only or ())])
-    table = repaired(attrs.evolve(table, tail=options.tail, gaps=options.gaps, requested=requested))
-    signals = {k: table.values[:, i] for i, k in enumerate(table.names) if i}
+    data = np.column_stack([t, signals])
+    table = Table(origin, names, units, data, rows, numbers, (), options.tail, options.gaps, requested)
+    table = repaired(table)
+    notes = (*source.notes, *_column_notes(places, columns, labels), *_time_notes(source, options, table), *table.notes)
     own_units = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
-    named = (*_columns_read_twice(found, split), *_overruled_units(found, split, labels))
-    clock = _time_notes(source, options, table)
-    notes = (*source.notes, *named, *clock, *table.notes)
-    return Record(name, table.values[:, 0], signals, own_units, origin, notes)
+    return Record(name, table.values[:, 0], dict(table.signals()), own_units, origin, notes)
 
 
-def _columns_read_twice(found: Mapping[str, int], split: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Columns that were read under several names, a sentence for each."""
-    for place in dict.fromkeys(found.values()):
-        names = [name for name, own in found.items() if own == place]
-        if len(names) > 1:
-            yield f"{listed(names)} are the same column, '{split[place][0]}'."
-
-
-def _overruled_units(
-    found: Mapping[str, int], split: Sequence[tuple[str, str]], labels: Mapping[str, str]
+def _column_notes(
+    places: Mapping[str, int], columns: Sequence[tuple[str, str]], labels: Mapping[str, str]
 ) -> Iterator[str]:
-    """Columns read in another unit than the file gives, a sentence for each."""
-    for name, place in found.items():
-        own, unit = split[place][1], labels[name]
+    """A sentence for each column that is read under several names, or in another unit than the file gives."""
+    for place in dict.fromkeys(places.values()):
+        names = [name for name, own in places.items() if own == place]
+        if len(names) > 1:
+            yield f"{listed(names)} are the same column, '{columns[place][0]}'."
+    for name, place in places.items():
+        own, unit = columns[place][1], labels[name]
         with suppress(UnitError):  # an unknown unit is refused where it is used
             if own and unit and not same(own, unit):
                 yield f"{name} was read in {unit}, as requested; the file gives {own}."
@@ -268,132 +259,103 @@ def _time_notes(source: Source, options: ReadOptions, table: Table) -> Iterator[
         found = [text for text in source.headings if split_heading(text)[0].lower() in TIME_NAMES]
         if found:
             yield f"The column {found[0]} was not read: the rows follow each other at {options.step:g} s, as requested."
-    elif (
-        not table.units[0]
-        and len(table.values) >= MIN_DOUBTED_ROWS
-        and (usual := usual_step(table.values[:, 0])) >= MAX_PLAUSIBLE_STEP
-    ):
-        name = split_heading(source.headings[table.places[0] - 1])[0]
-        yield (
-            f"{name} has no unit and was taken to be in s, which makes {usual:.4g} s from row to row. If it is in "
-            f"ms, give the unit: map={{'t [ms]': '{name}'}}, or --map 't [ms]={name}'."
-        )
+    elif not table.units[0] and len(table.values) >= MIN_DOUBTED_ROWS:
+        usual, name = usual_step(table.values[:, 0]), split_heading(source.headings[table.places[0] - 1])[0]
+        if usual >= MAX_PLAUSIBLE_STEP:
+            yield (
+                f"{name} has no unit and was taken to be in s, which makes {usual:.4g} s from row to row. If it is in "
+                f"ms, give the unit: {map_argument('t [ms]', name)}."
+            )
 
 
 def _labels(
-    origin: str, found: Mapping[str, int], split: Sequence[tuple[str, str]], given: Mapping[str, str]
+    origin: str, places: Mapping[str, int], columns: Sequence[tuple[str, str]], given: Mapping[str, str]
 ) -> dict[str, str]:
     """Units by the name in the record: those given for it, or for its column, before that of the file."""
-    columns = {split[place][0]: k for k, place in found.items() if split[place][0] not in found}
-    unknown = next((k for k in given if k not in found and k not in columns), None)
+    names = {columns[place][0]: k for k, place in places.items() if columns[place][0] not in places}
+    unknown = next((k for k in given if k not in places and k not in names), None)
     if unknown is not None:
-        raise DataError(f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, found)}")
-    wanted = {columns.get(k, k): unit for k, unit in given.items()}
-    return {k: wanted.get(k, split[place][1]) for k, place in found.items()}
+        raise DataError(f"{origin}: a unit is given for '{unknown}', which is not read.{near(unknown, places)}")
+    wanted = {names.get(k, k): unit for k, unit in given.items()}
+    return {k: wanted.get(k, columns[place][1]) for k, place in places.items()}
 
 
-def _with_known_step(
-    origin: str, found: Mapping[str, int], labels: Mapping[str, str], values: np.ndarray, at: np.ndarray, step: float
-) -> Table:
-    """Return a table whose rows follow each other at a known step."""
-    if not 0 < step < float("inf"):
-        raise DataError(f"{origin}: the step from row to row must be a positive number of seconds, got {step:g}.")
-    t = step * np.arange(len(values))
-    return Table(
-        origin,
-        ("t", *found),
-        ("s", *(labels[k] for k in found)),
-        np.column_stack([t, values]),
-        at,
-        (0, *(place + 1 for place in found.values())),
-    )
-
-
-def _named(origin: str, split: list[tuple[str, str]], renamed: Mapping[str, str], folder: str) -> dict[str, int]:
-    """Column numbers by the name the record will use."""
-    names = [name for name, _ in split]
-    renamed = {name: _column(origin, name, column, split, folder) for name, column in renamed.items()}
+def _places(source: Source, columns: Sequence[tuple[str, str]], renamed: Mapping[str, str]) -> dict[str, int]:
+    """Column numbers by the name that the record will use, in the order of the columns."""
+    names = [name for name, _ in columns]
+    renamed = {name: _column(source, name, column, columns) for name, column in renamed.items()}
+    places = {name: names.index(column) for name, column in renamed.items()}
+    under_other_names = set(renamed.values()) - set(renamed)
     found: dict[str, int] = {}
-    renamed_columns = set(renamed.values()) - set(renamed)
     for place, name in enumerate(names):
-        if not name or name in renamed_columns or name in renamed:
+        if not name or name in under_other_names or name in renamed:
             continue
         if name in found:
             raise DataError(
-                f"{origin}: columns {found[name] + 1} and {place + 1} are both named '{name}'. "
+                f"{source.origin}: columns {found[name] + 1} and {place + 1} are both named '{name}'. "
                 "Give the columns other names (columns = …)."
             )
         found[name] = place
-    mapped = {name: names.index(column) for name, column in renamed.items()}
-    return dict(sorted({**found, **mapped}.items(), key=lambda item: item[1]))
+    return dict(sorted({**found, **places}.items(), key=lambda item: item[1]))
 
 
-def _column(origin: str, name: str, column: str, split: list[tuple[str, str]], folder: str) -> str:
+def _column(source: Source, name: str, column: str, columns: Sequence[tuple[str, str]]) -> str:
     """Return a column as the file names it: in full, with its unit, from its folder on, or by the end of its path."""
-    names, (bare, unit) = [known for known, _ in split], split_heading(column)
-    if unit and column not in names and bare in names:
-        own = split[names.index(bare)][1]
+    known, (bare, unit) = [k for k, _ in columns], split_heading(column)
+    fault = f"{source.origin}: '{name}' is mapped to column '{column}'"
+    if unit and column not in known and bare in known:
+        own = columns[known.index(bare)][1]
         if own == unit:
             return bare
         present = f"gives it in {own}" if own else "gives it no unit"
-        usage = f"map={{'{name} [{unit}]': '{bare}'}}, or --map '{name} [{unit}]={bare}'"
-        raise DataError(
-            f"{origin}: '{name}' is mapped to column '{column}', and the file {present}. To give the "
-            f"unit, write it with the name: {usage}."
-        )
-    inner = column.removeprefix(f"{folder}/") if folder else column
-    ends = [known for known in names if known.endswith(f"/{column}")]
-    match = next((known for known in (column, inner) if known in names), ends[0] if len(ends) == 1 else None)
+        usage = map_argument(f"{name} [{unit}]", bare)
+        raise DataError(f"{fault}, and the file {present}. To give the unit, write it with the name: {usage}.")
+    inner = column.removeprefix(f"{source.folder}/") if source.folder else column
+    ends = [k for k in known if k.endswith(f"/{column}")]
+    match = next((k for k in (column, inner) if k in known), ends[0] if len(ends) == 1 else None)
     if match is not None:
         return match
     if ends:
-        raise DataError(
-            f"{origin}: '{name}' is mapped to column '{column}', but {len(ends)} end like that: "
-            f"{clip(', '.join(ends))}."
-        )
-    hint = near(column, [n for n in names if n])
-    raise DataError(f"{origin}: '{name}' is mapped to column '{column}', which is not there.{hint}")
+        raise DataError(f"{fault}, but {len(ends)} end like that: {clip(', '.join(ends))}.")
+    raise DataError(f"{fault}, which is not there.{near(column, [k for k in known if k])}")
 
 
-def _time(origin: str, found: Mapping[str, int], clocks: Iterable[int]) -> str:
+def _time(source: Source, places: Mapping[str, int]) -> str:
     """Return the name of the time column; one of dates and times may have any. Raises DataError when there is none."""
     for wanted in TIME_NAMES:
-        for name in found:
+        for name in places:
             if name.lower() == wanted:
                 return name
-    ends = [name for name in found if name.rpartition("/")[2].lower() in TIME_NAMES]
-    ends = ends or [name for name, place in found.items() if place in clocks]
+    ends = [name for name in places if name.rpartition("/")[2].lower() in TIME_NAMES]
+    ends = ends or [name for name, place in places.items() if place in source.clocks]
     if len(ends) == 1:
         return ends[0]
-    known = ", ".join(found)
     raise DataError(
-        f"{origin}: no column is named t or time. Map t to the column that holds the time (there "
-        f"are {known}), or give the step between rows in s (step=…, or --sampling)."
+        f"{source.origin}: no column is named t or time. Map t to the column that holds the time (there "
+        f"are {', '.join(places)}), or give the step between rows in s (step=…, or --sampling)."
     )
 
 
 def _selected(
-    origin: str, found: dict[str, int], options: ReadOptions, time: str | None, bare: bool, notes: Sequence[str]
+    source: Source, places: dict[str, int], options: ReadOptions, time: str | None, bare: bool
 ) -> dict[str, int]:
     """Columns that are kept. Raises DataError for one that is not there; ``bare``: columns have no units."""
-    only = options.only
-    if only is None:
-        return found
-    wanted = [*only]
-    wanted += [k for k in options.also if k in found and k not in wanted]
-    known = [k for k in found if k != time]
-    for name in [k for k in wanted if k not in found]:
+    if options.only is None:
+        return places
+    wanted = [*options.only, *(k for k in options.also if k in places)]
+    known = [k for k in places if k != time]
+    for name in [k for k in wanted if k not in places]:
         ends = [k for k in known if k.endswith(f"/{name}")]
         if len(ends) == 1:  # the end of a path suffices
-            found = {name if k == ends[0] else k: place for k, place in found.items()}
-    missing = [name for name in wanted if name not in found]
-    if missing:
-        related = "".join(f" {note}" for note in notes if missing[0] in note)
+            places = {name if k == ends[0] else k: place for k, place in places.items()}
+    missing = next((name for name in wanted if name not in places), None)
+    if missing is not None:
+        related = "".join(f" {note}" for note in source.notes if missing in note)
         raise DataError(
-            f"{origin}: there is no column '{missing[0]}'.{near(missing[0], known)} "
-            f"If it has another name there, map it: {how_to_map(missing[0], bare=bare)}.{related}"
+            f"{source.origin}: there is no column '{missing}'.{near(missing, known)} "
+            f"If it has another name there, map it: {how_to_map(missing, bare=bare)}.{related}"
         )
-    return {k: place for k, place in found.items() if k in wanted or k == time}
+    return {k: place for k, place in places.items() if k in wanted or k == time}
 
 
 def _time_factor(origin: str, label: str) -> float:
@@ -407,9 +369,10 @@ def _check(origin: str, options: ReadOptions) -> None:
     first, last = options.rows
     if (first is not None and first < 1) or (last is not None and last < (first or 1)):
         raise DataError(f"{origin}: rows=({first}, {last}) must be two row numbers in order, the first at least 1.")
-    for what, value, choices in (("tail", options.tail, TAILS), ("gaps", options.gaps, GAPS)):
-        if value not in choices:
-            raise DataError(f"{origin}: {what} must be '{choices[0]}' or '{choices[1]}', got {in_words(value)}.")
-
-
-__all__ = ["from_pandas", "heading", "read", "split_heading"]
+    for what, value, other in (("tail", options.tail, "drop"), ("gaps", options.gaps, "keep")):
+        if value not in ("refuse", other):
+            raise DataError(f"{origin}: {what} must be 'refuse' or '{other}', got {in_words(value)}.")
+    if options.step is not None and not 0 < options.step < float("inf"):
+        raise DataError(
+            f"{origin}: the step from row to row must be a positive number of seconds, got {options.step:g}."
+        )

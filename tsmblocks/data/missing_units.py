@@ -61,10 +61,14 @@ def refuse_doubtful(
     )
 
 
+def map_argument(title: str, column: str = "COLUMN") -> str:
+    """How a column is mapped to a name, perhaps with a unit, in Python and by a command."""
+    return f"map={{'{title}': '{column}'}}, or --map '{title}={column}'"
+
+
 def how_to_map(name: str, *, bare: bool) -> str:
     """Say how a column of another name is mapped: with its unit, where columns are ``bare`` of theirs."""
-    heading = f"{name} [deg]" if bare else name
-    return f"map={{'{heading}': 'COLUMN'}}, or --map '{heading}=COLUMN'"
+    return map_argument(f"{name} [deg]" if bare else name)
 
 
 def _bare(record: Record, wanted: Mapping[str, str]) -> dict[str, str]:

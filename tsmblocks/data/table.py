@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from typing import Any
 
 import attrs
 import numpy as np
@@ -67,22 +68,23 @@ def rows_argument(first: int, last: int) -> str:
     return f"rows=({first}, {last}), or --rows {first}:{last}"
 
 
-class Source(Protocol):
-    """A file whose headings are known and whose numbers have not been read yet."""
+@attrs.frozen(eq=False)
+class Source:
+    """A file whose headings are known and whose numbers have not been read yet.
 
-    @property
-    def headings(self) -> Sequence[str]:
-        """Heading of each column: a name, perhaps with a unit."""
-        ...
+    ``headings`` are names, perhaps with a unit each; ``notes`` say what was assumed or left out. ``folder`` is the
+    group that all columns lie in, if any; ``clocks`` are the columns of dates and times, with the first of each.
+    """
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was assumed or left out, one sentence each."""
-        ...
+    origin: str
+    headings: Sequence[str]
+    notes: tuple[str, ...] = ()
+    folder: str = ""
+    clocks: Mapping[int, datetime] = attrs.field(factory=dict, repr=False)
 
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Values of the chosen columns, shape (samples, columns), and the row number of each sample."""
-        ...
+        raise NotImplementedError
 
 
 def within(numbers: np.ndarray, rows: Rows) -> np.ndarray:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from datetime import date, datetime, time
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, in_words
 from tsmblocks.common.units import heading, split_heading
-from tsmblocks.data.table import Rows, within
+from tsmblocks.data.table import Rows, Source, plural, within
 
 COMMENTS = ("#", "%", "//")
 """Beginnings of a line of comment."""
@@ -83,14 +84,11 @@ def _instant(cell: str) -> datetime | None:
     text = _DOTTED.sub(lambda m: f"{m[3]}-{m[2]:>02}-{m[1]:>02} ", cell.strip().strip('"').strip())
     if ":" not in text:
         return None
-    try:
+    with suppress(ValueError):
         return datetime.fromisoformat(text)
-    except ValueError:
-        pass
-    try:
+    with suppress(ValueError):
         return datetime.combine(date.min, time.fromisoformat(text))
-    except ValueError:
-        return None
+    return None
 
 
 def _seconds(cell: str, first: datetime) -> float | None:
@@ -98,18 +96,15 @@ def _seconds(cell: str, first: datetime) -> float | None:
     instant = _instant(cell)
     if instant is None:
         return float("nan") if cell.strip().lower() in BLANK else None
-    if (instant.tzinfo is None) != (first.tzinfo is None):
-        return None
-    return (instant - first).total_seconds()
+    return (instant - first).total_seconds() if (instant.tzinfo is None) == (first.tzinfo is None) else None
 
 
 def _over_midnight(seconds: np.ndarray) -> np.ndarray:
     """Times of day [s] continued over midnight, where no more than ``MAX_MIDNIGHT_GAP`` passes."""
     known = np.flatnonzero(np.isfinite(seconds))
     steps = np.diff(seconds[known])
-    passed = (steps < 0) & (steps + DAY <= MAX_MIDNIGHT_GAP)
     made = seconds.copy()
-    made[known[1:]] += DAY * np.cumsum(passed)
+    made[known[1:]] += DAY * np.cumsum((steps < 0) & (steps + DAY <= MAX_MIDNIGHT_GAP))
     return made
 
 
@@ -118,19 +113,15 @@ def _is_numeric(cells: Sequence[str]) -> bool:
 
 
 @attrs.frozen(eq=False)
-class Text:
-    """A text file split into lines, its headings read, its numbers not yet.
+class Text(Source):
+    """A text file split into lines (with their row numbers), its headings read, its numbers not yet.
 
-    ``clocks`` are the columns of dates and times, with the first of each; they become seconds since then.
+    Columns of dates and times become seconds since the first.
     """
 
-    origin: str
-    headings: Sequence[str]
-    separator: str | None
-    lines: list[str] = attrs.field(repr=False)
-    at: np.ndarray = attrs.field(repr=False)
-    notes: tuple[str, ...] = ()
-    clocks: Mapping[int, datetime] = attrs.field(factory=dict, repr=False)
+    separator: str | None = attrs.field(kw_only=True)
+    lines: list[str] = attrs.field(repr=False, kw_only=True)
+    at: np.ndarray = attrs.field(repr=False, kw_only=True)
 
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """See Source. Raises DataError with row and column for text, and for rows of another length."""
@@ -152,13 +143,16 @@ class Text:
         c = self.separator
         counts = np.array([line.count(c) + 1 for line in lines] if c else [len(line.split()) for line in lines])
         bad = np.flatnonzero(counts != len(self.headings))
-        if len(bad):
-            k = bad[0]
-            others, advice = _count_of_others(len(bad), "row"), _short_row_advice(len(bad), k, at)
-            raise DataError(
-                f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are "
-                f"{len(self.headings)} columns{others}. {advice}"
-            )
+        if not len(bad):
+            return
+        k = bad[0]
+        advice = "Every row needs the same number of cells."
+        if len(bad) == 1 and k == len(at) - 1 > 0:
+            advice = f"The file seems to have been cut while it was written: rows=(1, {at[k] - 1}) leaves that row out."
+        raise DataError(
+            f"{self.origin}: row {at[k]} has {counts[k]} cells, but there are {len(self.headings)} columns"
+            f"{_and_more(len(bad), 'row')}. {advice}"
+        )
 
     def _one_by_one(self, lines: list[str], at: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
         values, wrong = np.full((len(lines), len(chosen)), np.nan), []
@@ -173,12 +167,13 @@ class Text:
                     values[row, k] = number
         if wrong:
             row, place, cell = wrong[0]
-            spot = f"row {at[row]}, column {place + 1} ({self.headings[place]})"
-            many = _count_of_others(len(wrong), "cell")
-            what = "a number" if place not in self.clocks else "a date and time as in the first row"
             throughout = sum(place == other for _, other, _ in wrong) == len(lines)
-            hint = self._advice(place, cell, chosen if throughout else ())
-            raise DataError(f"{self.origin}: {spot} holds {in_words(cell)}, which is not {what}{many}.{hint}")
+            what = "a date and time as in the first row" if place in self.clocks else "a number"
+            raise DataError(
+                f"{self.origin}: row {at[row]}, column {place + 1} ({self.headings[place]}) holds {in_words(cell)}, "
+                f"which is not {what}{_and_more(len(wrong), 'cell')}."
+                f"{self._advice(place, cell, chosen if throughout else ())}"
+            )
         for k, place in enumerate(chosen):
             if place in self.clocks and self.clocks[place].date() == date.min:
                 values[:, k] = _over_midnight(values[:, k])
@@ -192,15 +187,8 @@ class Text:
         return f" To leave that column out, name the others: only={others}." if others else ""
 
 
-def _count_of_others(count: int, what: str) -> str:
-    return f" (and {count - 1} more such {what}{'s' if count > 2 else ''})" if count > 1 else ""
-
-
-def _short_row_advice(count: int, k: int, at: np.ndarray) -> str:
-    """Advice on a row of another length; one at the very end was cut while it was written."""
-    if count > 1 or k != len(at) - 1 or k == 0:
-        return "Every row needs the same number of cells."
-    return f"The file seems to have been cut while it was written: rows=(1, {at[k] - 1}) leaves that row out."
+def _and_more(count: int, what: str) -> str:
+    return f" (and {count - 1} more such {plural(count - 1, what).partition(' ')[2]})" if count > 1 else ""
 
 
 def open_text(path: Path, columns: Sequence[str] | None) -> Text:
@@ -223,40 +211,30 @@ def open_text(path: Path, columns: Sequence[str] | None) -> Text:
         lines, at = lines[1:], at[1:]
         if columns:
             notes.append("The header of the file was replaced by the columns given.")
-        below = _cells(lines[0], separator) if lines else []
-        if _is_units(below, len(first)):
+        below = [cell.strip().strip("[]()").strip() for cell in _cells(lines[0], separator)] if lines else []
+        if _are_units(below, len(first)):
             headings = [_with_unit(text, unit) for text, unit in zip(headings, below, strict=True)]
             notes.append(f"Row {at[0]} was read as the units of the columns ({', '.join(filter(None, below))}).")
             lines, at = lines[1:], at[1:]
     if separator in (";", "\t") and any("," in line for line in lines[:50]):
         lines = [line.replace(",", ".") for line in lines]
         notes.append("Decimal commas were read as points.")
-    clocks = _clocks(_cells(lines[0], separator) if lines else [])
+    instants = {place: _instant(cell) for place, cell in enumerate(_cells(lines[0], separator) if lines else [])}
+    clocks = {place: begin for place, begin in instants.items() if begin is not None}
     for place, begin in clocks.items():
-        headings[place] = heading(split_heading(headings[place])[0], "s")
-        notes.append(f"{split_heading(headings[place])[0]} was read as seconds since {_instant_text(begin)}.")
-    return Text(str(path), headings, separator, lines, np.array(at, dtype=int), tuple(notes), clocks)
+        name = split_heading(headings[place])[0]
+        headings[place] = heading(name, "s")
+        since = begin.time().isoformat() if begin.date() == date.min else begin.isoformat(" ")
+        notes.append(f"{name} was read as seconds since {since}.")
+    rows = np.array(at, dtype=int)
+    return Text(str(path), headings, tuple(notes), "", clocks, separator=separator, lines=lines, at=rows)
 
 
-def _clocks(cells: Sequence[str]) -> dict[int, datetime]:
-    """The columns that hold dates and times in the first row, and those."""
-    found = {place: _instant(cell) for place, cell in enumerate(cells)}
-    return {place: begin for place, begin in found.items() if begin is not None}
-
-
-def _instant_text(begin: datetime) -> str:
-    return begin.time().isoformat() if begin.date() == date.min else begin.isoformat(" ")
-
-
-def _without_brackets(cell: str) -> str:
-    """A unit without the brackets around it."""
-    return cell.strip().strip("[]()").strip()
-
-
-def _is_units(cells: list[str], columns: int) -> bool:
+def _are_units(cells: list[str], columns: int) -> bool:
     """Whether a row under the header holds units: no number in it, and a known unit in half of its cells."""
-    filled = [_without_brackets(cell) for cell in cells if _without_brackets(cell)]
-    if len(cells) != columns or not filled or any(_number(cell) == _number(cell) is not None for cell in filled):
+    filled = [cell for cell in cells if cell]
+    numbers = any(_number(cell) is not None and cell.lower() not in BLANK for cell in filled)
+    if len(cells) != columns or not filled or numbers:
         return False
     return 2 * sum(map(_is_unit, filled)) >= len(filled)
 
@@ -272,7 +250,7 @@ def _is_unit(label: str) -> bool:
 def _with_unit(text: str, unit: str) -> str:
     """Return a heading with the unit from the row below, unless it has one already."""
     name, own = split_heading(text)
-    return text if own or _without_brackets(unit) in BLANK else heading(name, _without_brackets(unit))
+    return text if own or unit in BLANK else heading(name, unit)
 
 
 def _headings(
