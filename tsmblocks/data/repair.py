@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
@@ -56,10 +57,14 @@ def drop_empty_columns(table: Table) -> Table:
     if not empty.any() or len(kept) < 2:
         return table
     gone = listed([table.column(int(k)) for k in np.flatnonzero(empty)])
-    names, units, places = (tuple(values[k] for k in kept) for values in (table.names, table.units, table.places))
     note = f"{gone} {'hold no number and were' if empty.sum() > 1 else 'holds no number and was'} left out."
-    note = f"{note[0].upper()}{note[1:]}"
-    return table.noted(note, names=names, units=units, places=places, values=table.values[:, kept])
+    table = table.noted(f"{note[0].upper()}{note[1:]}", table.values[:, kept])
+    return attrs.evolve(
+        table,
+        names=tuple(table.names[k] for k in kept),
+        units=tuple(table.units[k] for k in kept),
+        places=tuple(table.places[k] for k in kept),
+    )
 
 
 def fill_gaps(table: Table) -> Table:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import Any
 
 import attrs
 import numpy as np
@@ -47,9 +46,10 @@ class Table:
         """Name and values of each column but the first, which is the time."""
         return zip(self.names[1:], self.values.T[1:], strict=True)
 
-    def noted(self, note: str, **changes: Any) -> Table:
-        """The table with other fields, and a note on that."""
-        return attrs.evolve(self, notes=(*self.notes, note), **changes)
+    def noted(self, note: str, values: np.ndarray | None = None, rows: np.ndarray | None = None) -> Table:
+        """The table with other numbers, and a note of what was changed or is to be minded."""
+        values, rows = self.values if values is None else values, self.rows if rows is None else rows
+        return attrs.evolve(self, values=values, rows=rows, notes=(*self.notes, note))
 
 
 def plural(n: int, word: str) -> str:
