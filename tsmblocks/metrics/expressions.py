@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import ast
 import math
+import operator
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
 from typing import Any, NoReturn
 
 import attrs
@@ -26,29 +28,31 @@ EXCERPT_LENGTH = 80
 """Characters of a text that a message has around a fault. Chosen: a line of a terminal."""
 
 
-@attrs.frozen
-class _Function:
-    """A function that may be used: its smallest number of arguments, and its forms for symbols and for arrays."""
-
-    least: int
-    of_symbols: Callable[..., Any]
-    of_arrays: Callable[..., Any]
-
-
-_SAME_NAMES = ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh")
-FUNCTIONS = {
-    "abs": _Function(1, ca.fabs, np.abs),
-    **{name: _Function(1, getattr(ca, name), getattr(np, name)) for name in _SAME_NAMES},
-    "min": _Function(2, ca.fmin, np.minimum),
-    "max": _Function(2, ca.fmax, np.maximum),
-}
+_OF_ONE = ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh")
+FUNCTIONS = ("abs", *_OF_ONE, "min", "max")
+"""Functions that may be used: ``min`` and ``max`` of two arguments or more, the others of one."""
 _OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: lambda a, b: a + b,
-    ast.Sub: lambda a, b: a - b,
-    ast.Mult: lambda a, b: a * b,
-    ast.Div: lambda a, b: a / b,
-    ast.Pow: lambda a, b: a**b,
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
 }
+
+
+@attrs.frozen
+class _Kind:
+    """What expressions are evaluated with: the type of a plain number, and the functions by name."""
+
+    number: Callable[[float], Any]
+    functions: Mapping[str, Callable[..., Any]]
+
+
+# Neither number is a Python number, which would raise on 9**9**9 or 1/0.
+_SYMBOLIC = _Kind(ca.SX, {"abs": ca.fabs, "min": ca.fmin, "max": ca.fmax, **{k: getattr(ca, k) for k in _OF_ONE}})
+_ARRAYS = _Kind(
+    np.float64, {"abs": np.abs, "min": np.minimum, "max": np.maximum, **{k: getattr(np, k) for k in _OF_ONE}}
+)
 
 
 @attrs.frozen
@@ -80,10 +84,9 @@ class Expression:
 
 
 def expression(text: str, known: Sequence[str], *, what: str = "expression", kind: str = "parameter") -> Expression:
-    """Read an expression such as ``"2 * tsm.theta"``.
+    """Read an expression such as ``"2 * tsm.theta"``: numbers, ``+ - * / **``, brackets, ``pi`` and the functions.
 
-    ``known`` are full names; the end of one (``theta``) will do where no other ends so. Arithmetic is
-    ``+ - * / **``, brackets, ``pi`` and abs, exp, log, sqrt, sin, cos, tan, tanh, min, max. Messages begin with
+    ``known`` are full names; the end of one (``theta``) will do where no other ends so. Messages begin with
     ``what`` it is, and ``kind`` says of what the names are. Raises ParameterError for anything else, for unknown
     names and for names that may mean several.
     """
@@ -106,11 +109,10 @@ def full_name(name: str, known: Sequence[str], kind: str = "parameter") -> str:
     if hits:
         more = f" or {len(hits) - 3} more" if len(hits) > 4 else ""
         raise ParameterError(f"'{clip(name)}' may mean {' or '.join(hits[: 3 if more else 4])}{more}. Say which.")
-    close = near(name, known)
-    if "Did you mean" not in close:
-        ends = near(name, {k.rpartition(".")[2] for k in known})
-        close = ends if "Did you mean" in ends else close
-    raise ParameterError(f"there is no {kind} '{clip(name)}'.{close}")
+    hints = near(name, known), near(name, {k.rpartition(".")[2] for k in known})
+    raise ParameterError(
+        f"there is no {kind} '{clip(name)}'.{next((h for h in hints if 'Did you mean' in h), hints[0])}"
+    )
 
 
 def name_in(node: ast.AST) -> str | None:
@@ -118,12 +120,13 @@ def name_in(node: ast.AST) -> str | None:
     if isinstance(node, ast.Name):
         return node.id
     if isinstance(node, ast.Attribute):
-        head = name_in(node.value)
-        return None if head is None else f"{head}.{node.attr}"
-    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and type(node.slice.value) is int:
-        head = name_in(node.value)
-        return None if head is None else f"{head}[{node.slice.value}]"
-    return None
+        end = f".{node.attr}"
+    elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and type(node.slice.value) is int:
+        end = f"[{node.slice.value}]"
+    else:
+        return None
+    head = name_in(node.value)
+    return None if head is None else head + end
 
 
 # ---- reading ---------------------------------------------------------------------------------------
@@ -206,13 +209,13 @@ class Reader:
         if name not in FUNCTIONS:
             shown = "" if name is None else f" '{clip(name, 40)}'"
             self.refuse(f"there is no function{shown}.{near(name or '', FUNCTIONS, most=12)}", node.func)
-        least = FUNCTIONS[name].least
         if any(isinstance(a, ast.Starred) for a in node.args) or node.keywords:
             self.refuse(f"{name} takes plain arguments.", node)
-        if len(node.args) < least or (least == 1 and len(node.args) > 1):
-            wanted = "one argument" if least == 1 else "two arguments or more"
+        several = name in ("min", "max")
+        if len(node.args) < 2 if several else len(node.args) != 1:
+            wanted = "two arguments or more" if several else "one argument"
             self.refuse(f"{name} takes {wanted}, got {len(node.args)}.", node)
-        return list(node.args)
+        return node.args
 
 
 def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") -> Reader:
@@ -242,11 +245,7 @@ def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") 
 
 
 def _refuse(what: str, text: str, why: str, first: int, last: int) -> NoReturn:
-    start = (
-        0
-        if len(text) <= EXCERPT_LENGTH or first < EXCERPT_LENGTH // 2
-        else min(first - EXCERPT_LENGTH // 2, len(text) - EXCERPT_LENGTH)
-    )
+    start = max(0, min(first - EXCERPT_LENGTH // 2, len(text) - EXCERPT_LENGTH))
     shown, before = text[start : start + EXCERPT_LENGTH], "…" if start else ""
     after = "…" if start + EXCERPT_LENGTH < len(text) else ""
     mark = " " * (len(before) + first - start) + "^" * max(min(last, start + EXCERPT_LENGTH) - first, 1)
@@ -278,19 +277,6 @@ def finite_or_none(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-@attrs.frozen
-class _Kind:
-    """How expressions are evaluated: the type of a plain number, and the form of a function."""
-
-    number: Callable[[float], Any]
-    function: Callable[[_Function], Callable[..., Any]]
-
-
-# Neither number is a Python number, which would raise on 9**9**9 or 1/0.
-_SYMBOLIC = _Kind(ca.SX, lambda function: function.of_symbols)
-_ARRAYS = _Kind(np.float64, lambda function: function.of_arrays)
-
-
 def _evaluated(node: ast.AST, values: Mapping[str, Any], kind: _Kind) -> Any:
     name = name_in(node)
     if name is not None:
@@ -304,10 +290,5 @@ def _evaluated(node: ast.AST, values: Mapping[str, Any], kind: _Kind) -> Any:
         return _OPERATIONS[type(node.op)](_evaluated(node.left, values, kind), _evaluated(node.right, values, kind))
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
-    function = kind.function(FUNCTIONS[node.func.id])
-    made, *others = (_evaluated(a, values, kind) for a in node.args)
-    if not others:
-        return function(made)
-    for more in others:
-        made = function(made, more)
-    return made
+    function, arguments = kind.functions[node.func.id], [_evaluated(a, values, kind) for a in node.args]
+    return reduce(function, arguments) if len(arguments) > 1 else function(*arguments)

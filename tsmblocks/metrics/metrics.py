@@ -10,6 +10,9 @@ import ast
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import attrs
@@ -28,8 +31,6 @@ DEFAULT_METRICS = {
     "effort": "rms(u)",
 }
 """Metrics of tracking where none are named; those are taken whose signals are there."""
-_FIXED_UNIT = {name for name, one in REDUCTIONS.items() if one.unit("m") in (DIMENSIONLESS, "s")}
-"""Reductions whose unit (none, or s) does not depend on that of the signal: of a signal in m it has no m."""
 
 
 @attrs.frozen
@@ -85,11 +86,10 @@ class Metric:
         ``t`` (N,) are the instants [s]. NaN where a signal is not finite. Raises DataError where no instant counts.
         """
         given = {k: np.asarray(signals[k], dtype=float) for k in self.signals}
-        alone = all(v.ndim == 1 for v in given.values())
         wide = {k: v.reshape(len(t), -1) for k, v in given.items()}
         found = {f"#{k}": part.value(self.name, np.asarray(t), wide) for k, part in enumerate(self.parts)}
         made = self.factor * self.outer.of_arrays(found)
-        return float(made[0]) if alone else made
+        return float(made[0]) if all(v.ndim == 1 for v in given.values()) else made
 
 
 def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
@@ -100,8 +100,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
     ``"error [deg]"`` states the unit of the result as well. Raises ParameterError for anything else, for unknown
     names, and for signals added up in different units; UnitError for a unit that does not fit.
     """
-    given_name = name
-    name, wanted = named(name)
+    given_name, (name, wanted) = name, named(name)
     if not name.isprintable() or name == "run":
         why = "the number of a run has that name" if name == "run" else "it cannot be printed"
         raise ParameterError(f"no metric can be called {in_words(name)}: {why}.")
@@ -112,19 +111,16 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
         read.refuse(f"this makes no number of a signal. {EXAMPLE}")
     inner = attrs.evolve(read, known=list(split.units))
     unit = _unit(inner, tree, split.units)
-    outer, factor = inner.read(tree), 1.0
-    if wanted:
-        if not unit:
-            raise units.UnitError(
-                f"{read.what}: the unit of '{clip(read.text)}' is not known, so it cannot be in {wanted}."
-            )
-        try:
-            factor = units.factor(unit, wanted)
-        except units.UnitError as error:
-            raise units.UnitError(f"{read.what}: {error}") from None
-    return Metric(
-        name or read.text, read.text, wanted or unit, outer, tuple(split.parts), factor, given_name or read.text
-    )
+    if wanted and not unit:
+        raise units.UnitError(
+            f"{read.what}: the unit of '{clip(read.text)}' is not known, so it cannot be in {wanted}."
+        )
+    try:
+        factor = units.factor(unit, wanted) if wanted else 1.0
+    except units.UnitError as error:
+        raise units.UnitError(f"{read.what}: {error}") from None
+    parts, outer = tuple(split.parts), inner.read(tree)
+    return Metric(name or read.text, read.text, wanted or unit, outer, parts, factor, given_name or read.text)
 
 
 def named(text: str) -> tuple[str, str]:
@@ -139,22 +135,22 @@ def metrics(given: Any, signals: Mapping[str, str]) -> tuple[Metric, ...]:
     Raises as ``metric`` does, and ParameterError for none at all.
     """
     if given is None:
-        given = {name: text for name, text in DEFAULT_METRICS.items() if _reads(text, signals)}
+        given = {}
+        for name, text in DEFAULT_METRICS.items():
+            with suppress(ParameterError):
+                given[name] = metric(text, signals).text
         if not given:
             raise ParameterError(
                 "no metrics are given, and the diagram has no 'x_ref' with 'x_out', and no 'u'. Write for "
                 f"example 'rms({next(iter(signals), 'y')})'."
             )
-    if isinstance(given, str):
-        given = [given]
-    if isinstance(given, Mapping) and given:
-        made = tuple(metric(text, signals, str(name)) for name, text in given.items())
-    elif isinstance(given, Sequence) and given:
-        made = tuple(metric(text, signals) for text in given)
-    else:
+    listed = [given] if isinstance(given, str) else given
+    if not isinstance(listed, (Mapping, Sequence)) or not listed:
         raise ParameterError(
             f"metrics must be texts such as 'rms(x_ref - x_out)', a list or a mapping of them, got {in_words(given)}."
         )
+    pairs = listed.items() if isinstance(listed, Mapping) else (("", text) for text in listed)
+    made = tuple(metric(text, signals, str(name)) for name, text in pairs)
     for one in made:
         if sum(one.name == other.name for other in made) > 1:
             raise ParameterError(f"two metrics have the name '{clip(one.name)}'.")
@@ -216,14 +212,6 @@ def expression_samples(run: Any, text: str) -> tuple[np.ndarray, str]:
     return np.broadcast_to(np.asarray(values, dtype=float), run.t.shape), _unit(read, read.tree, signals)
 
 
-def _reads(text: str, signals: Mapping[str, str]) -> bool:
-    try:
-        metric(text, signals)
-    except ParameterError:
-        return False
-    return True
-
-
 class _Split:
     """Splits the tree of a metric: ``parts`` are its reductions, each replaced by a name ``#k`` in the outer tree.
 
@@ -247,13 +235,14 @@ class _Split:
             self.read.refuse(
                 "this compares, but a number is wanted here. The share of the time at which it holds is share(…).", node
             )
-        if isinstance(node, ast.Call):
-            return self._call(node)
+        made: ast.expr = node
         if isinstance(node, ast.UnaryOp):
-            return ast.copy_location(ast.UnaryOp(node.op, self.outer(node.operand)), node)
-        if isinstance(node, ast.BinOp):
-            return ast.copy_location(ast.BinOp(self.outer(node.left), node.op, self.outer(node.right)), node)
-        return node
+            made = ast.UnaryOp(node.op, self.outer(node.operand))
+        elif isinstance(node, ast.BinOp):
+            made = ast.BinOp(self.outer(node.left), node.op, self.outer(node.right))
+        elif isinstance(node, ast.Call):
+            made = self._call(node)
+        return ast.copy_location(made, node)
 
     def _call(self, node: ast.Call) -> ast.expr:
         name = name_in(node.func) or ""
@@ -261,12 +250,12 @@ class _Split:
             self.parts.append(_part(self.read, node, name))
             mark = f"#{len(self.parts) - 1}"
             inside = _unit(self.read, self.parts[-1].of.tree, self.signals)
-            self.units[mark] = REDUCTIONS[name].unit(inside) if inside or name in _FIXED_UNIT else ""
-            return ast.copy_location(ast.Name(mark, ast.Load()), node)
+            self.units[mark] = REDUCTIONS[name].unit_of(inside)
+            return ast.Name(mark, ast.Load())
         if name not in FUNCTIONS:
             hint = near(OTHER_NAMES.get(name, name), [*REDUCTIONS, *FUNCTIONS], 20)
             self.read.refuse(f"there is nothing called '{clip(name, 40)}'.{hint}", node.func)
-        return ast.copy_location(ast.Call(node.func, [self.outer(a) for a in node.args], node.keywords), node)
+        return ast.Call(node.func, [self.outer(a) for a in node.args], node.keywords)
 
 
 def _part(read: Reader, node: ast.Call, name: str) -> Part:
@@ -291,26 +280,23 @@ def _part(read: Reader, node: ast.Call, name: str) -> Part:
 
 def _margin_of_comparison(read: Reader, node: ast.Compare) -> ast.expr:
     """An expression above zero where a comparison holds."""
-    sides, made = [node.left, *node.comparators], list[ast.expr]()
-    for left, sign, right in zip(sides, node.ops, sides[1:], strict=False):
+    made, sides = list[ast.expr](), [node.left, *node.comparators]
+    place = partial(ast.copy_location, old_node=node)
+    for (left, right), sign in zip(pairwise(sides), node.ops, strict=True):
         if not isinstance(sign, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)):
             read.refuse("signals are compared by <, <=, > or >=.", node)
         low, high = (left, right) if isinstance(sign, (ast.Lt, ast.LtE)) else (right, left)
-        above = ast.copy_location(ast.BinOp(high, ast.Sub(), low), node)
+        above = place(ast.BinOp(high, ast.Sub(), low))
         if isinstance(sign, (ast.LtE, ast.GtE)):  # equality holds too: so small a number changes nothing but zero
-            least = ast.copy_location(ast.Constant(sys.float_info.min), node)
-            above = ast.copy_location(ast.BinOp(above, ast.Add(), least), node)
+            above = place(ast.BinOp(above, ast.Add(), place(ast.Constant(sys.float_info.min))))
         made.append(above)
-    if len(made) == 1:
-        return made[0]
-    return ast.copy_location(ast.Call(ast.copy_location(ast.Name("min", ast.Load()), node), made, []), node)
+    return made[0] if len(made) == 1 else place(ast.Call(place(ast.Name("min", ast.Load())), made, []))
 
 
 def _constant(read: Reader, node: ast.expr) -> float:
     """A number written out, such as ``0.02`` or ``2 * pi``."""
-    for one in ast.walk(node):
-        if isinstance(one, (ast.Name, ast.Attribute)) and name_in(one) not in ("pi", *FUNCTIONS):
-            read.refuse("a plain number is wanted here.", node)
+    if any(name_in(one) not in (None, "pi", *FUNCTIONS) for one in ast.walk(node)):
+        read.refuse("a plain number is wanted here.", node)
     value = finite_or_none(read.read(node).of_arrays({}))
     if value is None:
         read.refuse("this is no finite number.", node)

@@ -88,24 +88,12 @@ def rms(x: Any) -> float:
     return float(np.sqrt(np.mean(_signal("x", x) ** 2)))
 
 
-def mean_square_error(x_out: Any, model: Any) -> float:
-    r"""Objective of the paper's fits, in the square of the signals' unit.
-
-    .. math:: \tfrac1N \sum_k \left(x_{out,k} - \hat x_{out,k}\right)^2
-
-    Source: paper, Eq (10).
-    """
-    measured, modelled = _pair("x_out", x_out, "model", model)
-    return float(np.mean((measured - modelled) ** 2))
-
-
 def loop_area(x: Any, y: Any) -> float:
     r"""Area enclosed by the curve ``(x, y)``, in the product of their units.
 
     .. math:: \tfrac12 \oint (x\,dy - y\,dx)
 
-    Counted positive counter-clockwise, and once for each turn: divide by the number of periods. The
-    last point is joined to the first.
+    Positive counter-clockwise, and counted once for each turn. The last point is joined to the first.
     """
     a, b = _pair("x", x, "y", y)
     a, b = a - a[0], b - b[0]  # the area does not depend on the origin; rounding does
@@ -165,9 +153,8 @@ def tracking_error(
         x_ref = run
     wanted, reached = _pair("x_ref", x_ref, "x_out", x_out)
     error = wanted - reached
-    if after is None:
-        first = 0.0 if t is None else float(np.asarray(t)[0])
-    else:
+    first = 0.0 if t is None else float(np.asarray(t)[0])
+    if after is not None:
         if t is None:
             raise DataError("tracking_error needs t (time in s) to leave out what comes before 'after'.")
         kept = np.asarray(t, dtype=float) >= after
