@@ -197,25 +197,28 @@ def test_a_fault_at_run_time_is_one_message_too(guarded):
 
 def test_a_signal_may_be_called_t():
     diagram = tsm.Diagram(title="t", blocks={"s": tsm.blocks.Sine()}, outputs={"t": "s"})
-    made = guard(diagram, "rms(t)", stop=1.0).run()
+    made = guard(diagram, "rms(t)", "normal", {"stop": 1.0}).run()
     assert tomllib.loads(made.text())["signals"]["t [rad]" if made.signal_units["t"] else "t"]
 
 
 def test_what_is_no_number_guards_nothing():
     with pytest.raises(tsm.errors.RunError, match=r"metric 'overshoot\(x_out, 0\)' is not a number here"):
-        guard(tsm.load("fig09b_feedforward"), "overshoot(x_out, 0)", stop=1.0, step=2e-3).run()
+        guard(tsm.load("fig09b_feedforward"), "overshoot(x_out, 0)", "normal", {"stop": 1.0, "step": 2e-3}).run()
 
 
 # ---- parts
 
 
-def small(**more):
-    return guard(tsm.load("fig09b_feedforward"), "rms(x_ref - x_out)", stop=1.0, step=2e-3, **more)
+def small(tolerance="normal"):
+    return guard(tsm.load("fig09b_feedforward"), "rms(x_ref - x_out)", tolerance, {"stop": 1.0, "step": 2e-3})
 
 
 def test_a_baseline_is_read_back_as_it_was(tmp_path):
     made = guard(
-        tsm.load("fig09b_feedforward"), {"e [deg]": "rms(x_ref - x_out)", "never": "settling_time(u, 1e-9)"}, stop=10.0
+        tsm.load("fig09b_feedforward"),
+        {"e [deg]": "rms(x_ref - x_out)", "never": "settling_time(u, 1e-9)"},
+        "normal",
+        {"stop": 10.0},
     ).run()
     made.save(tmp_path / "deep" / "b.toml")
     again = read_baseline(tmp_path / "deep" / "b.toml")

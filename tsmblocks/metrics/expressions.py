@@ -220,15 +220,12 @@ class Reader:
 
 def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") -> Reader:
     """Parse a text. Raises ParameterError for anything else, for one that is too long or cannot be parsed."""
-    if not isinstance(text, str):
+    text = " ".join(text.split()) if isinstance(text, str) else text
+    if not isinstance(text, str) or not text or not text.isprintable():
         raise ParameterError(f"{what}: a text such as '2 * theta' is wanted, got {in_words(text)}.")
     if len(text) > MAX_LENGTH:
-        raise ParameterError(
-            f"{what}: {in_words(text[:50], 30)} has {len(text)} characters; {MAX_LENGTH} are the most."
-        )
-    text = " ".join(text.split())
-    if not text or not text.isprintable():
-        raise ParameterError(f"{what}: a text such as '2 * theta' is wanted, got {in_words(text)}.")
+        start = in_words(text[:50], 30)
+        raise ParameterError(f"{what}: {start} has {len(text)} characters; {MAX_LENGTH} are the most.")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # '1if' and '\d' in quotes, which are refused below

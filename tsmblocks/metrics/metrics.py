@@ -80,10 +80,11 @@ class Metric:
         """Names of the signals it needs."""
         return tuple(dict.fromkeys(name for part in self.parts for name in part.of.names))
 
-    def __call__(self, t: np.ndarray, signals: Mapping[str, Any]) -> Any:
+    def __call__(self, t: np.ndarray, signals: Any) -> Any:
         """The number for signals of shape (N,), or one for each run, shape (runs,), for signals of shape (N, runs).
 
-        ``t`` (N,) are the instants [s]. NaN where a signal is not finite. Raises DataError where no instant counts.
+        ``t`` (N,) are the instants [s]; ``signals`` is a mapping by name, or a run. NaN where a signal is not finite.
+        Raises DataError where no instant counts.
         """
         given = {k: np.asarray(signals[k], dtype=float) for k in self.signals}
         wide = {k: v.reshape(len(t), -1) for k, v in given.items()}
@@ -192,7 +193,7 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     if not all(hasattr(run, part) for part in ("t", "unit", "keys")):
         raise RunError(f"only a run can be measured, got {in_words(run)}.")
     found = metrics(wanted, {name: run.unit(name) for name in run})
-    return {one.given_name: one(run.t, {k: run[k] for k in one.signals}) for one in found}
+    return {one.given_name: one(run.t, run) for one in found}
 
 
 def expression_samples(run: Any, text: str) -> tuple[np.ndarray, str]:
@@ -212,16 +213,17 @@ def expression_samples(run: Any, text: str) -> tuple[np.ndarray, str]:
     return np.broadcast_to(np.asarray(values, dtype=float), run.t.shape), _unit(read, read.tree, signals)
 
 
+@attrs.define
 class _Split:
     """Splits the tree of a metric: ``parts`` are its reductions, each replaced by a name ``#k`` in the outer tree.
 
     ``units`` are those of the names ``#k``, ``""`` where unknown.
     """
 
-    def __init__(self, read: Reader, signals: Mapping[str, str]) -> None:
-        self.read, self.signals = read, signals
-        self.parts: list[Part] = []
-        self.units: dict[str, str] = {}
+    read: Reader
+    signals: Mapping[str, str]
+    parts: list[Part] = attrs.Factory(list)
+    units: dict[str, str] = attrs.Factory(dict)
 
     def outer(self, node: ast.expr) -> ast.expr:
         """The tree with each reduction replaced by its name. Raises ParameterError."""

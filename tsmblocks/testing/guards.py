@@ -33,13 +33,12 @@ def read_guards(path: Path) -> dict[str, Guard]:
     assert diagram is not None
     for name, text in (texts or {}).items():
         if text is not None:
-            alone = partial(guard, diagram, {name: text}, tolerance=classes[named(name)[0]])
-            page.attempt(alone, "metrics", name)
+            page.attempt(partial(guard, diagram, {name: text}, classes[named(name)[0]], {}), "metrics", name)
     page.raise_faults()
     made = {}
     for case, changes in (cases or {"": {}}).items():
         place = ("cases", case) if case else ("metrics" if given is not None else "diagram",)
-        made[case] = page.attempt(partial(guard, diagram, texts, tolerance=classes, parameters=changes, **how), *place)
+        made[case] = page.attempt(partial(guard, diagram, texts, classes, how, changes), *place)
     page.raise_faults()
     return made
 

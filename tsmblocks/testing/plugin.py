@@ -35,9 +35,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
     """Files of guards are collected as tests."""
-    if file_path.name.endswith(ENDING):
-        return GuardFile.from_parent(parent, path=file_path)
-    return None
+    return GuardFile.from_parent(parent, path=file_path) if file_path.name.endswith(ENDING) else None
 
 
 class GuardFile(pytest.File):
@@ -86,8 +84,7 @@ class Tracking:
     """The fixture ``tracking``, called as ``tracking(diagram, metrics, …)``."""
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
-        self._request = request
-        self._names: list[str] = []
+        self._request, self._names = request, list[str]()
 
     def __call__(
         self,
@@ -105,29 +102,22 @@ class Tracking:
     ) -> None:
         """Run a diagram and compare its metrics with their baseline, ``baselines/TEST_NAME.toml`` beside the test.
 
-        ``name`` distinguishes several checks of one test. Other arguments as for ``testing.tracking.guard``. Raises
-        TrackingMoved where a metric has changed by more than its tolerance class allows, or there is no baseline.
+        ``metrics`` are those of ``measure``; ``tolerance`` is a class (exact, tight, normal, loose, coarse), or maps
+        metrics to classes; ``parameters`` are changed in the diagram; ``name`` distinguishes several checks of one
+        test. Other arguments as for ``simulate``. Raises TrackingMoved where a metric has changed by more than its
+        tolerance class allows, or there is no baseline.
         """
         from tsmblocks.testing.tracking import guard
 
-        watched = guard(
-            diagram,
-            metrics,
-            tolerance=tolerance,
-            stop=stop,
-            step=step,
-            method=method,
-            inputs=inputs,
-            hold=hold,
-            parameters=parameters,
-        )
+        how = {"stop": stop, "step": step, "method": method, "inputs": inputs, "hold": hold}
+        watched = guard(diagram, metrics, tolerance, how, parameters)
         node = self._request.node
         mark = name or (str(len(self._names) + 1) if self._names else "")
         if mark in self._names:
             raise ValueError(f"tracking is called twice with name={mark!r} in this test; give each its own.")
         self._names.append(mark)
-        inside = node.nodeid.partition("::")[2].replace("::", ".")
-        file = f"{_file_name(node.path.stem)}.{_file_name(inside)}{f'.{_file_name(mark)}' if mark else ''}.toml"
+        parts = (node.path.stem, node.nodeid.partition("::")[2].replace("::", "."), *([mark] if mark else []))
+        file = f"{'.'.join(map(_file_name, parts))}.toml"
         checked(watched, node.path.parent / "baselines" / file, self._request.config, node.nodeid)
 
 
@@ -153,9 +143,8 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
     if not found:
         return
     text = f"tracking has changed from {_near(baseline)}:\n\n{change_report(found, before, now)}\n"
-    picture = (
-        Path(config.getoption("--tracking-pictures")) / f"{_file_name(title.replace('/', '.').replace('::', '.'))}.png"
-    )
+    file = _file_name(title.replace("/", ".").replace("::", "."))
+    picture = Path(config.getoption("--tracking-pictures")) / f"{file}.png"
     try:
         text += f"\nDrawn in {draw(found, before, now, picture, title.rpartition('::')[2])}."
     except TsmError as error:
@@ -166,14 +155,9 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
 def _file_name(text: str) -> str:
     """A text as part of a file name; one that loses more than blanks gets a digest, so that names stay different."""
     made = re.sub(r"[^a-zA-Z0-9_.-]+", "_", text).strip("_")
-    if made == text.replace(" ", "_"):
-        return made
-    return f"{made}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
+    return made if made == text.replace(" ", "_") else f"{made}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
 
 
 def _near(path: Path) -> str:
     """A path relative to the working folder where it lies in it."""
-    try:
-        return str(path.relative_to(Path.cwd()))
-    except ValueError:
-        return str(path)
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

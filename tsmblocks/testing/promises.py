@@ -16,6 +16,7 @@ import pickle
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import attrs
 import casadi as ca
 import numpy as np
 
@@ -55,11 +56,12 @@ def promise(check: Promise) -> Promise:
     return check
 
 
+@attrs.frozen
 class Check:
     """One promise for one block. Call it to check; its text is ``Block-promise``."""
 
-    def __init__(self, block: Block, name: str) -> None:
-        self.block, self.name = block, name
+    block: Block
+    name: str
 
     def __call__(self) -> None:
         try:
@@ -143,25 +145,33 @@ def need(condition: Any, text: str) -> None:
 
 
 @functools.lru_cache(maxsize=512)
-def _functions(block: Block) -> tuple[Any, list[str], list[str]]:
-    """All equations as one function of (t, x, u, p), with the names of its results and parameters."""
-    made = symbolic(block)
-    names = [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
-    results = {f"{kind}.{name}": expression for (kind, name), expression in made.results.items()}
-    column = lambda parts: ca.vertcat(*parts) if parts else ca.SX(0, 1)  # noqa: E731 - a local shorthand
-    reads = [made.t, *(column([*part]) for part in (made.x, made.u, made.p))]
-    return ca.Function("block", reads, [column([*results.values()])]), list(results), names
+def _function(block: Block) -> tuple[Any, list[str]]:
+    """All equations as one function of (t, x, u, p), and the names of its results."""
+    made, column = symbolic(block), functools.partial(ca.vertcat, ca.SX(0, 1))
+    reads = [made.t, *(column(*part) for part in (made.x, made.u, made.p))]
+    return ca.Function("block", reads, [column(*made.results.values())]), [".".join(key) for key in made.results]
 
 
 def _numbers(block: Block) -> list[float]:
     return [0.0 if is_reference(v) else v for value in block.parameters.values() for _, v in leaves(value)]
 
 
+def _unused(block: Block, kind: str) -> list[str]:
+    """Names of the symbols of a kind (``"p"``, ``"u"``) that no equation depends on."""
+    made = symbolic(block)
+    symbols, results = getattr(made, kind), ca.vertcat(ca.SX(0, 1), *made.results.values())
+    return [symbol.name() for symbol in symbols if not ca.depends_on(results, symbol)]
+
+
+def _declared(block: Block) -> list[tuple[str, Any]]:
+    """Ports and fields, with their names."""
+    ports = (block.inports, block.outports, block.tape_ports, block.past_ports)
+    return [*(part for kind in ports for part in kind.items()), *block.fields().items()]
+
+
 def _points(block: Block) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """Times, states and inputs to try: each scale, with mixed signs and with one sign, reproducibly."""
-    made = []
-    rng = np.random.default_rng(20)
-    nx, nu = len(block.states), len(block.read_names)
+    made, rng, nx, nu = [], np.random.default_rng(20), len(block.states), len(block.read_names)
     for scale in SCALES:
         for signs in (rng.uniform(-1, 1, nx + nu), np.ones(nx + nu), -np.ones(nx + nu)):
             values = scale * signs + 0.0  # and not -0
@@ -184,14 +194,7 @@ def documented(block: Block) -> None:
         0 < len(block.symbol) <= MAX_SYMBOL_LENGTH,
         f"{owner} needs a symbol of at most {MAX_SYMBOL_LENGTH} characters for its box.",
     )
-    parts: list[tuple[str, Any]] = [
-        *block.inports.items(),
-        *block.outports.items(),
-        *block.tape_ports.items(),
-        *block.past_ports.items(),
-        *block.fields().items(),
-    ]
-    for name, part in parts:
+    for name, part in _declared(block):
         need(part.about.strip(), f"{owner}.{name} has no description.")
 
 
@@ -210,16 +213,11 @@ def equations_cover_what_is_declared(block: Block) -> None:
 @promise
 def units_are_known(block: Block) -> None:
     """Every unit is one this package can read."""
-    parts: list[tuple[str, Any]] = [
-        *block.inports.items(),
-        *block.outports.items(),
-        *block.fields().items(),
-        *block.states.items(),
-    ]
-    for name, part in parts:
-        match = SHARED_UNIT.fullmatch(part.unit)
+    for name, part in [*_declared(block), *block.states.items()]:
+        unit = getattr(part, "unit", "")
+        match = SHARED_UNIT.fullmatch(unit)
         try:
-            units.parse("1" + match[2] if match else part.unit)
+            units.parse("1" + match[2] if match else unit)
         except units.UnitError as error:
             raise BrokenPromise(f"{type(block).__name__}.{name}: {error}") from None
     ports = {*_letters(block.inports.values()), *_letters(block.outports.values())}
@@ -234,27 +232,18 @@ def _letters(parts: Iterable[Any]) -> set[str]:
 @promise
 def every_parameter_matters(block: Block) -> None:
     """Each parameter changes an equation; none was frozen into a number."""
-    f, results, names = _functions(block)
-    t, x, u, p = f.sx_in()
-    used = ca.which_depends(f(t, x, u, p), p, 1, False) if results and names else []
-    starts = {leaf for s in block.with_symbols(lambda n, _: ca.SX.sym(n)).states.values() for leaf in _symbols(s.start)}
-    past = {p.by for p in block.past_ports.values()} | {p.initial for p in block.past_ports.values()}
-    idle = [n for n, u_ in zip(names, used, strict=True) if not u_ and n not in starts and n not in past]
+    states = block.with_symbols(lambda name, _: ca.SX.sym(name)).states.values()
+    elsewhere = {symbol.name() for state in states for symbol in ca.symvar(ca.SX(state.start))}
+    elsewhere |= {name for past in block.past_ports.values() for name in (past.by, past.initial)}
+    idle = [name for name in _unused(block, "p") if name not in elsewhere]
     need(not idle, f"no equation of {type(block).__name__} uses {', '.join(idle)}.")
-
-
-def _symbols(start: Any) -> set[str]:
-    return {s.name() for s in ca.symvar(start)} if isinstance(start, ca.SX) else set()
 
 
 @promise
 def every_input_matters(block: Block) -> None:
     """Each input, tape and past value is read by some equation."""
-    f, _, _ = _functions(block)
-    t, x, u, p = f.sx_in()
-    used = ca.which_depends(f(t, x, u, p), u, 1, False) if block.read_names else []
-    past = {k.of for k in block.past_ports.values()} | {k.rate_of for k in block.inports.values()}
-    idle = [n for n, u_ in zip(block.read_names, used, strict=True) if not u_ and n not in past]
+    elsewhere = {k.of for k in block.past_ports.values()} | {k.rate_of for k in block.inports.values()}
+    idle = [name for name in _unused(block, "u") if name not in elsewhere]
     need(not idle, f"no equation of {type(block).__name__} reads {', '.join(idle)}.")
 
 
@@ -281,20 +270,18 @@ def tapes_are_supplied(block: Block) -> None:
     for name, tape in given.items():
         same = np.array_equal(tape.t, again[name].t) and np.array_equal(tape.y, again[name].y)
         need(same, f"{owner}.{name} differs from call to call.")
-        need(
-            len(tape.t) == len(tape.y) and np.isfinite(tape.y).all(), f"{owner}.{name} is not a list of finite numbers."
-        )
+        finite = len(tape.t) == len(tape.y) and np.isfinite(tape.y).all()
+        need(finite, f"{owner}.{name} is not a list of finite numbers.")
 
 
 @promise
 def floats_and_symbols_agree(block: Block) -> None:
     """The equations give the same with numbers as with symbols, and the same twice."""
-    f, results, _ = _functions(block)
-    points = _points(block)[3:6] if _singular(block) else _points(block)[:6]
-    for t, x, u in [(t, x.tolist(), u.tolist()) for t, x, u in points]:
+    f, results = _function(block)
+    for t, x, u in _points(block)[3:6] if _singular(block) else _points(block)[:6]:
         expected = np.asarray(f(t, x, u, _numbers(block))).ravel()
+        states, inputs = signals(list(block.states), x.tolist()), signals(list(block.read_names), u.tolist())
         for _ in range(2):
-            states, inputs = signals(list(block.states), x), signals(list(block.read_names), u)
             direct = {f"{kind}.{k}": float(v) for (kind, k), v in results_of(block, t, states, inputs).items()}
             for name, value in zip(results, expected, strict=True):
                 same = direct[name] == value or math.isclose(direct[name], value, rel_tol=1e-9, abs_tol=1e-12)
@@ -311,7 +298,7 @@ def finite_everywhere(block: Block) -> None:
     """No NaN or infinity: at rest, at zero, and far outside normal use."""
     if _singular(block):
         return  # declared to be infinite somewhere (a division by zero)
-    f, results, _ = _functions(block)
+    f, results = _function(block)
     for t, x, u in _points(block):
         values = np.asarray(f(t, x, u, _numbers(block))).ravel()
         bad = [n for n, v in zip(results, values, strict=True) if not np.isfinite(v)]
@@ -323,12 +310,10 @@ def slopes_are_finite(block: Block) -> None:
     """Derivatives with respect to states, inputs and parameters are finite, which fits and designs need."""
     if _singular(block):
         return
-    f, results, _ = _functions(block)
+    f, results = _function(block)
     t, x, u, p = f.sx_in()
-    if not results:
-        return
     jacobian = ca.Function("derivatives", [t, x, u, p], [ca.jacobian(f(t, x, u, p), ca.vertcat(x, u, p))])
-    finite = [0.0 if not math.isfinite(v) else v for v in _numbers(block)]
+    finite = [v if math.isfinite(v) else 0.0 for v in _numbers(block)]
     for time, xs, us in _points(block):
         values = np.asarray(jacobian(time, xs, us, finite))
         rows = [n for n, row in zip(results, values, strict=True) if not np.isfinite(row).all()]
@@ -375,30 +360,20 @@ def refuses_bad_numbers(block: Block) -> None:
     """Text, NaN and values outside the bounds are refused, naming block and parameter."""
     owner = type(block).__name__
     for name, field in block.fields().items():
+        value = getattr(block, name)
         if isinstance(field.default, (str, bool)) or not isinstance(field.default, (int, float, tuple)):
             continue
-        wrong: list[Any] = ["three", math.nan]
-        wrong += [field.above] if math.isfinite(field.above) else []
-        wrong += [field.below] if math.isfinite(field.below) else []
-        wrong += [field.at_least - 1] if math.isfinite(field.at_least) else []
-        wrong += [field.at_most + 1] if math.isfinite(field.at_most) else []
-        value = getattr(block, name)
-        if isinstance(value, tuple) and not any(True for _ in leaves(value)):
-            continue
-        if isinstance(value, tuple) and field.kind == "option":
-            continue  # a list of anything, which the block itself checks
-        for bad in wrong:
-            given = map_leaves(functools.partial(_always, bad), value) if isinstance(value, tuple) else bad
+        if isinstance(value, tuple) and (field.kind == "option" or not list(leaves(value))):
+            continue  # an option may be a list of anything, which the block itself checks
+        outside = (field.above, field.below, field.at_least - 1, field.at_most + 1)
+        for bad in ("three", math.nan, *filter(math.isfinite, outside)):
+            given = map_leaves(lambda *_, bad=bad: bad, value)
             try:
                 block.replace(**{name: given})
             except ParameterError as error:
                 need(owner in str(error) and name in str(error), f"the refusal does not name {owner}.{name}: {error}")
             else:
                 raise BrokenPromise(f"{owner}.{name} takes {bad!r}.")
-
-
-def _always(value: Any, _name: str, _leaf: Any) -> Any:
-    return value
 
 
 @promise

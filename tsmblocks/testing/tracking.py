@@ -6,6 +6,7 @@ metrics and its signals at some instants.
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -52,17 +53,13 @@ class Guard:
         wanted = list(dict.fromkeys(name for one in self.metrics for name in one.signals))
         run = simulate(self.diagram, **self.how)
         step = max(1, math.ceil((len(run.t) - 1) / MAX_INSTANTS))
-        found = {one.name: one(run.t, {k: run[k] for k in one.signals}) for one in self.metrics}
+        found = {one.name: one(run.t, run) for one in self.metrics}
         for name, value in found.items():
             if math.isnan(value):
                 raise RunError(f"metric '{name}' is not a number here, so it cannot be guarded.")
-        return Baseline(
-            found,
-            {one.name: one.unit for one in self.metrics},
-            run.t[::step],
-            {k: run[k][::step] for k in wanted},
-            {k: run.unit(k) for k in wanted},
-        )
+        signals = {k: run[k][::step] for k in wanted}
+        metric_units = {one.name: one.unit for one in self.metrics}
+        return Baseline(found, metric_units, run.t[::step], signals, {k: run.unit(k) for k in wanted})
 
 
 @attrs.frozen(eq=False)
@@ -77,18 +74,13 @@ class Baseline:
 
     def text(self) -> str:
         """The baseline as TOML."""
-        lines = [
-            "# Metrics as accepted; pytest --tracking-accept writes them again.",
-            f"format = {FORMAT}",
-            "",
-            "[metrics]",
-        ]
-        lines += [f"{_key(heading(k, self.units[k]))} = {_number(v)}" for k, v in self.metrics.items()]
+        lines = ["# Metrics as accepted; pytest --tracking-accept writes them again.", f"format = {FORMAT}"]
+        lines += ["", "[metrics]", *(f"{_key(k, self.units[k])} = {float(v)!r}" for k, v in self.metrics.items())]
         instants = ", ".join(f"{v:.{DIGITS}g}" for v in self.t)
         lines += ["", "[instants]", f'"t [s]" = [{instants}]', "", "[signals]"]
         for name, values in self.signals.items():
-            shown = ", ".join(_number(float(f"{v:.{DIGITS}g}")) for v in values)
-            lines.append(f"{_key(heading(name, self.signal_units[name]))} = [{shown}]")
+            shown = ", ".join(repr(float(f"{v:.{DIGITS}g}")) for v in values)
+            lines.append(f"{_key(name, self.signal_units[name])} = [{shown}]")
         return "\n".join(lines) + "\n"
 
     def save(self, path: Path) -> None:
@@ -108,29 +100,21 @@ class Change:
     allowed: float
 
     @property
-    def share(self) -> float:
-        """The change as a share of the baseline; infinite where that is zero."""
-        if self.before is None or self.now is None or not abs(self.before) > ZERO_TOLERANCE:
-            return math.inf
-        return (self.now - self.before) / abs(self.before)
+    def relative(self) -> str:
+        """The change as a share of the baseline, in words where there is none."""
+        if self.before is None or self.now is None:
+            return "new" if self.before is None else "gone"
+        share = (self.now - self.before) / abs(self.before) if abs(self.before) > ZERO_TOLERANCE else math.inf
+        return f"{100 * share:+.3g} %" if math.isfinite(share) else "from zero"
 
 
 def guard(
-    diagram: Diagram,
-    wanted: Any = None,
-    *,
-    tolerance: str | Mapping[str, str] = "normal",
-    stop: float | None = None,
-    step: float = 1e-3,
-    method: str = "rk4",
-    inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
-    parameters: Mapping[str, Any] | None = None,
+    diagram: Diagram, wanted: Any, tolerance: str | Mapping[str, str], how: Mapping[str, Any], parameters: Any = None
 ) -> Guard:
     """A guard of a diagram: ``wanted`` metrics as for ``measure``, each in a tolerance class.
 
-    ``tolerance`` is one class for all (exact, tight, normal, loose, coarse), or a mapping from metrics to classes.
-    Other arguments as for ``simulate``. Raises ParameterError.
+    ``tolerance`` is one class for all (exact, tight, normal, loose, coarse), or a mapping from metrics to classes;
+    ``how`` are arguments of ``simulate``, and ``parameters`` are changed in the diagram. Raises ParameterError.
     """
     diagram = diagram if parameters is None else diagram.with_parameters(parameters)
     found = metrics(wanted, signal_units(diagram))
@@ -145,7 +129,6 @@ def guard(
             raise ParameterError(f"tolerance: there is no metric '{name}'.{near(name, names)}")
         if not isinstance(kind, str) or kind not in TOLERANCES:
             raise ParameterError(f"tolerance of '{name}': there is no class {in_words(kind)}.{near(kind, TOLERANCES)}")
-    how = {"stop": stop, "step": step, "method": method, "inputs": inputs, "hold": hold}
     return Guard(diagram, found, {name: TOLERANCES[str(classes.get(name, "normal"))] for name in names}, how)
 
 
@@ -154,8 +137,7 @@ def changes(watched: Guard, before: Baseline, now: Baseline) -> list[Change]:
     found = []
     for name, value in now.metrics.items():
         old, allowed = before.metrics.get(name), watched.tolerances[name]
-        other = old is not None and before.units[name] != now.units[name]
-        if old is None or other or not _within_tolerance(old, value, allowed):
+        if old is None or before.units[name] != now.units[name] or not _within_tolerance(old, value, allowed):
             found.append(Change(name, now.units[name], old, value, allowed))
     gone = [name for name in before.metrics if name not in now.metrics]
     return [*found, *(Change(name, before.units[name], before.metrics[name], None, 0.0) for name in gone)]
@@ -170,16 +152,14 @@ def _within_tolerance(before: float, now: float, allowed: float) -> bool:
 
 def first_deviation(before: Baseline, now: Baseline, share: float) -> tuple[str, float] | None:
     """The signal that first deviates by more than a share of its range, and when [s]; None if none does."""
-    first: tuple[str, float] | None = None
-    for name in now.signals:
-        if name not in before.signals:
-            continue
+    found = []
+    for name in filter(before.signals.__contains__, now.signals):
         old = np.interp(now.t, before.t, before.signals[name])
         size = max(float(np.ptp(old)), float(np.abs(old).max()), 1e-12)
         away = np.flatnonzero(~(np.abs(now.signals[name] - old) <= share * size))
-        if len(away) and (first is None or now.t[away[0]] < first[1]):
-            first = name, float(now.t[away[0]])
-    return first
+        if len(away):
+            found.append((name, float(now.t[away[0]])))
+    return min(found, key=lambda one: one[1], default=None)
 
 
 def change_report(found: Sequence[Change], before: Baseline, now: Baseline) -> str:
@@ -188,18 +168,8 @@ def change_report(found: Sequence[Change], before: Baseline, now: Baseline) -> s
 
     rows = [("metric", "baseline", "now", "change", "allowed")]
     for one in found:
-        share = (
-            f"{100 * one.share:+.3g} %"
-            if math.isfinite(one.share)
-            else "new"
-            if one.before is None
-            else "gone"
-            if one.now is None
-            else "from zero"
-        )
-        rows.append(
-            (heading(one.name, one.unit), _shown(one.before), _shown(one.now), share, f"{100 * one.allowed:g} %")
-        )
+        old, new = ("" if value is None else f"{value:.6g}" for value in (one.before, one.now))
+        rows.append((heading(one.name, one.unit), old, new, one.relative, f"{100 * one.allowed:g} %"))
     allowed = min((one.allowed for one in found if one.now is not None), default=1e-3)
     start = first_deviation(before, now, max(0.1 * allowed, 1e-7))
     when = f"\nThe signals deviate from t = {start[1]:.4g} s on, {start[0]} first." if start else ""
@@ -212,23 +182,17 @@ def read_baseline(path: Path) -> Baseline:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         if table["format"] != FORMAT:
             raise ValueError(f"format {table['format']!r} is not known here")
-        measured = {named(k): float(v) for k, v in table["metrics"].items()}
-        signals = {named(k): np.array(v, dtype=float) for k, v in table["signals"].items()}
+        units, signal_units = (dict(map(named, table[part])) for part in ("metrics", "signals"))
+        found = {named(k)[0]: float(v) for k, v in table["metrics"].items()}
+        signals = {named(k)[0]: np.array(v, dtype=float) for k, v in table["signals"].items()}
         t = np.array(table["instants"]["t [s]"], dtype=float)
         if any(v.shape != t.shape for v in signals.values()):
             raise ValueError("signals and t differ in length")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         why = f"'{error.args[0]}' is missing" if isinstance(error, KeyError) else str(error)
-        raise FileError(
-            str(path), [f"{path}: this is no baseline: {why}. pytest --tracking-accept writes it again."]
-        ) from None
-    return Baseline(
-        {k: v for (k, _), v in measured.items()},
-        dict(measured.keys()),
-        t,
-        {k: v for (k, _), v in signals.items()},
-        dict(signals.keys()),
-    )
+        why = f"{path}: this is no baseline: {why}. pytest --tracking-accept writes it again."
+        raise FileError(str(path), [why]) from None
+    return Baseline(found, units, t, signals, signal_units)
 
 
 def draw(found: Sequence[Change], before: Baseline, now: Baseline, path: Path, title: str) -> Path:
@@ -236,21 +200,11 @@ def draw(found: Sequence[Change], before: Baseline, now: Baseline, path: Path, t
     from tsmblocks.plots.runs import plot_tracking_changes
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    names = [one.name for one in found]
-    plot_tracking_changes(before, now, f"{title}: {', '.join(names)}").savefig(path, dpi=120)
+    names = ", ".join(one.name for one in found)
+    plot_tracking_changes(before, now, f"{title}: {names}").savefig(path, dpi=120)
     return path
 
 
-def _shown(value: float | None) -> str:
-    return "" if value is None else f"{value:.6g}"
-
-
-def _number(value: float) -> str:
-    return (
-        repr(float(value)) if math.isfinite(value) else "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
-    )
-
-
-def _key(name: str) -> str:
-    escaped = name.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+def _key(name: str, unit: str) -> str:
+    """A heading as a quoted key of TOML, which escapes as JSON does."""
+    return json.dumps(heading(name, unit), ensure_ascii=False)
