@@ -19,7 +19,7 @@ from tsmblocks.data.noise_floor import noise_of_recordings
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.score import Differences, score
+from tsmblocks.fitting.score import Difference, Differences, score
 from tsmblocks.fitting.setup import Data, recordings, windows, without_units
 from tsmblocks.fitting.summary import rough_inputs
 from tsmblocks.model.diagram import Diagram
@@ -126,25 +126,25 @@ class Comparison:
         dict
             As ``tsmblocks compare --json`` prints it.
         """
-        noise = self.noise if np.isfinite(self.noise) else None
+        models = [
+            {
+                "name": row.name,
+                "parameters": row.parameters,
+                "fault": row.fault or None,
+                "train": row.train and row.train.to_dict(),
+                "held_out": row.held_out and row.held_out.to_dict(),
+                "fit": row.fit and row.fit.to_dict(),
+            }
+            for row in self.rows
+        ]
         return {
             "format": 1,
             "unit": self.unit,
             "interrupted": self.interrupted,
-            "noise": noise,
+            "noise": self.noise if np.isfinite(self.noise) else None,
             "noise_from": self.noise_from,
             "notes": list(self.notes),
-            "models": [
-                {
-                    "name": r.name,
-                    "parameters": r.parameters,
-                    "fault": r.fault or None,
-                    "train": None if r.train is None else r.train.to_dict(),
-                    "held_out": None if r.held_out is None else r.held_out.to_dict(),
-                    "fit": None if r.fit is None else r.fit.to_dict(),
-                }
-                for r in self.rows
-            ],
+            "models": models,
         }
 
     def to_pandas(self) -> Any:
@@ -276,15 +276,19 @@ def compare(
             raise RunError(f"free: there is no model '{name}'.{near(name, candidates)}")
     chosen = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     report = arguments.as_callback(progress, "model, evaluations and rms")
-    common: dict[str, Any] = dict(outputs=chosen, step=step, integrator=integrator, hold=hold, backend=backend)
-    search: dict[str, Any] = dict(start_states=start_states, method=method, starts=starts, seed=seed)
-    rows, notes = list[Row](), _assumed_units(candidates, records, chosen)
+    common: Any = dict(outputs=chosen, step=step, integrator=integrator, hold=hold, backend=backend)
+    search: Any = dict(start_states=start_states, method=method, starts=starts, seed=seed, window=fitted, **common)
+    training, rows, notes = {k: records[k] for k in fitted}, list[Row](), list[str]()
+    for diagram in candidates.values():
+        notes += without_units(records, diagram, [k for k in diagram.outputs if chosen is None or k in chosen])
     for name, diagram in candidates.items():
-        training = {k: records[k] for k in fitted}
+
+        def report_model(_: str, count: int, rms: float, name: str = name) -> None:
+            report(name, count, rms)
+
         try:
-            shown = lambda _, n, rms, name=name: report(name, n, rms)  # noqa: E731
-            found = fit(diagram, training, window=fitted, free=given.get(name), progress=shown, **search, **common)
-            rows.append(_judged(name, found, records, tested, common))
+            found = fit(diagram, training, free=given.get(name), progress=report_model, **search)
+            rows.append(_validated(name, found, records, tested, common))
             notes += [f"{k}: {text}" for k, r in records.items() for text in rough_inputs(r, equations(diagram))]
         except TsmError as error:
             if len(candidates) == 1:
@@ -293,6 +297,19 @@ def compare(
         if rows[-1].interrupted:
             break
     return _ranked(rows, tuple(dict.fromkeys(notes)), records, candidates)
+
+
+def _validated(name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Row:
+    """A fitted model with its residuals on validation data, or why these are not known."""
+    made = list[Difference]()
+    try:
+        for experiment, window in parts.items():
+            diagram = found.diagrams.get(experiment, found.diagram)
+            made += score(diagram, {experiment: records[experiment]}, window=window, **common)
+    except NotFinite as error:
+        return Row(name, found, found.differences, None, f"with the numbers that were fitted, {error}")
+    held_out = Differences(found.diagram.title, tuple(made)) if parts else None
+    return Row(name, found, found.differences, held_out)
 
 
 def _ranked(
@@ -309,17 +326,6 @@ def _ranked(
     return Comparison(ranked, unit, rows[-1].interrupted, notes, *noise)
 
 
-def _assumed_units(
-    models: Mapping[str, Diagram], records: Mapping[str, Record], outputs: Iterable[str] | None
-) -> list[str]:
-    """Units assumed for signals without one. Raises DataError where one is implausible."""
-    return [
-        text
-        for diagram in models.values()
-        for text in without_units(records, diagram, [k for k in diagram.outputs if outputs is None or k in outputs])
-    ]
-
-
 def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[float, str]:
     """Noise of the compared output and how it was estimated; NaN for several outputs, or without an estimate."""
     names = {d.output for d in best.train or ()}
@@ -329,24 +335,6 @@ def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[
         return noise_of_recordings(records, name := names.pop(), diagram.unit(name), diagram.inports)
     except DataError:  # too few samples
         return float("nan"), ""
-
-
-def _judged(name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Row:
-    """A fitted model with its residuals on validation data, or why these are not known."""
-    try:
-        left = _held_out(found, records, parts, common) if parts else None
-    except NotFinite as error:
-        return Row(name, found, found.differences, None, f"with the numbers that were fitted, {error}")
-    return Row(name, found, found.differences, left)
-
-
-def _held_out(found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Differences:
-    """Residuals of a fitted model on validation data."""
-    made = []
-    for name, window in parts.items():
-        diagram = found.diagrams.get(name, found.diagram)
-        made += list(score(diagram, {name: records[name]}, window={name: window}, **common))
-    return Differences(found.diagram.title, tuple(made))
 
 
 def _parts(
@@ -429,14 +417,14 @@ def _models(given: Models) -> dict[str, Diagram]:
         given = [given]
     if not isinstance(given, Iterable):
         raise RunError(f"models must be diagrams, a list or a mapping of them, got {in_words(given)}.")
-    pairs = given.items() if isinstance(given, Mapping) else [(None, one) for one in given]
+    pairs = given.items() if isinstance(given, Mapping) else [("", one) for one in given]
     made: dict[str, Diagram] = {}
     for name, one in pairs:
         if not isinstance(one, (str, Path, Diagram)):
             raise RunError(f"a model must be a diagram, a diagram file or the name of one, got {in_words(one)}.")
-        one = in_full(one) if isinstance(one, str) else one
-        diagram = one if isinstance(one, Diagram) else load(one)
-        label = str(name or (diagram.title if isinstance(one, Diagram) else Path(str(one)).stem)).removeprefix(SHIPPED)
+        file = "" if isinstance(one, Diagram) else in_full(one) if isinstance(one, str) else one
+        diagram = one if isinstance(one, Diagram) else load(file)
+        label = str(name or Path(file).stem or diagram.title).removeprefix(SHIPPED)
         if label in made:
             raise RunError(f"two models are named '{label}'; give a mapping with names of their own.")
         made[label] = diagram

@@ -29,11 +29,8 @@ class Constraint:
     strict: bool = False
 
 
-@attrs.frozen
-class Ties:
-    """Parameters that follow others, as (full name, expression), each after those it needs."""
-
-    items: tuple[tuple[str, Expression], ...] = ()
+Ties = tuple[tuple[str, Expression], ...]
+"""Parameters that follow others, as (full name, expression), each after those it needs."""
 
 
 def constraints(
@@ -116,7 +113,7 @@ def ties(given: Mapping[str, Any], known: Sequence[str], free: Sequence[str]) ->
             raise ParameterError(f"ties: '{full}' is free in this fit, so it cannot follow {in_words(text)} as well.")
         value = finite_or_none(text)
         read[full] = expression(text if value is None else repr(value), known, what=f"tie of '{full}'")
-    return Ties(tuple((name, read[name]) for name in _ordered(read)))
+    return tuple((name, read[name]) for name in _ordered(read))
 
 
 def _ordered(read: Mapping[str, Expression]) -> list[str]:

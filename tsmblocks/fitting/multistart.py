@@ -1,9 +1,9 @@
-"""Where a search looks: a finite range for each number, and places spread evenly over all of them."""
+"""Search ranges of a fit: a finite one for each number, and places spread evenly over all of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import attrs
 import numpy as np
@@ -14,11 +14,6 @@ DECADES = 2.0
 """How far a range of a positive number reaches to each side of its value, where no bound does. Chosen."""
 WIDE = 100.0
 """Ratio of the ends of a positive range from which it is searched in the logarithm. Chosen."""
-ROUNDS = 200
-"""How often sets are drawn before constraints count as infeasible. Chosen."""
-
-Feasible = Callable[[np.ndarray], np.ndarray]
-"""Places (sets, unknowns) in, whether each meets the constraints (sets,) out."""
 
 
 @attrs.frozen
@@ -47,30 +42,15 @@ class Range:
             )
 
 
-@attrs.frozen(eq=False)
 class Box:
     """Ranges side by side: places ``theta`` in their own units, and as shares 0 to 1 of each range."""
 
-    ranges: tuple[Range, ...]
-    low: np.ndarray = attrs.field(init=False)
-    high: np.ndarray = attrs.field(init=False)
-    _log: np.ndarray = attrs.field(init=False)
-
-    @low.default
-    def _lows(self) -> np.ndarray:
-        return np.array([r.low for r in self.ranges], dtype=float)
-
-    @high.default
-    def _highs(self) -> np.ndarray:
-        return np.array([r.high for r in self.ranges], dtype=float)
-
-    @_log.default
-    def _logs(self) -> np.ndarray:
-        return np.array([r.log for r in self.ranges], dtype=bool)
-
-    def __attrs_post_init__(self) -> None:
-        if not self.ranges:
+    def __init__(self, ranges: Sequence[Range]) -> None:
+        if not ranges:
             raise ParameterError("a search needs at least one number to look for, got no ranges.")
+        self.ranges = tuple(ranges)
+        self.low, self.high = (np.array([getattr(r, end) for r in ranges], dtype=float) for end in ("low", "high"))
+        self._log = np.array([r.log for r in ranges])
 
     def thetas(self, shares: np.ndarray) -> np.ndarray:
         """Places of shape (..., unknowns) in their own units, inside the ranges whatever rounding does."""
@@ -135,33 +115,16 @@ def search_range(value: float, low: float = -math.inf, high: float = math.inf, *
     return Range(least, most, least > 0 and most / least >= WIDE, name)
 
 
-def spread(
-    ranges: Sequence[Range], count: int, seed: int | np.random.Generator, feasible: Feasible | None = None
-) -> np.ndarray:
+def spread(ranges: Sequence[Range], count: int, seed: int) -> np.ndarray:
     """Places spread over the ranges by Latin hypercube, shape (count, unknowns); same seed, same places.
 
-    Each range is cut into ``count`` equal parts (of its logarithm where it says so) and each part is met
-    once. With ``feasible`` only places that meet it are kept, and more are drawn until there are enough;
-    raises ParameterError when next to none are found. Source: McKay, Beckman and Conover, Technometrics
-    21 (1979) 239.
+    Each range is cut into ``count`` equal parts (of its logarithm where it says so) and each part is met once.
+    Source: McKay, Beckman and Conover, Technometrics 21 (1979) 239.
     """
     if count < 1:
         raise ParameterError(f"the number of places must be at least 1, got {count}.")
-    box, rng = Box(tuple(ranges)), np.random.default_rng(seed)
-    if feasible is None:
-        return box.thetas(hypercube(rng, count, len(box.ranges)))
-    kept, found = [], 0
-    for _ in range(ROUNDS):
-        drawn = box.thetas(hypercube(rng, max(count, 32), len(box.ranges)))
-        good = drawn[np.asarray(feasible(drawn), dtype=bool)]
-        kept.append(good)
-        found += len(good)
-        if found >= count:
-            return np.concatenate(kept)[:count]
-    raise ParameterError(
-        f"of {ROUNDS * max(count, 32)} places spread over the search ranges {found} meet the "
-        f"constraints, and {count} are needed. Relax a constraint or change the ranges."
-    )
+    box = Box(ranges)
+    return box.thetas(hypercube(np.random.default_rng(seed), count, len(box.ranges)))
 
 
 def hypercube(rng: np.random.Generator, count: int, unknowns: int) -> np.ndarray:

@@ -147,16 +147,16 @@ class Unknowns:
 
 def with_ties(unknowns: Unknowns, ties: Ties) -> Unknowns:
     """The same unknowns with some parameters following others."""
-    if not ties.items:
+    if not ties:
         return unknowns
     import casadi as ca
 
     p = ca.SX.sym("p", len(unknowns.order))
     symbols = {name: p[k] for k, name in enumerate(unknowns.order)}
-    for name, expression in ties.items:
+    for name, expression in ties:
         symbols[name] = expression.symbolic(symbols)
-    tied = tuple(unknowns.order.index(name) for name, _ in ties.items)
-    values = ca.vertcat(*(symbols[name] for name, _ in ties.items))
+    tied = tuple(unknowns.order.index(name) for name, _ in ties)
+    values = ca.vertcat(*(symbols[name] for name, _ in ties))
     function = ca.Function("tie", [p], [values, ca.densify(ca.jacobian(values, p))])
     return attrs.evolve(unknowns, tied=tied, tie=function)
 

@@ -16,6 +16,7 @@ from tsmblocks.data import Record
 from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.score import Differences
+from tsmblocks.fitting.statistics import correlation
 from tsmblocks.model.diagram import Diagram
 
 if TYPE_CHECKING:
@@ -130,9 +131,7 @@ class Fit:
     @property
     def correlation(self) -> np.ndarray:
         """Correlation of the estimates, shape (unknowns, unknowns); NaN for those at a bound or not identifiable."""
-        spread = np.sqrt(np.diag(self.covariance))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return self.covariance / np.outer(spread, spread)
+        return correlation(self.covariance)
 
     @property
     def runs(self) -> dict[str, Run]:

@@ -283,7 +283,7 @@ def pose(
     # tying a name that is freed alone is a contradiction, while a pattern may cover tied ones
     exact = set() if free is None else set(arguments.as_names("free", free, "tsm.*"))
     tie = read_ties({} if ties is None else ties, list(known), [k for k in names if k in exact])
-    followers = [name for name, _ in tie.items]
+    followers = [name for name, _ in tie]
     names = [k for k in names if k not in followers]
     diagram = diagram.untied([*names, *followers])
     setup = set_up(

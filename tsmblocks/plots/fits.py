@@ -18,7 +18,7 @@ from tsmblocks.data import Record, heading, noise
 from tsmblocks.fitting.compare import Comparison, overall
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Difference, Differences
-from tsmblocks.fitting.statistics import whiteness
+from tsmblocks.fitting.statistics import autocorrelation
 from tsmblocks.plots.panels import COLOURS, INK, INSIDE, LEGEND, PALE, SMALL, axes, dress, head, sheet, shown
 
 MOST = 8
@@ -148,10 +148,10 @@ def _loop(panel: Any, one: Difference) -> None:
 
 
 def _autocorrelation(panel: Any, one: Difference) -> None:
-    (test,) = whiteness(one.residual, lags=LAGS)
-    lag = float(np.median(np.diff(one.t))) * np.arange(len(test.autocorrelation))
-    panel.axhspan(-test.band, test.band, color=PALE, lw=0, label="white noise")
-    panel.plot(lag, test.autocorrelation, color=COLOURS[1], lw=1.0, label="residual")
+    rho, band = autocorrelation(one.residual, LAGS)
+    lag = float(np.median(np.diff(one.t))) * np.arange(len(rho))
+    panel.axhspan(-band, band, color=PALE, lw=0, label="white noise")
+    panel.plot(lag, rho, color=COLOURS[1], lw=1.0, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
     panel.set_ylim(-1.05, 1.05)
     dress(panel, "lag [s]")
