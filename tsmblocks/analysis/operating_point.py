@@ -155,7 +155,7 @@ def local_equations(
     signals = gather_signals(eq, {**dict.fromkeys(wanted, 0.0), **inputs}, np.array([t, t + SOURCE_SPAN]), "zero")
     u = np.array(
         [
-            0.0 if not feed.block and feed.order else signal.at(np.array([t]), order, "right", 0.0)[0]
+            0.0 if not feed.block and feed.order else signal.at(np.array([t]), order)[0]
             for feed, (signal, order) in zip(eq.u, signals, strict=True)
         ]
     )

@@ -5,7 +5,8 @@ Interpolation between samples (the hold) is done here, at the instants of the st
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,21 +24,13 @@ class Signal:
     """A signal as a function of time, with limits from the left and the right and its time derivatives."""
 
     def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str) -> None:
-        self.name = name
-        self.call: Callable[[np.ndarray], Any] | None = given if callable(given) else None
-        if self.call is not None:
+        self.name, self.function = name, given if callable(given) else None
+        if self.function is not None:
             self.hold, self.t = "exact", grid
             return
-        if not hasattr(given, "t") and not isinstance(given, (list, tuple)) and np.ndim(given) == 0:
-            given = _PlainSamples(grid[[0, -1]], np.full(2, _number(name, given)), "zero")
-        elif not hasattr(given, "t"):
-            given = _PlainSamples(*_pair(name, given, grid), hold)
-        self.hold = given.hold
-        self.t, self.y = _numbers(name, given.t), _numbers(name, given.y)
+        self.t, self.y, self.hold = _samples(name, given, grid, hold)
         self._check()
-        self._splines: dict[int, Any] = {}
-        self._grid: tuple[float, float, bool] | None = None
-        self._derivatives: np.ndarray | None = None
+        self._grid = (math.nan, math.nan, False)
 
     def _check(self) -> None:
         if self.hold not in HOLDS:
@@ -73,53 +66,40 @@ class Signal:
                 f"from {start:g} to {stop:g} s. {begin}, or give more samples."
             )
 
-    def at(self, t: np.ndarray, order: int, side: str, tiny: float) -> np.ndarray:
-        """Values (or derivatives of an order) at ``t``; at a jump, the limit from ``side``."""
-        if self.call is not None:
+    def at(self, t: np.ndarray, order: int = 0, shift: float = 0.0) -> np.ndarray:
+        """Values (or derivatives of an order) at ``t``; jumps are read ``shift`` s later, as their limit from there."""
+        if self.function is not None:
             return self._exact(t, order)
         if self.hold == "cubic":
-            return np.asarray(self._spline()(np.clip(t, self.t[0], self.t[-1]), nu=order))
+            return np.asarray(self._spline(np.clip(t, self.t[0], self.t[-1]), nu=order))
         if order > ORDERS[self.hold]:
-            raise DataError(self._no_derivative(order))
-        if self.hold == "zero":
-            shifted = t + tiny if side == "right" else t - tiny
-            return self.y[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(self.t) - 1)]
-        if order == 0:
+            zero = "held constant between samples, but its derivative is needed. Give it hold='linear' or hold='cubic'."
+            line = f"linear between samples, but its derivative of order {order} is needed. Give it hold='cubic'."
+            raise DataError(f"input '{self.name}' is {zero if self.hold == 'zero' else line}")
+        if self.hold == "linear" and order == 0:
             return np.interp(t, self.t, self.y)
-        if len(self.t) < 2:
-            return np.zeros_like(t)
-        shifted = t + tiny if side == "right" else t - tiny
-        derivatives = np.diff(self.y) / np.diff(self.t)
-        return derivatives[np.clip(np.searchsorted(self.t, shifted, side="right") - 1, 0, len(derivatives) - 1)]
+        last = np.searchsorted(self.t, t + shift, side="right") - 1
+        return (self._derivatives if order else self.y)[np.clip(last, 0, len(self.t) - 1)]
 
-    def _no_derivative(self, order: int) -> str:
-        """The message where a derivative is needed that the hold does not have."""
-        if self.hold == "zero":
-            return (
-                f"input '{self.name}' is held constant between samples, but its derivative is needed. "
-                "Give it hold='linear' or hold='cubic'."
-            )
-        return (
-            f"input '{self.name}' is linear between samples, but its derivative of order {order} is needed. "
-            "Give it hold='cubic'."
-        )
+    @cached_property
+    def _derivatives(self) -> np.ndarray:
+        """The derivative from each sample to the next; at the last sample the one before it."""
+        made = np.diff(self.y) / np.diff(self.t)
+        return np.append(made, made[-1] if len(made) else 0.0)
 
-    def stands_on(self, start: float, step: float) -> bool:
+    def is_on_steps(self, start: float, step: float) -> bool:
         """Whether the samples lie on the steps, linear in between, so that values are found by position."""
-        if self.call is not None or self.hold != "linear" or len(self.t) < 2:
+        if self.hold != "linear" or len(self.t) < 2:
             return False
         if abs(self.t[0] - start) + abs(self.t[1] - self.t[0] - step) > 1e-9 * step:
             return False
-        if self._grid is None or self._grid[:2] != (start, step):
+        if self._grid[:2] != (start, step):
             steps = start + step * np.arange(len(self.t))
             self._grid = start, step, bool(np.abs(self.t - steps).max() <= 1e-9 * step)
         return self._grid[2]
 
     def on_steps(self, first: int, count: int, offset: float, order: int) -> np.ndarray:
         """Values at a fraction of the steps ``first`` ... ``first + count``, or the derivatives over those steps."""
-        if self._derivatives is None:
-            self._derivatives = np.append(np.diff(self.y) / np.diff(self.t), 0.0)
-            self._derivatives[-1] = self._derivatives[-2]
         if order:
             return self._derivatives[first : first + count + 1]
         here = self.y[first : first + count + 1]
@@ -130,14 +110,14 @@ class Signal:
         return ahead if offset == 1 else here + offset * (ahead - here)
 
     def _exact(self, t: np.ndarray, order: int) -> np.ndarray:
-        assert self.call is not None
+        """Values of a function of time."""
         if order:
             raise DataError(
                 f"input '{self.name}' is a Python function, but its derivative is needed. "
                 "Give samples with hold='cubic', or make it a source block."
             )
         try:
-            values = np.asarray(self.call(t), dtype=float)
+            values = np.asarray(self.function(t), dtype=float)
         except Exception as error:
             raise DataError(
                 f"input '{self.name}': the function fails on an array of times, which it must take (use "
@@ -154,66 +134,51 @@ class Signal:
             raise DataError(f"input '{self.name}': the function gives {values[bad[0]]:g} at t = {t[bad[0]]:g} s.")
         return values
 
+    @cached_property
     def _spline(self) -> Any:
-        if 0 not in self._splines:
-            from scipy.interpolate import CubicSpline
+        from scipy.interpolate import CubicSpline
 
-            if len(self.t) < 4:
-                raise DataError(f"input '{self.name}': hold='cubic' needs at least 4 samples, got {len(self.t)}.")
-            self._splines[0] = CubicSpline(self.t, self.y)
-        return self._splines[0]
+        if len(self.t) < 4:
+            raise DataError(f"input '{self.name}': hold='cubic' needs at least 4 samples, got {len(self.t)}.")
+        return CubicSpline(self.t, self.y)
 
 
-class _PlainSamples:
-    def __init__(self, t: Any, y: Any, hold: str) -> None:
-        self.t, self.y, self.hold = t, y, hold
-
-
-def _number(name: str, value: Any) -> float:
-    try:
-        number = float(_real(value))
-    except (TypeError, ValueError):
-        raise DataError(
-            f"input '{name}' must be a number, samples or a function of time, got {in_words(value)}."
-        ) from None
-    if not np.isfinite(number):
-        raise DataError(f"input '{name}' must be a finite number, got {number:g}.")
-    return number
-
-
-def _real(given: Any) -> np.ndarray:
-    """Numbers as floats, those that are masked as NaN. Raises TypeError for text, times of day, complex numbers."""
-    array = np.ma.asanyarray(given)
-    if array.dtype.kind in "cSUmM":
-        raise TypeError
-    return np.ma.filled(array.astype(float, copy=False), np.nan)
-
-
-def _numbers(name: str, given: Any) -> np.ndarray:
-    try:
-        return _real(given)
-    except (TypeError, ValueError):
-        what = f" of {given.dtype}" if np.ndim(given) and hasattr(given, "dtype") else ""
-        raise DataError(
-            f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}{what}."
-        ) from None
-
-
-def _pair(name: str, given: Any, grid: np.ndarray) -> tuple[Any, Any]:
-    """(times, values) of a pair, or of values alone on the step grid."""
+def _samples(name: str, given: Any, grid: np.ndarray, hold: str) -> tuple[np.ndarray, np.ndarray, str]:
+    """Times [s], values and hold of what is given: samples, a pair of lists, values on the steps, or a number."""
+    if hasattr(given, "t"):
+        return _numbers(name, given.t), _numbers(name, given.y), given.hold
     if isinstance(given, tuple) and len(given) == 2 and all(hasattr(v, "__len__") for v in given):
-        return _numbers(name, given[0]), _numbers(name, given[1])
+        return _numbers(name, given[0]), _numbers(name, given[1]), hold
     values = _numbers(name, given)
+    if values.ndim == 0:
+        if not np.isfinite(values):
+            raise DataError(f"input '{name}' must be a finite number, got {values:g}.")
+        return grid[[0, -1]], np.full(2, values), "zero"
     if values.ndim != 1:
-        raise DataError(f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}.")
+        raise DataError(_kinds(name, given) + ".")
     if len(values) not in (len(grid), len(grid) - 1):
         raise DataError(
             f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "
             "Give (times, values) when they are not on the steps."
         )
-    return (grid[: len(values)] if len(values) == len(grid) else grid), (
-        values if len(values) == len(grid) else np.append(values, values[-1])
-    )
+    return grid, values if len(values) == len(grid) else np.append(values, values[-1]), hold
+
+
+def _numbers(name: str, given: Any) -> np.ndarray:
+    """Numbers as floats, those that are masked as NaN. Raises DataError for text, times of day, complex numbers."""
+    try:
+        array = np.ma.asanyarray(given)
+        if array.dtype.kind in "cSUmM":
+            raise TypeError
+        return np.ma.filled(array.astype(float, copy=False), np.nan)
+    except (TypeError, ValueError):
+        kind = f" of {given.dtype}" if hasattr(given, "dtype") and np.ndim(given) else ""
+        raise DataError(_kinds(name, given) + kind + ".") from None
+
+
+def _kinds(name: str, given: Any) -> str:
+    """What an input may be, and what it is."""
+    return f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}"
 
 
 def input_rows(
@@ -225,11 +190,10 @@ def input_rows(
         return made
     k = np.arange(first, first + count + 1)
     for i, offset in enumerate(offsets):
-        t = start + (k + offset) * step
-        side = "left" if offset == 1 else "right"
+        t, shift = start + (k + offset) * step, LATE_SAMPLE * step * (-1 if offset == 1 else 1)
         for j, (signal, order) in enumerate(signals):
-            if order <= 1 and signal.stands_on(start, step):
+            if order <= 1 and signal.is_on_steps(start, step):
                 made[:, i, j] = signal.on_steps(first, count, offset, order)
             else:
-                made[:, i, j] = signal.at(t, order, side, LATE_SAMPLE * step)
+                made[:, i, j] = signal.at(t, order, shift)
     return made

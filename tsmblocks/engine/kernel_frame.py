@@ -15,7 +15,9 @@ right-hand side is cut into functions and the states stay in memory, so that com
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
+from typing import Any
 
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
 from tsmblocks.engine.llvm_ir import Writer, llvm_double
@@ -53,6 +55,16 @@ def time_jumps(program: Program) -> bool:
     )
 
 
+class LaneProgram(Program):
+    """A program of a plan, with how often each node changes (``grades``) and whether it differs between lanes (``wide``)."""
+
+    def __init__(self, plan: Plan, function: Any) -> None:
+        super().__init__(function, reciprocals=plan.fused)
+        slots: dict[str, Any] = {"x": plan.wide_x, "d": plan.wide_d, "q": plan.wide_q, "p": plan.wide_p}
+        self.grades = grades_of(self)
+        self.wide = [bool(g) for g in self.grade({k: slots.get(name, False) for k, name in enumerate(self.inputs)})]
+
+
 class KernelFrame:
     """Names, layouts and programs shared by the two forms of kernel."""
 
@@ -63,31 +75,16 @@ class KernelFrame:
         self.x, self.d, self.p, self.q, self.s = (
             Layout.of(wide, plan.lanes) for wide in (plan.wide_x, plan.wide_d, plan.wide_p, plan.wide_q, plan.wide_s)
         )
-        self.rhs = Program(plan.rhs, plan.fused)
-        self.update = Program(plan.update, plan.fused) if plan.update is not None else None
-        self.lag = Program(plan.lag) if plan.wide_s else None
-        self.wide = self.widths(self.rhs)
+        self.rhs = LaneProgram(plan, plan.rhs)
+        self.update = LaneProgram(plan, plan.update) if plan.update is not None else None
+        self.lag = LaneProgram(plan, plan.lag) if plan.wide_s else None
         self.jumps = time_jumps(self.rhs) if plan.jumps is None else plan.jumps
         self.y = Layout.of(tuple(self.is_wide_output(k) for k in plan.y), plan.lanes)
-
-    def widths(self, program: Program) -> list[bool]:
-        """Which nodes of a program differ between lanes."""
-        plan = self.plan
-        slots = {
-            "t": False,
-            "x": plan.wide_x,
-            "d": plan.wide_d,
-            "u": False,
-            "q": plan.wide_q,
-            "p": plan.wide_p,
-            "hit": False,
-        }
-        return [bool(g) for g in program.grade({k: slots[name] for k, name in enumerate(program.inputs)})]
 
     def is_wide_output(self, k: int) -> bool:
         """Whether signal k differs between lanes."""
         node = self.rhs.outputs.get((1, k))
-        return node is not None and self.wide[node]
+        return node is not None and self.rhs.wide[node]
 
     # ---- text common to both forms
 
@@ -95,18 +92,17 @@ class KernelFrame:
         """The function's head: load the table and the settings."""
         w = self.w
         w.lines += ["define void @run(ptr noalias readonly %table) {", "entry:"]
+
+        def read(name: str, kind: str, base: str, k: int) -> None:
+            place = w.emit(f"getelementptr {kind}, ptr {base}, i64 {k}")
+            w.do(f"%{name} = load {kind}, ptr {place}")
+
         for k, name in enumerate(("settings", "x", "d", "p", "u", "ring", "y", "work")):
-            place = w.emit(f"getelementptr ptr, ptr %table, i64 {k}")
-            w.do(f"%{name} = load ptr, ptr {place}")
+            read(name, "ptr", "%table", k)
         w.do("%h = load double, ptr %settings")
-        place = w.emit("getelementptr double, ptr %settings, i64 1")
-        w.do(f"%t0 = load double, ptr {place}")
-        for k, name in enumerate(SETTINGS):
-            place = w.emit(f"getelementptr i64, ptr %settings, i64 {k + 2}")
-            w.do(f"%{name} = load i64, ptr {place}")
-        for g in range(self.plan.groups):
-            place = w.emit(f"getelementptr i64, ptr %settings, i64 {g + 2 + len(SETTINGS)}")
-            w.do(f"%every_{g} = load i64, ptr {place}")
+        read("t0", "double", "%settings", 1)
+        for k, name in enumerate((*SETTINGS, *(f"every_{g}" for g in range(self.plan.groups))), 2):
+            read(name, "i64", "%settings", k)
         self._flush_denormals()
 
     def _flush_denormals(self) -> None:
@@ -148,12 +144,10 @@ class KernelFrame:
         w.do(f"br i1 {leave}, label %done, label %begin")
         w.label("begin")
         w.do("%kg = add i64 %k, %k0")
-        w.do("%tn = " + self._time("%kg"))
+        w.do("%tn = " + self.time_of(w.emit("sitofp i64 %kg to double")))
 
-    def _time(self, k: str) -> str:
-        return self._time_of(self.w.emit(f"sitofp i64 {k} to double"))
-
-    def _time_of(self, steps: str) -> str:
+    def time_of(self, steps: str) -> str:
+        """The instruction that gives the time after so many steps."""
         return f"fadd contract double {self.w.emit(f'fmul contract double {steps}, %h')}, %t0"
 
     def time_at(self, offset: float) -> str:
@@ -165,7 +159,7 @@ class KernelFrame:
         if offset == 0:
             return "%tn"
         if offset == 1:
-            end = w.emit(self._time(w.emit("add i64 %kg, 1")))
+            end = w.emit(self.time_of(w.emit(f"sitofp i64 {w.emit('add i64 %kg, 1')} to double")))
             return self._before(end) if self.jumps else end
         part = w.emit(f"fmul double %h, {llvm_double(offset)}")
         return w.emit(f"fadd double %tn, {part}")
@@ -181,17 +175,13 @@ class KernelFrame:
     def hits(self) -> list[str]:
         """1 or 0 for each rate group at this instant; branches over the update section when idle."""
         w = self.w
-        flags = []
-        for g in range(self.plan.groups):
-            rest = w.emit(f"srem i64 %kg, %every_{g}")
-            flags.append(w.emit(f"icmp eq i64 {rest}, 0"))
+        rests = (w.emit(f"srem i64 %kg, %every_{g}") for g in range(self.plan.groups))
+        flags = [w.emit(f"icmp eq i64 {rest}, 0") for rest in rests]
         numbers = [w.emit(f"uitofp i1 {flag} to double") for flag in flags]
         if self.plan.every_step or not flags:
             w.do("br label %update")
         else:
-            any_hit = flags[0]
-            for flag in flags[1:]:
-                any_hit = w.emit(f"or i1 {any_hit}, {flag}")
+            any_hit = functools.reduce(lambda a, b: w.emit(f"or i1 {a}, {b}"), flags)
             w.do(f"br i1 {any_hit}, label %update, label %stages")
         w.label("update")
         return numbers
@@ -254,7 +244,7 @@ class KernelFrame:
                 f"call [6 x double] @tsm_past(ptr {base}, i64 %mask, i64 {stride}, double {place}, i64 {last})"
             )
             each = [w.emit(f"extractvalue [6 x double] {found}, {i}") for i in range(parts)]
-            each[DELAY_SAMPLES] = w.emit(self._time_of(each[DELAY_SAMPLES]))
+            each[DELAY_SAMPLES] = w.emit(self.time_of(each[DELAY_SAMPLES]))
             if not wide:
                 values = each
                 break

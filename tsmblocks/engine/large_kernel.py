@@ -6,15 +6,15 @@ length; functions of some hundred operations that pass values through a work arr
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
 
 import attrs
 
 from tsmblocks.engine.equations import DELAY_NUMBERS
-from tsmblocks.engine.kernel_frame import CONSTANT, KernelFrame, grades_of
+from tsmblocks.engine.kernel_frame import CONSTANT, KernelFrame, LaneProgram
 from tsmblocks.engine.llvm_ir import Writer, llvm_double
 from tsmblocks.engine.plan import Layout, Plan
-from tsmblocks.engine.program import Program
 
 FUNCTION_OPERATIONS = 200
 """Operations in one function. Chosen: some hundred, for which compile time is linear."""
@@ -27,98 +27,93 @@ Store = tuple[int | None, str, int, bool]
 """(node or None for zero, array, offset, wide): where the value of an output is stored."""
 
 
-@attrs.define
-class _Job:
-    """One program to be cut: which nodes, where results go, which nodes are fixed beforehand."""
+@attrs.frozen
+class _Cut:
+    """A program in pieces, with the places of its fixed nodes and of values that pass from piece to piece."""
 
-    name: str
-    program: Program
-    wide: list[bool]
-    stores: list[Store]
-    fixed: dict[int, int]  # node -> place in the array of fixed values
+    program: LaneProgram
+    fixed: dict[int, int]
+    places: dict[int, int]
+
+
+def _stores(program: LaneProgram, slot: int, layout: Layout, picked: Sequence[int] | None = None) -> list[Store]:
+    """Where the results of a slot are stored, in order; ``picked`` are those in use."""
+    wanted = range(len(layout.wide)) if picked is None else picked
+    return [
+        (program.outputs.get((slot, j)), f"o{slot}", layout.offset[k], layout.wide[k]) for k, j in enumerate(wanted)
+    ]
 
 
 class LargeKernel:
-    """Writes one kernel in the large form."""
+    """Writes one kernel in the large form.
+
+    A program is cut into pieces, each a function. ``fixed`` are the places of those of its nodes that depend on
+    parameters only, which are computed before the loop; values that a later piece reads are stored in ``work``.
+    """
 
     def __init__(self, plan: Plan, host: str) -> None:
         self.f = KernelFrame(plan, host)
         self.plan, self.w = plan, self.f.w
-        self.layouts = {
-            "x": self.f.x,
-            "d": self.f.d,
-            "p": self.f.p,
-            "q": self.f.q,
-            "u": Layout.of((False,) * plan.inputs, plan.lanes),
-            "hit": Layout.of((False,) * plan.groups, plan.lanes),
-        }
+        single = {k: Layout.of((False,) * n, plan.lanes) for k, n in (("u", plan.inputs), ("hit", plan.groups))}
+        self.layouts = {"x": self.f.x, "d": self.f.d, "p": self.f.p, "q": self.f.q, **single}
         self.parts: list[str] = []
         self.temporaries = 0
         self.fixed_size = 0
 
     # ---- cutting
 
-    def _fix(self, program: Program, wide: list[bool]) -> tuple[dict[int, int], list[int]]:
-        """Places for the nodes that depend on parameters only and that others read."""
-        grade = grades_of(program)
-        readers = {j for n, g in enumerate(grade) if g > CONSTANT for j in program.arguments(n)}
+    def _write_fixed(self, name: str, program: LaneProgram) -> dict[int, int]:
+        """Write what computes the nodes that depend on parameters only and that others read; their places."""
+        readers = {j for n, grade in enumerate(program.grades) if grade > CONSTANT for j in program.arguments(n)}
         chosen = [
             n
             for n in sorted(readers | set(program.outputs.values()))
-            if grade[n] == CONSTANT and program.nodes[n][0] not in ("CONST", "INPUT")
+            if program.grades[n] == CONSTANT and not program.is_leaf(n)
         ]
-        places = {}
+        fixed = {}
         for node in chosen:
-            places[node] = self.fixed_size
-            self.fixed_size += self.plan.lanes if wide[node] else 1
-        return places, chosen
+            fixed[node] = self.fixed_size
+            self.fixed_size += self.plan.lanes if program.wide[node] else 1
+        self._cut(name, program, [(n, "fixed", fixed[n], program.wide[n]) for n in chosen], {})
+        return fixed
 
-    def _cut(self, job: _Job) -> None:
+    def _cut(self, name: str, program: LaneProgram, stores: list[Store], fixed: dict[int, int]) -> None:
         """Write a program as functions of some hundred operations and one that calls them."""
-        program = job.program
-        nodes = sorted(program.needed(n for n, *_ in job.stores if n is not None))
-        work = [n for n in nodes if program.nodes[n][0] not in ("CONST", "INPUT") and n not in job.fixed]
-        work = self._without_fixed(program, work, job)
+        nodes = program.needed((n for n, *_ in stores if n is not None), fixed)
+        work = sorted(n for n in nodes if n not in fixed and not program.is_leaf(n))
         piece = {n: k // FUNCTION_OPERATIONS for k, n in enumerate(work)}
-        last_use: dict[int, int] = {}
-        for node in work:
-            for j in program.arguments(node):
-                last_use[j] = piece[node]
+        last_use = {j: piece[n] for n in work for j in program.arguments(n)}
         places: dict[int, int] = {}
         for node in work:
             if last_use.get(node, -1) > piece[node]:
                 places[node] = self.temporaries
-                self.temporaries += self.plan.lanes if job.wide[node] else 1
+                self.temporaries += self.plan.lanes if program.wide[node] else 1
         count = len(work) // FUNCTION_OPERATIONS + 1
-        ends: dict[int, list[Store]] = {}
-        for store in job.stores:
-            ends.setdefault(piece.get(store[0], count - 1) if store[0] is not None else count - 1, []).append(store)
+        ends: list[list[Store]] = [[] for _ in range(count)]
+        for store in stores:
+            ends[count - 1 if store[0] is None else piece.get(store[0], count - 1)].append(store)
+        cut = _Cut(program, fixed, places)
         for k in range(count):
-            self._piece(job, k, work[k * FUNCTION_OPERATIONS : (k + 1) * FUNCTION_OPERATIONS], places, ends.get(k, []))
-        calls = "\n".join(
-            f"  call void @{job.name}_{k}(double %t, {', '.join(f'ptr %{a}' for a in _ARGUMENTS)})"
-            for k in range(count)
-        )
-        self.parts.append(f"define internal void @{job.name}({_SIGNATURE}) noinline {{\n{calls}\n  ret void\n}}")
+            part = work[k * FUNCTION_OPERATIONS : (k + 1) * FUNCTION_OPERATIONS]
+            self._piece(f"{name}_{k}", cut, part, ends[k])
+        arguments = ", ".join(f"ptr %{a}" for a in _ARGUMENTS)
+        calls = (f"  call void @{name}_{k}(double %t, {arguments})" for k in range(count))
+        self._define(name, calls)
 
-    @staticmethod
-    def _without_fixed(program: Program, work: list[int], job: _Job) -> list[int]:
-        """Drop nodes that only fixed nodes need."""
-        wanted = {n for n, *_ in job.stores if n is not None}
-        for node in reversed(work):
-            if node in wanted:
-                wanted.update(j for j in program.arguments(node) if j not in job.fixed)
-        return [n for n in work if n in wanted]
+    def _define(self, name: str, lines: Iterable[str]) -> None:
+        body = "\n".join(lines)
+        self.parts.append(f"define internal void @{name}({_SIGNATURE}) noinline {{\n{body}\n  ret void\n}}")
 
-    def _piece(self, job: _Job, k: int, work: list[int], places: dict[int, int], stores: Iterable[Store]) -> None:
-        w, program = Writer(self.plan.lanes, self.plan.fused), job.program
+    def _piece(self, name: str, cut: _Cut, work: list[int], stores: list[Store]) -> None:
+        """Write one function: the operations of ``work``, and what it stores."""
+        w, program = Writer(self.plan.lanes, self.plan.fused), cut.program
         w.functions = self.w.functions  # shared elementary functions, each written once
         values: dict[int, str] = {}
 
         def get(node: int, wide: bool) -> str:
             if node not in values:
-                values[node] = self._fetch(w, job, node, places)
-            return w.widen(values[node]) if wide and not job.wide[node] else values[node]
+                values[node] = self._fetch(w, cut, node)
+            return w.widen(values[node]) if wide and not program.wide[node] else values[node]
 
         def put(goal: int | None, array: str, offset: int, wide: bool) -> None:
             value = w.constant(0.0, wide) if goal is None else get(goal, wide)
@@ -128,87 +123,57 @@ class LargeKernel:
         for store in stores:
             due.setdefault(store[0], []).append(store)
         for node in work:
-            name, args = program.nodes[node]
-            values[node] = w.operation(name, [get(j, job.wide[node]) for j in args], job.wide[node])
-            if node in places:
-                w.store(values[node], w.at("%work", places[node]), job.wide[node])
+            operation, args = program.nodes[node]
+            wide = program.wide[node]
+            values[node] = w.operation(operation, [get(j, wide) for j in args], wide)
+            if node in cut.places:
+                w.store(values[node], w.at("%work", cut.places[node]), wide)
             for store in due.pop(node, ()):  # stored at once, so that it need not stay on the stack
                 put(*store)
-        for left in due.values():
-            for store in left:
-                put(*store)
+        for store in itertools.chain(*due.values()):
+            put(*store)
         self.w.declared.update(w.declared)
-        body = "\n".join(w.lines)
-        self.parts.append(f"define internal void @{job.name}_{k}({_SIGNATURE}) noinline {{\n{body}\n  ret void\n}}")
+        self._define(name, w.lines)
 
-    def _fetch(self, w: Writer, job: _Job, node: int, places: dict[int, int]) -> str:
+    def _fetch(self, w: Writer, cut: _Cut, node: int) -> str:
         """Load a value made before this piece: an input, a fixed value, or one from the work array."""
-        name, args = job.program.nodes[node]
+        name, args = cut.program.nodes[node]
         if name == "CONST":
             return llvm_double(args[0])
         if name == "INPUT":
-            slot = job.program.inputs[args[0]]
-            return "%t" if slot == "t" else w.load(w.at(f"%{slot}", self.layouts[slot].offset[args[1]]), job.wide[node])
-        if node in job.fixed:
-            return w.load(w.at("%fixed", job.fixed[node]), job.wide[node])
-        return w.load(w.at("%work", places[node]), job.wide[node])
+            slot = cut.program.inputs[args[0]]
+            if slot == "t":
+                return "%t"
+            place = w.at(f"%{slot}", self.layouts[slot].offset[args[1]])
+        else:
+            place = w.at("%fixed", cut.fixed[node]) if node in cut.fixed else w.at("%work", cut.places[node])
+        return w.load(place, cut.program.wide[node])
 
     # ---- the whole
 
     def text(self) -> str:
         """The whole kernel as LLVM IR."""
-        f, plan = self.f, self.plan
-        out = f.rhs.outputs
-        places, chosen = self._fix(f.rhs, f.wide)
-        rates: list[Store] = [(out.get((0, k)), "o0", f.x.offset[k], v) for k, v in enumerate(f.x.wide)]
-        logged: list[Store] = [(out.get((1, j)), "o1", f.y.offset[i], f.y.wide[i]) for i, j in enumerate(plan.y)]
-        kept: list[Store] = [(out.get((2, k)), "o2", f.s.offset[k], v) for k, v in enumerate(f.s.wide)]
-        self._cut(_Job("before", f.rhs, f.wide, [(n, "fixed", places[n], f.wide[n]) for n in chosen], {}))
-        self._cut(_Job("rates", f.rhs, f.wide, rates, places))
-        self._cut(_Job("first", f.rhs, f.wide, [*rates, *logged, *kept], places))
+        f = self.f
+        fixed, rates = self._write_fixed("before", f.rhs), _stores(f.rhs, 0, f.x)
+        self._cut("rates", f.rhs, rates, fixed)
+        logged = _stores(f.rhs, 1, f.y, self.plan.y)
+        self._cut("first", f.rhs, [*rates, *logged, *_stores(f.rhs, 2, f.s)], fixed)
         if f.update is not None:
-            self._cut_update()
+            fixed = self._write_fixed("before_update", f.update)
+            self._cut("update", f.update, [*_stores(f.update, 0, f.d), *_stores(f.update, 1, f.x)], fixed)
         if f.lag is not None:
-            wide = f.widths(f.lag)
-            taus: list[Store] = [
-                (f.lag.outputs.get((0, k)), "o0", place, f.s.wide[k]) for k, place in enumerate(f.s.offset)
-            ]
-            self._cut(_Job("delays", f.lag, wide, taus, {}))
+            self._cut("delays", f.lag, _stores(f.lag, 0, f.s), {})
         self._place()
         self._main()
         return "\n".join([*self.parts, *self.w.lines]) + "\n" + _COMBINE + self.w.module()
 
-    def _cut_update(self) -> None:
-        f = self.f
-        assert f.update is not None
-        wide = f.widths(f.update)
-        places, chosen = self._fix(f.update, wide)
-        new: list[Store] = [
-            (f.update.outputs.get((slot, k)), f"o{slot}", layout.offset[k], flag)
-            for slot, layout in ((0, f.d), (1, f.x))
-            for k, flag in enumerate(layout.wide)
-        ]
-        self._cut(_Job("before_update", f.update, wide, [(n, "fixed", places[n], wide[n]) for n in chosen], {}))
-        self._cut(_Job("update", f.update, wide, new, places))
-
     def _place(self) -> None:
         """Offset of each array in the work area."""
-        stages = len(self.plan.method.weights)
-        sizes = {
-            "temporaries": self.temporaries,
-            "fixed": self.fixed_size,
-            "xs": self.f.x.size,
-            "ds": self.f.d.size,
-            "ahead": self.f.x.size,
-            "next": self.f.x.size,
-            "q": self.f.q.size,
-            "s": self.f.s.size,
-            "spare": self.f.y.size,
-            "dn": self.f.d.size,
-            "tau": self.f.s.size,
-            "hits": self.plan.groups,
-        }
-        sizes |= {f"slope{s}": self.f.x.size for s in range(stages)}
+        f, stages = self.f, len(self.plan.method.weights)
+        sizes = {"temporaries": self.temporaries, "fixed": self.fixed_size, "xs": f.x.size, "ds": f.d.size}
+        sizes |= {"ahead": f.x.size, "next": f.x.size, "q": f.q.size, "s": f.s.size, "spare": f.y.size}
+        sizes |= {"dn": f.d.size, "tau": f.s.size, "hits": self.plan.groups}
+        sizes |= {f"slope{s}": f.x.size for s in range(stages)}
         self.at, place = {}, 0
         for name, size in sizes.items():
             self.at[name] = place
@@ -216,19 +181,8 @@ class LargeKernel:
         self.work = place
 
     def _call(self, name: str, t: str, x: str, o: tuple[str, str, str], u: str = "%u") -> None:
-        given = {
-            "x": x,
-            "d": "%ds",
-            "p": "%p",
-            "u": u,
-            "q": "%q",
-            "hit": "%hits",
-            "work": "%temporaries",
-            "fixed": "%fixed",
-            "o0": o[0],
-            "o1": o[1],
-            "o2": o[2],
-        }
+        given = {a: f"%{a}" for a in _ARGUMENTS} | {"x": x, "d": "%ds", "u": u, "hit": "%hits", "work": "%temporaries"}
+        given |= zip(("o0", "o1", "o2"), o, strict=True)
         self.w.do(f"call void @{name}(double {t}, {', '.join(f'ptr {given[a]}' for a in _ARGUMENTS)})")
 
     def _combine(self, out: str, start: str, slope: str, weight: float) -> None:

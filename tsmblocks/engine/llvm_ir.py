@@ -11,32 +11,14 @@ import struct
 
 from tsmblocks.common.errors import TsmError
 
-LIBM = {
-    "EXP": "exp",
-    "LOG": "log",
-    "SIN": "sin",
-    "COS": "cos",
-    "TAN": "tan",
-    "ASIN": "asin",
-    "ACOS": "acos",
-    "ATAN": "atan",
-    "SINH": "sinh",
-    "COSH": "cosh",
-    "TANH": "tanh",
-    "ASINH": "asinh",
-    "ACOSH": "acosh",
-    "ATANH": "atanh",
-    "ERF": "erf",
-    "LOG1P": "log1p",
-    "EXPM1": "expm1",
-    "POW": "pow",
-    "CONSTPOW": "pow",
-    "FMOD": "fmod",
-    "REMAINDER": "remainder",
-    "ATAN2": "atan2",
-    "HYPOT": "hypot",
-}
+_TRIGONOMETRIC = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh")
+_OTHERS = ("exp", "log", "erf", "log1p", "expm1", "pow", "fmod", "remainder", "atan2", "hypot")
+LIBM = {name.upper(): name for name in (*_TRIGONOMETRIC, *_OTHERS)} | {"CONSTPOW": "pow"}
+"""CasADi's operations and the functions of libm that compute them."""
 _INTRINSIC = {"SQRT": "sqrt", "FABS": "fabs", "FLOOR": "floor", "CEIL": "ceil", "COPYSIGN": "copysign"}
+_LN2 = (0.6931471805599453, 2.3190468138462996e-17)
+_HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
+"""A constant as a double, and the difference that this leaves (reduction of Cody and Waite)."""
 _COMPARE = {"LT": "olt", "LE": "ole", "EQ": "oeq", "NE": "une"}
 
 
@@ -260,29 +242,22 @@ class _Maths:
     def n(self, x: int) -> str:
         return str(x) if not self.wide else "<" + ", ".join([f"i64 {x}"] * self.w.lanes) + ">"
 
-    def op(self, text: str) -> str:
-        return self.w.emit(text)
+    def op(self, instruction: str, *args: str) -> str:
+        """An instruction on floating-point numbers."""
+        return self.w.emit(f"{instruction} {self.t} {', '.join(args)}")
+
+    def whole(self, instruction: str, *args: str) -> str:
+        """An instruction on integers."""
+        return self.w.emit(f"{instruction} {self.i} {', '.join(args)}")
+
+    def function(self, name: str, *args: str) -> str:
+        return self.w.intrinsic(name, list(args), self.wide)
 
     def fma(self, a: str, b: str, c: str) -> str:
-        return self.w.intrinsic("fma", [a, b, c], self.wide)
-
-    def add(self, a: str, b: str) -> str:
-        return self.op(f"fadd {self.t} {a}, {b}")
-
-    def sub(self, a: str, b: str) -> str:
-        return self.op(f"fsub {self.t} {a}, {b}")
-
-    def mul(self, a: str, b: str) -> str:
-        return self.op(f"fmul {self.t} {a}, {b}")
-
-    def div(self, a: str, b: str) -> str:
-        return self.op(f"fdiv {self.t} {a}, {b}")
+        return self.function("fma", a, b, c)
 
     def pick(self, flag: str, a: str, b: str) -> str:
-        return self.op(f"select {self.b} {flag}, {self.t} {a}, {self.t} {b}")
-
-    def compare(self, how: str, a: str, b: str) -> str:
-        return self.op(f"fcmp {how} {self.t} {a}, {b}")
+        return self.w.emit(f"select {self.b} {flag}, {self.t} {a}, {self.t} {b}")
 
     def poly(self, r: str, coefficients: list[float]) -> str:
         """Estrin's scheme: pairs, then pairs of pairs, so that the chain of additions stays short."""
@@ -293,104 +268,81 @@ class _Maths:
                 self.fma(terms[k + 1], power, terms[k]) if k + 1 < len(terms) else terms[k]
                 for k in range(0, len(terms), 2)
             ]
-            power = self.mul(power, power) if len(terms) > 1 else power
+            power = self.op("fmul", power, power) if len(terms) > 1 else power
         return terms[0]
-
-    def round(self, x: str) -> str:
-        return self.w.intrinsic("rint", [x], self.wide)
-
-    def scale(self, n: str) -> str:
-        """2**n for a rounded n within the normal range."""
-        return self.power(self.op(f"fptosi {self.t} {n} to {self.i}"))
 
     def power(self, whole: str) -> str:
         """2**n for the low bits of an integer."""
-        biased = self.op(f"add {self.i} {whole}, {self.n(1023)}")
-        shifted = self.op(f"shl {self.i} {biased}, {self.n(52)}")
-        return self.op(f"bitcast {self.i} {shifted} to {self.t}")
+        shifted = self.whole("shl", self.whole("add", whole, self.n(1023)), self.n(52))
+        return self.w.emit(f"bitcast {self.i} {shifted} to {self.t}")
 
-    def reduce(self, x: str) -> tuple[str, str]:
-        """x = n ln 2 + r with |r| <= ln(2)/2."""
-        n = self.round(self.mul(x, self.c(1 / math.log(2))))
-        minus = self.op(f"fneg {self.t} {n}")
-        r = self.fma(minus, self.c(0.6931471805599453), x)
-        return n, self.fma(minus, self.c(2.3190468138462996e-17), r)
-
-    def clamp(self, x: str, low: float, high: float) -> str:
-        """Within the limits; NaN stays NaN."""
-        x = self.pick(self.compare("ogt", x, self.c(high)), self.c(high), x)
-        return self.pick(self.compare("olt", x, self.c(low)), self.c(low), x)
+    def remainder(self, x: str, n: str, of: tuple[float, float]) -> str:
+        """x - n c for a constant c in two parts."""
+        minus = self.op("fneg", n)
+        return self.fma(minus, self.c(of[1]), self.fma(minus, self.c(of[0]), x))
 
 
-def _expm1(m: _Maths, x: str) -> tuple[str, str]:
-    """(2**n, expm1(r)) of x, from which exp and expm1 follow."""
-    n, r = m.reduce(x)
+def _exponential(m: _Maths, x: str, less: bool) -> str:
+    """exp(x), or exp(x) - 1: 2**n exp(r) with x = n ln 2 + r and |r| <= ln(2)/2. NaN stays NaN."""
+    low, high = m.c(-708.0), m.c(709.0)
+    inside = m.pick(m.op("fcmp ogt", x, high), high, x)
+    inside = m.pick(m.op("fcmp olt", inside, low), low, inside)
+    n = m.function("rint", m.op("fmul", inside, m.c(1 / math.log(2))))
+    r = m.remainder(inside, n, _LN2)
     q = m.poly(r, [1 / math.factorial(k) for k in range(2, 14)])
-    return m.scale(n), m.fma(m.mul(r, r), q, r)
+    s = m.power(m.w.emit(f"fptosi {m.t} {n} to {m.i}"))
+    e = m.fma(m.op("fmul", r, r), q, r)
+    y = m.fma(s, e, m.op("fsub", s, m.c(1.0)) if less else s)
+    y = m.pick(m.op("fcmp ogt", x, high), m.c(math.inf), y)
+    return y if less else m.pick(m.op("fcmp olt", x, low), m.c(0.0), y)
 
 
-def _exp_body(m: _Maths, x: str) -> str:
-    s, e = _expm1(m, m.clamp(x, -708.0, 709.0))
-    y = m.fma(s, e, s)
-    y = m.pick(m.compare("ogt", x, m.c(709.0)), m.c(math.inf), y)
-    return m.pick(m.compare("olt", x, m.c(-708.0)), m.c(0.0), y)
-
-
-def _expm1_body(m: _Maths, x: str) -> str:
-    s, e = _expm1(m, m.clamp(x, -708.0, 709.0))
-    y = m.fma(s, e, m.sub(s, m.c(1.0)))
-    return m.pick(m.compare("ogt", x, m.c(709.0)), m.c(math.inf), y)
-
-
-def _tanh_body(m: _Maths, x: str) -> str:
+def _tanh(m: _Maths, x: str) -> str:
     """Written for a short chain of operations, since every plant with hysteresis evaluates it at each stage.
 
     Adding 1.5 * 2**52 rounds to integers and leaves them in the low bits; arguments
     outside of its range are replaced at the end, in parallel to the chain.
     """
     big = m.c(6755399441055744.0)
-    twice = m.add(x, x)
+    twice = m.op("fadd", x, x)
     rounded = m.fma(twice, m.c(1 / math.log(2)), big)
-    minus = m.op(f"fneg {m.t} {m.sub(rounded, big)}")
-    r = m.fma(minus, m.c(0.6931471805599453), twice)
-    r = m.fma(minus, m.c(2.3190468138462996e-17), r)
-    s = m.power(m.op(f"bitcast {m.t} {rounded} to {m.i}"))
-    e = m.fma(m.mul(r, r), m.poly(r, [1 / math.factorial(k) for k in range(2, 14)]), r)
-    y = m.div(m.fma(s, e, m.sub(s, m.c(1.0))), m.fma(s, e, m.add(s, m.c(1.0))))
-    far = m.compare("ogt", m.w.intrinsic("fabs", [x], m.wide), m.c(20.0))
-    one = m.w.intrinsic("copysign", [m.c(1.0), x], m.wide)
+    r = m.remainder(twice, m.op("fsub", rounded, big), _LN2)
+    s = m.power(m.w.emit(f"bitcast {m.t} {rounded} to {m.i}"))
+    e = m.fma(m.op("fmul", r, r), m.poly(r, [1 / math.factorial(k) for k in range(2, 14)]), r)
+    over = m.fma(s, e, m.op("fsub", s, m.c(1.0)))
+    y = m.op("fdiv", over, m.fma(s, e, m.op("fadd", s, m.c(1.0))))
+    far = m.op("fcmp ogt", m.function("fabs", x), m.c(20.0))
+    one = m.function("copysign", m.c(1.0), x)
     m.w.declared["!0"] = "!0 = !{}"  # without this mark LLVM makes it a branch around the division
-    return m.op(f"select {m.b} {far}, {m.t} {one}, {m.t} {y}, !unpredictable !0")
+    return m.w.emit(f"select {m.b} {far}, {m.t} {one}, {m.t} {y}, !unpredictable !0")
 
 
 def _sincos(m: _Maths, x: str, cosine: bool) -> str:
     """Accurate up to |x| of about 1e9: reduction by pi/2 in two parts (Cody and Waite), then Taylor polynomials."""
-    n = m.round(m.mul(x, m.c(2 / math.pi)))
-    minus = m.op(f"fneg {m.t} {n}")
-    r = m.fma(minus, m.c(1.5707963267948966), x)
-    r = m.fma(minus, m.c(6.123233995736766e-17), r)
-    z = m.mul(r, r)
+    n = m.function("rint", m.op("fmul", x, m.c(2 / math.pi)))
+    r = m.remainder(x, n, _HALF_PI)
+    z = m.op("fmul", r, r)
     s = m.poly(z, [(-1) ** k / math.factorial(2 * k + 1) for k in range(1, 9)])
-    sine = m.fma(m.mul(r, z), s, r)
+    sine = m.fma(m.op("fmul", r, z), s, r)
     c = m.poly(z, [(-1) ** k / math.factorial(2 * k) for k in range(2, 9)])
-    cos = m.fma(m.mul(z, z), c, m.fma(z, m.c(-0.5), m.c(1.0)))
-    k = m.op(f"fptosi {m.t} {n} to {m.i}")
+    cos = m.fma(m.op("fmul", z, z), c, m.fma(z, m.c(-0.5), m.c(1.0)))
+    k = m.w.emit(f"fptosi {m.t} {n} to {m.i}")
     if cosine:
-        k = m.op(f"add {m.i} {k}, {m.n(1)}")
-    odd = m.op(f"icmp ne {m.i} {m.op(f'and {m.i} {k}, {m.n(1)}')}, {m.n(0)}")
+        k = m.whole("add", k, m.n(1))
+    odd = m.whole("icmp ne", m.whole("and", k, m.n(1)), m.n(0))
     chosen = m.pick(odd, cos, sine)
-    sign = m.op(f"shl {m.i} {m.op(f'and {m.i} {k}, {m.n(2)}')}, {m.n(62)}")
-    bits = m.op(f"xor {m.i} {m.op(f'bitcast {m.t} {chosen} to {m.i}')}, {sign}")
-    y = m.op(f"bitcast {m.i} {bits} to {m.t}")
+    sign = m.whole("shl", m.whole("and", k, m.n(2)), m.n(62))
+    bits = m.whole("xor", m.w.emit(f"bitcast {m.t} {chosen} to {m.i}"), sign)
+    y = m.w.emit(f"bitcast {m.i} {bits} to {m.t}")
     # beyond the range of the reduction the result would be wrong, so it is NaN
-    far = m.compare("ogt", m.w.intrinsic("fabs", [x], m.wide), m.c(1e9))
+    far = m.op("fcmp ogt", m.function("fabs", x), m.c(1e9))
     return m.pick(far, m.c(math.nan), y)
 
 
 _BODIES = {
-    "exp": _exp_body,
-    "expm1": _expm1_body,
-    "tanh": _tanh_body,
+    "exp": lambda m, x: _exponential(m, x, False),
+    "expm1": lambda m, x: _exponential(m, x, True),
+    "tanh": _tanh,
     "sin": lambda m, x: _sincos(m, x, False),
     "cos": lambda m, x: _sincos(m, x, True),
 }

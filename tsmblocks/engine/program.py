@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import casadi as ca
@@ -72,21 +72,24 @@ class Program:
     def _inverts(self, over: int, under: int) -> bool:
         return self._fixed[under] and not self._fixed[over] and self.nodes[under][0] != "CONST"
 
-    def needed(self, goals: Iterable[int]) -> set[int]:
-        """Nodes that the goals depend on, themselves included."""
+    def is_leaf(self, node: int) -> bool:
+        """Whether a node is a constant or an input."""
+        return self.nodes[node][0] in ("CONST", "INPUT")
+
+    def needed(self, goals: Iterable[int], known: Collection[int] = ()) -> set[int]:
+        """Nodes that the goals depend on, themselves included, other than through ``known`` nodes."""
         found: set[int] = set()
         stack = list(goals)
         while stack:
             node = stack.pop()
             if node not in found:
                 found.add(node)
-                stack.extend(self.arguments(node))
+                stack.extend(() if node in known else self.arguments(node))
         return found
 
     def arguments(self, node: int) -> tuple[int, ...]:
         """Nodes an operation reads."""
-        name, args = self.nodes[node]
-        return () if name in ("CONST", "INPUT") else args
+        return () if self.is_leaf(node) else self.nodes[node][1]
 
     def grade(self, slots: dict[int, Any]) -> list[Any]:
         """For each node the largest grade among the inputs it depends on; ``slots`` maps (slot, index) or slot."""

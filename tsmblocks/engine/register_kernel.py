@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from tsmblocks.engine.kernel_frame import CONSTANT, HELD, TIME, KernelFrame, grades_of
+from tsmblocks.engine.kernel_frame import CONSTANT, HELD, TIME, KernelFrame, LaneProgram
 from tsmblocks.engine.llvm_ir import llvm_double
 from tsmblocks.engine.plan import Plan
-from tsmblocks.engine.program import Program
 
 Values = dict[int, str]
 
@@ -24,11 +23,10 @@ class RegisterKernel:
     def __init__(self, plan: Plan, host: str) -> None:
         self.f = KernelFrame(plan, host)
         self.plan, self.w = plan, self.f.w
-        self.grade = grades_of(self.f.rhs)
+        wanted = {"dx": range(len(plan.wide_x)), "y": plan.y, "s": range(len(plan.wide_s))}
         self.goals = {
-            "dx": [self.f.rhs.outputs.get((0, k)) for k in range(len(plan.wide_x))],
-            "y": [self.f.rhs.outputs.get((1, k)) for k in plan.y],
-            "s": [self.f.rhs.outputs.get((2, k)) for k in range(len(plan.wide_s))],
+            name: [self.f.rhs.outputs.get((slot, k)) for k in picked]
+            for slot, (name, picked) in enumerate(wanted.items())
         }
         # The last stage of a step and the first of the next then share an instant, so what depends on time is reused.
         self.carries = 1.0 in plan.method.offsets and not self.f.jumps
@@ -40,11 +38,9 @@ class RegisterKernel:
         goals = [n for name in names for n in self.goals[name] if n is not None]
         return self.f.rhs.needed(goals)
 
-    def write(
-        self, program: Program, wide: list[bool], nodes: set[int], values: Values, read: dict[str, list[str]]
-    ) -> None:
+    def write(self, program: LaneProgram, nodes: set[int], values: Values, read: dict[str, list[str]]) -> None:
         """Write the nodes not yet among ``values``; ``read`` holds the inputs by slot name."""
-        w = self.w
+        w, wide = self.w, program.wide
         for node in sorted(nodes):
             if node in values:
                 continue
@@ -62,7 +58,7 @@ class RegisterKernel:
         if node is None:
             return self.w.constant(0.0, wide)
         value = values[node]
-        return value if self.f.wide[node] or not wide else self.w.widen(value)
+        return value if self.f.rhs.wide[node] or not wide else self.w.widen(value)
 
     # ---- the whole
 
@@ -93,31 +89,27 @@ class RegisterKernel:
             for k, wide in enumerate(layout.wide):
                 w.do(f"%{name}_{k} = alloca {w.type(wide)}, align 8")
                 w.store(w.load(w.at(f"%{name}", layout.offset[k]), wide), f"%{name}_{k}", wide)
-        self.fixed: Values = {}
-        self._constants(f.rhs, f.wide, self.grade, self.need("dx", "y", "s"), self.fixed)
-        self.update_fixed: Values = {}
+        self.fixed = self._constants(f.rhs, self.need("dx", "y", "s"))
         if f.update is not None:
-            everything = f.update.needed(f.update.outputs.values())
-            self._constants(f.update, f.widths(f.update), grades_of(f.update), everything, self.update_fixed)
+            self.update_fixed = self._constants(f.update, f.update.needed(f.update.outputs.values()))
         self._delays()
         self.carried = self._carried_nodes() if self.carries else []
         if self.carried:
-            first = w.emit(f._time("%k0"))
+            first = w.emit(f.time_of(w.emit("sitofp i64 %k0 to double")))
             values = self._time_only(first, dict(self.fixed))
             for node in self.carried:
-                w.do(f"%c{node} = alloca {w.type(f.wide[node])}, align 8")
-                w.store(values[node], f"%c{node}", f.wide[node])
+                w.do(f"%c{node} = alloca {w.type(f.rhs.wide[node])}, align 8")
+                w.store(values[node], f"%c{node}", f.rhs.wide[node])
         self._widen_constants()
         w.end_of_entry()
 
     def _widen_constants(self) -> None:
         """Single numbers that lanes read at every step, and the fractions of the step, widened once."""
-        f = self.f
+        f, rhs = self.f, self.f.rhs
         for node in self.need("dx", "y", "s"):
-            if f.wide[node]:
-                for j in f.rhs.arguments(node):
-                    if not f.wide[j] and self.grade[j] == CONSTANT:
-                        self.w.widen(self.fixed[j])
+            for j in rhs.arguments(node) if rhs.wide[node] else ():
+                if not rhs.wide[j] and rhs.grades[j] == CONSTANT:
+                    self.w.widen(self.fixed[j])
         weights = {a for row in (*self.plan.method.rows, self.plan.method.weights) for a in row if a}
         self.fraction = {}
         for weight in weights:
@@ -126,8 +118,11 @@ class RegisterKernel:
             if any(f.x.wide):
                 self.w.widen(part)
 
-    def _constants(self, program: Program, wide: list[bool], grade: list[int], nodes: set[int], values: Values) -> None:
-        self.write(program, wide, {n for n in nodes if grade[n] == CONSTANT}, values, {"p": self.p})
+    def _constants(self, program: LaneProgram, nodes: set[int]) -> Values:
+        """The values of those nodes that depend on parameters only."""
+        values: Values = {}
+        self.write(program, {n for n in nodes if program.grades[n] == CONSTANT}, values, {"p": self.p})
+        return values
 
     def _delays(self) -> None:
         """Delays in steps."""
@@ -135,28 +130,24 @@ class RegisterKernel:
         self.delay: list[tuple[str, bool]] = []
         if f.lag is None:
             return
-        wide, values = f.widths(f.lag), Values()
-        self.write(f.lag, wide, f.lag.needed(f.lag.outputs.values()), values, {"p": self.p})
+        values = self._constants(f.lag, f.lag.needed(f.lag.outputs.values()))
         for k in range(len(f.s.wide)):
             node = f.lag.outputs.get((0, k))
-            is_wide = node is not None and wide[node]
+            is_wide = node is not None and f.lag.wide[node]
             tau = values[node] if node is not None else llvm_double(0.0)
             h = w.widen("%h") if is_wide else "%h"
             self.delay.append((w.emit(f"fdiv {w.type(is_wide)} {tau}, {h}"), is_wide))
 
     def _carried_nodes(self) -> list[int]:
         """Time-only nodes read by others at the first stage: carried from one step's end to the next's start."""
-        need, grade = self.need("dx", "y", "s"), self.grade
-        readers = {j for n in need if grade[n] > TIME for j in self.f.rhs.arguments(n)}
-        goals = {n for part in self.goals.values() for n in part if n is not None}
-        return sorted(
-            n for n in need if grade[n] == TIME and self.f.rhs.nodes[n][0] != "INPUT" and (n in readers or n in goals)
-        )
+        need, rhs = self.need("dx", "y", "s"), self.f.rhs
+        readers = {j for n in need if rhs.grades[n] > TIME for j in rhs.arguments(n)}
+        readers |= {n for part in self.goals.values() for n in part if n is not None}
+        return sorted(n for n in need & readers if rhs.grades[n] == TIME and rhs.nodes[n][0] != "INPUT")
 
     def _time_only(self, t: str, values: Values) -> Values:
         """The carried nodes at time ``t``, added to ``values``."""
-        nodes = {n for n in self.f.rhs.needed(self.carried) if self.grade[n] <= TIME}
-        self.write(self.f.rhs, self.f.wide, nodes, values, {"t": [t], "p": self.p})
+        self.write(self.f.rhs, self.f.rhs.needed(self.carried), values, {"t": [t], "p": self.p})
         return values
 
     def _update(self) -> None:
@@ -165,13 +156,13 @@ class RegisterKernel:
         assert f.update is not None
         hits = f.hits()
         read = {"t": ["%tn"], "p": self.p, "hit": hits, **self._states(), "u": self._inputs(0), "q": self._past(0.0)}
-        wide, values = f.widths(f.update), dict(self.update_fixed)
-        self.write(f.update, wide, f.update.needed(f.update.outputs.values()), values, read)
+        values = dict(self.update_fixed)
+        self.write(f.update, f.update.needed(f.update.outputs.values()), values, read)
         for slot, name, layout in ((0, "d", f.d), (1, "x", f.x)):
             for k, flag in enumerate(layout.wide):
                 node = f.update.outputs.get((slot, k))
                 value = w.constant(0.0, flag) if node is None else values[node]
-                if node is not None and flag and not wide[node]:
+                if node is not None and flag and not f.update.wide[node]:
                     value = w.widen(value)
                 if value != read[name][k]:
                     w.store(value, f"%{name}_{k}", flag)
@@ -212,8 +203,8 @@ class RegisterKernel:
             read = {"t": [t], "x": x, "d": now["d"], "u": inputs, "q": self._past(offset), "p": self.p}
             nodes = self.need("dx", "y", "s") if stage == 0 else self.need("dx")
             values = dict(shared)
-            self.write(f.rhs, f.wide, nodes, values, read)
-            shared.update({n: v for n, v in values.items() if self.grade[n] <= HELD})
+            self.write(f.rhs, nodes, values, read)
+            shared.update({n: v for n, v in values.items() if f.rhs.grades[n] <= HELD})
             rates.append([self.result(n, values, wide) for n, wide in zip(self.goals["dx"], x_wide, strict=True)])
             if stage == 0:
                 f.log([(self.result(n, values, wide), wide) for n, wide in zip(self.goals["y"], f.y.wide, strict=True)])
@@ -227,7 +218,7 @@ class RegisterKernel:
         """Values known before a stage at this offset: hoisted ones and, at the start of a step, carried ones."""
         values = dict(self.fixed)
         if offset == 0:
-            values |= {n: self.w.load(f"%c{n}", self.f.wide[n]) for n in self.carried}
+            values |= {n: self.w.load(f"%c{n}", self.f.rhs.wide[n]) for n in self.carried}
         return values, self._inputs(self.plan.method.instants.index(offset)), self.f.time_at(offset)
 
     def _store_carried(self, instants: dict[float, tuple[Values, list[str], str]]) -> None:
@@ -237,7 +228,7 @@ class RegisterKernel:
         values, _, t = instants[1.0]
         self._time_only(t, values)
         for node in self.carried:
-            self.w.store(values[node], f"%c{node}", self.f.wide[node])
+            self.w.store(values[node], f"%c{node}", self.f.rhs.wide[node])
 
     def _weighted_step(self, start: list[str], rates: list[list[str]], weights: tuple[float, ...]) -> list[str]:
         """x + h * sum of weighted rates; equal weights share one multiplication."""

@@ -104,7 +104,7 @@ def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex
         return None
     q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))  # delays have no past yet
     tiny = 1e-6 * h  # [s], by which a zero-order hold is read after a jump
-    u = np.array([s.at(np.array([start]), order, "right", tiny)[0] for s, order in run.signals])
+    u = np.array([s.at(np.array([start]), order, tiny)[0] for s, order in run.signals])
     x, d = (run.memory.x, run.memory.d) if run.memory else numbers(eq.start, p)[:2]
     jacobian = _jacobian(eq)(start, x, d, u if len(u) else np.zeros(len(eq.u)), q, p)
     if len(eq.x) <= MOST_STATES:

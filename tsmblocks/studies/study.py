@@ -301,7 +301,7 @@ def _diagram_text(diagram: Diagram) -> str:
 def _input_text(name: str, given: Any, grid: np.ndarray, hold: str) -> str:
     """A text by which inputs differ: their hold, and their values at the steps."""
     signal = Signal(name, given, grid, hold)
-    values = np.asarray(signal.at(grid, 0, "right", 0.0), dtype=float)
+    values = np.asarray(signal.at(grid), dtype=float)
     return f"{signal.hold} {hashlib.sha256(values.tobytes()).hexdigest()}"
 
 
