@@ -24,7 +24,7 @@ class CompiledKernel(Kernel):
         size = plan.rhs.n_instructions() + (plan.update.n_instructions() if plan.update else 0)
         large = size > LARGE_OPERATIONS
         writer = (LargeKernel if large else RegisterKernel)(plan, jit.host())
-        super().__init__(writer.f)
+        super().__init__(writer)
         self.text, self.work = writer.text(), writer.work
         self.function = jit.compile_text(self.text, promote=not large, quick=quick and not large)
 

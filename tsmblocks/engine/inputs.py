@@ -24,7 +24,8 @@ class Signal:
     """A signal as a function of time, with limits from the left and the right and its time derivatives."""
 
     def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str) -> None:
-        self.name, self.function = name, given if callable(given) else None
+        self.name = name
+        self.function: Any = given if callable(given) else None
         if self.function is not None:
             self.hold, self.t = "exact", grid
             return

@@ -16,7 +16,6 @@ right-hand side is cut into functions and the states stay in memory, so that com
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
 from typing import Any
 
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
@@ -56,7 +55,7 @@ def time_jumps(program: Program) -> bool:
 
 
 class LaneProgram(Program):
-    """A program of a plan, with how often each node changes (``grades``) and whether it differs between lanes (``wide``)."""
+    """A program of a plan; of each node how often it changes (``grades``), and whether it differs between lanes."""
 
     def __init__(self, plan: Plan, function: Any) -> None:
         super().__init__(function, reciprocals=plan.fused)
@@ -66,7 +65,7 @@ class LaneProgram(Program):
 
 
 class KernelFrame:
-    """Names, layouts and programs shared by the two forms of kernel."""
+    """Layouts, programs and the loop, which the two forms of kernel share; ``w`` writes the instructions."""
 
     def __init__(self, plan: Plan, host: str) -> None:
         self.plan = plan
@@ -86,10 +85,55 @@ class KernelFrame:
         node = self.rhs.outputs.get((1, k))
         return node is not None and self.rhs.wide[node]
 
-    # ---- text common to both forms
+    # ---- the function, of which each form of kernel writes four sections
 
-    def open(self) -> None:
-        """The function's head: load the table and the settings."""
+    def write_run(self) -> None:
+        """Write the function ``run``, with the sections of the form of kernel inside."""
+        w = self.w
+        self._head()
+        self.before_loop()
+        w.do("br label %loop")
+        w.label("loop")
+        w.do("%k = load i64, ptr %k_at")
+        at_end = w.emit("icmp eq i64 %k, %n")
+        last = w.emit("icmp eq i64 %final, 0")  # the last instant is left out unless it is to be logged
+        leave = w.emit(f"and i1 {at_end}, {last}")
+        w.do(f"br i1 {leave}, label %done, label %begin")
+        w.label("begin")
+        w.do("%kg = add i64 %k, %k0")
+        w.do("%tn = " + self.time_of(w.emit("sitofp i64 %kg to double")))
+        if self.update is not None:
+            self.update_section(self._hits())
+        w.do("br label %stages")
+        w.label("stages")
+        self.stage_section()
+        w.do(f"store i64 {w.emit('add i64 %k, 1')}, ptr %k_at")
+        w.do("br label %loop")
+        w.label("done")
+        self.after_loop()
+        if self.host.startswith("x86_64"):
+            w.do("call void @llvm.x86.sse.ldmxcsr(ptr %mode)")
+        w.do("ret void")
+        w.lines.append("}")
+
+    def before_loop(self) -> None:
+        """Load the state, and form what depends on parameters only."""
+        raise NotImplementedError
+
+    def update_section(self, hits: list[str]) -> None:
+        """Memory, held outputs and resets, at the start of a step; ``hits`` is 1 or 0 for each rate group."""
+        raise NotImplementedError
+
+    def stage_section(self) -> None:
+        """The log, and the stages of the method."""
+        raise NotImplementedError
+
+    def after_loop(self) -> None:
+        """Store the state."""
+        raise NotImplementedError
+
+    def _head(self) -> None:
+        """Load the table and the settings; set denormal numbers to zero, which cost a hundred cycles each."""
         w = self.w
         w.lines += ["define void @run(ptr noalias readonly %table) {", "entry:"]
 
@@ -103,48 +147,18 @@ class KernelFrame:
         read("t0", "double", "%settings", 1)
         for k, name in enumerate((*SETTINGS, *(f"every_{g}" for g in range(self.plan.groups))), 2):
             read(name, "i64", "%settings", k)
-        self._flush_denormals()
-
-    def _flush_denormals(self) -> None:
-        """Set denormal numbers (below 1e-308) to zero: each costs a hundred cycles and they have no effect here."""
-        if not self.host.startswith("x86_64"):
-            return
-        w = self.w
-        w.declared["mxcsr"] = "declare void @llvm.x86.sse.stmxcsr(ptr)\ndeclare void @llvm.x86.sse.ldmxcsr(ptr)"
-        w.do("%mode = alloca i32")
-        w.do("%quick = alloca i32")
-        w.do("call void @llvm.x86.sse.stmxcsr(ptr %mode)")
-        mode = w.emit("load i32, ptr %mode")
-        w.do(f"store i32 {w.emit(f'or i32 {mode}, 32832')}, ptr %quick")
-        w.do("call void @llvm.x86.sse.ldmxcsr(ptr %quick)")
-
-    def close(self) -> None:
-        """End the function, with the mode of the processor restored."""
         if self.host.startswith("x86_64"):
-            self.w.do("call void @llvm.x86.sse.ldmxcsr(ptr %mode)")
-        self.w.do("ret void")
-        self.w.lines.append("}")
-
-    def counters(self) -> None:
-        """Step counter, log countdown and row pointer: stack variables, which LLVM moves into registers."""
-        w = self.w
+            w.declared["mxcsr"] = "declare void @llvm.x86.sse.stmxcsr(ptr)\ndeclare void @llvm.x86.sse.ldmxcsr(ptr)"
+            w.do("%mode = alloca i32")
+            w.do("%quick = alloca i32")
+            w.do("call void @llvm.x86.sse.stmxcsr(ptr %mode)")
+            mode = w.emit("load i32, ptr %mode")
+            w.do(f"store i32 {w.emit(f'or i32 {mode}, 32832')}, ptr %quick")
+            w.do("call void @llvm.x86.sse.ldmxcsr(ptr %quick)")
+        # Step counter, log countdown and row pointer: stack variables, which LLVM moves into registers.
         for name, kind, start in (("k", "i64", "0"), ("left", "i64", "%skip"), ("row", "ptr", "%y")):
             w.do(f"%{name}_at = alloca {kind}")
             w.do(f"store {kind} {start}, ptr %{name}_at")
-
-    def top(self) -> None:
-        """Head of the loop: leave before the last instant unless it is to be logged; the time now."""
-        w = self.w
-        w.do("br label %loop")
-        w.label("loop")
-        w.do("%k = load i64, ptr %k_at")
-        at_end = w.emit("icmp eq i64 %k, %n")
-        last = w.emit("icmp eq i64 %final, 0")
-        leave = w.emit(f"and i1 {at_end}, {last}")
-        w.do(f"br i1 {leave}, label %done, label %begin")
-        w.label("begin")
-        w.do("%kg = add i64 %k, %k0")
-        w.do("%tn = " + self.time_of(w.emit("sitofp i64 %kg to double")))
 
     def time_of(self, steps: str) -> str:
         """The instruction that gives the time after so many steps."""
@@ -172,7 +186,7 @@ class KernelFrame:
         hair = w.operation("FMIN", [w.emit(f"fadd double {of_step}, {of_time}"), most], False)
         return w.emit(f"fsub double {t}, {hair}")
 
-    def hits(self) -> list[str]:
+    def _hits(self) -> list[str]:
         """1 or 0 for each rate group at this instant; branches over the update section when idle."""
         w = self.w
         rests = (w.emit(f"srem i64 %kg, %every_{g}") for g in range(self.plan.groups))
@@ -186,30 +200,18 @@ class KernelFrame:
         w.label("update")
         return numbers
 
-    def log(self, values: Iterable[tuple[str, bool]]) -> None:
-        """Write one row when it is due, then leave if this was the last instant."""
+    def due(self) -> tuple[str, str]:
+        """Instants up to the next row, and whether that is now."""
+        left = self.w.emit("load i64, ptr %left_at")
+        return left, self.w.emit(f"icmp eq i64 {left}, 0")
+
+    def after_log(self, left: str, due: str) -> None:
+        """Count down to the next row; leave if this was the last instant."""
         w = self.w
-        left = w.emit("load i64, ptr %left_at")
-        due = w.emit(f"icmp eq i64 {left}, 0")
-        w.do(f"br i1 {due}, label %write, label %written")
-        w.label("write")
-        row = w.emit("load ptr, ptr %row_at")
-        for k, (value, wide) in enumerate(values):
-            w.store(value, w.at(row, self.y.offset[k]), wide)
-        w.do(f"store ptr {w.at(row, self.y.size)}, ptr %row_at")
-        w.do("br label %written")
-        w.label("written")
         start = w.emit(f"select i1 {due}, i64 %every, i64 {left}")
         w.do(f"store i64 {w.emit(f'sub i64 {start}, 1')}, ptr %left_at")
         w.do(f"br i1 {w.emit('icmp eq i64 %k, %n')}, label %done, label %step")
         w.label("step")
-
-    def bottom(self) -> None:
-        """End the loop over steps."""
-        w = self.w
-        w.do(f"store i64 {w.emit('add i64 %k, 1')}, ptr %k_at")
-        w.do("br label %loop")
-        w.label("done")
 
     # ---- the past of delayed signals
 

@@ -44,7 +44,7 @@ def _stores(program: LaneProgram, slot: int, layout: Layout, picked: Sequence[in
     ]
 
 
-class LargeKernel:
+class LargeKernel(KernelFrame):
     """Writes one kernel in the large form.
 
     A program is cut into pieces, each a function. ``fixed`` are the places of those of its nodes that depend on
@@ -52,10 +52,9 @@ class LargeKernel:
     """
 
     def __init__(self, plan: Plan, host: str) -> None:
-        self.f = KernelFrame(plan, host)
-        self.plan, self.w = plan, self.f.w
+        super().__init__(plan, host)
         single = {k: Layout.of((False,) * n, plan.lanes) for k, n in (("u", plan.inputs), ("hit", plan.groups))}
-        self.layouts = {"x": self.f.x, "d": self.f.d, "p": self.f.p, "q": self.f.q, **single}
+        self.layouts = {"x": self.x, "d": self.d, "p": self.p, "q": self.q, **single}
         self.parts: list[str] = []
         self.temporaries = 0
         self.fixed_size = 0
@@ -153,32 +152,29 @@ class LargeKernel:
 
     def text(self) -> str:
         """The whole kernel as LLVM IR."""
-        f = self.f
-        fixed, rates = self._write_fixed("before", f.rhs), _stores(f.rhs, 0, f.x)
-        self._cut("rates", f.rhs, rates, fixed)
-        logged = _stores(f.rhs, 1, f.y, self.plan.y)
-        self._cut("first", f.rhs, [*rates, *logged, *_stores(f.rhs, 2, f.s)], fixed)
-        if f.update is not None:
-            fixed = self._write_fixed("before_update", f.update)
-            self._cut("update", f.update, [*_stores(f.update, 0, f.d), *_stores(f.update, 1, f.x)], fixed)
-        if f.lag is not None:
-            self._cut("delays", f.lag, _stores(f.lag, 0, f.s), {})
+        fixed, rates = self._write_fixed("before", self.rhs), _stores(self.rhs, 0, self.x)
+        self._cut("rates", self.rhs, rates, fixed)
+        logged = _stores(self.rhs, 1, self.y, self.plan.y)
+        self._cut("first", self.rhs, [*rates, *logged, *_stores(self.rhs, 2, self.s)], fixed)
+        if self.update is not None:
+            fixed = self._write_fixed("before_update", self.update)
+            new = [*_stores(self.update, 0, self.d), *_stores(self.update, 1, self.x)]
+            self._cut("update", self.update, new, fixed)
+        if self.lag is not None:
+            self._cut("delays", self.lag, _stores(self.lag, 0, self.s), {})
         self._place()
-        self._main()
+        self.write_run()
         return "\n".join([*self.parts, *self.w.lines]) + "\n" + _COMBINE + self.w.module()
 
     def _place(self) -> None:
         """Offset of each array in the work area."""
-        f, stages = self.f, len(self.plan.method.weights)
-        sizes = {"temporaries": self.temporaries, "fixed": self.fixed_size, "xs": f.x.size, "ds": f.d.size}
-        sizes |= {"ahead": f.x.size, "next": f.x.size, "q": f.q.size, "s": f.s.size, "spare": f.y.size}
-        sizes |= {"dn": f.d.size, "tau": f.s.size, "hits": self.plan.groups}
-        sizes |= {f"slope{s}": f.x.size for s in range(stages)}
-        self.at, place = {}, 0
-        for name, size in sizes.items():
-            self.at[name] = place
-            place += (size + 2 * WIDTH - 1) // WIDTH * WIDTH
-        self.work = place
+        sizes = {"temporaries": self.temporaries, "fixed": self.fixed_size, "xs": self.x.size, "ds": self.d.size}
+        sizes |= {"ahead": self.x.size, "next": self.x.size, "q": self.q.size, "s": self.s.size, "spare": self.y.size}
+        sizes |= {"dn": self.d.size, "tau": self.s.size, "hits": self.plan.groups}
+        sizes |= {f"slope{s}": self.x.size for s in range(len(self.plan.method.weights))}
+        padded = ((size + 2 * WIDTH - 1) // WIDTH * WIDTH for size in sizes.values())
+        *places, self.work = itertools.accumulate(padded, initial=0)
+        self.at = dict(zip(sizes, places, strict=True))
 
     def _call(self, name: str, t: str, x: str, o: tuple[str, str, str], u: str = "%u") -> None:
         given = {a: f"%{a}" for a in _ARGUMENTS} | {"x": x, "d": "%ds", "u": u, "hit": "%hits", "work": "%temporaries"}
@@ -189,7 +185,7 @@ class LargeKernel:
         """out = start + h * weight * slope, over all states."""
         w = self.w
         part = w.emit(f"fmul double %h, {llvm_double(weight)}")
-        count = (self.f.x.size + WIDTH - 1) // WIDTH
+        count = (self.x.size + WIDTH - 1) // WIDTH
         w.do(f"call void @tsm_combine(ptr {out}, ptr {start}, ptr {slope}, double {part}, i64 {count})")
 
     def _copy(self, to: str, source: str, size: int) -> None:
@@ -197,36 +193,29 @@ class LargeKernel:
         if size:
             self.w.do(f"call void @llvm.memcpy.p0.p0.i64(ptr {to}, ptr {source}, i64 {8 * size}, i1 false)")
 
-    def _main(self) -> None:
-        f, w = self.f, self.w
-        f.open()
-        f.counters()
+    def before_loop(self) -> None:
         for name, place in self.at.items():
-            w.do(f"%{name} = getelementptr double, ptr %work, i64 {place}")
-        self._copy("%xs", "%x", f.x.size)
-        self._copy("%ds", "%d", f.d.size)
+            self.w.do(f"%{name} = getelementptr double, ptr %work, i64 {place}")
+        self._copy("%xs", "%x", self.x.size)
+        self._copy("%ds", "%d", self.d.size)
         nothing = ("%spare", "%spare", "%spare")
         self._call("before", "%t0", "%xs", nothing)
-        if f.update is not None:
+        if self.update is not None:
             self._call("before_update", "%t0", "%xs", nothing)
-        if f.lag is not None:
+        if self.lag is not None:
             self._call("delays", "%t0", "%xs", ("%tau", "%spare", "%spare"))
-        f.top()
-        if f.update is not None:
-            hits = f.hits()
-            for g, hit in enumerate(hits):
-                w.store(hit, w.at("%hits", g), False)
-            self._past(0.0)
-            self._call("update", "%tn", "%xs", ("%dn", "%next", "%spare"), self._inputs(0))
-            self._copy("%ds", "%dn", f.d.size)
-            self._copy("%xs", "%next", f.x.size)
-        w.do("br label %stages")
-        w.label("stages")
-        self._stages()
-        f.bottom()
-        self._copy("%x", "%xs", f.x.size)
-        self._copy("%d", "%ds", f.d.size)
-        f.close()
+
+    def update_section(self, hits: list[str]) -> None:
+        for g, hit in enumerate(hits):
+            self.w.store(hit, self.w.at("%hits", g), False)
+        self._past(0.0)
+        self._call("update", "%tn", "%xs", ("%dn", "%next", "%spare"), self._inputs(0))
+        self._copy("%ds", "%dn", self.d.size)
+        self._copy("%xs", "%next", self.x.size)
+
+    def after_loop(self) -> None:
+        self._copy("%x", "%xs", self.x.size)
+        self._copy("%d", "%ds", self.d.size)
 
     def _inputs(self, instant: int) -> str:
         count = self.plan.inputs
@@ -234,30 +223,26 @@ class LargeKernel:
         return self.w.at(self.w.emit(f"getelementptr double, ptr %u, i64 {row}"), instant * count)
 
     def _past(self, offset: float) -> None:
-        w, f = self.w, self.f
-        for k, wide in enumerate(f.s.wide):
-            tau = w.load(w.at("%tau", f.s.offset[k]), wide)
+        w = self.w
+        for k, wide in enumerate(self.s.wide):
+            tau = w.load(w.at("%tau", self.s.offset[k]), wide)
             delay = w.emit(f"fdiv {w.type(wide)} {tau}, {w.widen('%h') if wide else '%h'}")
-            for i, value in enumerate(f.recall(k, delay, wide, offset)):
+            for i, value in enumerate(self.recall(k, delay, wide, offset)):
                 place = DELAY_NUMBERS * k + i
-                w.store(value, w.at("%q", f.q.offset[place]), f.q.wide[place])
+                w.store(value, w.at("%q", self.q.offset[place]), self.q.wide[place])
 
-    def _stages(self) -> None:
-        f, w, method = self.f, self.w, self.plan.method
-        left = w.emit("load i64, ptr %left_at")
-        due = w.emit(f"icmp eq i64 {left}, 0")
+    def stage_section(self) -> None:
+        w, method = self.w, self.plan.method
+        left, due = self.due()
         row = w.emit("load ptr, ptr %row_at")
         target = w.emit(f"select i1 {due}, ptr {row}, ptr %spare")
         self._past(0.0)
         self._call("first", "%tn", "%xs", ("%slope0", target, "%s"), self._inputs(0))
-        after = w.emit(f"select i1 {due}, ptr {w.at(row, f.y.size)}, ptr {row}")
+        after = w.emit(f"select i1 {due}, ptr {w.at(row, self.y.size)}, ptr {row}")
         w.do(f"store ptr {after}, ptr %row_at")
-        start = w.emit(f"select i1 {due}, i64 %every, i64 {left}")
-        w.do(f"store i64 {w.emit(f'sub i64 {start}, 1')}, ptr %left_at")
-        w.do(f"br i1 {w.emit('icmp eq i64 %k, %n')}, label %done, label %step")
-        w.label("step")
-        for k, wide in enumerate(f.s.wide):
-            f.remember(k, w.load(w.at("%s", f.s.offset[k]), wide))
+        self.after_log(left, due)
+        for k, wide in enumerate(self.s.wide):
+            self.remember(k, w.load(w.at("%s", self.s.offset[k]), wide))
         self._combine("%next", "%xs", "%slope0", method.weights[0])
         for stage, (weights, offset) in enumerate(zip(method.rows[1:], method.offsets[1:], strict=True), 1):
             base = "%xs"
@@ -267,9 +252,9 @@ class LargeKernel:
                     base = "%ahead"
             self._past(offset)
             inputs = self._inputs(method.instants.index(offset))
-            self._call("rates", f.time_at(offset), "%ahead", (f"%slope{stage}", "%spare", "%spare"), inputs)
+            self._call("rates", self.time_at(offset), "%ahead", (f"%slope{stage}", "%spare", "%spare"), inputs)
             self._combine("%next", "%next", f"%slope{stage}", method.weights[stage])
-        self._copy("%xs", "%next", f.x.size)
+        self._copy("%xs", "%next", self.x.size)
 
 
 _COMBINE = """

@@ -47,8 +47,9 @@ class Program:
                 self._fixed.append(self._is_fixed(name, args))
             return known[key]
 
-        rows_in = [_dense(f.sparsity_in(k)) for k in range(f.n_in())]
-        rows_out = [_dense(f.sparsity_out(k)) for k in range(f.n_out())]
+        # Positions of the stored elements in the dense columns.
+        rows_in = [list(f.sparsity_in(k).row()) for k in range(f.n_in())]
+        rows_out = [list(f.sparsity_out(k).row()) for k in range(f.n_out())]
         op_of, ins, outs = f.instruction_id, f.instruction_input, f.instruction_output
         for k in range(f.n_instructions()):
             name = _NAMES[op_of(k)]
@@ -103,8 +104,3 @@ class Program:
             else:
                 grades.append(max(grades[j] for j in args))
         return grades
-
-
-def _dense(sparsity: Any) -> list[int]:
-    """Position of each stored element in the dense column."""
-    return list(sparsity.row())

@@ -116,16 +116,16 @@ def gather_signals(eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, h
         raise DataError(f"diagram '{eq.title}' needs its {noun} {units}: give inputs={{'{missing[0]}': samples}}.")
     span = (float(grid[0]), float(grid[-1]))
     taped = {block: source(*span) for block, source in eq.tapes.items()}
-    known: dict[tuple[str, str], Signal] = {}
+    step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
+    known: dict[str, Signal] = {}
     made = []
     for feed in eq.u:
-        key = (feed.block, feed.tape or feed.name.removeprefix("d/dt " * feed.order))
-        if key not in known:
-            given = taped[feed.block][feed.tape] if feed.block else _sampled(inputs[key[1]], key[1], feed.unit, hold)
-            known[key] = Signal(f"{feed.block}.{feed.tape}" if feed.block else key[1], given, grid, hold)
-            step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
-            known[key].covers(*span, step)
-        made.append((known[key], feed.order))
+        name = feed.name.removeprefix("d/dt " * feed.order)
+        if name not in known:
+            given = taped[feed.block][feed.tape] if feed.block else _sampled(inputs[name], name, feed.unit, hold)
+            known[name] = Signal(name, given, grid, hold)
+            known[name].covers(*span, step)
+        made.append((known[name], feed.order))
     return made
 
 

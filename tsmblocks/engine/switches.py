@@ -9,7 +9,7 @@ sign(a), a - b for min(a, b) and max(a, b), b - a for a < b and a <= b. A mode i
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import attrs
@@ -99,11 +99,11 @@ def freeze(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> F
         whole=kernel_for(_plan(eq, method, rhs, update, logged), backend),
         part=kernel_for(_plan(eq, method, rhs, None, range(first, first + count)), backend),
         remember=remember,
-        names=tuple(zip(_owners(eq, program, reach, count), (SWITCHES[k] for k in kinds), strict=True)),
+        names=tuple(zip(_owners(eq, program, reach), (SWITCHES[k] for k in kinds), strict=True)),
         edge=np.array([MODE_AT_ZERO.get(k, np.nan) for k in kinds]),
         fresh=np.array([MODE_AT_ZERO.get(k, 1.0) for k in kinds]),
         spare=np.zeros(0 if update is None else count),
-        upstream=np.array([_flags(reach[n] ^ 1 << k, count) for k, n in enumerate(switches)]),
+        upstream=reach[switches] & ~np.eye(count, dtype=bool),
     )
 
 
@@ -113,12 +113,12 @@ def _functions(eq: Equations, program: Program, switches: list[int], moving: lis
     t, x, u, q, p = (ca.SX.sym(k, eq.rhs.size1_in(eq.rhs.index_in(k))) for k in "txuqp")
     d = ca.SX.sym("d", held + count * (1 if eq.update is None else 2))
     parts = ca.vertsplit(d)
-    old, modes, before = _column(parts[:held]), parts[held : held + count], parts[held + count :]
+    old, modes, before = ca.vertcat(*parts[:held]), parts[held : held + count], parts[held + count :]
     values, g = _rewritten(program, [t, x, old, u, q, p], dict(zip(switches, modes, strict=True)), moving)
 
     def output(slot: int, size: int) -> Any:
         nodes = [program.outputs.get((slot, k)) for k in range(size)]
-        return _column([0 if n is None else values[n] for n in nodes])
+        return ca.vertcat(*(0 if n is None else values[n] for n in nodes))
 
     inputs, seen = [t, x, d, u, q, p], [output(1, len(eq.y)), x, old, g, *before]
     rhs = ca.Function("rhs", inputs, [output(0, len(eq.x)), ca.vertcat(*seen), ca.SX(0, 1)], *RHS)
@@ -128,7 +128,7 @@ def _functions(eq: Equations, program: Program, switches: list[int], moving: lis
     fresh, moved = eq.update.call([t, x, old, u, q, p, hit])
     for late in _chained(eq, program) if eq.every_step else ():
         again = eq.update.call([t, moved, fresh, u, q, p, ca.SX.zeros(len(eq.periods))])[0]
-        fresh = _column([(again if k in late else fresh)[k] for k in range(held)])
+        fresh = ca.vertcat(*((again if k in late else fresh)[k] for k in range(held)))
     update = ca.Function("update", [*inputs, hit], [ca.vertcat(fresh, *modes, g), moved], *UPDATE)
     if not eq.every_step:
         return rhs, update, None
@@ -142,7 +142,7 @@ def _chained(eq: Equations, program: Program) -> list[set[int]]:
     fresh = {k: n for (slot, k), n in program.outputs.items() if slot == 2 and n != inputs.get(k)}
     owner = [name.rpartition(".")[0] for name in eq.d]
     reads = {
-        k: {j for j, read in zip(inputs, _flags(reach[n], len(inputs)), strict=True) if read and owner[j] != owner[k]}
+        k: {j for j, read in zip(inputs, reach[n], strict=True) if read and owner[j] != owner[k]}
         for k, n in fresh.items()
     }
     made: list[set[int]] = []
@@ -268,39 +268,29 @@ def _size(program: Program, values: list[Any], node: int) -> Any:
     return sum(ca.fabs(values[j]) for j in (args if name in ("ADD", "SUB") else [node]))
 
 
-def _column(elements: list[Any]) -> Any:
-    return ca.vertcat(*elements) if elements else ca.SX(0, 1)
-
-
-def _reach(program: Program, switches: list[int]) -> list[int]:
-    """Which switches each node depends on, as bits of an integer; a switch depends on itself."""
-    own = {n: 1 << k for k, n in enumerate(switches)}
-    reach: list[int] = []
-    for node in range(len(program.nodes)):
-        reach.append(_union([own.get(node, 0), *(reach[j] for j in program.arguments(node))]))
+def _reach(program: Program, sources: Sequence[int]) -> np.ndarray:
+    """Whether each node depends on each of some nodes, shape (nodes, sources); a node depends on itself."""
+    reach = np.zeros((len(program.nodes), len(sources)), dtype=bool)
+    reach[sources, range(len(sources))] = True
+    for node, row in enumerate(reach):
+        for j in program.arguments(node):
+            row |= reach[j]
     return reach
 
 
-def _flags(number: int, count: int) -> np.ndarray:
-    data = np.frombuffer(number.to_bytes((count + 7) // 8, "little"), dtype=np.uint8)
-    return np.unpackbits(data, count=count, bitorder="little").astype(bool)
-
-
-def _union(sets: Iterable[int]) -> int:
-    return functools.reduce(int.__or__, sets, 0)
-
-
-def _owners(eq: Equations, program: Program, reach: list[int], count: int) -> list[str]:
+def _owners(eq: Equations, program: Program, reach: np.ndarray) -> list[str]:
     """The block of each switch: its rates, outputs or memory depend on it, while none of its inputs does."""
-    rates, signals, memory = (
-        {name: reach[program.outputs[slot, k]] for k, name in enumerate(names) if (slot, k) in program.outputs}
-        for slot, names in ((0, eq.x), (1, eq.y), (2, eq.d))
-    )
-    owners = [""] * count
-    for name, found in (*rates.items(), *signals.items(), *memory.items()):
+    results = {
+        (slot, name): reach[program.outputs[slot, k]]
+        for slot, names in enumerate((eq.x, eq.y, eq.d))
+        for k, name in enumerate(names)
+        if (slot, k) in program.outputs
+    }
+    owners = [""] * reach.shape[1]
+    for (_, name), switches in results.items():
         block = name.rpartition(".")[0]
-        if found and block in eq.reads:
-            given = _union(signals.get(k, 0) for k in eq.reads[block][1].values())
-            for k in np.flatnonzero(_flags(found & ~given, count)):
+        if switches.any() and block in eq.reads:
+            inputs = [results[1, k] for k in eq.reads[block][1].values() if (1, k) in results]
+            for k in np.flatnonzero(switches & ~np.any(inputs, axis=0)):
                 owners[k] = owners[k] or block
     return owners
