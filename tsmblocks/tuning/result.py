@@ -57,15 +57,6 @@ class Tuned:
         Parameters without effect.
     hunting : tuple of str, optional
         Texts on signals that oscillate far more than before.
-
-    Attributes
-    ----------
-    remarks : tuple of str
-        Warnings to read before the parameters are used.
-    worst : tuple of float
-        The objective in the worst case, before and after.
-    at_bounds : dict of str to str
-        Parameters at a bound, and at which side.
     """
 
     values: Mapping[str, float]
@@ -96,6 +87,13 @@ class Tuned:
         return before, after
 
     @property
+    def _change(self) -> str:
+        """The objective in the worst case, before and after, as text."""
+        k, unit = units.display_unit(self.units[self.objective])
+        before, after = self.worst
+        return f"{heading(named(self.objective)[0], unit)} {k * before:.4g} -> {k * after:.4g}"
+
+    @property
     def improved(self) -> bool:
         """Whether the parameters differ from the diagrams' own."""
         return dict(self.values) != dict(self.own)
@@ -103,30 +101,28 @@ class Tuned:
     @property
     def at_bounds(self) -> dict[str, str]:
         """Parameters at a bound, and at which side."""
-        made = {}
-        for name, (low, high) in self.bounds.items():
-            if name in self.idle:
-                continue
-            for bound, side in ((low, "lower"), (high, "upper")):
-                if abs(self.values[name] - bound) <= BOUND_TOLERANCE * (high - low):
-                    made[name] = side
-        return made
+        return {
+            name: side
+            for name, (low, high) in self.bounds.items()
+            for bound, side in ((low, "lower"), (high, "upper"))
+            if name not in self.idle and abs(self.values[name] - bound) <= BOUND_TOLERANCE * (high - low)
+        }
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Warnings to read before the parameters are used."""
-        made = [self._violation(one) for one in self.limits]
+        texts = [self._violation(one) for one in self.limits]
         if self.status != "complete":
-            made.append("interrupted: these are the best parameters so far")
+            texts.append("interrupted: these are the best parameters so far")
         if not self.improved:
-            made.append("nothing better was found than the diagram's own parameters")
+            texts.append("nothing better was found than the diagram's own parameters")
         if self.starts > 1 and self.agreeing == 1:
-            made.append("no two starts ended here: more starts may find better parameters")
+            texts.append("no two starts ended here: more starts may find better parameters")
         held = [f"{name} is at its {side} bound ({self.values[name]:.4g})" for name, side in self.at_bounds.items()]
         if held and self.improved:
-            made.append(f"{', '.join(held)}: beyond it there may be better parameters")
-        made += [f"{name} has no effect on the objective and the limits" for name in self.idle]
-        return tuple(text for text in (*made, *self.hunting) if text)
+            texts.append(f"{', '.join(held)}: beyond it there may be better parameters")
+        texts += [f"{name} has no effect on the objective and the limits" for name in self.idle]
+        return tuple(text for text in (*texts, *self.hunting) if text)
 
     def _violation(self, one: Limit) -> str:
         """A text on a limit that is violated in the worst case, ``""`` where it holds."""
@@ -134,9 +130,8 @@ class Tuned:
         if not one.excess(value) > LIMIT_TOLERANCE:
             return ""
         where = f" in case '{case}'" if len(self.after) > 1 else ""
-        shown = next(
-            (text for n in (4, 6, 9) if one.excess(float(text := f"{value:.{n}g}")) > LIMIT_TOLERANCE), f"{value!r}"
-        )
+        texts = (*(f"{value:.{digits}g}" for digits in (4, 6, 9)), repr(value))
+        shown = next(text for text in texts if one.excess(float(text)) > LIMIT_TOLERANCE)  # not rounded to the limit
         return f"{one.text} is not met: it is {shown} {one.unit}".rstrip() + where
 
     def title(self, name: str) -> str:
@@ -153,9 +148,8 @@ class Tuned:
             The text.
         """
         k, unit = units.display_unit(self.units[name])
-        most = [
-            f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}" for one in self.limits if one.name == name
-        ]
+        limits = (one for one in self.limits if one.name == name)
+        most = [f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}" for one in limits]
         return ", ".join([heading(named(name)[0], unit), *most])
 
     def to_dict(self) -> dict[str, Any]:
@@ -216,22 +210,18 @@ class Tuned:
         return view("plot", self, metrics=metrics, ax=ax)
 
     def __repr__(self) -> str:
-        found = few(f"{k} {v:.4g}" for k, v in self.values.items())
-        k, unit = units.display_unit(self.units[self.objective])
-        before, after = (f"{k * v:.4g}" for v in self.worst)
+        values = few(f"{k} {v:.4g}" for k, v in self.values.items())
         ends = "" if self.met else ", not every limit is met"
         ends += ", it hunts" if self.hunting else ""
-        return f"Tuned({found}; {heading(named(self.objective)[0], unit)} {before} -> {after}{ends})"
+        return f"Tuned({values}; {self._change}{ends})"
 
     def _repr_html_(self) -> str:
         return view("html", self)
 
     def __str__(self) -> str:
-        k, unit = units.display_unit(self.units[self.objective])
-        before, after = (f"{k * v:.4g}" for v in self.worst)
         cases = f", the worst of {len(self.after)} cases" if len(self.after) > 1 else ""
         agree = f"; {self.agreeing} of {self.starts} starts ended there" if self.starts > 1 else ""
-        head = textwrap.fill(f"{heading(named(self.objective)[0], unit)} {before} -> {after}{cases}{agree}", WIDTH)
+        head = textwrap.fill(f"{self._change}{cases}{agree}", WIDTH)
         numbers: list[Sequence[str]] = [("parameter", "before", "tuned", "from", "to", "")]
         at = self.at_bounds
         for name, value in self.values.items():
@@ -239,7 +229,7 @@ class Tuned:
             numbers.append((name, *shown, f"at its {at[name]} bound" if name in at else ""))
         parts = [head, columns(numbers, left=(0, 5)), columns(self._measured())]
         if self.remarks:
-            parts.append("\n".join(["beware:", *map(_bullet, self.remarks)]))
+            parts.append("\n".join(["beware:", *(_FILL.fill(text) for text in self.remarks)]))
         return "\n\n".join(parts)
 
     def _measured(self) -> list[tuple[str, str, str]]:
@@ -251,14 +241,12 @@ class Tuned:
             k, _ = units.display_unit(self.units[name])
             rows += [("", "", "")] if rows else []
             rows.append((self.title(name), "before", "tuned"))
-            rows += [
-                (case, f"{k * self.before[case][name]:.4g}", f"{k * self.after[case][name]:.4g}") for case in shown
-            ]
+            for case in shown:
+                rows.append((case, *(f"{k * side[case][name]:.4g}" for side in (self.before, self.after))))
             rows += more
         return rows
 
 
-def _bullet(text: str) -> str:
-    return textwrap.fill(
-        text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-    )
+_FILL = textwrap.TextWrapper(
+    WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+)

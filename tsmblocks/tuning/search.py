@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import attrs
@@ -39,7 +39,40 @@ GOAL_TOLERANCE = 0.01
 """Share, of the goal or of what was gained, by which ends of searches may differ and still count as the same."""
 IDLE_TOLERANCE = 1e-12
 """Relative change that is rounding. Chosen."""
-Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@attrs.frozen(eq=False)
+class Linearised:
+    """The problem at one point: values of which the goal is the largest (m,), the excess of each limit in each case
+    (k,), and their Jacobians by the scaled parameters (m, p) and (k, p).
+    """
+
+    goal: np.ndarray
+    excess: np.ndarray
+    goal_jacobian: np.ndarray
+    excess_jacobian: np.ndarray
+
+    @property
+    def scale(self) -> float:
+        """The size of the goal."""
+        return max(float(np.abs(self.goal).max()), 1e-9)
+
+    @property
+    def largest_excess(self) -> float:
+        """The largest excess, zero within all limits."""
+        return float(self.excess.max(initial=0.0))
+
+    @property
+    def merit(self) -> float:
+        """The worst case plus the penalty for exceeded limits; infinite where a value is not finite."""
+        if not (np.isfinite(self.goal).all() and np.isfinite(self.excess).all()):
+            return math.inf
+        return float(self.goal.max()) + LIMIT_PENALTY * self.largest_excess * self.scale
+
+    def improves_on(self, other: Linearised) -> bool:
+        """Whether the merit is lower and no limit is exceeded more: where one is flat no penalty would lead back."""
+        over, before = (max(one.largest_excess, LIMIT_MARGIN) for one in (self, other))
+        return self.merit < other.merit - 1e-9 * abs(other.merit) and over <= before
 
 
 @attrs.frozen(eq=False)
@@ -59,39 +92,16 @@ class Search:
         named = (self.goal, *(one.metric for one in self.limits if one.metric is not None))
         return list({one.given_name: one for one in named}.values())
 
+    @cached_property
+    def _differentiable(self) -> list[DifferentiableMetric]:
+        """The goal, then the metric of each limit that has one, with derivatives."""
+        limited = [one.metric for one in self.limits if one.metric is not None]
+        return [differentiable(one) for one in (self.goal, *limited)]
+
     @property
     def units(self) -> dict[str, str]:
         """Units of all metrics and margins by name."""
         return {self.goal.given_name: self.goal.unit, **{one.name: one.unit for one in self.limits}}
-
-    def measured(self, sets: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
-        """Metrics and margins (sets,) of each case, without smoothing."""
-        plan = table({name: [one[name] for one in sets] for name in self.bounds})
-        texts = {one.given_name: one.text for one in self.metrics}
-        made = {}
-        for case, diagram in self.cases.items():
-            with no_step_warnings():
-                found = study(diagram, plan, texts, threads=self.threads, **self.options.arguments)
-            made[case] = {one.given_name: found[one.given_name] for one in self.metrics}
-            for one in self.limits:
-                if one.metric is None:
-                    margins = [one.margin_of(diagram.with_parameters(numbers)) for numbers in sets]
-                    made[case][one.name] = np.array(margins)
-                else:
-                    made[case][one.name] = found[one.metric.given_name]
-        return made
-
-    def run_starts(self, own: Mapping[str, float]) -> list[RunStart]:
-        """Starts of runs with the diagrams' ``own`` parameters, and in the first case with each at its bounds."""
-        ends = [{**own, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
-        columns = {name: np.array([one[name] for one in (own, *ends)]) for name in own}
-        made: list[RunStart] = []
-        for case, diagram in list(self.cases.items())[:MOST_CHECKED]:
-            groups = grouped(diagram, columns, self.options)
-            found = run_starts(groups, checked_batches(groups, self.metrics), columns)[: 1 if made else None]
-            named = f"case '{case}', " if len(self.cases) > 1 else ""
-            made += [attrs.evolve(one, label=named + one.label) for one in found]
-        return made[:MOST_CHECKED]
 
     @property
     def watched(self) -> list[str]:
@@ -99,10 +109,41 @@ class Search:
         named = [name for one in self.metrics for name in one.signals]
         return list(dict.fromkeys([*named, *next(iter(self.cases.values())).outputs]))
 
-    def _scores(self, found: Mapping[str, Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    # ---- runs without smoothing
+
+    def measured(self, sets: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
+        """Metrics and margins (sets,) of each case, without smoothing."""
+        plan = table({name: [one[name] for one in sets] for name in self.bounds})
+        texts = {one.given_name: one.text for one in self.metrics}
+        results = {}
+        for case, diagram in self.cases.items():
+            with no_step_warnings():
+                values = study(diagram, plan, texts, threads=self.threads, **self.options.arguments)
+            results[case] = {name: values[name] for name in texts}
+            for one in self.limits:
+                if one.metric is None:
+                    margins = [one.margin_of(diagram.with_parameters(numbers)) for numbers in sets]
+                    results[case][one.name] = np.array(margins)
+                else:
+                    results[case][one.name] = values[one.metric.given_name]
+        return results
+
+    def run_starts(self, own: Mapping[str, float]) -> list[RunStart]:
+        """Starts of runs with the diagrams' ``own`` parameters, and in the first case with each at its bounds."""
+        ends = [{**own, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
+        columns = {name: np.array([one[name] for one in (own, *ends)]) for name in own}
+        starts: list[RunStart] = []
+        for case, diagram in list(self.cases.items())[:MOST_CHECKED]:
+            groups = grouped(diagram, columns, self.options)
+            checked = run_starts(groups, checked_batches(groups, self.metrics), columns)[: 1 if starts else None]
+            named = f"case '{case}', " if len(self.cases) > 1 else ""
+            starts += [attrs.evolve(one, label=named + one.label) for one in checked]
+        return starts[:MOST_CHECKED]
+
+    def _scores(self, results: Mapping[str, Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
         """The goal in the worst case and the largest excess of a limit, each (sets,); infinite where not finite."""
-        goal = np.max([one[self.goal.given_name] for one in found.values()], axis=0)
-        over = [limit.excess(one[limit.name]) for limit in self.limits for one in found.values()]
+        goal = np.max([one[self.goal.given_name] for one in results.values()], axis=0)
+        over = [limit.excess(one[limit.name]) for limit in self.limits for one in results.values()]
         most = np.max(over, axis=0) if over else np.full(len(goal), -np.inf)
         bad = ~np.isfinite(goal) | np.isnan(most)
         return np.where(bad, np.inf, goal), np.where(bad, np.inf, most)
@@ -127,162 +168,130 @@ class Search:
         order = np.lexsort((goal, np.maximum(over, LIMIT_TOLERANCE)))
         return [sets[k] for k in order[:count] if np.isfinite(goal[k])]
 
+    # ---- one search
+
     def walk(self, begin: Mapping[str, float], trail: list[dict[str, float]]) -> None:
-        """Search from a set, for one sharpness after another, each from where the last one ended.
+        """Search from a set, with less and less smoothing, each time from where the last search ended.
 
         Every set that is evaluated is added to the ``trail``: at its end a search is close to the limits, and a run in
         another form may just violate them.
         """
         z = np.clip([self._scaled(name, begin[name]) for name in self.bounds], 0.0, 1.0)
-        rounded = any(one.rounded for one in self._differentiable)
-        for sharp in SMOOTHING_SIZES if rounded else SMOOTHING_SIZES[-1:]:
-            z = self._searched(z, sharp, trail)
+        smoothed = any(one.smoothed for one in self._differentiable)
+        for smoothing in SMOOTHING_SIZES if smoothed else SMOOTHING_SIZES[-1:]:
+            at = self._remembered(smoothing, trail)
+            if math.isfinite(at(z).merit):
+                z = self._refined(self._stepped(z, at), at)
 
-    def _searched(self, z: np.ndarray, sharp: float, trail: list[dict[str, float]]) -> np.ndarray:
-        """The end of a search: sequential linear programs in a trust region, then SLSQP.
+    def _remembered(self, smoothing: float, trail: list[dict[str, float]]) -> Callable[[np.ndarray], Linearised]:
+        """The problem at a point, cached for a few points; every point is added to the trail."""
 
-        Source: Madsen, J. Inst. Maths Applics 16 (1975), doi 10.1093/imamat/16.3.321, for the linear programs.
+        @lru_cache(maxsize=4)
+        def linearised(point: bytes) -> Linearised:
+            z = np.frombuffer(point)
+            problem = self._linearised(z, smoothing)
+            trail.append(self._values(z))
+            return problem
+
+        return lambda z: linearised(z.tobytes())
+
+    def _stepped(self, z: np.ndarray, at: Callable[[np.ndarray], Linearised]) -> np.ndarray:
+        """Sequential linear programs; the trust region grows with each success and shrinks with each failure.
+
+        Source: Madsen, J. Inst. Maths Applics 16 (1975), doi 10.1093/imamat/16.3.321.
         """
-        from scipy.optimize import minimize
-
-        at = self._remembered(sharp, trail)
-        if not np.isfinite(self._merit(*at(z)[:2])):
-            return z
-        z = self._stepped(z, at)
-        size = max(abs(float(at(z)[0].max())), 1e-9)
-        last = np.eye(len(z) + 1)[-1]
-
-        def room(v: np.ndarray) -> np.ndarray:
-            goal, over, *_ = at(v[:-1])
-            return np.concatenate([v[-1] - goal / size, -over])
-
-        def gradient(v: np.ndarray) -> np.ndarray:
-            _, _, by, beyond = at(v[:-1])
-            return np.vstack(
-                [np.column_stack([-by / size, np.ones(len(by))]), np.column_stack([-beyond, np.zeros(len(beyond))])]
-            )
-
-        found = minimize(
-            lambda v: v[-1],
-            np.append(z, float(at(z)[0].max()) / size),
-            jac=lambda _: last,
-            method="SLSQP",
-            bounds=[(max(v - LAST_RADIUS, 0.0), min(v + LAST_RADIUS, 1.0)) for v in z] + [(None, None)],
-            options={"maxiter": MOST_LAST_STEPS, "ftol": 1e-8},
-            constraints=[{"type": "ineq", "fun": room, "jac": gradient}],
-        ).x[:-1]
-        end = np.clip(found, 0.0, 1.0) if np.isfinite(found).all() else z
-        return end if self._leads_on(at(z), at(end)) else z
-
-    def _stepped(self, z: np.ndarray, at: Callable[[np.ndarray], Rows]) -> np.ndarray:
-        """Sequential linear programs; the trust region grows with each success and shrinks with each failure."""
         from scipy.optimize import linprog
 
         width = FIRST_RADIUS
         for _ in range(MOST_STEPS):
-            goal, over, by, beyond = at(z)
-            size, count = max(float(np.abs(goal).max()), 1e-9), len(z)
+            here, count = at(z), len(z)
             # of the step d, the worst case s and the excess e: min s + PRICE e with s, e above all linear models
-            A = np.vstack(
-                [
-                    np.column_stack([by / size, -np.ones(len(by)), np.zeros(len(by))]),
-                    np.column_stack([beyond, np.zeros(len(beyond)), -np.ones(len(beyond))]),
-                ]
-            )
-            b = np.concatenate([-goal / size, -over])
+            m, k = len(here.goal), len(here.excess)
+            slacks = np.block([[-np.ones((m, 1)), np.zeros((m, 1))], [np.zeros((k, 1)), -np.ones((k, 1))]])
+            A = np.hstack([np.vstack([here.goal_jacobian / here.scale, here.excess_jacobian]), slacks])
+            b = np.concatenate([-here.goal / here.scale, -here.excess])
             region = [(max(-width, -v), min(width, 1.0 - v)) for v in z]
-            found = linprog([*np.zeros(count), 1.0, LIMIT_PENALTY], A, b, bounds=[*region, (None, None), (0.0, None)])
-            if found.x is None:
+            step = linprog([*np.zeros(count), 1.0, LIMIT_PENALTY], A, b, bounds=[*region, (None, None), (0.0, None)]).x
+            if step is None:
                 break
-            ahead = np.clip(z + found.x[:count], 0.0, 1.0)
-            if self._leads_on(at(z), at(ahead)):
-                width = min(2.0 * width, 0.5)
-                z = ahead
+            ahead = np.clip(z + step[:count], 0.0, 1.0)
+            if at(ahead).improves_on(here):
+                z, width = ahead, min(2.0 * width, 0.5)
             else:
                 width *= 0.3
             if width < LEAST_RADIUS:
                 break
         return z
 
-    def _leads_on(self, now: Rows, ahead: Rows) -> bool:
-        """Whether a point is better and exceeds the limits no more: where a limit is flat (a saturation) no penalty
-        would lead back.
-        """
-        best, over = self._merit(*now[:2]), [max(float(one[1].max(initial=0.0)), LIMIT_MARGIN) for one in (now, ahead)]
-        return self._merit(*ahead[:2]) < best - 1e-9 * abs(best) and over[1] <= over[0]
+    def _refined(self, z: np.ndarray, at: Callable[[np.ndarray], Linearised]) -> np.ndarray:
+        """The end of a search: SLSQP over the point and the worst case, which is above all values of the goal."""
+        from scipy.optimize import minimize
 
-    def _merit(self, goal: np.ndarray, over: np.ndarray) -> float:
-        """The worst case plus the penalty for exceeded limits; infinite where a value is not finite."""
-        if not (np.isfinite(goal).all() and np.isfinite(over).all()):
-            return math.inf
-        return float(goal.max()) + LIMIT_PENALTY * max(float(over.max(initial=0.0)), 0.0) * max(
-            float(np.abs(goal).max()), 1e-9
+        begin = at(z)
+        size = max(abs(float(begin.goal.max())), 1e-9)
+
+        def room(v: np.ndarray) -> np.ndarray:
+            here = at(v[:-1])
+            return np.concatenate([v[-1] - here.goal / size, -here.excess])
+
+        def gradient(v: np.ndarray) -> np.ndarray:
+            here = at(v[:-1])
+            worst_case = np.repeat([1.0, 0.0], [len(here.goal), len(here.excess)])
+            return np.column_stack([np.vstack([-here.goal_jacobian / size, -here.excess_jacobian]), worst_case])
+
+        found = minimize(
+            lambda v: v[-1],
+            np.append(z, float(begin.goal.max()) / size),
+            jac=lambda _: np.append(np.zeros(len(z)), 1.0),
+            method="SLSQP",
+            bounds=[(max(v - LAST_RADIUS, 0.0), min(v + LAST_RADIUS, 1.0)) for v in z] + [(None, None)],
+            options={"maxiter": MOST_LAST_STEPS, "ftol": 1e-8},
+            constraints=[{"type": "ineq", "fun": room, "jac": gradient}],
+        ).x[:-1]
+        end = np.clip(found, 0.0, 1.0) if np.isfinite(found).all() else z
+        return end if at(end).improves_on(at(z)) else z
+
+    # ---- derivatives
+
+    def _linearised(self, z: np.ndarray, smoothing: float) -> Linearised:
+        (goal, goal_jacobian), *others = self._metrics_at(z, smoothing)
+        of_metrics = iter(others)
+        excess, jacobians = [np.empty(0)], [np.empty((0, len(z)))]
+        for one in self.limits:
+            values, jacobian = next(of_metrics) if one.metric is not None else self._margins_at(one, z)
+            excess.append(one.aimed(values))
+            jacobians.append(one.sign / max(abs(one.most), 1e-9) * jacobian)
+        return Linearised(
+            goal, np.concatenate(excess), np.nan_to_num(goal_jacobian), np.nan_to_num(np.vstack(jacobians))
         )
 
-    def _remembered(self, sharp: float, trail: list[dict[str, float]]) -> Callable[[np.ndarray], Rows]:
-        """The rows at a point, cached for a few points; every point is added to the trail."""
-        known: dict[bytes, Rows] = {}
-
-        def at(z: np.ndarray) -> Rows:
-            key = z.tobytes()
-            if key not in known:
-                if len(known) > 3:
-                    known.pop(next(iter(known)))
-                known[key] = self._rows(z, sharp)
-                trail.append(self._values(z))
-            return known[key]
-
-        return at
-
-    @cached_property
-    def _differentiable(self) -> list[DifferentiableMetric]:
-        """The goal, then the metric of each limit, with derivatives."""
-        return [
-            differentiable(self.goal),
-            *(differentiable(one.metric) for one in self.limits if one.metric is not None),
-        ]
-
-    def _rows(self, z: np.ndarray, sharp: float) -> Rows:
-        """Values of which the goal is the largest (m,), the excess of the limits (k,), and the derivatives of both."""
-        (goal, by), *others = self._pieces(z, self._differentiable, sharp)
-        pieces = iter(others)
-        over, beyond = [np.empty(0)], [np.empty((0, len(z)))]
-        for one in self.limits:
-            found, along = next(pieces) if one.metric is not None else self._margins(one, z)
-            over.append(one.aimed(found))
-            beyond.append(one.sign / max(abs(one.most), 1e-9) * along)
-        return goal, np.concatenate(over), np.nan_to_num(by), np.nan_to_num(np.vstack(beyond))
-
-    def _pieces(
-        self, z: np.ndarray, marks: Sequence[DifferentiableMetric], sharp: float
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each of ``marks`` its values in all cases, and their derivatives by the scaled parameters."""
+    def _metrics_at(self, z: np.ndarray, smoothing: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The values of each differentiable metric in all cases, and their Jacobian by the scaled parameters."""
         numbers = self._values(z)
-        by = np.array([self._scale(name, numbers[name]) for name in self.bounds])
-        wanted = list(dict.fromkeys(name for one in marks for name in one.metric.signals))
-        found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in marks]
+        scale = np.array([self._slope(name, numbers[name]) for name in self.bounds])
+        wanted = list(dict.fromkeys(name for one in self._differentiable for name in one.metric.signals))
+        pieces: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in self._differentiable]
         for diagram in self.cases.values():
             run = sensitivities_of(diagram.with_parameters(numbers), list(self.bounds), self.options, wanted)
             signals = {name: run.y[:, k] for k, name in enumerate(wanted)}
-            along = {name: run.jacobian[:, k] for k, name in enumerate(wanted)}
+            derivatives = {name: run.jacobian[:, k] for k, name in enumerate(wanted)}
             with np.errstate(all="ignore"):
-                for mine, mark in zip(found, marks, strict=True):
-                    mine.append(mark(run.t, signals, along, sharp))
-        return [(np.concatenate([v for v, _ in mine]), np.vstack([w for _, w in mine]) * by) for mine in found]
+                for of_cases, metric in zip(pieces, self._differentiable, strict=True):
+                    of_cases.append(metric(run.t, signals, derivatives, smoothing))
+        parts = [tuple(zip(*of_cases, strict=True)) for of_cases in pieces]
+        return [(np.concatenate(values), np.vstack(jacobians) * scale) for values, jacobians in parts]
 
-    def _margins(self, one: Limit, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A margin in all cases, and its derivatives by central differences, since a linear model is cheap."""
-        points = [
-            z,
-            *(np.clip(z + side * MARGIN_DIFFERENCE * row, 0.0, 1.0) for row in np.eye(len(z)) for side in (1, -1)),
-        ]
-        found = np.array(
+    def _margins_at(self, one: Limit, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A margin in all cases, and its Jacobian by central differences, since a linear model is cheap."""
+        steps = MARGIN_DIFFERENCE * np.eye(len(z))
+        points = [z, *(np.clip(z + side * step, 0.0, 1.0) for step in steps for side in (1, -1))]
+        margins = np.array(
             [[one.margin_of(d.with_parameters(self._values(p))) for p in points] for d in self.cases.values()]
         )
         width = np.array([np.abs(a - b).max() for a, b in zip(points[1::2], points[2::2], strict=True)])
-        return found[:, 0], (found[:, 1::2] - found[:, 2::2]) / width
+        return margins[:, 0], (margins[:, 1::2] - margins[:, 2::2]) / width
 
-    # ---- scaled parameters
+    # ---- scaled parameters, from 0 to 1 between their bounds
 
     def _scaled(self, name: str, value: float) -> float:
         one = self.bounds[name]
@@ -293,7 +302,8 @@ class Search:
     def _values(self, z: np.ndarray) -> dict[str, float]:
         return {name: float(one.quantile(np.asarray(v))) for (name, one), v in zip(self.bounds.items(), z, strict=True)}
 
-    def _scale(self, name: str, value: float) -> float:
+    def _slope(self, name: str, value: float) -> float:
+        """The derivative of a parameter by its scaled value."""
         one = self.bounds[name]
         return value * math.log(one.high / one.low) if one.log else one.high - one.low
 
@@ -303,39 +313,38 @@ class Search:
         """Parameters without effect on the goal and the limits, from bound to bound."""
         sets = [{**values, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
         goal, over = self._scores(self.measured([values, *sets]))
-        same = np.isclose(goal, goal[0], rtol=IDLE_TOLERANCE, atol=0) & (
-            (over == over[0]) | np.isclose(over, over[0], rtol=IDLE_TOLERANCE)
-        )
+        same_excess = (over == over[0]) | np.isclose(over, over[0], rtol=IDLE_TOLERANCE)
+        same = np.isclose(goal, goal[0], rtol=IDLE_TOLERANCE, atol=0) & same_excess
         return [name for k, name in enumerate(self.bounds) if same[2 * k + 1 : 2 * k + 3].all()]
 
     def judged(self, own: Mapping[str, float], trails: Sequence[Sequence[Mapping[str, float]]]) -> Judged:
         """The diagrams' ``own`` parameters and all sets of the trails, measured."""
         sets = [own, *(one for trail in trails for one in trail)]
-        found = self.measured(sets)
-        goal, over = self._scores(found)
-        ends = np.cumsum([1, *(len(trail) for trail in trails)])
-        of = [np.arange(a, b) for a, b in pairwise(ends)]
-        return Judged(sets, found, goal, over, [_best(goal, over, among) for among in of if len(among)])
+        results = self.measured(sets)
+        goal, over = self._scores(results)
+        edges = np.cumsum([1, *(len(trail) for trail in trails)])
+        ends = [_best(goal, over, np.arange(a, b)) for a, b in pairwise(edges) if a < b]
+        return Judged(sets, results, goal, over, np.array(ends))
 
 
 @attrs.frozen(eq=False)
 class Judged:
-    """Sets of parameters, the diagrams' own first, with ``found``: metrics (sets,) by case and name.
+    """Sets of parameters, the diagrams' own first, with their ``results``: metrics (sets,) by case and name.
 
     ``goal`` and ``over`` (sets,) are the goal in the worst case and the largest excess of a limit; ``ends`` are the
     positions of the best set of each trail.
     """
 
     sets: Sequence[Mapping[str, float]]
-    found: Mapping[str, Mapping[str, np.ndarray]]
+    results: Mapping[str, Mapping[str, np.ndarray]]
     goal: np.ndarray
     over: np.ndarray
-    ends: Sequence[int]
+    ends: np.ndarray
 
     @property
     def best(self) -> int:
         """Position of the best set. Raises RunError where no run of any set comes to its end."""
-        k = _best(self.goal, self.over, np.array(self.ends))
+        k = _best(self.goal, self.over, self.ends)
         if not np.isfinite(self.goal[k]):
             raise RunError("no set of parameters was found with which every case runs to its end.")
         return k
@@ -343,22 +352,14 @@ class Judged:
     @property
     def agreeing(self) -> int:
         """Number of trails with a set about as good as the best."""
-        best, ends = self.best, np.array(self.ends)
+        best, over = self.best, np.maximum(self.over, LIMIT_TOLERANCE)
         gained = self.goal[0] - self.goal[best] if np.isfinite(self.goal[0]) else 0.0
-        near = np.abs(self.goal[ends] - self.goal[best]) <= GOAL_TOLERANCE * max(abs(self.goal[best]), gained)
-        return int(
-            np.sum(
-                near
-                & (
-                    np.maximum(self.over[ends], LIMIT_TOLERANCE)
-                    <= max(self.over[best], LIMIT_TOLERANCE) + GOAL_TOLERANCE
-                )
-            )
-        )
+        near = np.abs(self.goal - self.goal[best]) <= GOAL_TOLERANCE * max(abs(self.goal[best]), gained)
+        return int(np.sum((near & (over <= over[best] + GOAL_TOLERANCE))[self.ends]))
 
     def of(self, k: int) -> dict[str, dict[str, float]]:
         """The metrics of one set, by case and name."""
-        return {case: {name: float(v[k]) for name, v in each.items()} for case, each in self.found.items()}
+        return {case: {name: float(v[k]) for name, v in each.items()} for case, each in self.results.items()}
 
 
 def _best(goal: np.ndarray, over: np.ndarray, among: np.ndarray) -> int:

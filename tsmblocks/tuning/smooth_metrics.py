@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from itertools import pairwise
 
 import attrs
@@ -14,110 +13,96 @@ from tsmblocks.common.errors import ParameterError
 from tsmblocks.metrics.metrics import Metric, Part
 
 Array = np.ndarray
-Weighed = tuple[float, Array]
+Differentiated = tuple[float, Array]
 """A number of a signal (N,), and its derivative by each sample (N,)."""
 
 
-def _peak(e: Array, sharp: float, least: float | None = None) -> Weighed:
+def _highest(e: Array, _: Array, smoothing: float, least: float | None = None) -> Differentiated:
     """The smoothed maximum: the mean of the samples with weights exp((e - max) / width).
 
-    The width is a share ``sharp`` of the height above the lowest sample, or above ``least``.
+    The width is a share ``smoothing`` of the height above the lowest sample, or above ``least``.
     """
-    size = max(float(e.max() - (e.min() if least is None else least)), 1e-300) * sharp
+    size = max(float(e.max() - (e.min() if least is None else least)), 1e-300) * smoothing
     w = np.exp((e - e.max()) / size)
     w /= w.sum()
     value = float(w @ e)
     by = w * (1.0 + (e - value) / size)
-    spread = sharp * float(w @ (e - value) ** 2) / size**2  # the width depends on the signal too
+    spread = smoothing * float(w @ (e - value) ** 2) / size**2  # the width depends on the signal too
     by[int(np.argmax(e))] -= spread
     if least is None:
         by[int(np.argmin(e))] += spread
     return value, by
 
 
-def _highest(e: Array, _: Array, sharp: float) -> Weighed:
-    return _peak(e, sharp)
-
-
-def _lowest(e: Array, _: Array, sharp: float) -> Weighed:
-    value, w = _peak(-e, sharp)
+def _lowest(e: Array, t: Array, smoothing: float) -> Differentiated:
+    value, w = _highest(-e, t, smoothing)
     return -value, w
 
 
-def _peak_to_peak(e: Array, t: Array, sharp: float) -> Weighed:
-    (high, above), (low, below) = _highest(e, t, sharp), _lowest(e, t, sharp)
+def _peak_to_peak(e: Array, t: Array, smoothing: float) -> Differentiated:
+    (high, above), (low, below) = _highest(e, t, smoothing), _lowest(e, t, smoothing)
     return high - low, above - below
 
 
-def _largest(e: Array, _: Array, sharp: float) -> Weighed:
-    value, w = _peak(np.abs(e), sharp, 0.0)  # above zero: the smallest sample changes its sign at zero
+def _largest(e: Array, t: Array, smoothing: float) -> Differentiated:
+    value, w = _highest(np.abs(e), t, smoothing, 0.0)  # above zero: the smallest sample changes its sign at zero
     return value, w * np.sign(e)
 
 
-def _rms(e: Array, _: Array, __: float) -> Weighed:
+def _rms(e: Array, _: Array, __: float) -> Differentiated:
     value = float(np.sqrt(np.mean(e * e)))
     return value, e / (len(e) * max(value, 1e-300))
 
 
-def _mean(e: Array, _: Array, __: float) -> Weighed:
-    return float(e.mean()), np.full(len(e), 1.0 / len(e))
+def _variation(e: Array, _: Array, __: float) -> Differentiated:
+    return float(np.abs(np.diff(e)).sum()), np.convolve(np.sign(np.diff(e)), [-1.0, 1.0])
 
 
-def _final(e: Array, _: Array, __: float) -> Weighed:
-    w = np.zeros(len(e))
-    w[-1] = 1.0
-    return float(e[-1]), w
+def _weighted(weights: Callable[[Array], Array]) -> Callable[..., Differentiated]:
+    """A reduction that is a weighted sum of the samples, with the weights of their instants."""
+
+    def reduction(e: Array, t: Array, _: float) -> Differentiated:
+        w = weights(t)
+        return float(w @ e), w
+
+    return reduction
 
 
-def _integral(e: Array, t: Array, _: float) -> Weighed:
-    w = np.zeros(len(e))
-    w[:-1] += 0.5 * np.diff(t)
-    w[1:] += 0.5 * np.diff(t)
-    return float(w @ e), w
-
-
-def _variation(e: Array, _: Array, __: float) -> Weighed:
-    sides, w = np.sign(np.diff(e)), np.zeros(len(e))
-    w[1:] += sides
-    w[:-1] -= sides
-    return float(np.abs(np.diff(e)).sum()), w
-
-
-def _share(e: Array, _: Array, sharp: float) -> Weighed:
+def _share(e: Array, _: Array, smoothing: float) -> Differentiated:
     """The share of samples above zero, smoothed over a share of the signal's size."""
-    size = max(float(np.abs(e).max()), 1e-300) * sharp
+    size = max(float(np.abs(e).max()), 1e-300) * smoothing
     above = 0.5 * (1.0 + np.tanh(0.5 * e / size))
     w = above * (1.0 - above) / (size * len(e))
     top = int(np.argmax(np.abs(e)))
-    w[top] -= sharp * np.sign(e[top]) * float(w @ e) / size  # the width depends on the signal too
+    w[top] -= smoothing * np.sign(e[top]) * float(w @ e) / size  # the width depends on the signal too
     return float(above.mean()), w
 
 
-def _overshoot(e: Array, t: Array, sharp: float, target: float) -> Weighed:
+def _overshoot(e: Array, t: Array, smoothing: float, target: float) -> Differentiated:
     way = target - e[0]
-    value, w = _highest((e - target) / way, t, sharp)
+    value, w = _highest((e - target) / way, t, smoothing)
     first = float(w @ (e - target)) / way**2  # the height of the step depends on the first sample
     w = w / way
     w[0] += first
     return max(value, 0.0), w * (value > 0)
 
 
-SMOOTH_REDUCTIONS: Mapping[str, Callable[..., Weighed]] = {
+SMOOTH_REDUCTIONS: Mapping[str, Callable[..., Differentiated]] = {
     "peak_to_peak": _peak_to_peak,
     "rms": _rms,
     "largest": _largest,
     "highest": _highest,
     "lowest": _lowest,
-    "mean": _mean,
-    "final": _final,
-    "integral": _integral,
+    "mean": _weighted(lambda t: np.full(len(t), 1.0 / len(t))),
+    "final": _weighted(lambda t: np.eye(1, len(t), len(t) - 1)[0]),
+    "integral": _weighted(lambda t: np.convolve(np.diff(t), [0.5, 0.5])),  # trapezoids
     "variation": _variation,
     "share": _share,
     "overshoot": _overshoot,
 }
 """Differentiable reductions, as functions of (signal, instants, smoothing, further arguments)."""
-
-
+SMOOTHED_REDUCTIONS = ("share", "highest", "lowest", "largest", "peak_to_peak", "overshoot")
+"""Reductions that are smoothed."""
 PEAK_INTERVALS = 40
 """Intervals of time of which each contributes its extreme, where a metric is a peak. Chosen."""
 
@@ -128,9 +113,11 @@ def _tops(e: Array) -> Array:
     return np.array([a + int(np.argmax(e[a:b])) for a, b in pairwise(edges)])
 
 
-def _peaks(name: str, e: Array, along: Array, numbers: tuple[float, ...]) -> tuple[Array, Array] | None:
-    """The extremes of which a reduction is the largest, (m,), with derivatives (m, p); None where it is no peak."""
-    rows = along
+def _peaks(name: str, e: Array, rows: Array, numbers: tuple[float, ...]) -> tuple[Array, Array] | None:
+    """The extremes of which a reduction is the largest, (m,), with derivatives (m, p); None where it is no peak.
+
+    ``rows`` (n, p) are the derivatives of the signal ``e`` (n,).
+    """
     if name in ("highest", "lowest"):
         sign = 1.0 if name == "highest" else -1.0
         at = _tops(sign * e)
@@ -141,10 +128,8 @@ def _peaks(name: str, e: Array, along: Array, numbers: tuple[float, ...]) -> tup
     if name == "peak_to_peak":
         up, down = _tops(e), _tops(-e)
         top, bottom = int(np.argmax(e)), int(np.argmin(e))
-        return (
-            np.concatenate([e[up] - e[bottom], e[top] - e[down]]),
-            np.vstack([rows[up] - rows[bottom], rows[top] - rows[down]]),
-        )
+        by = np.vstack([rows[up] - rows[bottom], rows[top] - rows[down]])
+        return np.concatenate([e[up] - e[bottom], e[top] - e[down]]), by
     if name == "overshoot":
         way = numbers[0] - e[0]
         at = _tops(e / way)
@@ -153,66 +138,60 @@ def _peaks(name: str, e: Array, along: Array, numbers: tuple[float, ...]) -> tup
 
 
 @attrs.frozen(eq=False)
-class DifferentiableMetric:
-    """A metric with its derivatives.
+class _Argument:
+    """The argument of a reduction, with its derivatives; ``function`` gives its value and those by each signal."""
 
-    A metric that is a peak has many values, the extremes of intervals, of which it is the largest (the smallest for
-    ``lowest``): so a search takes all of them into account, not only the present peak.
+    part: Part
+    function: ca.Function
+
+    def __call__(
+        self, t: Array, signals: Mapping[str, Array], derivatives: Mapping[str, Array]
+    ) -> tuple[Array, Array, Array]:
+        """Its instants (n,), values (n,) and derivatives (n, p)."""
+        kept = (t >= self.part.after - 1e-9) & (t <= self.part.before + 1e-9)
+        names = self.part.of.names
+        values = self.function.map(int(kept.sum()))(*(signals[name][kept].reshape(1, -1) for name in names))
+        e, *by = (np.asarray(v).ravel() for v in values)
+        parts = [d[:, None] * derivatives[name][kept] for name, d in zip(names, by, strict=True)]
+        return t[kept], e, np.sum(parts, axis=0)
+
+
+@attrs.frozen(eq=False)
+class DifferentiableMetric:
+    """A metric with its derivatives: ``outer`` gives its value and derivatives from those of its reductions.
+
+    A metric that is a peak (times ``gain``; None for others) has many values, the extremes of intervals, of which it is
+    the largest (the smallest for ``lowest``): so a search takes all of them into account, not only the present peak.
     """
 
     metric: Metric
-    _outer: ca.Function
-    _inner: tuple[Callable[..., list[Array]], ...]
-    _gain: float | None
+    outer: ca.Function
+    arguments: tuple[_Argument, ...]
+    gain: float | None
 
     def __call__(
-        self, t: Array, signals: Mapping[str, Array], derivatives: Mapping[str, Array], sharp: float
+        self, t: Array, signals: Mapping[str, Array], derivatives: Mapping[str, Array], smoothing: float
     ) -> tuple[Array, Array]:
         """Values (m,) and derivatives (m, p), from signals (N,) and their derivatives (N, p)."""
-        if self._gain is not None:
-            (part,), (inner,) = self.metric.parts, self._inner
-            e, along = _along(part, inner, t, signals, derivatives)
-            peaks = _peaks(part.reduction, e, along, part.numbers)
+        values, gradients = [], []
+        for argument in self.arguments:
+            kept, e, rows = argument(t, signals, derivatives)
+            part = argument.part
+            peaks = _peaks(part.reduction, e, rows, part.numbers) if self.gain is not None else None
             if peaks is not None:
-                return self._gain * peaks[0], self._gain * peaks[1]
-        values, weights = [], []
-        for part, inner in zip(self.metric.parts, self._inner, strict=True):
-            e, along = _along(part, inner, t, signals, derivatives)
-            kept = t[_inside(part, t)]
-            value, w = SMOOTH_REDUCTIONS[part.reduction](e, kept, sharp, *part.numbers)
+                return self.gain * peaks[0], self.gain * peaks[1]
+            value, w = SMOOTH_REDUCTIONS[part.reduction](e, kept, smoothing, *part.numbers)
             values.append(value)
-            weights.append(w @ along)
-        made, *by_part = (float(v) for v in self._outer(*values))
-        derivative = sum(d * w for d, w in zip(by_part, weights, strict=True))
-        return np.array([self.metric.factor * made]), self.metric.factor * np.atleast_2d(derivative)
+            gradients.append(w @ rows)
+        made, *by_part = (float(v) for v in self.outer(*values))
+        gradient = sum(d * row for d, row in zip(by_part, gradients, strict=True))
+        return np.array([self.metric.factor * made]), self.metric.factor * np.atleast_2d(gradient)
 
     @property
-    def rounded(self) -> bool:
+    def smoothed(self) -> bool:
         """Whether it depends on the smoothing."""
-        one = self._gain is not None and self.metric.parts[0].reduction not in ("share",)
-        return not one and any(part.reduction in SMOOTHED_REDUCTIONS for part in self.metric.parts)
-
-
-SMOOTHED_REDUCTIONS = ("share", "highest", "lowest", "largest", "peak_to_peak", "overshoot")
-"""Reductions that are smoothed."""
-
-
-def _inside(part: Part, t: Array) -> Array:
-    return (t >= part.after - 1e-9) & (t <= part.before + 1e-9)
-
-
-def _along(
-    part: Part,
-    inner: Callable[..., list[Array]],
-    t: Array,
-    signals: Mapping[str, Array],
-    derivatives: Mapping[str, Array],
-) -> tuple[Array, Array]:
-    """The argument of a reduction (n,) and its derivatives (n, p), at its instants."""
-    kept, names = _inside(part, t), part.of.names
-    e, *by = (np.broadcast_to(np.asarray(v).ravel(), kept.sum()) for v in inner(*(signals[k][kept] for k in names)))
-    parts = [d[:, None] * derivatives[name][kept] for name, d in zip(names, by, strict=True)]
-    return e, np.sum(parts, axis=0)
+        smoothed = {part.reduction for part in self.metric.parts} & {*SMOOTHED_REDUCTIONS}
+        return bool(smoothed if self.gain is None else smoothed & {"share"})  # other peaks are taken by interval
 
 
 def differentiable(metric: Metric) -> DifferentiableMetric:
@@ -223,28 +202,17 @@ def differentiable(metric: Metric) -> DifferentiableMetric:
                 f"metric '{metric.name}': {part.reduction} is not differentiable, so nothing can be tuned by "
                 f"it. Known here: {', '.join(SMOOTH_REDUCTIONS)}."
             )
-    marks = [ca.SX.sym(f"m{k}") for k in range(len(metric.parts))]
-    value = metric.outer.symbolic({f"#{k}": m for k, m in enumerate(marks)})
-    derivatives = [ca.jacobian(value, m) for m in marks]
-    outer = ca.Function("outer", marks, [value, *derivatives])
-    plain = (
-        len(marks) == 1 and derivatives[0].is_constant() and float(outer(0.0)[0]) == 0.0 and float(derivatives[0]) > 0
-    )
-    gain = metric.factor * float(derivatives[0]) if plain else None
-    return DifferentiableMetric(metric, outer, tuple(_inner(part) for part in metric.parts), gain)
+    numbers = [ca.SX.sym(f"m{k}") for k in range(len(metric.parts))]
+    value = metric.outer.symbolic({f"#{k}": m for k, m in enumerate(numbers)})
+    derivatives = [ca.jacobian(value, m) for m in numbers]
+    outer = ca.Function("outer", numbers, [value, *derivatives])
+    proportional = len(numbers) == 1 and derivatives[0].is_constant() and float(outer(0.0)[0]) == 0.0
+    gain = metric.factor * float(derivatives[0]) if proportional and float(derivatives[0]) > 0 else None
+    return DifferentiableMetric(metric, outer, tuple(map(_argument, metric.parts)), gain)
 
 
-def _inner(part: Part) -> Callable[..., list[Array]]:
-    """The expression of a reduction and its derivative by each signal, sample by sample."""
-    one = [ca.SX.sym(f"s{k}") for k in range(len(part.of.names))]
-    value = part.of.symbolic(dict(zip(part.of.names, one, strict=True)))
-    single = ca.Function("one", one, [ca.densify(v) for v in (value, *(ca.jacobian(value, s) for s in one))])
-
-    @lru_cache(maxsize=8)
-    def along(count: int) -> ca.Function:
-        return single.map(count)
-
-    def many(*columns: Array) -> list[Array]:
-        return [np.asarray(v) for v in along(len(columns[0]))(*(np.asarray(c).reshape(1, -1) for c in columns))]
-
-    return many
+def _argument(part: Part) -> _Argument:
+    signals = [ca.SX.sym(name) for name in part.of.names]
+    value = part.of.symbolic(dict(zip(part.of.names, signals, strict=True)))
+    outputs = [ca.densify(v) for v in (value, *(ca.jacobian(value, one) for one in signals))]
+    return _Argument(part, ca.Function("argument", signals, outputs))

@@ -117,7 +117,7 @@ def tune(
     >>> print(f"{found.values['k.gain']:.1f}, met: {found.met}")
     10.0, met: True
     """
-    named, tell = _named(diagrams), as_callback(progress, "stage, done and of")
+    named, report = _named(diagrams), as_callback(progress, "stage, done and of")
     cases = _cases(named, plants)
     first = next(iter(cases.values()))
     bounds, units = _search_bounds(free, first), signal_units(first)
@@ -126,47 +126,44 @@ def tune(
     options = RunOptions(stop, step, 0.0, method, inputs, hold, backend=backend)
     search = Search(cases, bounds, goal, limits, options, threads)
     own = {name: first.parameters[name] for name in bounds}
-    inside = all(one.low <= own[name] <= one.high for name, one in bounds.items())
     starting_points = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
     warn_of_fast_poles(search.run_starts(own), options.rule, step)
-    trails, status = _searches(search, starting_points, tell)
-    if inside:
+    trails, status = _searches(search, starting_points, report)
+    if all(one.low <= own[name] <= one.high for name, one in bounds.items()):
         trails[0].insert(0, own)  # the result is never worse
     judged = search.judged(own, trails)
     best = judged.best
     values = dict(judged.sets[best])
-    made = {name: d.with_parameters(values) for name, d in named.items()}
-    warning_texts = [] if values == own else hunting(cases, own, values, goal, search.watched, options)
     return Tuned(
-        values,
-        made,
-        goal.given_name,
-        search.units,
-        judged.of(0),
-        judged.of(best),
-        bool(judged.over[best] <= LIMIT_TOLERANCE),
-        status,
-        own,
-        {name: (one.low, one.high) for name, one in bounds.items()},
-        limits,
-        len(judged.ends),
-        judged.agreeing,
-        tuple(search.idle(values)),
-        tuple(warning_texts),
+        values=values,
+        diagrams={name: d.with_parameters(values) for name, d in named.items()},
+        objective=goal.given_name,
+        units=search.units,
+        before=judged.of(0),
+        after=judged.of(best),
+        met=bool(judged.over[best] <= LIMIT_TOLERANCE),
+        status=status,
+        own=own,
+        bounds={name: (one.low, one.high) for name, one in bounds.items()},
+        limits=limits,
+        starts=len(judged.ends),
+        agreeing=judged.agreeing,
+        idle=tuple(search.idle(values)),
+        hunting=() if values == own else tuple(hunting(search, own, values)),
     )
 
 
 def _searches(
-    search: Search, starting_points: Sequence[Mapping[str, float]], tell: Callable[[str, int, int], Any]
+    search: Search, starting_points: Sequence[Mapping[str, float]], report: Callable[[str, int, int], Any]
 ) -> tuple[list[list[dict[str, float]]], str]:
     """All sets that each search has evaluated, and how it ended."""
     trails: list[list[dict[str, float]]] = []
     try:
         for k, starting_point in enumerate(starting_points):
-            tell("searched", k, len(starting_points))
+            report("searched", k, len(starting_points))
             trails.append([])
             search.walk(starting_point, trails[-1])
-        tell("searched", len(starting_points), len(starting_points))
+        report("searched", len(starting_points), len(starting_points))
     except KeyboardInterrupt:
         if not any(trails):
             raise
@@ -201,14 +198,14 @@ def _cases(named: dict[str, Diagram], plants: Plan | None) -> dict[str, Diagram]
 
 def _goal(given: Any, units: Mapping[str, str]) -> Metric:
     """The metric to minimise. Raises ParameterError."""
-    made = metrics(given, units) if isinstance(given, (str, Mapping)) else ()
-    if len(made) != 1:
+    goals = metrics(given, units) if isinstance(given, (str, Mapping)) else ()
+    if len(goals) != 1:
         raise ParameterError(
             "minimise is one metric, such as 'rms(x_ref - x_out)', or with a name and a unit "
             f"{{'error [deg]': 'rms(x_ref - x_out)'}}, got {in_words(given)}."
         )
-    differentiable(made[0])
-    return made[0]
+    differentiable(goals[0])
+    return goals[0]
 
 
 def _listed(given: Any) -> list[Any]:
@@ -225,7 +222,7 @@ def _listed(given: Any) -> list[Any]:
 def _search_bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
     if not isinstance(free, Mapping) or not free:
         raise ParameterError(f"free maps parameters to bounds, such as {{'pid.kp': (0.1, 5.0)}}, got {in_words(free)}.")
-    made = {}
+    bounds = {}
     for name, pair in free.items():
         if name not in diagram.parameters:
             hint = near_path(str(name), diagram.parameters)
@@ -234,5 +231,5 @@ def _search_bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
             low, high = map(float, pair)
         except (TypeError, ValueError):
             raise ParameterError(f"'{name}' needs bounds (low, high), got {in_words(pair)}.") from None
-        made[str(name)] = between(str(name), low, high, log=low > 0 and high / low > LOG_SCALE_RATIO)
-    return made
+        bounds[str(name)] = between(str(name), low, high, log=low > 0 and high / low > LOG_SCALE_RATIO)
+    return bounds
