@@ -232,10 +232,10 @@ class Tuned:
             parts.append("\n".join(["beware:", *(_FILL.fill(text) for text in self.remarks)]))
         return "\n\n".join(parts)
 
-    def _measured(self) -> list[tuple[str, str, str]]:
+    def _measured(self) -> list[tuple[str, ...]]:
         """Rows of all metrics, before and tuned, angles in degrees; an empty row between two metrics."""
         worst = sorted(self.after, key=lambda case: -self.after[case][self.objective])[:MOST_CASES]
-        shown, rows = [case for case in self.after if case in worst], list[tuple[str, str, str]]()
+        shown, rows = [case for case in self.after if case in worst], list[tuple[str, ...]]()
         more = [(f"… ({len(self.after)} in all, the worst shown)", "", "")] if len(self.after) > len(shown) else []
         for name in next(iter(self.after.values())):
             k, _ = units.display_unit(self.units[name])
