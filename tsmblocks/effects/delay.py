@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+import attrs
+
 from tsmblocks.blocks import DeadTime, Lag, RateDependence, Resonance
-from tsmblocks.effects.effect import Effect, Scales, Trials, added_change
+from tsmblocks.effects.effect import Effect, Scales, Trials, across
 from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
@@ -30,18 +32,9 @@ def _trial_times(name: str, scales: Scales, most: float) -> Trials:
     return Trials({}, tuple({name: time} for time in times if time < most), bounds={name: (0.0, most)})
 
 
-def _dead_time_trials(scales: Scales) -> Trials:
-    return _trial_times("time", scales, 0.05 * scales.shortest)
-
-
-def _lag_trials(scales: Scales) -> Trials:
-    return _trial_times("time_constant", scales, 0.1 * scales.shortest)
-
-
 def _resonance_trials(scales: Scales) -> Trials:
     slowest, fastest = 2 * math.pi / scales.shortest, 0.35 / scales.step
-    count = 9
-    grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / (count - 1)) for k in range(count)]
+    grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / 8) for k in range(9)]
     lines = [2 * math.pi * f for f in scales.lines if slowest < 2 * math.pi * f < fastest]
     shapes = tuple({"omega": omega, "zeta": zeta} for omega in (*lines[:4], *grid) for zeta in (0.05, 0.3))
     # An oscillator with a large initial state and a small share would be a source of its own: it starts at the signal.
@@ -51,22 +44,40 @@ def _resonance_trials(scales: Scales) -> Trials:
 
 
 def _rate_dependence_trials(scales: Scales) -> Trials | None:
-    speed = scales.wire.speed
-    if not speed > 0:  # a signal at rest
+    if not scales.wire.speed > 0:  # a signal at rest
         return None
-    return Trials(
-        {"coefficient": 0.01},
-        tuple({"exponent": n} for n in (1.0, 0.5)),
-        {"smoothing": 0.02 * speed},
-        {"exponent": (0.25, 3.0)},
-    )
+    exponents, fixed = ({"exponent": 1.0}, {"exponent": 0.5}), {"smoothing": 0.02 * scales.wire.speed}
+    return Trials({"coefficient": 0.01}, exponents, fixed, {"exponent": (0.25, 3.0)})
 
 
-def _rate_dependence_trials_of_other(scales: Scales) -> Trials | None:
-    trials = _rate_dependence_trials(scales.of_other)
-    return None if trials is None else trials.under("rate")
-
-
+LAG = Effect(
+    "first_order_lag",
+    "delay",
+    "a first-order lag",
+    "output",
+    Lag(),
+    {"time_constant": 0.0},
+    ("time_constant",),
+    lambda scales: _trial_times("time_constant", scales, 0.1 * scales.shortest),
+    excites="fast motion, at more than one frequency",
+    confused=("dead_time", "resonance", "rate_dependence"),
+    separates="a chirp to the highest frequency the drive can follow",
+)
+RATE_DEPENDENCE = Effect(
+    "rate_dependence",
+    "delay",
+    "a transmission that depends on the speed",
+    "output",
+    RateDependence(),
+    {"coefficient": 0.0},
+    ("coefficient", "exponent"),
+    _rate_dependence_trials,
+    excites="several speeds",
+    confused=("dead_time", "first_order_lag", "creep"),
+    separates="one amplitude at 0.05, 0.2, 1 and 2 Hz",
+    variant="output",
+    within=("exponent",),
+)
 EFFECTS = (
     Effect(
         "dead_time",
@@ -76,31 +87,13 @@ EFFECTS = (
         DeadTime(),
         {"time": 0.0},
         ("time",),
-        _dead_time_trials,
+        lambda scales: _trial_times("time", scales, 0.05 * scales.shortest),
         excites="fast motion, at more than one frequency",
         confused=("first_order_lag", "resonance", "rate_dependence"),
         separates="a chirp to the highest frequency the drive can follow",
     ),
-    *(
-        Effect(
-            "first_order_lag",
-            "delay",
-            words,
-            "output",
-            block,
-            {"time_constant": 0.0},
-            ("time_constant",),
-            _lag_trials,
-            excites="fast motion, at more than one frequency",
-            confused=("dead_time", "resonance", "rate_dependence"),
-            separates="a chirp to the highest frequency the drive can follow",
-            variant=variant,
-        )
-        for words, block, variant in (
-            ("a first-order lag", Lag(), ""),
-            ("two first-order lags in a row", TWO_LAGS, "twice"),
-        )
-    ),
+    LAG,
+    attrs.evolve(LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice"),
     Effect(
         "resonance",
         "delay",
@@ -116,25 +109,6 @@ EFFECTS = (
         settled=("swing",),
         within=("omega", "zeta"),
     ),
-    *(
-        Effect(
-            "rate_dependence",
-            "delay",
-            "a transmission that depends on the speed",
-            place,
-            block,
-            {f"{prefix}coefficient": 0.0},
-            (f"{prefix}coefficient", f"{prefix}exponent"),
-            trials,
-            excites="several speeds",
-            confused=("dead_time", "first_order_lag", "creep"),
-            separates="one amplitude at 0.05, 0.2, 1 and 2 Hz",
-            variant=place,
-            within=(f"{prefix}exponent",),
-        )
-        for place, block, prefix, trials in (
-            ("output", RateDependence(), "", _rate_dependence_trials),
-            ("across", added_change("rate", RateDependence()), "rate.", _rate_dependence_trials_of_other),
-        )
-    ),
+    RATE_DEPENDENCE,
+    across(RATE_DEPENDENCE, "rate", "across"),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import attrs
@@ -157,17 +157,6 @@ class Trials:
         )
 
 
-def added_change(name: str, block: Block) -> Diagram:
-    """A diagram that adds to signal ``u`` the change that a block makes to another signal ``x``."""
-    return Diagram(
-        title=f"{name} beside",
-        blocks={name: block, "added": Sum(signs="+-"), "both": Sum(signs="++")},
-        wires=[f"{name} -> added.plus", "added -> both.plus2"],
-        inputs={"u": "both.plus1", "x": [f"{name}.u", "added.minus"]},
-        outputs={"y": "both"},
-    )
-
-
 @attrs.frozen(eq=False)
 class Effect:
     """An effect that a model may lack: a block to insert, whose null parameters reproduce the model bit for bit.
@@ -275,9 +264,30 @@ class Effect:
         _refuse(self, _faults(self))
 
 
+def across(effect: Effect, name: str, variant: str) -> Effect:
+    """A variant that adds to signal ``u`` the change that the block of an effect, under ``name``, makes to ``x``."""
+    block = Diagram(
+        title=f"{name} beside",
+        blocks={name: effect.block, "added": Sum(signs="+-"), "both": Sum(signs="++")},
+        wires=[f"{name} -> added.plus", "added -> both.plus2"],
+        inputs={"u": "both.plus1", "x": [f"{name}.u", "added.minus"]},
+        outputs={"y": "both"},
+    )
+
+    def trials(scales: Scales) -> Trials | None:
+        own = effect.trials(scales.of_other)
+        return None if own is None else own.under(name)
+
+    null = {f"{name}.{k}": value for k, value in effect.null.items()}
+    free, within = (tuple(f"{name}.{k}" for k in names) for names in (effect.free, effect.within))
+    return attrs.evolve(
+        effect, place="across", block=block, null=null, free=free, trials=trials, variant=variant, within=within
+    )
+
+
 def _refuse(effect: Effect, faults: Iterator[str]) -> None:
-    fault = next(faults, "")
-    if fault:
+    """Raise ParameterError for the first fault, if there is one."""
+    for fault in faults:
         raise ParameterError(f"effect {in_words(effect.name)}: {fault}")
 
 
@@ -291,60 +301,22 @@ def _faults(effect: Effect) -> Iterator[str]:
         yield f"there is no place {in_words(effect.place)}.{near(effect.place, PLACES)}"
     if not isinstance(effect.block, (Block, Diagram)):
         yield not_a_block("block", effect.block)
-    yield from _number_faults(effect)
+    yield from _parameter_faults(effect)
     yield from _port_faults(effect)
     if not callable(effect.trials):
         yield f"trials must be a function from Scales to Trials, got {in_words(effect.trials)}."
 
 
-def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
-    if not isinstance(trials, Trials):
-        yield f"trials must return Trials, or None where the data do not excite it, got {in_words(trials)}."
-    elif not trials.shapes:
-        yield "its trials have no shape to start with; leave shapes out where there is none."
-    else:
-        odd = [one for one in trials.shapes if set(one) != set(trials.shapes[0])]
-        if odd:
-            yield f"all shapes of its trials must name the same parameters, and {in_words(dict(odd[0]))} does not."
-        yield from _unknown_names(effect, trials)
-
-
-def _unknown_names(effect: Effect, trials: Trials) -> Iterator[str]:
-    """Names in trial values of what is not fitted, bounded or fixed."""
-    free, numbers = effect.free, _parameters_of(effect.block)
-    for what, given, known in (
-        ("strengths", trials.strengths, free),
-        ("shapes", trials.shapes[0], free),
-        ("refine", filter(None, [trials.refine]), tuple(trials.shapes[0])),
-        ("bounds", trials.bounds, (*free, *_states(effect.block))),
-    ):
-        for name in given:
-            if name not in known:
-                yield f"{what} of its trials name '{name}', which is not free to be fitted.{near(name, known)}"
-    for name in trials.fixed:
-        if name in free:
-            yield f"its trials fix '{name}', which is free to be fitted; a parameter is one or the other."
-        elif name not in numbers:
-            yield f"its trials fix '{name}', which is no parameter of its block.{near(name, numbers)}"
-
-
-def _number_faults(effect: Effect) -> Iterator[str]:
-    known = _parameters_of(effect.block)
-    for name in (*effect.null, *effect.free, *effect.within):
-        if name not in known:
-            yield f"its block has no parameter '{name}'.{near(name, known)}"
+def _parameter_faults(effect: Effect) -> Iterator[str]:
+    numbers, states = _parameters_of(effect.block), _states(effect.block)
+    yield from _unknown((*effect.null, *effect.free, *effect.within), numbers, "its block has no parameter '{}'.")
     for name, value in effect.null.items():
-        if known[name] != value:
-            yield f"its block must be at its null, and {name} is {known[name]:g} instead of {value:g}."
+        if numbers[name] != value:
+            yield f"its block must be at its null, and {name} is {numbers[name]:g} instead of {value:g}."
     if not effect.free:
         yield "none of its parameters is fitted; name parameters of its block in free."
-    for name in effect.within:
-        if name not in effect.free:
-            yield f"within names '{name}', which is not free to be fitted.{near(name, effect.free)}"
-    own = _states(effect.block)
-    for name in effect.settled:
-        if name not in own:
-            yield f"its block has no state '{name}' to initialise.{near(name, own)}"
+    yield from _unknown(effect.within, effect.free, "within names '{}', which is not free to be fitted.")
+    yield from _unknown(effect.settled, states, "its block has no state '{}' to initialise.")
 
 
 def _port_faults(effect: Effect) -> Iterator[str]:
@@ -358,6 +330,32 @@ def _port_faults(effect: Effect) -> Iterator[str]:
             yield f"nothing would drive the input '{name}' of its block at the place '{effect.place}'{also}."
 
 
+def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
+    if not isinstance(trials, Trials):
+        yield f"trials must return Trials, or None where the data do not excite it, got {in_words(trials)}."
+    elif not trials.shapes:
+        yield "its trials have no shape to start with; leave shapes out where there is none."
+    else:
+        shape, free, numbers = trials.shapes[0], effect.free, _parameters_of(effect.block)
+        for odd in (one for one in trials.shapes if set(one) != set(shape)):
+            yield f"all shapes of its trials must name the same parameters, and {in_words(dict(odd))} does not."
+        for what, names, known in (
+            ("strengths", trials.strengths, free),
+            ("shapes", shape, free),
+            ("refine", filter(None, [trials.refine]), tuple(shape)),
+            ("bounds", trials.bounds, (*free, *_states(effect.block))),
+        ):
+            yield from _unknown(names, known, f"{what} of its trials name '{{}}', which is not free to be fitted.")
+        for name in (k for k in trials.fixed if k in free):
+            yield f"its trials fix '{name}', which is free to be fitted; a parameter is one or the other."
+        yield from _unknown(trials.fixed, numbers, "its trials fix '{}', which is no parameter of its block.")
+
+
+def _unknown(names: Iterable[str], known: Collection[str], text: str) -> Iterator[str]:
+    """A message for each name that is not known: ``text`` with the name in place of its braces."""
+    return (text.format(name) + near(name, known) for name in names if name not in known)
+
+
 def _states(block: Block | Diagram) -> list[str]:
     if isinstance(block, Diagram):
         return [f"{name}.{state}" for name, inner in block.blocks.items() for state in _states(inner)]
@@ -366,10 +364,8 @@ def _states(block: Block | Diagram) -> list[str]:
 
 def _parameters_of(block: Block | Diagram) -> Mapping[str, float]:
     """Every parameter of an effect's block, by name."""
-    return block.parameters if isinstance(block, Diagram) else _block_parameters(block)
-
-
-def _block_parameters(block: Block) -> dict[str, float]:
+    if isinstance(block, Diagram):
+        return block.parameters
     return {leaf: number for key, value in block.parameters.items() for leaf, number in leaves(value, key)}
 
 
@@ -390,10 +386,5 @@ def span_of(signals: list[np.ndarray], steps: list[float]) -> Span:
     """
     rates = np.concatenate([np.abs(np.diff(y)) / h for y, h in zip(signals, steps, strict=True)])
     every = np.concatenate(signals)
-    return Span(
-        float(every.min()),
-        float(every.max()),
-        float(np.sqrt(np.mean(every**2))),
-        float(np.sqrt(np.mean(rates**2))),
-        float(rates.max()),
-    )
+    values = every.min(), every.max(), np.sqrt(np.mean(every**2)), np.sqrt(np.mean(rates**2)), rates.max()
+    return Span(*map(float, values))

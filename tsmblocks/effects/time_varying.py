@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import attrs
+
 from tsmblocks.blocks import (
     Creep,
     Disturbance,
@@ -13,9 +15,8 @@ from tsmblocks.blocks import (
     RateLimit,
     SoftRateLimit,
 )
-from tsmblocks.effects.effect import Effect, Scales, Trials, added_change
+from tsmblocks.effects.effect import Effect, Scales, Trials, across
 
-_LOOP = "a loop that changes at one time"
 NO_LIMIT = 1e12
 """A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""
 INSTANT_COUNT = 48
@@ -36,21 +37,8 @@ def _instant_trials(scales: Scales, size: dict[str, float], shape: dict[str, flo
     length = (scales.stop - scales.start) / (INSTANT_COUNT + 1)
     times = [scales.start + (k + 1) * length for k in range(INSTANT_COUNT)]
     # A change within the first or the last interval is no change.
-    return Trials(
-        size,
-        tuple({"time": time, **shape} for time in times),
-        {"width": 2 * scales.step},
-        {"time": (times[0], times[-1])},
-        refine="time",
-    )
-
-
-def _jump_trials(scales: Scales) -> Trials:
-    return _instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {})
-
-
-def _gain_change_trials(scales: Scales) -> Trials:
-    return _instant_trials(scales, {"change": 0.05}, {})
+    shapes, width = tuple({"time": time, **shape} for time in times), {"width": 2 * scales.step}
+    return Trials(size, shapes, width, {"time": (times[0], times[-1])}, refine="time")
 
 
 def _gain_drift_trials(scales: Scales) -> Trials:
@@ -66,46 +54,83 @@ def _loop_change_trials(scales: Scales) -> Trials:
 def _creep_trials(scales: Scales) -> Trials | None:
     longest, least = scales.shortest, max(1.0, 40 * scales.step)  # slower creep is an offset of each experiment
     times = [least * times for times in (1.0, 3.0, 10.0, 30.0) if least * times < longest]
-    if not times:
-        return None
-    return Trials(
-        {"share": 0.05},
-        tuple({"time_constant": time} for time in times),
-        bounds={"time_constant": (20 * scales.step, longest), "share": (-0.9, 0.9)},
-    )
+    bounds = {"time_constant": (20 * scales.step, longest), "share": (-0.9, 0.9)}
+    return Trials({"share": 0.05}, tuple({"time_constant": time} for time in times), bounds=bounds) if times else None
 
 
 def _periodic_trials(scales: Scales) -> Trials | None:
     if not scales.lines:
         return None
-    reach = 1 / (scales.stop - scales.start)
-    size = 0.01 * (scales.wire.reach or 1.0)
-    return Trials(
-        {"cosine": size, "sine": size},
-        tuple({"frequency": f} for f in scales.lines),
-        _time_origin(scales),
-        bounds={"frequency": (reach, 0.5 / scales.step)},
-    )
+    size, frequencies = 0.01 * (scales.wire.reach or 1.0), tuple({"frequency": f} for f in scales.lines)
+    bounds = {"frequency": (1 / (scales.stop - scales.start), 0.5 / scales.step)}
+    return Trials({"cosine": size, "sine": size}, frequencies, _time_origin(scales), bounds)
 
 
 def _rate_limit_trials(scales: Scales) -> Trials:
     fastest = scales.wire.fastest
-    shapes = tuple(
-        {"rising": share * fastest, "falling": -share * fastest} for share in (0.9, 0.7, 0.5, 0.35, 0.25, 0.15)
-    )
-    return Trials(
-        {}, shapes, bounds={"rising": (0.02 * fastest, 3 * fastest), "falling": (-3 * fastest, -0.02 * fastest)}
-    )
+    limits = [share * fastest for share in (0.9, 0.7, 0.5, 0.35, 0.25, 0.15)]
+    bounds = {"rising": (0.02 * fastest, 3 * fastest), "falling": (-3 * fastest, -0.02 * fastest)}
+    return Trials({}, tuple({"rising": limit, "falling": -limit} for limit in limits), bounds=bounds)
 
 
 def _soft_rate_limit_trials(scales: Scales) -> Trials:
     hard, fastest = _rate_limit_trials(scales), scales.wire.fastest
     shapes = tuple({**shape, "softness": 0.1 * fastest, "lag": 3 * scales.step} for shape in hard.shapes)
-    return Trials({}, shapes).with_bounds(
-        {**hard.bounds, "softness": (1e-3 * fastest, 0.5 * fastest), "lag": (0.3 * scales.step, 30 * scales.step)}
-    )
+    soft = {"softness": (1e-3 * fastest, 0.5 * fastest), "lag": (0.3 * scales.step, 30 * scales.step)}
+    return Trials({}, shapes, bounds={**hard.bounds, **soft})
 
 
+GAIN_CHANGE = Effect(
+    "parameter_change",
+    "time",
+    "a gain that changes at one time",
+    "output",
+    GainChange(),
+    {"change": 0.0},
+    ("change", "time"),
+    lambda scales: _instant_trials(scales, {"change": 0.05}, {}),
+    excites="the same motion before and after it",
+    confused=("drift", "jump", "creep"),
+    separates="the same experiment before and after",
+    variant="gain",
+)
+LOOP_CHANGE = attrs.evolve(
+    GAIN_CHANGE,
+    words="a loop that changes at one time",
+    block=LoopChange(),
+    null={"change": 0.0, "gain": 0.0},
+    free=("change", "gain", "distance", "time"),
+    trials=_loop_change_trials,
+    variant="loop",
+)
+DISTURBANCE = Effect(
+    "periodic_disturbance",
+    "time",
+    "a disturbance at a fixed frequency",
+    "output",
+    Disturbance(),
+    {"cosine": 0.0, "sine": 0.0},
+    ("cosine", "sine", "frequency"),
+    _periodic_trials,
+    excites="a long record",
+    confused=("position_ripple",),
+    separates="other input frequencies: a disturbance keeps its own",
+    variant="output",
+)
+RATE_LIMIT = Effect(
+    "rate_limit",
+    "limit",
+    "a rate limit",
+    "output",
+    RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+    {"rising": NO_LIMIT, "falling": -NO_LIMIT},
+    ("rising", "falling"),
+    _rate_limit_trials,
+    excites="fast motion",
+    confused=("saturation", "rate_dependence"),
+    separates="one amplitude at rising frequencies",
+    variant="output",
+)
 EFFECTS = (
     Effect(
         "drift",
@@ -128,49 +153,23 @@ EFFECTS = (
         Jump(),
         {"size": 0.0},
         ("size", "time"),
-        _jump_trials,
+        lambda scales: _instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {}),
         excites="samples before and after it",
         confused=("drift", "parameter_change"),
         separates="a reference mark passed again",
     ),
-    *(
-        Effect(
-            "parameter_change",
-            "time",
-            words,
-            place,
-            block,
-            dict.fromkeys(null, 0.0),
-            (*null, *shape),
-            trials,
-            excites="the same motion before and after it",
-            confused=("drift", "jump", "creep"),
-            separates="the same experiment before and after",
-            variant=variant,
-        )
-        for variant, words, place, block, null, shape, trials in (
-            (
-                "gain",
-                "a gain that changes at one time",
-                "output",
-                GainChange(),
-                ("change",),
-                ("time",),
-                _gain_change_trials,
-            ),
-            ("drift", "a gain that drifts", "output", GainDrift(), ("rate",), (), _gain_drift_trials),
-            ("loop", _LOOP, "output", LoopChange(), ("change", "gain"), ("distance", "time"), _loop_change_trials),
-            (
-                "loop of the input",
-                _LOOP,
-                "across",
-                added_change("loop", LoopChange()),
-                ("loop.change", "loop.gain"),
-                ("loop.distance", "loop.time"),
-                lambda scales: _loop_change_trials(scales.of_other).under("loop"),
-            ),
-        )
+    GAIN_CHANGE,
+    attrs.evolve(
+        GAIN_CHANGE,
+        words="a gain that drifts",
+        block=GainDrift(),
+        null={"rate": 0.0},
+        free=("rate",),
+        trials=_gain_drift_trials,
+        variant="drift",
     ),
+    LOOP_CHANGE,
+    across(LOOP_CHANGE, "loop", "loop of the input"),
     Effect(
         "creep",
         "time",
@@ -186,52 +185,16 @@ EFFECTS = (
         settled=("late",),
         within=("time_constant",),
     ),
-    *(
-        Effect(
-            "periodic_disturbance",
-            "time",
-            "a disturbance at a fixed frequency",
-            place,
-            Disturbance(),
-            {"cosine": 0.0, "sine": 0.0},
-            ("cosine", "sine", "frequency"),
-            _periodic_trials,
-            excites="a long record",
-            confused=("position_ripple",),
-            separates="other input frequencies: a disturbance keeps its own",
-            variant=place,
-        )
-        for place in ("output", "drive")
-    ),
-    *(
-        Effect(
-            "rate_limit",
-            "limit",
-            "a rate limit",
-            place,
-            RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
-            {"rising": NO_LIMIT, "falling": -NO_LIMIT},
-            ("rising", "falling"),
-            _rate_limit_trials,
-            excites="fast motion",
-            confused=("saturation", "rate_dependence"),
-            separates="one amplitude at rising frequencies",
-            variant=place,
-        )
-        for place in ("output", "drive")
-    ),
-    Effect(
-        "rate_limit",
-        "limit",
-        "a soft rate limit",
-        "output",
-        SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
-        {"rising": NO_LIMIT, "falling": -NO_LIMIT},
-        ("rising", "falling", "softness", "lag"),
-        _soft_rate_limit_trials,
-        excites="fast motion",
-        confused=("saturation", "rate_dependence"),
-        separates="one amplitude at rising frequencies",
+    DISTURBANCE,
+    attrs.evolve(DISTURBANCE, place="drive", variant="drive"),
+    RATE_LIMIT,
+    attrs.evolve(RATE_LIMIT, place="drive", variant="drive"),
+    attrs.evolve(
+        RATE_LIMIT,
+        words="a soft rate limit",
+        block=SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+        free=("rising", "falling", "softness", "lag"),
+        trials=_soft_rate_limit_trials,
         variant="soft",
     ),
 )
