@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from tsmblocks.common.tables import listed
 
@@ -26,17 +26,11 @@ def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:
         if not names:
             result.append(key)
             continue
-        parts = iter([_range(column) for column in zip(*(numbers for _, numbers in found), strict=True)])
-        result.append(f"{_experiments_text(names, experiments)}: {''.join(_filled_in(key, parts))}")
+        text = key
+        for column in zip(*(numbers for _, numbers in found), strict=True):
+            text = text.replace(PLACEHOLDER, _range(column), 1)
+        result.append(f"{_experiments_text(names, experiments)}: {text}")
     return result
-
-
-def _filled_in(key: str, numbers: Iterator[str]) -> Iterator[str]:
-    """The parts of a note, with numbers in place of its placeholders."""
-    head, *others = key.split(PLACEHOLDER)
-    yield head
-    for text in others:
-        yield next(numbers) + text
 
 
 def _experiments_text(names: Sequence[str], experiments: Sequence[str]) -> str:

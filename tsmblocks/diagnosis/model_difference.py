@@ -24,8 +24,7 @@ class ChangedParameter:
     @property
     def words(self) -> str:
         """``tsm.theta 3.94 -> 4.02 1/rad``, angles in degrees."""
-        before = in_display_units(self.before, self.unit)
-        after = in_display_units(self.after, self.unit)
+        before, after = (in_display_units(value, self.unit) for value in (self.before, self.after))
         return f"{self.name}  {before.split(' ')[0]} -> {after}"
 
 
@@ -72,13 +71,9 @@ def difference(before: Diagram, after: Diagram) -> Difference:
 def in_code(block: Block | Diagram) -> str:
     """A block as a script makes it, with the parameters that are not at their default."""
     if isinstance(block, Diagram):
-        inside = ", ".join(f"{k}={in_code(b)}" for k, b in block.blocks.items())
-        return f"Diagram({inside})"
+        return f"Diagram({', '.join(f'{k}={in_code(b)}' for k, b in block.blocks.items())})"
     defaults = {f.name: f.default for f in attrs.fields(type(block))}  # type: ignore[arg-type]
-    shown = []
-    for name, value in block.parameters.items():
-        if name not in defaults or defaults[name] != value:
-            shown.append(f"{name}={_literal(value)}")
+    shown = [f"{k}={_literal(v)}" for k, v in block.parameters.items() if defaults.get(k, attrs.NOTHING) != v]
     return f"{type(block).__name__}({', '.join(shown)})"
 
 

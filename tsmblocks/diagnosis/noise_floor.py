@@ -27,13 +27,17 @@ MAX_FLOOR_RATIO = 1.5
 class NoiseFloors:
     """Rms noise of each output, in the diagram's unit, and the method of its estimate.
 
-    ``reliable`` is False where only fast noise could be estimated. ``given`` holds the text that the user gave.
+    ``given`` holds the text that the user gave.
     """
 
     sigma: Mapping[str, float]
     method: Mapping[str, str]
-    reliable: bool
     given: Mapping[str, str] = attrs.field(factory=dict)
+
+    @property
+    def reliable(self) -> bool:
+        """Whether more than fast noise could be estimated, for every output."""
+        return HIGH_FREQUENCIES not in self.method.values()
 
 
 def noise_floors(
@@ -46,13 +50,9 @@ def noise_floors(
     given = {k: v for k, v in given.items() if k in outputs}
     sigma, method = dict[str, float](), dict[str, str]()
     for name in outputs:
-        if name in given:
-            sigma[name], method[name] = given[name][0], GIVEN
-        else:
-            sigma[name], method[name] = _estimated(records, diagram, name)
-    return NoiseFloors(
-        sigma, method, all(m != HIGH_FREQUENCIES for m in method.values()), {k: text for k, (_, text) in given.items()}
-    )
+        own = (given[name][0], GIVEN) if name in given else _estimated(records, diagram, name)
+        sigma[name], method[name] = own
+    return NoiseFloors(sigma, method, {k: text for k, (_, text) in given.items()})
 
 
 def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
@@ -76,9 +76,9 @@ def lowered_noise_floors(
     """
     sigma, method, more_notes = dict(found.sigma), dict(found.method), list[str]()
     for name, share in residual_rms.items():
-        unit = diagram.unit(name)
         if share * MAX_FLOOR_RATIO >= 1:
             continue
+        unit = diagram.unit(name)
         floor, rms = (in_display_units(k * sigma[name], unit) for k in (1.0, share))
         if method[name] == GIVEN:
             meant = f" ({unit})" if unit else ""
@@ -87,7 +87,7 @@ def lowered_noise_floors(
                 f"so nothing can be found: is it in the right unit{meant}?"
             )
             continue
-        middle = fast_noise_of_recordings(records, name, diagram.unit(name))
+        middle = fast_noise_of_recordings(records, name, unit)
         if 0 < middle < sigma[name]:
             taken = f"{in_display_units(middle, unit)} of fast noise is taken instead"
             more_notes.append(
@@ -95,9 +95,7 @@ def lowered_noise_floors(
                 f"({rms} rms); {taken}."
             )
             sigma[name], method[name] = middle, HIGH_FREQUENCIES
-    return attrs.evolve(
-        found, sigma=sigma, method=method, reliable=all(m != HIGH_FREQUENCIES for m in method.values())
-    ), more_notes
+    return attrs.evolve(found, sigma=sigma, method=method), more_notes
 
 
 def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
@@ -124,16 +122,14 @@ def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iter
 
 def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.Generator) -> Record | None:
     """A conditioned record with new noise on its inputs; None where nothing was filtered out."""
-    raw = evenly_sampled(raw)
-    signals, found = dict(clean.signals), False
+    raw, more = evenly_sampled(raw), {}
+    if len(raw) != len(clean):
+        return None
     for name in names:
-        if name not in clean or len(raw) != len(clean):
-            continue
-        size = _white_noise_rms(raw[name] - clean[name])
+        size = _white_noise_rms(raw[name] - clean[name]) if name in clean else 0.0
         if size > 0:
-            signals[name] = clean[name] + size * draw.standard_normal(len(clean))
-            found = True
-    return attrs.evolve(clean, signals=signals) if found else None
+            more[name] = clean[name] + size * draw.standard_normal(len(clean))
+    return attrs.evolve(clean, signals={**clean.signals, **more}) if more else None
 
 
 def _white_noise_rms(removed: np.ndarray) -> float:

@@ -35,12 +35,9 @@ COORDINATE_UNITS = {
 def with_interval(q: Quantity) -> str:
     """A number with half its interval, in as many digits: ``0.157 ± 0.011 deg``; marked where it has no interval."""
     k, unit = display_unit(q.unit)
-    value, low, high = k * q.value, k * q.low, k * q.high
-    half = (high - low) / 2
-    if not np.isfinite(half):
-        return f"{value:.3g} {unit}".rstrip() + " (not determined)"
-    if half == 0:
-        return f"{value:.3g} {unit}".rstrip()
+    value, half = k * q.value, (k * q.high - k * q.low) / 2
+    if not np.isfinite(half) or half == 0:
+        return in_display_units(q.value, q.unit) + (" (not determined)" if half else "")
     digits = 1 - int(np.floor(np.log10(half)))
     if not 0 <= digits <= 6:
         return f"{value:.3g} ± {half:.2g} {unit}".rstrip()
@@ -66,8 +63,7 @@ def unit_of(diagram: Diagram, parameter: str) -> str:
 
 def main_parameter(effect: NamedEffect, segment: Segment) -> str:
     """The parameter that gives the size of an effect: that of its detection limit, else the first."""
-    known = {m.name: m.parameter for m in segment.limits}
-    wanted = known.get(effect.name, "")
+    wanted = next((m.parameter for m in segment.limits if m.name == effect.name), "")
     return wanted if wanted in effect.parameters else next(iter(effect.parameters), "")
 
 
@@ -81,25 +77,15 @@ def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:
 
 
 def _joined(name: str, parts: Sequence[Trace]) -> Trace:
-    def put(key: str) -> np.ndarray:
-        return np.concatenate([getattr(one, key) for one in parts])
-
-    return attrs.evolve(
-        parts[0],
-        experiment=name,
-        t=put("t"),
-        measured=put("measured"),
-        before=put("before"),
-        after=put("after"),
-        drive=put("drive"),
-        excess=put("excess"),
-    )
+    joined = ("t", "measured", "before", "after", "drive", "excess")
+    whole = {key: np.concatenate([getattr(one, key) for one in parts]) for key in joined}
+    return attrs.evolve(parts[0], experiment=name, **whole)
 
 
 def fitted_rms(trace: Trace) -> tuple[float, float]:
     """Residual rms of base and final model, as fitted, in the unit of the trace."""
-    before, after = trace.before - trace.measured, trace.after - trace.measured
-    return float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
+    before, after = (float(np.sqrt(np.mean((y - trace.measured) ** 2))) for y in (trace.before, trace.after))
+    return before, after
 
 
 def strips(trace: Trace) -> np.ndarray:
@@ -107,8 +93,7 @@ def strips(trace: Trace) -> np.ndarray:
     rows = []
     for start, stop, square in trace.excess:
         here = (trace.t >= start) & (trace.t <= stop)
-        before = np.mean((trace.before - trace.measured)[here] ** 2)
-        after = np.mean((trace.after - trace.measured)[here] ** 2)
+        before, after = (np.mean((y - trace.measured)[here] ** 2) for y in (trace.before, trace.after))
         rows.append((start, stop, square, square * after / before if before > 0 else 0.0))
     return np.array(rows)
 
@@ -157,36 +142,21 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     ``diagram`` has the units of the inputs.
     """
     traces = output_traces(segment, output)
-    along, block, before, after, explained = [], [], [], [], list[np.ndarray]()
-    count = 0
+    parts, count = [], 0
     for number, one in enumerate(traces):
         motion = one.drive if len(one.drive) else one.measured
-        along.append(coordinates(one.t, motion, number)[coordinate])
-        place = np.searchsorted(one.excess[:, 0], one.t, side="right")
-        block.append(count + place)
+        block = count + np.searchsorted(one.excess[:, 0], one.t, side="right")
         count += len(one.excess) + 1
-        before.append(one.measured - one.before)
-        after.append(one.measured - one.after)
-        explained.append(one.after - one.before)
+        residuals = (one.measured - one.before, one.measured - one.after, one.after - one.before)
+        parts.append((coordinates(one.t, motion, number)[coordinate], block, *residuals))
     if not traces:
         return None
-    x, blocks = np.concatenate(along), np.concatenate(block)
+    x, blocks, before, after, explained = map(np.concatenate, zip(*parts, strict=True))
     place = binned(x, BIN_COUNT)
-    columns = [np.concatenate(c) for c in (before, after, explained)]
-    rows = []
-    for k in range(int(place.max()) + 1):
-        here = place == k
-        if here.any():
-            rows.append(
-                (
-                    x[here].mean(),
-                    *_mean(columns[0][here], blocks[here]),
-                    *_mean(columns[1][here], blocks[here]),
-                    columns[2][here].mean(),
-                )
-            )
-    if len(rows) < 2:
+    bins = [place == k for k in np.unique(place)]
+    if len(bins) < 2:
         return None
+    rows = [(x[b].mean(), *_mean(before[b], blocks[b]), *_mean(after[b], blocks[b]), explained[b].mean()) for b in bins]
     table = np.array(rows).T
     own = traces[0].unit if not len(traces[0].drive) else diagram.unit(traces[0].drive_name)
     rate = COORDINATE_UNITS.get(coordinate, "")

@@ -18,6 +18,10 @@ from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import cautions
 from tsmblocks.model.diagram import Diagram
 
+EFFECT_KEYS = {"across": "share_removed_across_experiments"}
+RANKING_KEYS = {"gain": "held_out_gain", "new": "share_across", "t": "statistic", "units": ""}
+"""Field -> key of ``diagnosis.json`` where they differ; empty for a field that is left out."""
+
 
 @attrs.frozen
 class Quantity:
@@ -72,16 +76,16 @@ class RankedCandidate:
     wire: str
     gain: float
     share: float
-    across: float
-    t: float
-    line: float
-    in_set: bool
-    named: bool
-    fitted: bool
-    at_bound: tuple[str, ...]
-    parameters: Mapping[str, float]
+    across: float = float("nan")
+    new: float = attrs.field(default=float("nan"), kw_only=True)
+    t: float = float("nan")
+    line: float = float("nan")
+    in_set: bool = False
+    named: bool = False
+    fitted: bool = False
+    at_bound: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = attrs.field(factory=dict)
     units: Mapping[str, str] = attrs.field(factory=dict)
-    new: float = float("nan")
 
 
 @attrs.frozen
@@ -283,22 +287,22 @@ class Diagnosis:
             "format": 1,
             "diagram": self.diagram,
             "experiments": list(self.experiments),
-            "windows": _json_value({k: list(pair) for k, pair in self.windows.items()}),
+            "windows": _json_value(self.windows),
             "seed": self.seed,
             "verdict": self.verdict,
             "sentence": self.sentence,
             "status": self.status,
-            "effects": [_effect(e) for e in self.effects],
+            "effects": [_named_values(e, EFFECT_KEYS) for e in self.effects],
             "gap": _gap(worst.gaps[0]),
-            "where": [_where(w) for w in worst.where],
-            "ranking": [_ranked(r) for s in self.segments for r in s.ranking],
+            "where": _json_value(worst.where),
+            "ranking": self._ranking,
             "detection_limits": {m.name: _rounded(m.value) for s in reversed(self.segments) for m in s.limits},
             "segments": [_segment(s) for s in self.segments],
-            "consequence": None if self.consequence is None else _json_value(attrs.asdict(self.consequence)),
+            "consequence": _json_value(self.consequence),
             "no_consequence": self.no_consequence,
             "start_states": self.start_states,
             "simulated": None if self.simulated is None else self.simulated.to_dict(),
-            "provenance": None if self.provenance is None else _json_value(attrs.asdict(self.provenance)),
+            "provenance": _json_value(self.provenance),
             "notes": list(self.notes),
         }
 
@@ -310,9 +314,14 @@ class Diagnosis:
         pandas.DataFrame
             Columns as in the ranking of ``diagnosis.json``.
         """
-        rows = [_ranked(r) for s in self.segments for r in s.ranking]
+        rows = self._ranking
         known = [k for k in (rows[0] if rows else {}) if k not in ("at_bound", "parameters")]
         return frame({k: [row[k] for row in rows] for k in known})
+
+    @property
+    def _ranking(self) -> list[dict[str, Any]]:
+        """Every candidate of each round, as in ``diagnosis.json``."""
+        return [_named_values(r, RANKING_KEYS) for s in self.segments for r in s.ranking]
 
     def to_json(self) -> str:
         """Return the text of ``diagnosis.json``.
@@ -370,23 +379,6 @@ class Diagnosis:
         return view("text", self)
 
 
-def _effect(e: NamedEffect) -> dict[str, Any]:
-    return {
-        "name": e.name,
-        "family": e.family,
-        "words": e.words,
-        "segment": e.segment,
-        "wire": e.wire,
-        "block": e.block,
-        "parameters": {k: _json_value(attrs.asdict(q)) for k, q in e.parameters.items()},
-        "share_removed": _rounded(e.share_removed),
-        "share_removed_across_experiments": _rounded(e.across),
-        "also_possible": list(e.also_possible),
-        "separating_experiment": e.separating_experiment,
-        "code": e.code,
-    }
-
-
 def _gap(gap: Gap) -> dict[str, Any]:
     return {
         "output": gap.output,
@@ -396,33 +388,7 @@ def _gap(gap: Gap) -> dict[str, Any]:
         "train": {"before": _rounded(gap.train[0]), "after": _rounded(gap.train[-1])},
         "held_out": {"before": _rounded(gap.held_out[0]), "after": _rounded(gap.held_out[-1])},
         "steps": {"train": _json_value(gap.train), "held_out": _json_value(gap.held_out)},
-        "experiments": {k: _json_value(v) for k, v in gap.experiments.items()},
-    }
-
-
-def _where(w: ResidualCoordinate) -> dict[str, Any]:
-    return {"coordinate": w.coordinate, "share": _rounded(w.share), "words": w.words}
-
-
-def _ranked(r: RankedCandidate) -> dict[str, Any]:
-    return {
-        "round": r.round,
-        "segment": r.segment,
-        "name": r.name,
-        "variant": r.variant,
-        "family": r.family,
-        "wire": r.wire,
-        "held_out_gain": _rounded(r.gain),
-        "share": _rounded(r.share),
-        "across": _rounded(r.across),
-        "share_across": _rounded(r.new),
-        "statistic": _rounded(r.t),
-        "line": _rounded(r.line),
-        "in_set": r.in_set,
-        "named": r.named,
-        "fitted": r.fitted,
-        "at_bound": list(r.at_bound),
-        "parameters": _json_value(r.parameters),
+        "experiments": _json_value(gap.experiments),
     }
 
 
@@ -439,7 +405,7 @@ def _segment(s: Segment) -> dict[str, Any]:
         "cautions": list(s.cautions),
         "ceiling": _rounded(s.ceiling),
         "gaps": [_gap(g) for g in s.gaps],
-        "where": [_where(w) for w in s.where],
+        "where": _json_value(s.where),
         "detection_limits": {
             m.name: None if m.value is None else {"parameter": m.parameter, "value": _rounded(m.value), "unit": m.unit}
             for m in s.limits
@@ -447,7 +413,15 @@ def _segment(s: Segment) -> dict[str, Any]:
     }
 
 
+def _named_values(record: Any, keys: Mapping[str, str]) -> dict[str, Any]:
+    """The fields of a record under the keys of ``diagnosis.json``."""
+    return {keys.get(name, name): value for name, value in _json_value(record).items() if keys.get(name, name)}
+
+
 def _json_value(value: Any) -> Any:
+    """Records and mappings as dicts, tuples as lists, numbers with six digits."""
+    if attrs.has(type(value)):
+        return _json_value(attrs.asdict(value, recurse=False))
     if isinstance(value, Mapping):
         return {k: _json_value(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

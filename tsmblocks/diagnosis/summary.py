@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
-from tsmblocks.diagnosis.cross_validation import held_out_residuals
+from tsmblocks.diagnosis.cross_validation import TimeBlocks, held_out_residuals
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.discrimination import separating_experiment
 from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound
@@ -18,7 +19,6 @@ from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
-from tsmblocks.diagnosis.screening import ScreeningScore
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.statistics import intervals, uncertainty
@@ -50,6 +50,16 @@ class DiagnosedPart:
     """The last accepted model, at a step that its intervals cover."""
 
     @property
+    def blocks(self) -> TimeBlocks:
+        """The time blocks of the search."""
+        return self.search.blocks
+
+    @property
+    def noise_variance(self) -> float:
+        """Mean square of the noise [output noise variances]."""
+        return self.search.noise_variance
+
+    @property
     def models(self) -> list[Model]:
         """The base, and the model after each accepted effect."""
         return [*(one.base for one in self.rounds[: self.count]), self.final]
@@ -62,20 +72,15 @@ class DiagnosedPart:
 
 def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment:
     """The result of a segment."""
-    noise_variance, search = diagnosed.search.noise_variance, diagnosed.search
-    losses = [mean_loss(one.losses, search.blocks) for one in diagnosed.rounds[: diagnosed.count + 1]]
+    noise_variance, blocks, base = diagnosed.noise_variance, diagnosed.blocks, diagnosed.models[0]
+    losses = [mean_loss(one.losses, blocks) for one in diagnosed.rounds[: diagnosed.count + 1]]
     excess = losses[0] / noise_variance - 1
-    base = diagnosed.models[0]
     known = _coordinates(base, diagnosed.part)
-    excess_variance = max(float(np.mean(base.r**2)) - noise_variance, 0.0)
-    located = residual_coordinates(base.r, known, search.blocks, excess_variance)
-    ceiling = explainable_share(base.r, known, search.blocks, excess_variance)
+    excess_variance = max(base.mean_square - noise_variance, 0.0)
+    ceiling = explainable_share(base.r, known, blocks, excess_variance)
     reliable = diagnosed.floors.reliable or ceiling >= MIN_PREDICTABLE_SHARE or excess > CERTAIN_EXCESS
     verdict = "named" if diagnosed.count else "unknown" if excess > UNKNOWN_EXCESS and reliable else "none"
     held = _held_out(diagnosed)
-    effects = tuple(_named(diagnosed, k, losses, whole_diagram) for k in range(diagnosed.count))
-    gaps = tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs)))
-    limits = _limits(diagnosed)
     result = Segment(
         diagnosed.part.name,
         tuple(diagnosed.part.diagram.inputs),
@@ -83,11 +88,11 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         verdict,
         float(excess),
         {k: v * np.sqrt(noise_variance) for k, v in diagnosed.floors.sigma.items()},
-        effects,
-        gaps,
-        located,
+        tuple(_named(diagnosed, k, losses, whole_diagram) for k in range(diagnosed.count)),
+        tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
+        residual_coordinates(base.r, known, blocks, excess_variance),
         _ranking(diagnosed),
-        limits,
+        _limits(diagnosed),
         _traces(diagnosed),
         ceiling,
         "",
@@ -96,34 +101,25 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
     return attrs.evolve(result, sentence=verdict_sentence(result))
 
 
-def _shrinkage(diagnosed: DiagnosedPart, k: int) -> dict[str, tuple[float, float]]:
-    """Shrinkage of the effects in model ``k``."""
-    return {name: pair for one in diagnosed.named[:k] for name, pair in shrinkage_of(one.candidate).items()}
-
-
 def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:
     """Held-out residuals (N,) of each model."""
-    result = []
-    for k, model in enumerate(diagnosed.models):
-        ridge, null = ridge_weights(_shrinkage(diagnosed, k), model)
-        result.append(held_out_residuals(model, diagnosed.search.blocks.fold, ridge, null))
+    result, shrinkage = [], dict[str, tuple[float, float]]()
+    for model, one in itertools.zip_longest(diagnosed.models, diagnosed.named):
+        ridge, null = ridge_weights(shrinkage, model)
+        result.append(held_out_residuals(model, diagnosed.blocks.fold, ridge, null))
+        shrinkage |= {} if one is None else shrinkage_of(one.candidate)
     return result
 
 
 def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
     """One effect, with its parameters in the final model."""
-    noise_variance, blocks = diagnosed.search.noise_variance, diagnosed.search.blocks
     indistinguishable, candidate = diagnosed.rounds[k].indistinguishable, diagnosed.named[k].candidate
-    explainable = max(losses[0] - noise_variance, 1e-12)
-    whole_losses = [mean_loss(r.experiment_losses, blocks) for r in diagnosed.rounds[: diagnosed.count + 1]]
-    across = (
-        (whole_losses[k] - whole_losses[k + 1]) / max(whole_losses[0] - noise_variance, 1e-12)
-        if _has_several_experiments(diagnosed)
-        else None
-    )
-    site = in_whole_diagram(candidate.site, diagnosed.part)
-    also = list(dict.fromkeys(o.candidate.effect.name for o in indistinguishable))
-    effect = candidate.effect
+    effect, site = candidate.effect, in_whole_diagram(candidate.site, diagnosed.part)
+    across = None
+    if _has_several_experiments(diagnosed):
+        whole_losses = [mean_loss(one.experiment_losses, diagnosed.blocks) for one in diagnosed.rounds]
+        across = min(_share_removed(whole_losses, k, diagnosed.noise_variance), 1.0)
+    also = dict.fromkeys(one.candidate.effect.name for one in indistinguishable)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(
@@ -134,12 +130,17 @@ def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diag
         site.words(_with_effects(diagnosed, k, whole_diagram)),
         candidate.block,
         _quantities(diagnosed.models[-1], candidate.block, candidate.free),
-        float(np.clip((losses[k] - losses[k + 1]) / explainable, 0.0, 1.0)),
-        None if across is None else float(min(across, 1.0)),
+        float(np.clip(_share_removed(losses, k, diagnosed.noise_variance), 0.0, 1.0)),
+        across,
         tuple(name for name in also if name != effect.name),
         separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
         site.code(candidate.block, effect.block),
     )
+
+
+def _share_removed(losses: Sequence[float], k: int, noise_variance: float) -> float:
+    """The share of the base's excess that effect ``k`` removes, by the losses of the base and after each effect."""
+    return (losses[k] - losses[k + 1]) / max(losses[0] - noise_variance, 1e-12)
 
 
 def _with_effects(diagnosed: DiagnosedPart, k: int, whole_diagram: Diagram) -> Diagram:
@@ -158,15 +159,13 @@ def _has_several_experiments(diagnosed: DiagnosedPart) -> bool:
 
 def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quantity]:
     """The parameters of an effect with confidence intervals that allow for autocorrelated residuals."""
-    unknowns = model.problem.unknowns
     estimate = uncertainty(model.J, model.r, model.problem.segments)
     low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
-    result = {}
-    for k, item in enumerate(unknowns.items):
-        if item.parameter in free:
-            short = item.parameter.removeprefix(f"{block}.")
-            result[short] = Quantity(float(model.theta[k]), float(low[k]), float(high[k]), item.unit)
-    return result
+    return {
+        item.parameter.removeprefix(f"{block}."): Quantity(*map(float, numbers), item.unit)
+        for item, *numbers in zip(model.problem.unknowns.items, model.theta, low, high, strict=True)
+        if item.parameter in free
+    }
 
 
 def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
@@ -186,7 +185,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
     return Gap(
         name,
         base.diagram.unit(name),
-        sigma * float(np.sqrt(diagnosed.search.noise_variance)),
+        sigma * float(np.sqrt(diagnosed.noise_variance)),
         diagnosed.floors.method[name],
         tuple(rms(m.r, rows) for m in diagnosed.models),
         tuple(rms(r, rows) for r in held),
@@ -198,7 +197,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
 def _given(diagnosed: DiagnosedPart, output: str) -> str:
     """The floor as it was given, and whether input noise was added; empty where it was estimated."""
     words = diagnosed.floors.given.get(output, "")
-    more = ", and noise of the inputs" if diagnosed.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
+    more = ", and noise of the inputs" if diagnosed.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
     return words and f"{words} given{more}"
 
 
@@ -206,77 +205,67 @@ def _ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
     """Every candidate of every accepted round, and of the one after."""
     result: list[RankedCandidate] = []
     for number, one in enumerate((r.most_complete for r in diagnosed.rounds[: diagnosed.count + 1]), 1):
-        blocks, noise_variance = diagnosed.search.blocks, diagnosed.search.noise_variance
-        before = mean_loss(one.losses, blocks)
-        # A base at the noise floor has no excess, and a share of it has no meaning: the least one counts instead.
-        row = _RankingRow(number, one, diagnosed, max(before - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance))
         fitted = {tried.candidate.key for tried in one.verdict.ranking}
         result += [
-            row.fitted(tried, float(t), before, mean_loss(one.experiment_losses, blocks), noise_variance)
+            _fitted_row(diagnosed, number, one, tried, float(t))
             for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)
         ]
-        result += [row.screened(p) for p in one.screening_scores if p.candidate.key not in fitted]
+        result += [
+            _row(diagnosed, number, one, score.candidate, score.gain / len(one.base.r))
+            for score in one.screening_scores
+            if score.candidate.key not in fitted
+        ]
     return tuple(result)
 
 
-@attrs.frozen(eq=False)
-class _RankingRow:
-    """What all candidates of a round share."""
+def _fitted_row(
+    diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: FittedCandidate, t: float
+) -> RankedCandidate:
+    """A candidate that was fitted."""
+    verdict, blocks, block = searched.verdict, diagnosed.blocks, one.candidate.block
+    items = {
+        item.parameter.removeprefix(f"{block}."): item
+        for item in one.model.problem.unknowns.items
+        if item.parameter in one.candidate.free
+    }
+    added = verdict.named is not None and number <= diagnosed.count
+    across = mean_loss(searched.experiment_losses, blocks)
+    several = _has_several_experiments(diagnosed)
+    removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
+    return attrs.evolve(
+        _row(diagnosed, number, searched, one.candidate, mean_loss(searched.losses, blocks) - one.loss),
+        across=removed,
+        new=removed / _excess(across, diagnosed.noise_variance),
+        t=t,
+        in_set=added and one in verdict.indistinguishable,
+        named=added and one is verdict.named,
+        fitted=True,
+        at_bound=one.at_bounds,
+        parameters={name: one.model.values[item.name] for name, item in items.items()},
+        units={name: item.unit for name, item in items.items()},
+    )
 
-    number: int
-    round: SearchRound
-    diagnosed: DiagnosedPart
-    excess: float
 
-    def screened(self, p: ScreeningScore) -> RankedCandidate:
-        """A candidate that was screened out."""
-        return self._made(p.candidate, p.gain / len(self.round.base.r))
+def _row(
+    diagnosed: DiagnosedPart, number: int, searched: SearchRound, candidate: Candidate, gain: float
+) -> RankedCandidate:
+    """A candidate as it was screened."""
+    return RankedCandidate(
+        number,
+        diagnosed.part.name,
+        candidate.effect.name,
+        candidate.effect.variant,
+        candidate.effect.family,
+        candidate.site.words(searched.base.diagram),
+        gain,
+        gain / _excess(mean_loss(searched.losses, diagnosed.blocks), diagnosed.noise_variance),
+        line=searched.verdict.critical_value,
+    )
 
-    def fitted(
-        self, one: FittedCandidate, t: float, before: float, across: float, noise_variance: float
-    ) -> RankedCandidate:
-        """A candidate that was fitted; ``across`` is the base's loss with whole experiments held out."""
-        c, verdict, blocks = one.candidate, self.round.verdict, self.diagnosed.search.blocks
-        items = [i for i in one.model.problem.unknowns.items if i.parameter in c.free]
-        units = {i.parameter.removeprefix(f"{c.block}."): i.unit for i in items}
-        values = {i.parameter.removeprefix(f"{c.block}."): one.model.values[i.name] for i in items}
-        added = verdict.named is not None and self.number <= self.diagnosed.count
-        several = _has_several_experiments(self.diagnosed)
-        removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
-        return attrs.evolve(
-            self._made(c, before - one.loss),
-            t=t,
-            in_set=added and one in verdict.indistinguishable,
-            fitted=True,
-            at_bound=one.at_bounds,
-            named=added and one is verdict.named,
-            parameters=values,
-            units=units,
-            across=removed,
-            new=removed / max(across - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance),
-        )
 
-    def _made(self, c: Candidate, gain: float) -> RankedCandidate:
-        wire, nothing = c.site.words(self.round.base.diagram), float("nan")
-        return RankedCandidate(
-            self.number,
-            self.diagnosed.part.name,
-            c.effect.name,
-            c.effect.variant,
-            c.effect.family,
-            wire,
-            gain,
-            gain / self.excess,
-            nothing,
-            nothing,
-            self.round.verdict.critical_value,
-            False,
-            False,
-            False,
-            (),
-            {},
-            {},
-        )
+def _excess(loss: float, noise_variance: float) -> float:
+    """The loss of a base above the noise; of a base at the noise floor the least excess, so that shares are finite."""
+    return max(loss - noise_variance, MIN_VARIANCE_REDUCTION * noise_variance)
 
 
 def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
@@ -315,30 +304,26 @@ def _drive(experiment: Experiment, model: Model, name: str) -> np.ndarray:
 def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
     """Measured and simulated signals for figures."""
     base, final, inputs = diagnosed.models[0], diagnosed.models[-1], list(diagnosed.part.diagram.inputs)
-    count, result = len(base.setup.outputs), list[Trace]()
-    for e, experiment in enumerate(base.setup.experiments):
-        for i, name in enumerate(base.setup.outputs):
-            rows, sigma = base.problem.segments[e * count + i], diagnosed.floors.sigma[name]
-            drive = _drive(experiment, base, inputs[0]) if inputs else np.empty(0)
-            result.append(
-                Trace(
-                    experiment.name,
-                    name,
-                    base.diagram.unit(name),
-                    experiment.t,
-                    experiment.measured[:, i],
-                    experiment.measured[:, i] + sigma * base.r[rows],
-                    experiment.measured[:, i] + sigma * final.r[rows],
-                    drive,
-                    inputs[0] if inputs else "",
-                    _blocks(base.r[rows], diagnosed.search.blocks.block[rows], experiment.t),
-                )
-            )
+    outputs, result, segments = list(enumerate(base.setup.outputs)), list[Trace](), iter(base.problem.segments)
+    for experiment, (i, name) in itertools.product(base.setup.experiments, outputs):
+        rows, sigma, measured = next(segments), diagnosed.floors.sigma[name], experiment.measured[:, i]
+        trace = Trace(
+            experiment.name,
+            name,
+            base.diagram.unit(name),
+            experiment.t,
+            measured,
+            measured + sigma * base.r[rows],
+            measured + sigma * final.r[rows],
+            _drive(experiment, base, inputs[0]) if inputs else np.empty(0),
+            inputs[0] if inputs else "",
+            _blocks(base.r[rows], diagnosed.blocks.block[rows], experiment.t),
+        )
+        result.append(trace)
     return tuple(result)
 
 
 def _blocks(r: np.ndarray, block: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Start, stop [s] and mean square of each block of an experiment, shape (blocks, 3)."""
-    edges = np.flatnonzero(np.diff(block)) + 1
-    groups = np.split(np.arange(len(r)), edges)
+    groups = np.split(np.arange(len(r)), np.flatnonzero(np.diff(block)) + 1)
     return np.array([[t[g[0]], t[g[-1]], np.mean(r[g] ** 2)] for g in groups])

@@ -37,12 +37,13 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     """The whole diagnosis as a terminal shows it."""
     n = len(diagnosis.experiments)
     head = f"{diagnosis.diagram or 'diagram'}: {n} experiment{'s' if n > 1 else ''}"
-    parts = [textwrap.fill(head, WIDTH), _verdicts(diagnosis)]
+    parts = [textwrap.fill(head, WIDTH)]
+    parts += [_filled(f"{s.verdict.upper()}. {verdict_sentence(s)}") for s in segments_by_verdict(diagnosis)]
     several = len(diagnosis.segments) > 1
     for segment in diagnosis.segments:
-        title = f"== {segment.name} =="
-        parts += [title] if several else []
-        parts += [*map(gap_table, _gaps(segment)), *_residual_location(segment), *_ranking(segment)]
+        parts += [f"== {segment.name} =="] if several else []
+        parts += [_gap_table(segment, gap) for gap in segment.gaps]
+        parts += [*_residual_location(segment), *_ranking(segment)]
     parts += _added(diagnosis)
     parts += [text for segment in diagnosis.segments for text in (*_parameters(segment), *_cautions(segment))]
     parts += _script(diagnosis)
@@ -55,10 +56,6 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     return "\n\n".join(parts)
 
 
-def _verdicts(diagnosis: Diagnosis) -> str:
-    return "\n\n".join(_filled(f"{s.verdict.upper()}. {verdict_sentence(s)}") for s in segments_by_verdict(diagnosis))
-
-
 # ---- tables --------------------------------------------------------------------------------------
 
 
@@ -67,38 +64,21 @@ def column_titles(segment: Segment) -> list[str]:
     return ["before", *(f"+ {e.block}" for e in segment.effects)]
 
 
-def _gaps(segment: Segment) -> list[tuple[Segment, Gap]]:
-    return [(segment, gap) for gap in segment.gaps]
-
-
-def gap_table(one: tuple[Segment, Gap]) -> str:
+def _gap_table(segment: Segment, gap: Gap) -> str:
     """The errors of one output by experiment: held out, and in the last columns as fitted."""
-    segment, gap = one
     k, unit = display_unit(gap.unit)
-    fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
-    rows = [
-        [
-            f"held-out rms of {gap.output} [{unit or 'its unit'}]",
-            *(_cut(s, MAX_HEADING_LENGTH) for s in column_titles(segment)),
-            *last,
-        ]
-    ]
-    ends = [gap.train[0], gap.train[-1]][: len(last)]
-    rows.append(["all", *(digits(k * v) for v in gap.held_out), *(digits(k * v) for v in ends)])
-    for name, values in gap.experiments.items() if len(gap.experiments) > 1 else ():
-        own = fitted.get(name, ())[: len(last)]
-        rows.append(
-            [
-                _cut(name),
-                *(digits(k * v) for v in values),
-                *(digits(k * v) for v in own),
-                *[""] * (len(last) - len(own)),
-            ]
-        )
-    floor = f"noise floor ({gap.given or gap.method})"
-    rows.append([floor, digits(k * gap.noise_floor), *[""] * (len(gap.held_out) - 1 + len(last))])
-    return columns(rows)
+    titles = [*(_cut(title, MAX_HEADING_LENGTH) for title in column_titles(segment)), *last]
+    fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
+    rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
+    if len(gap.experiments) > 1:
+        rows += [(_cut(name), held_out, fitted.get(name, ())) for name, held_out in gap.experiments.items()]
+    rows.append((f"noise floor ({gap.given or gap.method})", (gap.noise_floor,), ()))
+    table = [[f"held-out rms of {gap.output} [{unit or 'its unit'}]", *titles]]
+    for name, held_out, own in rows:
+        cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]
+        table.append(cells + [""] * (1 + len(titles) - len(cells)))
+    return columns(table)
 
 
 def _residual_location(segment: Segment) -> list[str]:
@@ -117,41 +97,29 @@ def _ranking(segment: Segment) -> list[str]:
         if not fitted:
             continue
         shown = fitted[: MAX_ROWS_UNNAMED if segment.effects and not any(r.named for r in fitted) else MAX_ROWS]
-        room = (
-            NAME_AND_WIRE_WIDTH
-            + (0 if several > 1 else len("  new exp."))
-            - max(len(_cut(candidate_title(r))) for r in shown)
-        )
+        titles = [_cut(candidate_title(r)) for r in shown]
+        room = NAME_AND_WIRE_WIDTH + (0 if several > 1 else len("  new exp.")) - max(map(len, titles))
         rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
         rows += [
             [
-                f"{ranking_mark(r) or ' '} {_cut(candidate_title(r))}",
+                f"{'*' if r.named else '~' if r.in_set else ' '} {title}",
                 _cut(r.wire.strip(), room),
                 percent(r.share),
                 *[percent(share_across_experiments(r, several))][: several - 1],
                 f"{r.t:.1f}",
             ]
-            for r in shown
+            for r, title in zip(shown, titles, strict=True)
         ]
         rest = len(here) - len(shown)
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
         parts.append(f"candidates, round {number} ({key}):\n{columns(rows, left=(0, 1))}{more}")
-    return [*parts, _filled(columns_explained(several > 1))] if parts else []
-
-
-def columns_explained(several: bool) -> str:
-    """The meaning of the columns of the tables of candidates."""
-    new = "new exp.: the same with whole experiments held out; " if several else ""
-    return (
+    new = "new exp.: the same with whole experiments held out; " if several > 1 else ""
+    explained = (
         "removes: reduction of the error above the noise floor, on held-out time blocks; "
         f"{new}< 0 %: the error grows. t: t-statistic of the reduction; (in brackets) its critical value (95 %)."
     )
-
-
-def ranking_mark(one: RankedCandidate) -> str:
-    """A star for the effect named, a tilde for those indistinguishable from it."""
-    return "*" if one.named else "~" if one.in_set else ""
+    return [*parts, _filled(explained)] if parts else []
 
 
 def candidate_title(one: RankedCandidate) -> str:
@@ -237,20 +205,14 @@ def _limits(segment: Segment, several: bool) -> str:
     where = f" in {segment.name}" if several else ""
     parts = []
     if detectable:
-        parts.append(
-            f"smallest detectable sizes{where}:\n"
-            + columns([[m.name, limit_text(m)] for m in detectable], "  ", left=(0, 1))
-        )
+        rows = [[m.name, limit_text(m)] for m in detectable]
+        parts.append(f"smallest detectable sizes{where}:\n{columns(rows, '  ', left=(0, 1))}")
     if undetectable:
-        names = ", ".join(m.name for m in undetectable)
-        parts.append(
-            textwrap.fill(
-                f"not detectable at any size{where}, since these experiments do not excite them or the "
-                f"diagram has no insertion point for them: {names}.",
-                WIDTH,
-                break_on_hyphens=False,
-            )
+        text = (
+            f"not detectable at any size{where}, since these experiments do not excite them or the diagram has no "
+            f"insertion point for them: {', '.join(m.name for m in undetectable)}."
         )
+        parts.append(_filled(text))
     return "\n\n".join(parts)
 
 
@@ -259,13 +221,12 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
     if found is None:
         return [_filled(f"Consequence for control: {diagnosis.no_consequence}")] if diagnosis.no_consequence else []
     k, unit = display_unit(found.unit)
-    rows = [[f"tracking {_cut(found.reference)} [{unit}]", "peak to peak", "rms"]]
-    for words, (peak, rms) in (
-        ("without compensation", found.none),
-        ("compensated with the base", found.base),
-        ("compensated with the new model", found.augmented),
-    ):
-        rows.append([words, digits(k * peak), digits(k * rms)])
+    rows = [
+        [f"tracking {_cut(found.reference)} [{unit}]", "peak to peak", "rms"],
+        ["without compensation", *(digits(k * v) for v in found.none)],
+        ["compensated with the base", *(digits(k * v) for v in found.base)],
+        ["compensated with the new model", *(digits(k * v) for v in found.augmented)],
+    ]
     return [columns(rows), *([_filled(found.words)] if found.words else [])]
 
 
