@@ -63,8 +63,7 @@ def _whole_diagram(diagram: Diagram, parts: Sequence[DiagnosedPart], *, with_eff
         for one in diagnosed.named if with_effects else ():
             c = one.candidate
             result = in_whole_diagram(c.site, diagnosed.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
-        items = last.problem.unknowns.items
-        own = {i.parameter: float(v) for i, v in zip(items, last.theta, strict=True) if not i.experiment}
+        own = last.parameters()
         result = result.untied(own).with_parameters(own)
     named = [one.candidate.block for diagnosed in parts for one in diagnosed.named] if with_effects else []
     return result.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else result
@@ -84,26 +83,14 @@ def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
     for diagnosed in parts:
         last = diagnosed.final
         for experiment in last.setup.experiments:
-            own = {
-                i.parameter: float(v)
-                for i, v in zip(last.problem.unknowns.items, last.theta, strict=True)
-                if i.experiment == experiment.name
-            }
-            starts.setdefault(experiment.name, {}).update(own)
+            starts.setdefault(experiment.name, {}).update(last.parameters(experiment.name))
             steps[experiment.name] = experiment.times.h
             if experiment_of(experiment.name) != experiment.name:
-                pieces[experiment.name] = (
-                    float(experiment.record.t[0]),
-                    float(experiment.t[0]),
-                    float(experiment.record.t[-1]),
-                )
-    inputs = (
-        tuple(dict.fromkeys(k for diagnosed in parts for k in diagnosed.part.diagram.inputs))
-        if request.condition
-        else ()
-    )
+                t = experiment.record.t
+                pieces[experiment.name] = (float(t[0]), float(experiment.t[0]), float(t[-1]))
+    inputs = dict.fromkeys(k for diagnosed in parts for k in diagnosed.part.diagram.inputs if request.condition)
     outputs = tuple(k for diagnosed in parts for k in diagnosed.part.outputs)
-    return Simulated(starts, steps, outputs, inputs, request.settings.integrator, request.settings.hold, pieces)
+    return Simulated(starts, steps, outputs, tuple(inputs), request.settings.integrator, request.settings.hold, pieces)
 
 
 def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]:

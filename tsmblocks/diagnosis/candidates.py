@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import attrs
 import numpy as np
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
@@ -58,28 +60,18 @@ class Candidate:
 
 @attrs.frozen(eq=False)
 class WireSignals:
-    """The signals of a fitted model by name, one array for each experiment, and the times of the experiments [s]."""
+    """The signals of a fitted model by name, one array for each experiment, and their sampling steps [s].
+
+    ``scales_of`` makes ``Scales`` of two spans.
+    """
 
     signals: dict[str, list[np.ndarray]]
     steps: list[float]
-    start: float
-    stop: float
-    step: float
-    shortest: float
-    spectral_lines: tuple[float, ...]
+    scales_of: Callable[[Span, Span], Scales]
 
     def scales(self, site: InsertionPoint) -> Scales:
         """The scales that an effect at an insertion point has to do with."""
-        wire = self.span(site.signal)
-        return Scales(
-            wire,
-            self.span(site.other) if site.other else wire,
-            self.start,
-            self.stop,
-            self.step,
-            self.shortest,
-            self.spectral_lines,
-        )
+        return self.scales_of(self.span(site.signal), self.span(site.other or site.signal))
 
     def span(self, signal: str) -> Span:
         """Range and rate of a signal."""
@@ -92,26 +84,24 @@ class WireSignals:
 
 def wire_signals(model: Model, places: Sequence[InsertionPoint]) -> WireSignals:
     """The signals at the insertion points of a model, simulated once more."""
-    names = list(dict.fromkeys(k for site in places for k in (site.signal, site.other) if k))
-    eq = model.setup.eq
-    place = {k: eq.y.index(_inner_signal(model.diagram, k)) for k in names}
-    columns = tuple(dict.fromkeys(place.values()))
+    names = dict.fromkeys(k for site in places for k in (site.signal, site.other) if k)
+    columns = tuple(model.setup.eq.y.index(_inner_signal(model.diagram, k)) for k in names)
     signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
     for e, experiment in enumerate(model.setup.experiments):
         y = attrs.evolve(experiment, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
-        for k in names:
-            signals[k].append(y[:, columns.index(place[k])])
+        for k, values in zip(names, y.T, strict=True):
+            signals[k].append(values)
     times = [experiment.t for experiment in model.setup.experiments]
     steps = [experiment.record.step for experiment in model.setup.experiments]
-    return WireSignals(
-        signals,
-        steps,
-        min(float(t[0]) for t in times),
-        max(float(t[-1]) for t in times),
-        max(steps),
-        min(float(t[-1] - t[0]) for t in times),
-        spectral_lines(model),
+    session = functools.partial(
+        Scales,
+        start=min(float(t[0]) for t in times),
+        stop=max(float(t[-1]) for t in times),
+        step=max(steps),
+        shortest=min(float(t[-1] - t[0]) for t in times),
+        lines=spectral_lines(model),
     )
+    return WireSignals(signals, steps, session)
 
 
 def _inner_signal(diagram: Diagram, signal: str) -> str:
@@ -171,9 +161,10 @@ def candidates(
             if trials is None:
                 continue
             effect.accepts(trials)
-            edited = _with_effect(base, effect, site, trials, order)
+            name = unique_names([*base.blocks, effect.name])[-1]
+            edited = _with_effect(base, name, effect, site, trials, order)
             if edited is not None:
-                found.append(Candidate(effect, site, _unused_name(base, effect.name), edited, trials))
+                found.append(Candidate(effect, site, name, edited, trials))
     return found
 
 
@@ -188,30 +179,23 @@ def _trials(effect: Effect, scales: Scales) -> Trials | None:
     return trials if sized else None
 
 
-def _unused_name(diagram: Diagram, wanted: str) -> str:
-    """A block name that is not in use."""
-    count = 1
-    while (name := wanted if count == 1 else f"{wanted}_{count}") in diagram.blocks:
-        count += 1
-    return name
-
-
 def _clipped_to_bounds(edited: Diagram, name: str, effect: Effect, trials: Trials) -> dict[str, float]:
     """Parameters of an effect outside its bounds, moved to the nearest bound, such as an initial state of zero where
     the signal never is zero. The null stays.
     """
-    moved = {}
+    result = {}
     for key, (low, high) in trials.bounds.items():
         value = edited.parameters[f"{name}.{key}"]
         nearest = min(max(value, -math.inf if low is None else low), math.inf if high is None else high)
         if key not in effect.null and nearest != value:
-            moved[f"{name}.{key}"] = nearest
-    return moved
+            result[f"{name}.{key}"] = nearest
+    return result
 
 
-def _with_effect(base: Diagram, effect: Effect, site: InsertionPoint, trials: Trials, order: float) -> Diagram | None:
+def _with_effect(
+    base: Diagram, name: str, effect: Effect, site: InsertionPoint, trials: Trials, order: float
+) -> Diagram | None:
     """The base with an effect; None where it is not admissible, or takes derivatives of inputs above ``order``."""
-    name = _unused_name(base, effect.name)
     try:
         edited = site.put(base, name, effect.block)
         numbers = {**trials.fixed, **trials.shapes[0]}  # shapes that have no strength are fitted from here

@@ -30,6 +30,8 @@ DIVERGENCE_RATIO = 100.0
 MAX_STEPS = 2_000_000
 """Steps of one simulation at most. Chosen: for the run time, about a second."""
 
+NOT_TRACKED = "It was not tracked in simulation:"
+LOOP = "the loop around the model, which forms the compensator,"
 Errors = tuple[float, float]
 
 
@@ -39,18 +41,15 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     A compensator is a fast loop around a model: the command with which the model tracks the reference. The reference is
     the input of the first experiment; plant and models have the initial states estimated for it.
     """
-    experiment, outputs = base.setup.experiments[0], base.setup.outputs
-    inputs = list(base.diagram.inputs)
+    experiment, outputs, inputs = base.setup.experiments[0], base.setup.outputs, list(base.diagram.inputs)
     if len(inputs) != 1 or len(outputs) != 1:
-        return "It was not tracked in simulation: that takes one input and one output."
-    unit = augmented.diagram.unit(outputs[0])
-    if not unit or augmented.diagram.inports[inputs[0]].unit != unit:
-        return (
-            f"It was not tracked in simulation: {inputs[0]} and {outputs[0]} are not one motion, since they are "
-            "not in one unit."
-        )
+        return f"{NOT_TRACKED} that takes one input and one output."
+    (inlet,), (outlet,) = inputs, outputs
+    unit = augmented.diagram.unit(outlet)
+    if not unit or augmented.diagram.inports[inlet].unit != unit:
+        return f"{NOT_TRACKED} {inlet} and {outlet} are not one motion, since they are not in one unit."
     record = experiment.record
-    wanted, plant = record.values(inputs[0], unit), _of_first_experiment(augmented)
+    wanted, plant = record.values(inlet, unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]
     step = median_step(record.t)  # the median is robust to rounded time stamps
     for substeps in LOOP_SUBSTEPS:
@@ -58,19 +57,16 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
             continue
         loop = step / substeps
         try:
-            errors = [_errors(model, plant, inputs[0], outputs[0], record.t, wanted, loop) for model in models]
+            errors = [_errors(model, plant, inlet, outlet, record.t, wanted, loop) for model in models]
         except TsmError:
             continue
         if np.isfinite(errors).all():
             none, before, after = errors
             if after[1] >= max(none[1], float(np.std(wanted))):
-                return (
-                    "It was not tracked in simulation: the loop around the model, which forms the compensator, has a "
-                    "larger error than a constant command."
-                )
+                return f"{NOT_TRACKED} {LOOP} has a larger error than a constant command."
             words = _words(before, after, unit, 4 * loop / LOOP_GAIN_PER_STEP)
             return Consequence(unit, experiment.name, none, before, after, words)
-    return "It was not tracked in simulation: the loop around the model, which forms the compensator, is unstable."
+    return f"{NOT_TRACKED} {LOOP} is unstable."
 
 
 def _of_first_experiment(model: Model) -> Diagram:
@@ -102,26 +98,13 @@ def _errors(
     if model is not None:
         blocks["compensator"] = inverse(model, inlet, outlet, gain=LOOP_GAIN_PER_STEP / step, start=float(wanted[0]))
         wires, ports = [f"compensator -> plant.{inlet}"], ["compensator.wanted"]
-    unit = plant.unit(outlet)
-    loop = Diagram(
-        title="consequence",
-        blocks=blocks,
-        wires=wires,
-        inputs={"wanted": Inlet(ports, unit)},
-        outputs={"x_out": f"plant.{outlet}"},
-    )
+    wanted_inlet, outputs = Inlet(ports, plant.unit(outlet)), {"x_out": f"plant.{outlet}"}
+    loop = Diagram(title="consequence", blocks=blocks, wires=wires, inputs={"wanted": wanted_inlet}, outputs=outputs)
     start, stop = float(t[0]), float(t[-1])
     with warnings.catch_warnings():  # a step that is too long shows in the errors
         warnings.simplefilter("ignore")
-        run = simulate(
-            loop,
-            start=start,
-            stop=stop,
-            step=step / STEPS_PER_LOOP_STEP,
-            inputs={"wanted": (t, wanted)},
-            hold="cubic",
-            log="outputs",
-        )
+        inputs, fine_step = {"wanted": (t, wanted)}, step / STEPS_PER_LOOP_STEP
+        run = simulate(loop, start=start, stop=stop, step=fine_step, inputs=inputs, hold="cubic", log="outputs")
     error = run["x_out"] - np.interp(run.t, t, wanted)
     late = error[run.t >= start + SETTLING_SHARE * (stop - start)]
     if np.abs(late).max() > DIVERGENCE_RATIO * np.abs(wanted).max():
@@ -145,11 +128,10 @@ def inverse(model: Diagram, inlet: str, outlet: str, gain: float, start: float =
         "soft": FirstOrderLag(time_constant=1 / (4 * gain), value=start),
         "model": model,
     }
-    wires = [f"miss -> fast -> soft -> model.{inlet}", f"model.{outlet} -> miss.minus"]
     return Diagram(
         title="inverse by a loop around the model",
         blocks=blocks,
-        wires=wires,
+        wires=[f"miss -> fast -> soft -> model.{inlet}", f"model.{outlet} -> miss.minus"],
         inputs={"wanted": Inlet(["miss.plus"], model.unit(outlet))},
         outputs={"command": "soft"},
     )

@@ -90,9 +90,8 @@ class FittedCandidate:
         unknowns, block, names = self.model.problem.unknowns, self.candidate.block, list[str]()
         for item, value in zip(unknowns.items, self.model.theta, strict=True):
             if item.parameter in self.candidate.free:
-                tolerance = BOUND_TOLERANCE * max(
-                    abs(item.low) if abs(item.low) < MAX_FINITE_NULL else 0.0, abs(value), 1e-12
-                )
+                low = abs(item.low) if abs(item.low) < MAX_FINITE_NULL else 0.0
+                tolerance = BOUND_TOLERANCE * max(low, abs(value), 1e-12)
                 if min(abs(value - item.low), abs(item.high - value)) <= tolerance:
                     names.append(item.parameter.removeprefix(f"{block}."))
         return tuple(names)
@@ -157,11 +156,11 @@ class Verdict:
     explains more than every other one: the name then holds only together with further effects that reach a lower loss.
     """
 
-    ranking: tuple[FittedCandidate, ...]
-    t: tuple[float, ...]
-    critical_value: float
-    named: FittedCandidate | None
-    indistinguishable: tuple[FittedCandidate, ...]
+    ranking: tuple[FittedCandidate, ...] = ()
+    t: tuple[float, ...] = ()
+    critical_value: float = np.inf
+    named: FittedCandidate | None = None
+    indistinguishable: tuple[FittedCandidate, ...] = ()
     out_of_bounds_loss: float = np.inf
 
 
@@ -175,7 +174,7 @@ def decide(
     """
     finite = [one for one in candidates if np.isfinite(one.losses).all()]
     if not finite:
-        return Verdict((), (), float("inf"), None, ())
+        return Verdict()
     ranking = sorted(finite, key=lambda one: (bool(one.disqualifying_bounds), one.loss))
     gains = np.array([base - one.losses for one in ranking])
     t, critical_value = t_statistics(gains, blocks), max_t_critical_value(gains, blocks, seed)
@@ -183,7 +182,7 @@ def decide(
     removed, concentrated = before - best.loss, CONCENTRATED_FACTOR * MIN_VARIANCE_REDUCTION * noise_variance
     significant = t[0] > critical_value or (_concentrated(gains[0]) and removed >= concentrated)
     if best.disqualifying_bounds or not _is_acceptable(removed, before, significant, noise_variance):
-        return Verdict(tuple(ranking), tuple(t), critical_value, None, ())
+        return Verdict(tuple(ranking), tuple(t), critical_value)
     largest = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
     tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise_variance, INDISTINGUISHABLE_GAIN_SHARE * removed)
     eligible = [one for one in ranking if not one.disqualifying_bounds and one.loss - best.loss < largest]

@@ -157,26 +157,21 @@ def diagnose(
 
         for part in partition(request.diagram, request.measured):
             try:
-                done.append(_diagnosed(part, request, report, notes))
-            except _Interrupted as stopped:
+                one, interrupted = _diagnosed(part, request, report, notes)
+                done.append(one)
+            except KeyboardInterrupt:  # before the first candidates of this part were fitted
                 interrupted = True
-                done += [] if stopped.part is None else [stopped.part]
+            if interrupted:
                 break
     if not done:
         raise KeyboardInterrupt
     return assembled(request, done, notes, interrupted)
 
 
-class _Interrupted(Exception):
-    """Ctrl-C was pressed; ``part`` holds the results of the part until then."""
-
-    def __init__(self, part: DiagnosedPart | None) -> None:
-        super().__init__()
-        self.part = part
-
-
-def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> DiagnosedPart:
-    """All steps for one part of the diagram."""
+def _diagnosed(
+    part: Part, request: Request, progress: ProgressCallback, notes: list[str]
+) -> tuple[DiagnosedPart, bool]:
+    """All steps for one part of the diagram, and whether Ctrl-C ended the search early."""
     records, settings = _conditioned(part, request, progress, notes), request.settings
     raw, compared = request.records, within_windows(request.records, settings.window)
     floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
@@ -202,13 +197,13 @@ def _diagnosed(part: Part, request: Request, progress: ProgressCallback, notes: 
         rounds = exchange_effects(rounds, search)
     except KeyboardInterrupt:
         if search is None or not rounds:
-            raise _Interrupted(None) from None
+            raise
         count = accepted_count(rounds, search)
-        raise _Interrupted(DiagnosedPart(part, search, floors, rounds, count, rounds[count].base)) from None
+        return DiagnosedPart(part, search, floors, rounds, count, rounds[count].base), True
     count = accepted_count(rounds, search)
     final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     notes += [f"{part.name}: {text}" for text in more_notes]
-    return DiagnosedPart(part, search, floors, rounds, count, final)
+    return DiagnosedPart(part, search, floors, rounds, count, final), False
 
 
 def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:

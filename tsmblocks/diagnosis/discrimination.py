@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -34,16 +35,14 @@ MAX_SPEED_RATIO = 1.02
 """Highest speed of a proposed motion over that of the recordings. Chosen: rounding only."""
 
 
-@attrs.frozen(eq=False)
-class Motion:
+class Motion(NamedTuple):
     """A motion of the first input: ``values`` (SAMPLES,) in its unit."""
 
     words: str
-    values: np.ndarray = attrs.field(repr=False)
+    values: np.ndarray
 
 
-@attrs.frozen
-class Separation:
+class Separation(NamedTuple):
     """The rms difference [rms noise] between the predictions of two fitted models in an experiment.
 
     The other model is refitted to the present recordings and the predicted one together, so what it can reproduce is no
@@ -57,10 +56,9 @@ class Separation:
 def separating_experiment(
     named: FittedCandidate, others: Sequence[FittedCandidate], records: Mapping[str, Record], settings: ModelSettings
 ) -> str:
-    """The experiment, among motions as large and as fast as those recorded, that best separates ``named`` from
-    ``others``.
+    """The motion, no larger and faster than those recorded, that best separates ``named`` from ``others``, as text.
 
-    As text; that of the effect itself where no such motion separates them, or the diagram has no input.
+    That of the effect itself where no such motion separates them, or the diagram has no input.
     """
     own = named.candidate.effect
     rivals = [one for one in others if one.candidate.effect.name != own.name]
@@ -78,16 +76,12 @@ def separations(
     named: FittedCandidate, others: Sequence[FittedCandidate], records: Mapping[str, Record], settings: ModelSettings
 ) -> Iterator[Separation]:
     """For each motion the separation from the closest of ``others``."""
-    inputs, settings = (
-        list(named.model.diagram.inputs),
-        attrs.evolve(settings, window=None),
-    )  # all of a motion is compared
+    inputs, experiment = list(named.model.diagram.inputs), named.model.setup.experiments[0]
     if not inputs:
         return
-    experiment = named.model.setup.experiments[0]
-    step = experiment.times.h * max(
-        round(experiment.record.step / experiment.times.h), 1
-    )  # sampled blocks keep their sampling instants
+    settings = attrs.evolve(settings, window=None)  # all of a motion is compared
+    # sampled blocks keep their sampling instants
+    step = experiment.times.h * max(round(experiment.record.step / experiment.times.h), 1)
     unit = named.model.diagram.unit(inputs[0])
     span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])
     cut = any(PIECE_SEPARATOR in name for name in records)
@@ -139,20 +133,18 @@ def _predicted(model: Model, template: Mapping[str, Record], settings: ModelSett
 
 def _initial_unknowns(model: Model, unknowns: Unknowns) -> np.ndarray:
     """The unknowns of a new experiment: a model's parameters, and the medians of its initial states."""
-    begun: dict[str, list[float]] = {}
-    for item, value in zip(model.problem.unknowns.items, model.theta, strict=True):
-        begun.setdefault(item.parameter, []).append(float(value))
-    return np.array([np.median(begun[item.parameter]) for item in unknowns.items])
+    names = np.array([item.parameter for item in model.problem.unknowns.items])
+    return np.array([np.median(model.theta[names == item.parameter]) for item in unknowns.items])
 
 
 def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Record]) -> Record:
     """A recording in which the first input moves, the others rest, and the outputs are zero."""
-    inputs, outputs = list(model.diagram.inputs), model.setup.outputs
-    signals = {inputs[0]: motion.values}
-    for name in inputs[1:]:
+    first, *others = model.diagram.inputs
+    signals = {first: motion.values}
+    for name in others:
         rest = np.concatenate([r.values(name, model.diagram.unit(name)) for r in records.values()])
         signals[name] = np.full(EXPERIMENT_SAMPLES, float(np.median(rest)))
-    signals |= {name: np.zeros(EXPERIMENT_SAMPLES) for name in outputs}
+    signals |= {name: np.zeros(EXPERIMENT_SAMPLES) for name in model.setup.outputs}
     units = {name: model.diagram.unit(name) for name in signals}
     start = min(float(r.t[0]) for r in records.values())  # effects of time are as in the recordings
     return Record("proposed", start + np.arange(EXPERIMENT_SAMPLES) * step, signals, units)
@@ -161,48 +153,48 @@ def _record(motion: Motion, step: float, model: Model, records: Mapping[str, Rec
 # ---- motions --------------------------------------------------------------------------------------
 
 
-def candidate_motions(span: Span, step: float, unit: str) -> Iterator[Motion]:
+def candidate_motions(span: Span, step: float, unit: str) -> list[Motion]:
     """Motions over the range of a signal at no more than its speed, with a text that describes each."""
-    t = np.arange(EXPERIMENT_SAMPLES) * step
-    for words, values in _shapes(t, span, unit):
-        if np.max(np.abs(np.diff(values))) <= MAX_SPEED_RATIO * span.fastest * step:
-            yield Motion(words, values)
+    motions = _motions(np.arange(EXPERIMENT_SAMPLES) * step, span, unit)
+    return [one for one in motions if np.max(np.abs(np.diff(one.values))) <= MAX_SPEED_RATIO * span.fastest * step]
 
 
-def _shapes(t: np.ndarray, span: Span, unit: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Every motion considered, over the whole range: (text, values)."""
-    long, reach, middle = float(t[-1]), span.reach, span.middle
-    lasts = f"{digits(long)} s"
-    slow = 4 / long
-    top, quick = (_frequency(amplitude, span, t) for amplitude in (reach, SMALL_AMPLITUDE * reach))
-    yield f"a slow ramp over the whole range and back, {lasts}", middle + reach * _triangle(t / long)
-    yield f"a sine over the whole range at {digits(top)} Hz, {lasts}", middle + reach * np.sin(2 * np.pi * top * t)
+def _motions(t: np.ndarray, span: Span, unit: str) -> list[Motion]:
+    """Every motion considered, over the whole range."""
+    long, reach, middle, small = float(t[-1]), span.reach, span.middle, SMALL_AMPLITUDE * span.reach
+    lasts, slow = f"{digits(long)} s", 4 / long
+    top, quick = (_frequency(amplitude, span, t) for amplitude in (reach, small))
     size = np.where(t < long / 2, 1.0, 0.2)
-    yield (
-        f"a sine at {digits(slow)} Hz over the whole range, then over a fifth of it, {lasts}",
-        middle + reach * size * np.sin(2 * np.pi * slow * t),
-    )
-    yield (
-        f"a triangle that decays from the whole range to zero in 8 periods, {lasts}",
-        middle + reach * (1 - t / long) * _triangle(8 * t / long),
-    )
-    yield (
-        f"a chirp of {in_display_units(SMALL_AMPLITUDE * reach, unit)} from {digits(slow)} to {digits(quick)} Hz, "
-        f"{lasts}",
-        middle + SMALL_AMPLITUDE * reach * _chirp(t, slow, quick),
-    )
-    yield (
-        f"a chirp over the whole range from {digits(slow / 4)} to {digits(top)} Hz, {lasts}",
-        middle + reach * _chirp(t, slow / 4, top),
-    )
-    yield (
-        f"a staircase over the whole range with a reversal of a tenth of it on each of 8 steps, {lasts}",
-        middle + reach * _staircase(t / long, 8, SMALL_AMPLITUDE),
-    )
-    yield (
-        f"steps over the whole range with holds of {digits(long / 6)} s, {lasts}",
-        middle + reach * _holds(t, long, 2 * reach / (0.9 * span.fastest)),
-    )
+    return [
+        Motion(f"a slow ramp over the whole range and back, {lasts}", middle + reach * _triangle(t / long)),
+        Motion(
+            f"a sine over the whole range at {digits(top)} Hz, {lasts}", middle + reach * np.sin(2 * np.pi * top * t)
+        ),
+        Motion(
+            f"a sine at {digits(slow)} Hz over the whole range, then over a fifth of it, {lasts}",
+            middle + reach * size * np.sin(2 * np.pi * slow * t),
+        ),
+        Motion(
+            f"a triangle that decays from the whole range to zero in 8 periods, {lasts}",
+            middle + reach * (1 - t / long) * _triangle(8 * t / long),
+        ),
+        Motion(
+            f"a chirp of {in_display_units(small, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
+            middle + small * _chirp(t, slow, quick),
+        ),
+        Motion(
+            f"a chirp over the whole range from {digits(slow / 4)} to {digits(top)} Hz, {lasts}",
+            middle + reach * _chirp(t, slow / 4, top),
+        ),
+        Motion(
+            f"a staircase over the whole range with a reversal of a tenth of it on each of 8 steps, {lasts}",
+            middle + reach * _staircase(t / long, 8, SMALL_AMPLITUDE),
+        ),
+        Motion(
+            f"steps over the whole range with holds of {digits(long / 6)} s, {lasts}",
+            middle + reach * _holds(t, long, 2 * reach / (0.9 * span.fastest)),
+        ),
+    ]
 
 
 def _frequency(amplitude: float, span: Span, t: np.ndarray) -> float:
@@ -224,13 +216,11 @@ def _chirp(t: np.ndarray, low: float, high: float) -> np.ndarray:
 
 def _staircase(share: np.ndarray, steps: int, back: float) -> np.ndarray:
     """Staircase up and down with a small reversal on each step; ``share`` runs from 0 to 1."""
-    levels = np.concatenate([np.linspace(-1, 1, steps // 2 + 1), np.linspace(1, -1, steps // 2 + 1)[1:]])
-    places, values = list[float](), list[float]()
-    for k, level in enumerate(levels):
-        for part, move in ((0.0, 0.0), (0.25, 0.0), (0.4, -2 * back), (0.55, 0.0), (0.7, 0.0)):
-            places.append((k + part) / len(levels))
-            values.append(level + move * (1 if level >= 0 else -1))
-    return np.interp(share, places, values)
+    up = np.linspace(-1, 1, steps // 2 + 1)
+    levels = np.concatenate([up, up[-2::-1]])[:, None]
+    parts, moves = np.array([[0.0, 0.25, 0.4, 0.55, 0.7], [0.0, 0.0, -2 * back, 0.0, 0.0]])
+    places = (np.arange(len(levels))[:, None] + parts) / len(levels)
+    return np.interp(share, places.ravel(), (levels + moves * np.where(levels >= 0, 1, -1)).ravel())
 
 
 def _holds(t: np.ndarray, long: float, takes: float) -> np.ndarray:

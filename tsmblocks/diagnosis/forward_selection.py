@@ -108,17 +108,18 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     scores = _screened(model, shrinkage, search)
     chosen = _worth_fitting(scores, model, search)
     models = []
-    for k, score in enumerate(chosen):
+    for k, one in enumerate(chosen):
         search.progress("fitted", k, len(chosen))
-        models.append(fit_candidate(score))
+        ends = [optimized(one.problem, one.setup, start) for start in one.starts]
+        models.append(min(ends, key=lambda m: m.mean_square))
     least = min((one.mean_square for one in models), default=0.0)
     models = [refine_memories(m, 1) if m.mean_square <= MEMORY_SEARCH_RATIO * least else m for m in models]
     fitted = [
         fitted_candidate(score.candidate, m, search.blocks, shrinkage) for score, m in zip(chosen, models, strict=True)
     ]
-    losses, experiment_losses = held_out_losses(model, search.blocks, shrinkage)
-    verdict = decide(losses, fitted, search.blocks, search.noise_variance, search.settings.seed)
-    return SearchRound(model, losses, experiment_losses, tuple(scores), verdict)
+    losses = held_out_losses(model, search.blocks, shrinkage)
+    verdict = decide(losses[0], fitted, search.blocks, search.noise_variance, search.settings.seed)
+    return SearchRound(model, *losses, tuple(scores), verdict)
 
 
 def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list[ScreeningScore]:
@@ -142,12 +143,6 @@ def _worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: Searc
     return [score for k, score in enumerate(first) if k < MIN_FITTED_CANDIDATES or score.gain > least]
 
 
-def fit_candidate(one: ScreeningScore) -> Model:
-    """The best model of the optimisations from all starting points of a candidate."""
-    ends = [optimized(one.problem, one.setup, start) for start in one.starts]
-    return min(ends, key=lambda m: m.mean_square)
-
-
 def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, rounds: list[SearchRound]) -> None:
     """Add rounds until no candidate is named; ``accepted_count`` decides how many of them are accepted.
 
@@ -158,7 +153,7 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
             one = search_round(model, shrinkage, search)
         except KeyboardInterrupt:  # what was named before is kept
             if rounds:
-                rounds.append(_empty_round(model, shrinkage, search))
+                rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))
             raise
         rounds.append(one)
         if one.verdict.named is None:
@@ -169,12 +164,6 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
 def next_base(named: FittedCandidate, shrinkage: Shrinkage) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
     return refine_memories(converged(named.model)), {**shrinkage, **shrinkage_of(named.candidate)}
-
-
-def _empty_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
-    """A round without candidates: only the losses of the model."""
-    losses, experiment_losses = held_out_losses(model, search.blocks, shrinkage)
-    return SearchRound(model, losses, experiment_losses, (), Verdict((), (), float("inf"), None, ()))
 
 
 def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:

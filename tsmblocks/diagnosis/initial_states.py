@@ -42,9 +42,8 @@ def reset_idle_memories(model: Model) -> Model:
     moved = _moved(model)
     if not moved.any():
         return model
-    reset = optimized(
-        model.problem, model.setup, np.where(moved, model.problem.unknowns.start, model.theta), FINE_TOLERANCE
-    )
+    start = np.where(moved, model.problem.unknowns.start, model.theta)
+    reset = optimized(model.problem, model.setup, start, FINE_TOLERANCE)
     return reset if reset.mean_square <= (1 + COST_TOLERANCE) * model.mean_square else model
 
 
@@ -55,11 +54,8 @@ def clip_idle_memories(model: Model) -> Model:
         return model
     edges = _edges(model, idle)
     theta = np.clip(model.theta, edges.min(axis=0), edges.max(axis=0))
-    return (
-        attrs.evolve(model, theta=theta)
-        if np.allclose(model.problem.residuals(theta), model.r, 0, COST_TOLERANCE)
-        else model
-    )
+    same = np.allclose(model.problem.residuals(theta), model.r, 0, COST_TOLERANCE)
+    return attrs.evolve(model, theta=theta) if same else model
 
 
 def _improved(model: Model) -> Model | None:
@@ -86,9 +82,8 @@ def _starts(model: Model) -> Iterator[np.ndarray]:
         return
     yield np.where(idle, unknowns.start, model.theta)
     edges = _edges(model, idle)
-    if np.array_equal(edges[0], edges[1]):  # they have no influence anywhere
-        return
-    yield from (edges[0], edges[1], edges.mean(axis=0))
+    if not np.array_equal(edges[0], edges[1]):  # else they have no influence anywhere
+        yield from (edges[0], edges[1], edges.mean(axis=0))
 
 
 def _edges(model: Model, idle: np.ndarray) -> np.ndarray:
@@ -106,12 +101,8 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
     Where it has no influence at all, both edges are the model's value.
     """
     unknowns = model.problem.unknowns
-    sizes = [
-        max(abs(value), abs(start))
-        for item, value, start in zip(unknowns.items, model.theta, unknowns.start, strict=True)
-        if item.parameter == name
-    ]
-    far = REACH_FACTOR * (max(sizes) or 1.0)
+    sizes = np.maximum(np.abs(model.theta), np.abs(unknowns.start))
+    far = REACH_FACTOR * (max(sizes[[item.parameter == name for item in unknowns.items]]) or 1.0)
     of = np.zeros(len(own), dtype=int)  # the experiment of each unknown
     for e in range(len(model.problem.experiments)):
         of[unknowns.columns(e)] = e
@@ -153,9 +144,5 @@ def _moved(model: Model) -> np.ndarray:
 def _by_experiment(model: Model, r: np.ndarray) -> np.ndarray:
     """Sum of the squares of ``r`` (N,) in each experiment, shape (experiments,)."""
     count, segments = len(model.setup.outputs), model.problem.segments
-    return np.array(
-        [
-            sum(float(np.sum(r[part] ** 2)) for part in segments[e * count : (e + 1) * count])
-            for e in range(len(model.problem.experiments))
-        ]
-    )
+    squares = np.array([float(np.sum(r[part] ** 2)) for part in segments])
+    return np.array([sum(own) for own in squares.reshape(-1, count)])

@@ -56,19 +56,21 @@ class InsertionPoint:
         place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
         wires = self._wires(name, block)
         if _has_several_outputs(block):
-            more = f", add={wires!r}" if wires else ""
-            edited = f"diagram.insert({name!r}, Bias(), {place}).rewire(blocks={{**diagram.blocks, {name!r}: …}}{more})"
+            added = f", add={wires!r}" if wires else ""
+            edited = (
+                f"diagram.insert({name!r}, Bias(), {place}).rewire(blocks={{**diagram.blocks, {name!r}: …}}{added})"
+            )
         else:
-            more = f", wires={wires!r}" if wires else ""
-            edited = f"diagram.insert({name!r}, …, {place}{more})"
+            edited = f"diagram.insert({name!r}, …, {place}{f', wires={wires!r}' if wires else ''})"
         return edited if self.adds is None else f"{getattr(self.adds, '__name__', 'adds')}({edited}, {name!r})"
 
     def _wires(self, name: str, block: Block | Diagram) -> list[str]:
         return [f"{self.other} -> {name}.x"] if "x" in block.inports else []
 
-    def same(self, other: InsertionPoint) -> bool:
-        """Whether two insertion points are the same wire."""
-        return all(getattr(self, k) == getattr(other, k) for k in ("place", "after", "before", "other", "adds"))
+    @property
+    def edit(self) -> tuple[object, ...]:
+        """What identifies the wire, and what a block there changes."""
+        return self.place, self.after, self.before, self.other, self.adds
 
     def words(self, diagram: Diagram) -> str:
         """The wire in wire notation, as it was before."""
@@ -107,11 +109,8 @@ def insertion_points(
             continue  # the output is an input: there is nothing in between
         source = f"{head}.{port}"
         found.append(InsertionPoint("output", name, source, after=source))
-        reading = [
-            _behind(diagram, k, named)
-            for k in diagram.inputs
-            if integration_count(diagram, name, before="", after=k) == 0
-        ]
+        direct = [k for k in diagram.inputs if integration_count(diagram, name, before="", after=k) == 0]
+        reading = [_behind(diagram, k, named) for k in direct]
         found += [InsertionPoint("across", name, source, other=k, after=source) for k in reading]
         signal, port = _in_front(diagram, source, named)
         if port:
@@ -128,10 +127,12 @@ def insertion_points(
     drives = {site.signal for site in found if site.place == "drive"}
     found = [site for site in found if site.place not in ("output", "across") or site.signal not in drives]
     found += [InsertionPoint("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
-    found += [
-        one for effect in effects if effect.receiver and (one := own_insertion_point(diagram, outputs[0], effect))
-    ]
-    return [one for k, one in enumerate(found) if not any(one.same(other) for other in found[:k])]
+    own = (own_insertion_point(diagram, outputs[0], effect) for effect in effects if effect.receiver)
+    found += [site for site in own if site is not None]
+    unique: dict[object, InsertionPoint] = {}
+    for site in found:
+        unique.setdefault(site.edit, site)
+    return list(unique.values())
 
 
 def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
@@ -187,25 +188,18 @@ def is_speed(unit: str) -> bool:
 
 def driving_port(diagram: Diagram, output: str, least: int = FORCE_TO_POSITION) -> str:
     """The nearest port that moves an output through ``least`` integrations or more; ``""`` where there is none."""
-    for port in _upstream(diagram, diagram.shown[output][0]):
-        if integration_count(diagram, output, before=port, after="") >= least:
-            return port
-    return ""
+    ports = _upstream(diagram, diagram.shown[output][0])
+    return next((k for k in ports if integration_count(diagram, output, before=k, after="") >= least), "")
 
 
 def _upstream(diagram: Diagram, block: str) -> Iterator[str]:
     """Driven ports, from those of ``block`` on against the direction of the wires, nearest first."""
-    seen, todo = {block}, [block]
-    while todo:
-        name = todo.pop(0)
-        into = [(".".join(x.target), x.source[0]) for x in diagram.links if x.target[0] == name]
-        fed = [".".join(e) for ends in diagram.inlets.values() for e in ends if e[0] == name]
-        yield from (port for port, _ in into)
-        yield from fed
-        for _, head in into:
-            if head not in seen:
-                seen.add(head)
-                todo.append(head)
+    todo = [block]
+    for name in todo:  # grows while it is read
+        into = [x for x in diagram.links if x.target[0] == name]
+        yield from (".".join(x.target) for x in into)
+        yield from (".".join(e) for ends in diagram.inlets.values() for e in ends if e[0] == name)
+        todo += [head for head in dict.fromkeys(x.source[0] for x in into) if head not in todo]
 
 
 def integration_count(diagram: Diagram, output: str, *, before: str, after: str) -> int:
@@ -234,13 +228,10 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
 def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:
     """For each signal, derivative and memory: the parameters, states and memories it depends on directly."""
     found: dict[tuple[str, int], set[tuple[str, int]]] = {}
-    reads = {"x": 1, "d": 2, "p": 5}
-    edited = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
-    for kind, function, result in edited:
-        for name, argument in reads.items():
-            rows, columns = function.jac_sparsity(result, argument).get_triplet()
-            for i in range(function.size1_out(result)):
-                found.setdefault((kind, i), set())
-            for i, k in zip(rows, columns, strict=True):
+    results = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
+    for kind, function, result in results:
+        found |= {(kind, i): set() for i in range(function.size1_out(result))}
+        for name, argument in (("x", 1), ("d", 2), ("p", 5)):
+            for i, k in zip(*function.jac_sparsity(result, argument).get_triplet(), strict=True):
                 found[kind, i].add((name, k))
     return found

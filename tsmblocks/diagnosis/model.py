@@ -89,12 +89,11 @@ class Model:
     @property
     def residual_rms(self) -> dict[str, float]:
         """Residual rms of each output, divided by its noise."""
-        count = len(self.setup.outputs)
-        rows = {
-            name: [self.r[part] for part in self.problem.segments[k::count]]
-            for k, name in enumerate(self.setup.outputs)
-        }
-        return {name: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for name, parts in rows.items()}
+        result, segments, count = {}, self.problem.segments, len(self.setup.outputs)
+        for k, name in enumerate(self.setup.outputs):
+            r = np.concatenate([self.r[part] for part in segments[k::count]])
+            result[name] = float(np.sqrt(np.mean(r**2)))
+        return result
 
     @property
     def values(self) -> dict[str, float]:
@@ -116,9 +115,12 @@ class Model:
     @property
     def fitted_diagram(self) -> Diagram:
         """The diagram with the parameters common to all experiments."""
-        items = self.problem.unknowns.items
-        own = {i.parameter: float(v) for i, v in zip(items, self.theta, strict=True) if not i.experiment}
-        return self.diagram.with_parameters(own)
+        return self.diagram.with_parameters(self.parameters())
+
+    def parameters(self, experiment: str = "") -> dict[str, float]:
+        """The fitted values common to all experiments, or those of one experiment alone."""
+        pairs = zip(self.problem.unknowns.items, self.theta, strict=True)
+        return {item.parameter: float(value) for item, value in pairs if item.experiment == experiment}
 
 
 def calibrate(

@@ -48,13 +48,13 @@ def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
 
     A closed loop is one part: its controller compensates in the position for what is then visible in the drive.
     """
-    reach = _downstream(diagram)
+    wires = [(x.source[0], x.target[0]) for x in diagram.links]
     cut: dict[str, list[Link]] = {}
     for name in measured:
         source = diagram.shown[name]
         if not source[0] or name in diagram.inputs:
             continue
-        away = [x for x in diagram.links if x.source == source and source[0] not in reach[x.target[0]]]
+        away = [x for x in diagram.links if x.source == source and source[0] not in _reached(x.target[0], wires)]
         taken = {x for links in cut.values() for x in links}
         if away and not taken & set(away):
             cut[name] = away
@@ -65,37 +65,26 @@ def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
     return sorted(kept, key=lambda part: min(list(measured).index(k) for k in part.outputs)) if len(kept) > 1 else kept
 
 
-def _downstream(diagram: Diagram) -> dict[str, set[str]]:
-    """Blocks that each block drives, itself included, directly or through others."""
-    after: dict[str, set[str]] = {k: set() for k in diagram.blocks}
-    for link in diagram.links:
-        after[link.source[0]].add(link.target[0])
-    found = {}
-    for name in diagram.blocks:
-        seen, todo = {name}, [name]
-        while todo:
-            new = after[todo.pop()] - seen
-            seen |= new
-            todo += new
-        found[name] = seen
+def _reached(start: str, wires: Sequence[tuple[str, str]]) -> set[str]:
+    """Blocks to which wires (from, to) lead from one block, itself included."""
+    found, todo = {start}, [start]
+    while todo:
+        here = todo.pop()
+        new = {after for before, after in wires if before == here} - found
+        found |= new
+        todo += new
     return found
 
 
 def _groups(diagram: Diagram, links: Sequence[Link]) -> list[list[str]]:
     """Connected blocks, each group in the diagram's order."""
-    group = {k: k for k in diagram.blocks}
-
-    def head(name: str) -> str:
-        while group[name] != name:
-            name = group[name]
-        return name
-
-    for link in links:
-        group[head(link.source[0])] = head(link.target[0])
-    result: dict[str, list[str]] = {}
+    ends = [(x.source[0], x.target[0]) for x in links]
+    both_ways, result = [*ends, *((b, a) for a, b in ends)], list[list[str]]()
     for name in diagram.blocks:
-        result.setdefault(head(name), []).append(name)
-    return list(result.values())
+        if not any(name in group for group in result):
+            inside = _reached(name, both_ways)
+            result.append([k for k in diagram.blocks if k in inside])
+    return result
 
 
 def _part(
@@ -106,22 +95,20 @@ def _part(
     measured: Sequence[str],
 ) -> Part:
     """One group of blocks as a diagram of its own."""
-    inside = set(blocks)
-    inputs: dict[str, Inlet] = {}
+    inputs, replaced = dict[str, Inlet](), {}
     for name, inlet in diagram.inputs.items():
-        ports = [".".join(e) for e in diagram.inlets[name] if e[0] in inside]
+        ports = [".".join(e) for e in diagram.inlets[name] if e[0] in blocks]
         if ports:
             inputs[name] = attrs.evolve(inlet, ports=ports)
-    replaced = {}
     for name, gone in cut.items():
-        ports = [".".join(x.target) for x in gone if x.target[0] in inside]
+        ports = [".".join(x.target) for x in gone if x.target[0] in blocks]
         if ports:
             inputs[name] = Inlet(ports, diagram.unit(name), f"measured {name}")
             replaced[name] = ".".join(diagram.shown[name])
-    outputs = {k: v for k, v in diagram.outputs.items() if diagram.shown[k][0] in inside and k not in inputs}
+    outputs = {k: v for k, v in diagram.outputs.items() if diagram.shown[k][0] in blocks and k not in inputs}
     sub = diagram._with(
         blocks={k: diagram.blocks[k] for k in blocks},
-        wires=[x for x in links if x.source[0] in inside],
+        wires=[x for x in links if x.source[0] in blocks],
         inputs=inputs,
         outputs=outputs,
     )
@@ -131,12 +118,10 @@ def _part(
 
 def in_whole_diagram(site: InsertionPoint, part: Part) -> InsertionPoint:
     """An insertion point of a part as one of the whole diagram, where the cut input is a signal again."""
-    other = part.cut.get(site.other, site.other)
-    signal = part.cut.get(site.signal, site.signal)
+    site = attrs.evolve(site, other=part.cut.get(site.other, site.other), signal=part.cut.get(site.signal, site.signal))
     if site.after not in part.cut:
-        return attrs.evolve(site, other=other, signal=signal)
-    ports = [".".join(e) for e in part.diagram.inlets[site.after]]
-    return attrs.evolve(site, after="", before=ports[0], other=other, signal=signal)
+        return site
+    return attrs.evolve(site, after="", before=".".join(part.diagram.inlets[site.after][0]))
 
 
 def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings) -> bool:

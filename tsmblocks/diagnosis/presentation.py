@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import attrs
 import numpy as np
@@ -78,7 +79,7 @@ def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:
 
 def _joined(name: str, parts: Sequence[Trace]) -> Trace:
     joined = ("t", "measured", "before", "after", "drive", "excess")
-    whole = {key: np.concatenate([getattr(one, key) for one in parts]) for key in joined}
+    whole: dict[str, Any] = {key: np.concatenate([getattr(one, key) for one in parts]) for key in joined}
     return attrs.evolve(parts[0], experiment=name, **whole)
 
 

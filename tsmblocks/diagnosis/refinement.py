@@ -33,7 +33,11 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
         off = shifts(model.r, problem.residuals(model.theta), model.J, (high - low) / 2, held=_active_bounds(model))
         step = model.setup.experiments[0].times.h
         if given or not np.max(off, initial=0.0) > COVERED or step / 2 < first / FINEST or not np.isfinite(off).all():
-            return model, [*_refit_note(first, step), *shift_note(model.problem.unknowns.names, off, step)]
+            refitted = (
+                f"the parameters were refitted at a step of {step:.3g} s, since they depended on the step of "
+                f"{first:.3g} s at which the candidates were compared."
+            )
+            return model, [refitted] * (step != first) + shift_note(model.problem.unknowns.names, off, step)
         model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
 
 
@@ -44,15 +48,6 @@ def as_fit(model: Model) -> Fit | None:
         return summarise(model.problem, model.setup, "gauss-newton", [found])
     except TsmError:
         return None
-
-
-def _refit_note(first: float, last: float) -> list[str]:
-    if last == first:
-        return []
-    return [
-        f"the parameters were refitted at a step of {last:.3g} s, since they depended on the step of {first:.3g} s at "
-        "which the candidates were compared."
-    ]
 
 
 def _active_bounds(model: Model) -> np.ndarray | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -67,25 +68,19 @@ def residual_coordinates(
     """
     if excess <= 0:
         return ()
-    found = []
-    for name, values in known.items():
-        share = _share(r, binned(values, BIN_COUNT), blocks.fold, excess)
-        found.append(ResidualCoordinate(name, min(share, 1.0), COORDINATE_TEXT[name]))
-    found.sort(key=lambda one: -one.share)
-    return tuple(one for one in found[:MAX_COORDINATES] if one.share >= MIN_COORDINATE_SHARE)
+    shares = {name: _share(r, binned(values, BIN_COUNT), blocks.fold, excess) for name, values in known.items()}
+    found = [ResidualCoordinate(name, min(share, 1.0), COORDINATE_TEXT[name]) for name, share in shares.items()]
+    best = sorted(found, key=lambda one: -one.share)[:MAX_COORDINATES]
+    return tuple(one for one in best if one.share >= MIN_COORDINATE_SHARE)
 
 
 def explainable_share(r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float) -> float:
     """Largest share of the excess that two coordinates together predict on held-out blocks."""
     if excess <= 0:
         return 0.0
-    bins = {name: binned(values, JOINT_BIN_COUNT) for name, values in known.items()}
-    names = list(bins)
-    best = 0.0
-    for i, one in enumerate(names):
-        for other in names[i + 1 :]:
-            best = max(best, _share(r, bins[one] * JOINT_BIN_COUNT + bins[other], blocks.fold, excess))
-    return min(best, 1.0)
+    pairs = itertools.combinations([binned(values, JOINT_BIN_COUNT) for values in known.values()], 2)
+    shares = (_share(r, one * JOINT_BIN_COUNT + other, blocks.fold, excess) for one, other in pairs)
+    return min(max([0.0, *shares]), 1.0)
 
 
 def binned(values: np.ndarray, count: int) -> np.ndarray:

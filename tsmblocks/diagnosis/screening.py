@@ -112,16 +112,17 @@ def screening_score(
 ) -> ScreeningScore:
     """Simulate a candidate's shapes and sizes in one batch; ``detectable`` is the least detectable sum of squares."""
     trials, states = candidate.trials, candidate.initialised_states
-    bounds = _bounds(candidate, settings)
+    named = {f"{candidate.block}.{k}": pair for k, pair in trials.bounds.items()}
+    bounds = {k: v for k, v in named.items() if settings.start_states or k in candidate.free}  # else fixed
     problem, setup = pose_extended(model, candidate.diagram, candidate.free, records, settings, bounds, states)
     screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
     shape_trials = screening.evaluated(trials.shapes)
     detection_limit = _detection_limit(candidate, shape_trials, detectable)
+    shape_trials.sort(key=lambda one: -one.gain)
     for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
-        shape_trials = [*shape_trials, *screening.evaluated(_between(shape_trials, trials.refine))]
+        shape_trials += screening.evaluated(_between(shape_trials, trials.refine))
         shape_trials.sort(key=lambda one: -one.gain)
         shape_trials = shape_trials[: 2 * REFINEMENT_SHAPES]
-    shape_trials.sort(key=lambda one: -one.gain)
     best = shape_trials[0]
     if trials.refine:
         problem, starts = _with_narrow_bounds(problem, candidate, best), [best.theta]
@@ -148,26 +149,18 @@ def _detection_limit(candidate: Candidate, shape_trials: Sequence[_ShapeTrial], 
     return min(map(abs, sizes)) if sizes else None
 
 
-def _bounds(candidate: Candidate, settings: ModelSettings) -> dict[str, tuple[float | None, float | None]]:
-    """Bounds by full names; those of states apply where initial states are estimated."""
-    named = {f"{candidate.block}.{k}": pair for k, pair in candidate.trials.bounds.items()}
-    return {k: v for k, v in named.items() if settings.start_states or k in candidate.free}
-
-
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
     """The unknowns with the base parameters, the effect at its null and its states at the initial values of the
     wire.
     """
     known, first, settled = model.values, wires.initial_values(candidate.site.signal), candidate.initialised_states
-    results = []
-    for item in problem.unknowns.items:
+    theta = problem.unknowns.start.copy()
+    for k, item in enumerate(problem.unknowns.items):
         if item.name in known:
-            results.append(known[item.name])
+            theta[k] = known[item.name]
         elif item.parameter in settled:
-            results.append(first[problem.unknowns.experiments.index(item.experiment)])
-        else:
-            results.append(item.start)
-    return np.array(results)
+            theta[k] = first[problem.unknowns.experiments.index(item.experiment)]
+    return theta
 
 
 @attrs.frozen(eq=False)
@@ -191,20 +184,15 @@ class _Screening:
 
     def evaluated(self, shapes: Sequence[Mapping[str, float]]) -> list[_ShapeTrial]:
         """Every shape with its optimum size."""
-        strengths = self.candidate.trials.strengths
-        sets = [
-            self._unknowns_at({**shape, **one})
-            for shape in shapes
-            for one in ([{k: v} for k, v in strengths.items()] or [{}])
-        ]
-        changes = self._changes(sets)
+        single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
+        changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
         wide = np.ascontiguousarray(changes.T)
         inside = product(np.ascontiguousarray(self.base.basis.T), changes)
         gradient = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
         gradient = gradient - inside.T @ (self.base.basis.T @ self.model.r)
-        each, results = max(len(strengths), 1), []
+        results = []
         for k, shape in enumerate(shapes):
-            mine = slice(k * each, (k + 1) * each)
+            mine = slice(k * len(single), (k + 1) * len(single))
             m = product(wide[mine], changes[:, mine]) - inside[:, mine].T @ inside[:, mine]
             results.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine]))
         return results
@@ -239,11 +227,11 @@ class _Screening:
         residual and ``m`` (k, k) those with each other; ``inside`` (directions, k) are their components in the base.
         """
         strengths = self.candidate.trials.strengths
-        size = np.ones(1) if not strengths else self._sizes(g, m, list(strengths.items()))
+        size = self._sizes(g, m) if strengths else np.ones(1)
         numbers = {k: s * v for (k, v), s in zip(strengths.items(), size, strict=False)}
-        theta = theta_base_fixed = self._unknowns_at({**shape, **numbers})
+        base_fixed, unknowns = self._unknowns_at({**shape, **numbers}), self.problem.unknowns
         shift = dict(zip(self.model.problem.unknowns.names, -self.base.to_unknowns @ (inside @ size), strict=True))
-        theta = theta + np.array([shift.get(name, 0.0) for name in self.problem.unknowns.names])
+        theta = base_fixed + np.array([shift.get(name, 0.0) for name in unknowns.names])
 
         def fall(by: np.ndarray) -> float:
             return -float(2 * by @ g + by @ m @ by)
@@ -251,11 +239,11 @@ class _Screening:
         gain = fall(size)
         if not strengths:  # the size is part of the shape: predict the gain of another one
             gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, MAX_EXTRAPOLATION)))
-        inside_bounds = np.clip(theta, self.problem.unknowns.low, self.problem.unknowns.high)
+        theta = np.clip(theta, unknowns.low, unknowns.high)
         exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.output_range)
-        return _ShapeTrial(gain, inside_bounds, shape, z @ size, float(m[0, 0]), exceeds_range, theta_base_fixed)
+        return _ShapeTrial(gain, theta, shape, z @ size, float(m[0, 0]), exceeds_range, base_fixed)
 
-    def _sizes(self, g: np.ndarray, m: np.ndarray, strengths: list[tuple[str, float]]) -> np.ndarray:
+    def _sizes(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Factors on the trial sizes, within bounds."""
         ridge = 1e-9 * np.diag(np.maximum(np.diag(m), 1e-300))
         try:
@@ -263,10 +251,10 @@ class _Screening:
         except np.linalg.LinAlgError:  # the base absorbs the effect, so that only rounding remains of it
             size = -np.linalg.lstsq(m + ridge, g, rcond=None)[0]
         size = np.clip(size, -MAX_SIZE_FACTOR, MAX_SIZE_FACTOR)
-        low, high, names = self.problem.unknowns.low, self.problem.unknowns.high, self.problem.unknowns.names
-        for j, (name, unit) in enumerate(strengths):
-            k = names.index(f"{self.candidate.block}.{name}")
-            size[j] = np.clip(size[j] * unit, low[k], high[k]) / unit
+        unknowns = self.problem.unknowns
+        for j, (name, unit) in enumerate(self.candidate.trials.strengths.items()):
+            k = unknowns.names.index(f"{self.candidate.block}.{name}")
+            size[j] = np.clip(size[j] * unit, unknowns.low[k], unknowns.high[k]) / unit
         return size
 
 
@@ -289,15 +277,11 @@ def _between(shape_trials: Sequence[_ShapeTrial], name: str) -> list[dict[str, f
 def _with_narrow_bounds(problem: Problem, candidate: Candidate, best: _ShapeTrial) -> Problem:
     """The problem with bounds on a refined shape close to its value: the problem is nonsmooth in it."""
     name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
-    k = unknowns.names.index(name)
+    items, k = list(unknowns.items), unknowns.names.index(name)
     distance, value = PINNING_WIDTHS * candidate.transition_time, float(best.theta[k])
-    item = attrs.evolve(
-        unknowns.items[k],
-        low=max(value - distance, unknowns.items[k].low),
-        high=min(value + distance, unknowns.items[k].high),
-    )
-    items = (*unknowns.items[:k], item, *unknowns.items[k + 1 :])
-    return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=items))
+    low, high = max(value - distance, items[k].low), min(value + distance, items[k].high)
+    items[k] = attrs.evolve(items[k], low=low, high=high)
+    return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
 
 
 def _is_distinct(one: _ShapeTrial, best: _ShapeTrial, base: BaseSubspace) -> bool:

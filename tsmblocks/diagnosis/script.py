@@ -25,34 +25,30 @@ def script_lines(diagnosis: Diagnosis) -> list[str]:
 
     They use ``recordings``, a mapping from experiments to records.
     """
-    making = [*_loaded(diagnosis), *_parameters(diagnosis), *_inserted(diagnosis)]
-    return [*_imports(diagnosis), "", *making, *_scored(diagnosis)]
+    return [*_imports(diagnosis), "", *_diagram(diagnosis), *_scored(diagnosis)]
 
 
 # ---- the diagram ---------------------------------------------------------------------------------
 
 
 def _imports(diagnosis: Diagnosis) -> Iterator[str]:
-    many = diagnosis.simulated is not None and _too_many(diagnosis.simulated)
-    yield from [] if not many else ["import json", "from pathlib import Path", ""]
+    if diagnosis.simulated is not None and _too_many(diagnosis.simulated):
+        yield from ("import json", "from pathlib import Path", "")
     yield "import tsmblocks as tsm"
-    used = [diagnosis.augmented.blocks[e.block] for e in diagnosis.effects]
-    kinds = {kind for one in used for kind in _kinds(one)}
+    kinds = {kind for e in diagnosis.effects for kind in _kinds(diagnosis.augmented.blocks[e.block])}
     kinds |= {Bias for e in diagnosis.effects if "Bias()" in e.code}
-    own = sorted(k.__name__ for k in kinds if getattr(blocks, k.__name__, None) is k)
-    if own:
-        yield f"from tsmblocks.blocks import {', '.join(own)}"
+    shipped = sorted(k.__name__ for k in kinds if getattr(blocks, k.__name__, None) is k)
+    if shipped:
+        yield f"from tsmblocks.blocks import {', '.join(shipped)}"
     for kind in sorted(kinds, key=lambda k: k.__name__):
-        if kind.__name__ not in own:
+        if kind.__name__ not in shipped:
             yield f"from {kind.__module__} import {kind.__name__}"
 
 
-def _kinds(block: Block | Diagram) -> Iterator[type]:
+def _kinds(block: Block | Diagram) -> set[type]:
     if not isinstance(block, Diagram):
-        yield type(block)
-        return
-    for inner in block.blocks.values():
-        yield from _kinds(inner)
+        return {type(block)}
+    return {kind for inner in block.blocks.values() for kind in _kinds(inner)}
 
 
 def diagram_source(diagram: Diagram) -> str:
@@ -63,39 +59,34 @@ def diagram_source(diagram: Diagram) -> str:
     return path.stem if path.parent == shipped_folder() else diagram.where
 
 
-def _loaded(diagnosis: Diagnosis) -> Iterator[str]:
-    name = diagram_source(diagnosis.first)
+def _diagram(diagnosis: Diagnosis) -> Iterator[str]:
+    """The diagram, its refitted parameters, and the blocks added to it."""
+    first, augmented = diagnosis.first, diagnosis.augmented
+    name = diagram_source(first)
     yield f"diagram = tsm.load({name!r})" if name else "# diagram: the one that was diagnosed"
-
-
-def _parameters(diagnosis: Diagnosis) -> list[str]:
-    """Parameters of the diagram that were refitted."""
-    before, after = diagnosis.first.parameters, diagnosis.augmented.parameters
+    before, after = first.parameters, augmented.parameters
     changed = {name: after[name] for name, value in before.items() if after.get(name, value) != value}
-    return [] if not changed else ["diagram = diagram.with_parameters({", *_items(changed), "})"]
+    if changed:
+        yield from ("diagram = diagram.with_parameters({", *_items(changed), "})")
+    for effect in diagnosis.effects:
+        yield f"diagram = {effect.code.replace('…', literal(augmented.blocks[effect.block]), 1)}"
+    if augmented.title != first.title:
+        yield f"diagram = diagram.rewire(title={augmented.title!r})"
 
 
 def _items(given: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"    {name!r}: {literal(value)}," for name, value in given.items())
 
 
-def _inserted(diagnosis: Diagnosis) -> Iterator[str]:
-    for effect in diagnosis.effects:
-        block = literal(diagnosis.augmented.blocks[effect.block])
-        yield f"diagram = {effect.code.replace('…', block, 1)}"
-    if diagnosis.augmented.title != diagnosis.first.title:
-        yield f"diagram = diagram.rewire(title={diagnosis.augmented.title!r})"
-
-
 def literal(value: Any) -> str:
     """A value as Python code with all digits: numbers, texts, lists, blocks and diagrams of them."""
     if isinstance(value, Diagram):
-        inside = ", ".join(f"{k!r}: {literal(b)}" for k, b in value.blocks.items())
-        more = f", values={literal(dict(value.values))}" if value.values else ""
+        more = f", values={literal(value.values)}" if value.values else ""
         more += f", source={value.source!r}" if value.source else ""
         return (
-            f"tsm.Diagram(title={value.title!r}, blocks={{{inside}}}, wires={[str(x) for x in value.links]!r}, "
-            f"inputs={literal(dict(value.inputs))}, outputs={literal(dict(value.outputs))}{more})"
+            f"tsm.Diagram(title={value.title!r}, blocks={literal(value.blocks)}, "
+            f"wires={[str(x) for x in value.links]!r}, inputs={literal(value.inputs)}, "
+            f"outputs={literal(value.outputs)}{more})"
         )
     if isinstance(value, Inlet):
         return f"tsm.Inlet({', '.join(literal(getattr(value, a.name)) for a in attrs.fields(Inlet))})"
@@ -124,32 +115,27 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     yield ""
     if len(diagnosis.segments) > 1:
         yield "# the errors reported are those of each part, simulated from the signals measured in front of it"
-        yield from _initial_states(how)
-        return
-    yield "# recordings: the diagnosed records by experiment, as tsm.read returns them"
-    yield from _initial_states(how)
-    if how.pieces:
-        yield from (
-            ["pieces = saved['simulated']['pieces']"] if _too_many(how) else ["pieces = {", *_items(how.pieces), "}"]
-        )
-        yield "for name, (begin, first, end) in pieces.items():"
-        ready, cut = "recordings[name.rpartition('#')[0]]", ".part(begin, end)"
     else:
-        yield "for name, record in recordings.items():"
-        ready, cut = "record", ""
-    quiet = f".conditioned({list(how.conditioned)!r})" if how.conditioned else ""
-    yield f"    made = {ready}{quiet}{cut}"
-    yield f"    print(tsm.score(diagram, {{name: made}}, {', '.join(_arguments(diagnosis, how))}))"
-
-
-def _initial_states(how: Simulated) -> Iterator[str]:
+        yield "# recordings: the diagnosed records by experiment, as tsm.read returns them"
     if _too_many(how):
         yield "saved = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))"
         yield "start_states = saved['start_states']"
+    else:
+        yield from ("start_states = {", *_items(how.start_states), "}")
+    if len(diagnosis.segments) > 1:
         return
-    yield "start_states = {"
-    yield from _items(how.start_states)
-    yield "}"
+    quiet = f".conditioned({list(how.conditioned)!r})" if how.conditioned else ""
+    if how.pieces and _too_many(how):
+        yield "pieces = saved['simulated']['pieces']"
+    elif how.pieces:
+        yield from ("pieces = {", *_items(how.pieces), "}")
+    if how.pieces:
+        yield "for name, (begin, first, end) in pieces.items():"
+        yield f"    made = recordings[name.rpartition('#')[0]]{quiet}.part(begin, end)"
+    else:
+        yield "for name, record in recordings.items():"
+        yield f"    made = record{quiet}"
+    yield f"    print(tsm.score(diagram, {{name: made}}, {', '.join(_arguments(diagnosis, how))}))"
 
 
 def _too_many(how: Simulated) -> bool:

@@ -162,8 +162,8 @@ def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quan
     estimate = uncertainty(model.J, model.r, model.problem.segments)
     low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
     return {
-        item.parameter.removeprefix(f"{block}."): Quantity(*map(float, numbers), item.unit)
-        for item, *numbers in zip(model.problem.unknowns.items, model.theta, low, high, strict=True)
+        item.parameter.removeprefix(f"{block}."): Quantity(float(value), float(below), float(above), item.unit)
+        for item, value, below, above in zip(model.problem.unknowns.items, model.theta, low, high, strict=True)
         if item.parameter in free
     }
 

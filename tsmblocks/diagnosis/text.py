@@ -70,7 +70,9 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
     last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
     titles = [*(_cut(title, MAX_HEADING_LENGTH) for title in column_titles(segment)), *last]
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
-    rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
+    rows: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = [
+        ("all", gap.held_out, (gap.train[0], gap.train[-1]))
+    ]
     if len(gap.experiments) > 1:
         rows += [(_cut(name), held_out, fitted.get(name, ())) for name, held_out in gap.experiments.items()]
     rows.append((f"noise floor ({gap.given or gap.method})", (gap.noise_floor,), ()))

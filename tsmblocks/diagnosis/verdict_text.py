@@ -20,11 +20,14 @@ MAX_MEANINGFUL_SHARE = 10.0
 
 def verdict_sentence(segment: Segment) -> str:
     """The verdict on a segment in a sentence or two: sizes with confidence intervals, angles in degrees."""
-    between, ahead = f"between {_ends(segment)}", _ahead(segment)
+    between = f"between {', '.join(segment.inputs) or 'the start'} and {', '.join(segment.outputs)}"
+    ahead = _ahead(segment)
     if segment.verdict == "named":
         named = [f"{e.words} ({_size(e, segment)})" for e in segment.effects]
         effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
-        return f"{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {_also(segment)}{ahead}"
+        also = sorted({name for e in segment.effects for name in e.also_possible})
+        possible = f"Also possible: {listed(also, 9) if also else 'no other effect of the catalogue'}."
+        return f"{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
     if segment.verdict == "unknown":
         best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
         along = "; ".join(w.words for w in segment.where) or "it depends on none of the coordinates examined"
@@ -51,10 +54,6 @@ def _ahead(segment: Segment) -> str:
     )
     words = next(filter(None, warnings), "")
     return f" But {words}" if words else ""
-
-
-def _ends(segment: Segment) -> str:
-    return f"{', '.join(segment.inputs) or 'the start'} and {', '.join(segment.outputs)}"
 
 
 def _size(effect: NamedEffect, segment: Segment) -> str:
@@ -93,11 +92,6 @@ def _remaining(segment: Segment, gap: Gap) -> str:
 
 def _rms(value: float, unit: str) -> str:
     return " ".join(filter(None, (digits(value), unit, "rms")))
-
-
-def _also(segment: Segment) -> str:
-    also = sorted({name for e in segment.effects for name in e.also_possible})
-    return f"Also possible: {listed(also, 9) if also else 'no other effect of the catalogue'}."
 
 
 def _error(segment: Segment) -> str:
