@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+import tsmblocks.blocks as public_blocks
 from tsmblocks.common.units import heading
-from tsmblocks.compiler.dependencies import Structure, structure_of
-from tsmblocks.html.block_facts import by_family
-from tsmblocks.model.block import Block, State, leaves
+from tsmblocks.compiler.dependencies import structure_of
+from tsmblocks.files import dumps
+from tsmblocks.html import block_facts
+from tsmblocks.model.block import REGISTRY, Block, leaves
 from tsmblocks.reference import examples, figures, rst, uses
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
 
@@ -41,10 +42,8 @@ FAMILY_WORDS = {
 
 def families() -> dict[str, dict[str, type[Block]]]:
     """The blocks of the toolbox by family; those of users stay out."""
-    import tsmblocks.blocks as public_blocks
-    from tsmblocks.model.block import REGISTRY
-
-    return by_family({name: cls for name, cls in REGISTRY.items() if getattr(public_blocks, name, None) is cls})
+    own = {name: cls for name, cls in REGISTRY.items() if getattr(public_blocks, name, None) is cls}
+    return block_facts.by_family(own)
 
 
 def pages() -> dict[str, str]:
@@ -63,42 +62,36 @@ def _index(found: dict[str, dict[str, type[Block]]]) -> str:
     ]
     for family, some in found.items():
         rows = [
-            (rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(_sentence(cls)))
+            (rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(block_facts.words(cls)[0]))
             for name, cls in some.items()
         ]
-        parts += [
-            rst.heading(family.capitalize(), 1),
-            FAMILY_WORDS.get(family, ""),
-            rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58)),
-        ]
+        parts += [rst.heading(family.capitalize(), 1), FAMILY_WORDS.get(family, "")]
+        parts.append(rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58)))
     return rst.page(*parts, rst.contents(sorted(name for some in found.values() for name in some)))
 
 
-def _sentence(cls: type) -> str:
-    return " ".join(inspect.cleandoc(cls.__doc__ or "").partition("\n\n")[0].split())
-
-
 def page(cls: type[Block], family: list[str]) -> str:
-    """The page of one block; ``family`` are the names of its kin."""
-    block = cls()
-    made = examples.example(cls)
-    label = examples.snake(cls.__name__)
-    shown = made.blocks[label]
+    """The page of one block; ``family`` are the names of the blocks of its family."""
+    block, made, name = cls(), examples.example(cls), cls.__name__
+    shown = made.blocks[examples.snake(name)]
     assert isinstance(shown, Block)
     return rst.page(
-        rst.heading(cls.__name__),
+        rst.heading(name),
         inspect.cleandoc(cls.__doc__ or ""),
-        f":Source: {rst.plain(block.source)}\n:In Python: ``from tsmblocks.blocks import {cls.__name__}``\n"
-        f':In a file: ``{{ type = "{cls.__name__}" }}``',
+        f":Source: {rst.plain(block.source)}\n:In Python: ``from tsmblocks.blocks import {name}``\n"
+        f':In a file: ``{{ type = "{name}" }}``',
         rst.html(uses.linked_picture(made)),
         rst.html(_charts(cls)),
         _ports(block),
-        _numbers(block, label),
+        _numbers(block, examples.snake(name)),
         _states(shown),
         _behaviour(shown),
-        _computed(shown, _validity(block, shown)),
-        _shown(cls),
-        _related(cls.__name__, family),
+        _computed(block, shown),
+        rst.heading("Example", 1),
+        "The diagram at the top of this page, as a script and as a file.",
+        rst.block(examples.script(made, examples.stop_of(cls)), "python"),
+        rst.block(dumps(made), "toml"),
+        _related(name, family),
     )
 
 
@@ -123,45 +116,38 @@ def _ports(block: Block) -> str:
         rows.append((rst.code(name), "made for a run", "", rst.words(tape.about)))
     for name, past in block.past_ports.items():
         rows.append((rst.code(name), "past", "", f"{rst.words(past.about)}: ``{past.of}``, ``{past.by}`` ago"))
-    letters = LETTERS if any("?" in text for text in _units(block)) else ""
+    labels = [port.unit for port in (*block.inports.values(), *block.outports.values())]
+    letters = LETTERS if any("?" in label for label in labels) else ""
     return rst.page(
         rst.heading("Ports", 1), rst.table(("Port", "", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters
     )
 
 
-def _units(block: Block) -> list[str]:
-    return [p.unit for p in block.inports.values()] + [p.unit for p in block.outports.values()]
-
-
 def _numbers(block: Block, label: str) -> str:
-    fields = block.fields().items()
-    rows = [
-        (rst.code(k), default_text(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
-        for k, f in fields
-        if f.kind == "parameter"
-    ]
-    options = [
-        (rst.code(k), default_text(getattr(block, k)), unit(f.unit) if f.unit else "", bounds(f), rst.words(f.about))
-        for k, f in fields
-        if f.kind == "option"
-    ]
     parts = []
-    head = ("Name", "Default", "Unit", "Bounds", "Meaning")
-    if rows:
-        named = next(leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key))
-        parts += [
-            rst.heading("Parameters", 1),
-            "They stay symbols until the run: they can be set, swept, fitted and "
-            f"differentiated, each by its name, as ``{label}.{named}`` in the example below.",
-            rst.table(head, rows, (16, 14, 10, 18, 42)),
+    for kind in ("parameter", "option"):
+        rows = [
+            (rst.code(k), default_text(getattr(block, k)), _own_unit(f.unit), bounds(f), rst.words(f.about))
+            for k, f in block.fields().items()
+            if f.kind == kind
         ]
-    if options:
-        parts += [
-            rst.heading("Options", 1),
-            "They shape the equations, and cannot be fitted.",
-            rst.table(head, options, (16, 14, 10, 18, 42)),
-        ]
+        if not rows:
+            continue
+        words = "They shape the equations, and cannot be fitted."
+        if kind == "parameter":
+            named = next(leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key))
+            words = (
+                "They stay symbols until the run: they can be set, swept, fitted and "
+                f"differentiated, each by its name, as ``{label}.{named}`` in the example below."
+            )
+        table = rst.table(("Name", "Default", "Unit", "Bounds", "Meaning"), rows, (16, 14, 10, 18, 42))
+        parts += [rst.heading(f"{kind.capitalize()}s", 1), words, table]
     return rst.page(*parts)
+
+
+def _own_unit(label: str) -> str:
+    """The unit of a number; nothing for one without."""
+    return unit(label) if label else ""
 
 
 def default_text(value: Any) -> str:
@@ -182,30 +168,17 @@ def bounds(field: Any) -> str:
 
 
 def _states(block: Block) -> str:
-    shape, states = structure_of(block), block.states
-    if not states:
-        return ""
-    rows = [
-        (rst.code(k), _kind(block, shape, k), _start(s), unit(s.unit) if s.unit else "", rst.words(s.about))
-        for k, s in states.items()
-    ]
-    return rst.page(
-        rst.heading("States", 1),
-        rst.table(("State", "Kind", "Initial value", "Unit", "Meaning"), rows, (16, 20, 12, 10, 42)),
-    )
-
-
-def _start(state: State) -> str:
-    """The initial value of a state, in words where it is a time long before all runs."""
-    return "before the run" if isinstance(state.start, float) and state.start < -1e8 else default_text(state.start)
-
-
-def _kind(block: Block, shape: Structure, name: str) -> str:
-    if name in shape.resets:
-        return "continuous, with resets"
-    if name in shape.continuous:
-        return "continuous"
-    return "memory, set at each sample" if block.sampled else "memory, set at each step"
+    shape, rows = structure_of(block), []
+    for k, state in block.states.items():
+        if k in shape.continuous:
+            kind = "continuous, with resets" if k in shape.resets else "continuous"
+        else:
+            kind = f"memory, set at each {'sample' if block.sampled else 'step'}"
+        long_before = isinstance(state.start, float) and state.start < -1e8
+        start = "before the run" if long_before else default_text(state.start)
+        rows.append((rst.code(k), kind, start, _own_unit(state.unit), rst.words(state.about)))
+    head = ("State", "Kind", "Initial value", "Unit", "Meaning")
+    return rst.page(rst.heading("States", 1), rst.table(head, rows, (16, 20, 12, 10, 42))) if rows else ""
 
 
 # ---- behaviour -----------------------------------------------------------------------------------
@@ -265,29 +238,23 @@ def _in_c(block: Block) -> str:
     return "**Export to C**: possible (``tsmblocks export``)."
 
 
-def _validity(block: Block, shown: Block) -> str:
-    """The options and lengths of lists for which the equations shown hold."""
-    other = [k for k in block.options if getattr(block, k) != getattr(shown, k)]
-    lists = [k for k, v in block.parameters.items() if isinstance(v, tuple)]
-    if not block.options and not lists:
-        return ""
-    which = f" ({', '.join(f'``{k}`` = {default_text(getattr(shown, k))}' for k in other)})" if other else ""
-    why = " and ".join(filter(None, ("options" if block.options else "", "lengths of lists" if lists else "")))
-    return f" They are those of the block of the example{which}; other {why} give others."
-
-
-def _computed(block: Block, apart: str) -> str:
-    made = listing(block)
+def _computed(block: Block, shown: Block) -> str:
+    """The equations of the block of the example, and for which options and lengths of lists they hold."""
+    made = listing(shown)
     if made.size > LONGEST:
         return ""
-    lines = [*made.shared, *made.equations]
-    text = "\\\\\n".join(f"{left} &= {spaced(right)}" for left, right in lines)
-    rows = [
+    lists = any(isinstance(v, tuple) for v in block.parameters.values())
+    why = " and ".join(filter(None, ("options" if block.options else "", "lengths of lists" if lists else "")))
+    other = [k for k in block.options if getattr(block, k) != getattr(shown, k)]
+    which = f" ({', '.join(f'``{k}`` = {default_text(getattr(shown, k))}' for k in other)})" if other else ""
+    apart = f" They are those of the block of the example{which}; other {why} give others." if why else ""
+    words = (
         "The equations that are simulated, fitted, differentiated and exported, written from the expressions. Names "
         "in upright letters are those of the tables above; a dot is a rate, a plus the value after the next "
         f"{'sample' if block.sampled else 'step'}.{apart}"
-    ]
-    return rst.page(rst.heading("As it is computed", 1), *rows, rst.formula(text))
+    )
+    text = "\\\\\n".join(f"{left} &= {spaced(right)}" for left, right in (*made.shared, *made.equations))
+    return rst.page(rst.heading("As it is computed", 1), words, rst.formula(text))
 
 
 # ---- the example ----------------------------------------------------------------------------------
@@ -300,38 +267,23 @@ def _charts(cls: type[Block]) -> str:
     signals = {k: run[k] for k in names}
     drawn = [figures.over_time(run.t, signals, labels)]
     driven = [k for k in cls().inports if k in names]
-    first = next(iter(cls().outports), "")
+    outputs = list(cls().outports)
     moves = len(driven) == 1 and len(np.unique(run[driven[0]])) > LEVELS
-    if moves and first and _family(cls) in ACROSS:
-        drawn.append(figures.over_another(run[driven[0]], run[first], (labels[driven[0]], labels[first])))
+    if moves and outputs and block_facts.family(cls) in ACROSS:
+        x, y = driven[0], outputs[0]
+        drawn.append(figures.over_another(run[x], run[y], (labels[x], labels[y])))
     return figures.side_by_side(drawn, names)
 
 
-def _family(cls: type[Block]) -> str:
-    from tsmblocks.html.block_facts import family
-
-    return family(cls)
-
-
-def _shown(cls: type[Block]) -> str:
-    from tsmblocks.files import dumps
-
-    made = examples.example(cls)
-    return rst.page(
-        rst.heading("Example", 1),
-        "The diagram at the top of this page, as a script and as a file.",
-        rst.block(examples.script(made, examples.stop_of(cls)), "python"),
-        rst.block(dumps(made), "toml"),
-    )
-
-
-def _related(name: str, family: Iterable[str]) -> str:
-    kin = ", ".join(rst.link(f"/blocks/{k}", k) for k in family if k != name)
-    diagrams = ", ".join(rst.link(f"/diagrams/{k}", k) for k in uses.diagrams_with(name))
-    effects = ", ".join(rst.link(f"/effects/{k}", k) for k in uses.effects_with(name))
+def _related(name: str, family: list[str]) -> str:
+    found = {
+        "In the diagrams": ("diagrams", uses.diagrams_with(name)),
+        "In the effects": ("effects", uses.effects_with(name)),
+        "Of the same family:": ("blocks", [k for k in family if k != name]),
+    }
     items = [
-        f"In the diagrams {diagrams}." if diagrams else "",
-        f"In the effects {effects}." if effects else "",
-        f"Of the same family: {kin}." if kin else "",
+        f"{words} {', '.join(rst.link(f'/{folder}/{k}', k) for k in names)}."
+        for words, (folder, names) in found.items()
+        if names
     ]
-    return rst.page(rst.heading("Where it is used", 1), rst.listed(filter(None, items)))
+    return rst.page(rst.heading("Where it is used", 1), rst.listed(items))

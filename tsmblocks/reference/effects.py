@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import math
+from collections.abc import Iterable
 from typing import Any
 
 import attrs
@@ -14,8 +16,11 @@ from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_point
 from tsmblocks.effects import Effect, Scales, Trials, span_of
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.plots.panels import shown
 from tsmblocks.reference import figures, rst, uses
 from tsmblocks.reference.blocks import bounds, default_text, unit
+from tsmblocks.simulation.run import Run
+from tsmblocks.simulation.simulate import simulate
 
 STOP, STEP = 20.0, 2e-3
 PLACES = {
@@ -41,9 +46,7 @@ SPEED = {"v": "motor.v"}
 """The measured output of the motor where that is a speed."""
 INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
-    "u": MultiSine(
-        amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(1.5707963267948966, 1.5707963267948966), unit="V"
-    ),
+    "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(math.pi / 2, math.pi / 2), unit="V"),
 }
 LINE = 0.7
 """Frequency of a disturbance on the pages [Hz]."""
@@ -54,105 +57,91 @@ def pages() -> dict[str, str]:
     found = uses.effects()
     parts = [
         rst.heading("Effects"),
-        "What a model may lack. ``tsm.diagnose`` inserts each of these at every admissible "
-        "signal and fits it together with the model; how it decides: "
-        + rst.link("/concepts/diagnosis")
-        + ". An effect of your own takes part when it is registered: "
-        + rst.link("/python/diagnosis")
-        + ".",
+        "What a model may lack. ``tsm.diagnose`` inserts each of these at every admissible signal and fits it together "
+        f"with the model; how it decides: {rst.link('/concepts/diagnosis')}. An effect of your own takes part when it "
+        f"is registered: {rst.link('/python/diagnosis')}.",
     ]
     for family in dict.fromkeys(some[0].family for some in found.values()):
         rows = [
             (
                 rst.link(f"/effects/{name}", name),
-                rst.words("; ".join(dict.fromkeys(e.words for e in some))),
+                rst.words(_words(some)),
                 ", ".join(dict.fromkeys(e.place for e in some)),
             )
             for name, some in found.items()
             if some[0].family == family
         ]
-        parts += [
-            rst.heading(family.capitalize(), 1),
-            FAMILIES.get(family, ""),
-            rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20)),
-        ]
-    parts += [rst.heading("Places", 1), rst.table(("Place", "Where that is"), PLACES.items(), (18, 82)), _wires()]
-    index = rst.page(*parts, rst.contents(found))
+        parts += [rst.heading(family.capitalize(), 1), FAMILIES.get(family, "")]
+        parts.append(rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20)))
+    plants = []
+    for name, diagram in uses.shipped().items():
+        if diagram.inputs:
+            wires = ", ".join(f"{site.place} ``{site.words(diagram)}``" for site in _sites(diagram))
+            plants.append((rst.link(f"/diagrams/{name}", name), wires))
+    index = rst.page(
+        *parts,
+        rst.heading("Places", 1),
+        rst.table(("Place", "Where that is"), PLACES.items(), (18, 82)),
+        "In the shipped diagrams that recordings can drive:",
+        rst.table(("Diagram", "Places and their wires"), plants, (34, 66)),
+        rst.contents(found),
+    )
     return {"effects/index": index, **{f"effects/{name}": page(name, some) for name, some in found.items()}}
 
 
-def _wires() -> str:
-    """The admissible signals of the shipped plants."""
-    rows = []
-    for name, diagram in uses.shipped().items():
-        if diagram.inputs:
-            found = [f"{site.place} ``{site.words(diagram)}``" for site in _sites(diagram)]
-            rows.append((rst.link(f"/diagrams/{name}", name), ", ".join(found)))
-    return rst.page(
-        "In the shipped diagrams that recordings can drive:",
-        rst.table(("Diagram", "Places and their wires"), rows, (34, 66)),
-    )
+def _words(some: list[Effect]) -> str:
+    """What an effect is, in all its variants."""
+    return "; ".join(dict.fromkeys(e.words for e in some))
+
+
+def _links(folder: str, names: Iterable[str]) -> str:
+    return ", ".join(rst.link(f"/{folder}/{name}", name) for name in dict.fromkeys(names))
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def page(name: str, some: list[Effect]) -> str:
     """The page of one effect, with all its variants."""
     first = some[0]
-    confused = list(dict.fromkeys(k for e in some for k in e.confused))
-    contains = list(dict.fromkeys(k for e in some for k in e.contains))
+    contains = _links("effects", (k for e in some for k in e.contains))
     facts = [
         f":Family: {first.family}",
         f":Excited by: {rst.words(first.excites)}",
-        f":Looks like: {', '.join(rst.link(f'/effects/{k}', k) for k in confused) or 'nothing else here'}",
+        f":Looks like: {_links('effects', (k for e in some for k in e.confused)) or 'nothing else here'}",
         f":Distinguished by: {rst.words(first.separates)}",
-        *([f":Contains: {', '.join(rst.link(f'/effects/{k}', k) for k in contains)}"] if contains else []),
+        *([f":Contains: {contains}"] if contains else []),
     ]
-    opening = "; ".join(dict.fromkeys(e.words for e in some))
-    return rst.page(
-        rst.heading(name),
-        f"{rst.words(opening[0].upper() + opening[1:])}.",
-        "\n".join(facts),
-        *(_variant(effect) for effect in some),
-    )
+    opening = f"{rst.words(_capital(_words(some)))}."
+    return rst.page(rst.heading(name), opening, "\n".join(facts), *map(_variant, some))
 
 
 def _variant(effect: Effect) -> str:
-    title = effect.words[0].upper() + effect.words[1:] + f" ({effect.place})"
-    kinds = list(dict.fromkeys(uses.types_in(effect.block)))
     made = placed(effect)
-    parts = [
-        rst.heading(title, 1),
-        f"Its place is {PLACES[effect.place]}. It is made of {', '.join(rst.link(f'/blocks/{k}', k) for k in kinds)}.",
+    return rst.page(
+        rst.heading(f"{_capital(effect.words)} ({effect.place})", 1),
+        f"Its place is {PLACES[effect.place]}. It is made of {_links('blocks', uses.types_in(effect.block))}.",
         rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
         _numbers(effect, made.trials),
         _residual(made),
-    ]
-    return rst.page(*parts)
+    )
 
 
 def _numbers(effect: Effect, trials: Trials) -> str:
     fields = _fields(effect.block)
     rows = []
     for name in effect.free:
-        field = fields[name]
-        low, high = trials.bounds.get(name, (None, None))
-        here = [f"{words} {v:.3g}" for words, v in (("from", low), ("to", high)) if v is not None]
-        null = effect.null.get(name)
-        rows.append(
-            (
-                rst.code(name),
-                unit(field.unit) if field.unit else "",
-                "" if null is None else default_text(null),
-                bounds(field),
-                " ".join(here),
-                rst.words(field.about),
-            )
-        )
-    within = (
-        f" Its estimate must not end at a bound of {' or '.join(map(rst.code, effect.within))}: there it is "
-        "another effect."
-        if effect.within
-        else ""
-    )
+        field, null = fields[name], effect.null.get(name)
+        ends = zip(("from", "to"), trials.bounds.get(name, (None, None)), strict=True)
+        searched = " ".join(f"{words} {v:.3g}" for words, v in ends if v is not None)
+        own_unit = unit(field.unit) if field.unit else ""
+        none = "" if null is None else default_text(null)
+        rows.append((rst.code(name), own_unit, none, bounds(field), searched, rst.words(field.about)))
+    within = ""
+    if effect.within:
+        names = " or ".join(map(rst.code, effect.within))
+        within = f" Its estimate must not end at a bound of {names}: there it is another effect."
     return rst.page(
         rst.table(("Fitted", "Unit", "Null", "Bounds", "Searched here", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
         f"With the values under *Null* the effect passes its signal on bit for bit.{within}",
@@ -170,12 +159,9 @@ def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, inner in block.blocks.items():
         found |= _fields(inner, f"{prefix}{name}.")
+    leafs = [b for b in block.blocks.values() if isinstance(b, Block)]
     for name in block.values:  # a shared value is declared by the block that uses it
-        user = next(
-            k for b in block.blocks.values() if isinstance(b, Block) for k, v in b.parameters.items() if v == f"${name}"
-        )
-        owner = next(b for b in block.blocks.values() if isinstance(b, Block) and user in b.parameters)
-        found[prefix + name] = owner.fields()[user]
+        found[prefix + name] = next(b.fields()[k] for b in leafs for k, v in b.parameters.items() if v == f"${name}")
     return found
 
 
@@ -184,13 +170,13 @@ def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
 
 @attrs.frozen(eq=False)
 class Placed:
-    """An effect in a shipped diagram, at the size from which a diagnosis starts; ``base`` is the diagram without it."""
+    """An effect in a shipped diagram, at ``sizes`` from which a diagnosis starts; ``base`` is that diagram alone."""
 
-    effect: Effect
     plant: str
     base: Diagram
     site: InsertionPoint
     trials: Trials
+    sizes: dict[str, float]
     diagram: Diagram
 
 
@@ -206,11 +192,10 @@ def placed(effect: Effect) -> Placed:
     trials = effect.trials(_scales(base, site))
     if trials is None:
         raise TsmError(f"effect {effect.name} has nothing to try in the diagram {plant}.")
-    name = effect.name
-    numbers = {**trials.fixed, **trials.shapes[len(trials.shapes) // 2], **trials.strengths}
-    made = site.put(base, name, effect.block)
-    made = made.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
-    return Placed(effect, plant, base, site, trials, made)
+    sizes = {**trials.shapes[len(trials.shapes) // 2], **trials.strengths}
+    made = site.put(base, effect.name, effect.block)
+    made = made.with_parameters({f"{effect.name}.{k}": v for k, v in {**trials.fixed, **sizes}.items()})
+    return Placed(plant, base, site, trials, sizes, made)
 
 
 @functools.cache
@@ -219,16 +204,12 @@ def _sites(base: Diagram) -> list[InsertionPoint]:
 
 
 @functools.cache
-def _run(diagram: Diagram) -> Any:
-    from tsmblocks.simulation.simulate import simulate
-
+def _run(diagram: Diagram) -> Run:
     (name,) = diagram.inputs
     t = np.arange(0.0, STOP, STEP)
     source = INPUTS[name]
-    u = sum(
-        a * np.sin(2 * np.pi * f * t + p)
-        for a, f, p in zip(source.amplitudes, source.frequencies, source.phases, strict=True)
-    )
+    tones = zip(source.amplitudes, source.frequencies, source.phases, strict=True)
+    u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
     return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP)
 
 
@@ -244,41 +225,35 @@ class Traces:
     """The output of the plant without an effect, and the residual of a model without it, in display units."""
 
     t: np.ndarray
-    output: np.ndarray
-    residual: np.ndarray
+    signals: dict[str, np.ndarray]
     labels: dict[str, str]
 
     def over_time(self) -> str:
         """A chart of both over time."""
-        names = list(self.labels)
-        return figures.over_time(self.t, dict(zip(names, (self.output, self.residual), strict=True)), self.labels)
+        return figures.over_time(self.t, self.signals, self.labels)
 
     def over_position(self) -> str:
-        """A chart of the difference over the output."""
+        """A chart of the residual over the output."""
         position, residual = self.labels.values()
-        return figures.over_another(self.output, self.residual, (position, residual))
+        return figures.over_another(*self.signals.values(), (position, residual))
 
 
 def traces(made: Placed) -> Traces:
     """Run the plant with and without the effect."""
-    from tsmblocks.plots.panels import shown
-
-    base, now = _run(made.base), _run(made.diagram)
     (output,) = made.diagram.outputs
-    before, unit_shown = shown(np.asarray(base[output]), made.diagram.unit(output))
-    after, _ = shown(np.asarray(now[output]), made.diagram.unit(output))
-    labels = {output: f"{output} [{unit_shown}]", "residual": f"residual [{unit_shown}]"}
-    return Traces(base.t, before, after - before, labels)
+    unit_in = made.diagram.unit(output)
+    (before, label), (after, _) = (shown(_run(one)[output], unit_in) for one in (made.base, made.diagram))
+    labels = {output: f"{output} [{label}]", "residual": f"residual [{label}]"}
+    return Traces(_run(made.base).t, {output: before, "residual": after - before}, labels)
 
 
 def _residual(made: Placed) -> str:
     """Charts of the effect's contribution to the plant's output, over time and over position."""
     found = traces(made)
-    numbers = {**made.trials.shapes[len(made.trials.shapes) // 2], **made.trials.strengths}
-    said = ", ".join(f"``{k}`` = {v:.3g}" for k, v in numbers.items())
+    sizes = ", ".join(f"``{k}`` = {v:.3g}" for k, v in made.sizes.items())
     drawn = [found.over_time(), found.over_position()]
     return rst.page(
         f"The residual of a model without it, in {rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
-        f"``{made.site.words(made.base)}``, with {said}:",
+        f"``{made.site.words(made.base)}``, with {sizes}:",
         rst.html(figures.side_by_side(drawn, list(found.labels))),
     )

@@ -10,6 +10,7 @@ from tsmblocks.blocks import Chirp, Constant, MultiSine, Ramp, Sine, Staircase, 
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.run import Run
+from tsmblocks.simulation.simulate import simulate
 
 STOP, STEP = 10.0, 1e-3
 SINE = {"": 1.0, "rad": 0.96, "rad/s": 2.0, "V": 6.0}
@@ -52,7 +53,6 @@ SET: dict[str, dict[str, Any]] = {
     "SensorNoise": dict(std=0.05, interval=0.02),
     "LeadLag": dict(lead=0.5, lag=0.05),
     "Chirp": dict(duration=10.0),
-    "Derivative": {},
     "FilteredDerivative": dict(time_constant=0.05),
     "FirstOrderLag": dict(time_constant=0.5),
     "SecondOrderLag": dict(omega=8.0, zeta=0.2),
@@ -68,7 +68,6 @@ SET: dict[str, dict[str, Any]] = {
     "Random": dict(interval=0.05),
     "Recorded": dict(times=(0.0, 2.0, 5.0, 8.0, 10.0), values=(0.0, 1.0, -1.0, 0.5, 0.0)),
     "Ramp": dict(start=2.0, slope=0.5),
-    "PrandtlIshlinskii": {},
 }
 """Parameters that make a block's effect visible where its defaults do not (an unreached limit, a zero size)."""
 
@@ -104,14 +103,7 @@ DRIVE: dict[str, dict[str, Block]] = {
     "Sum": {"plus": Sine(amplitude=1.0), "minus": Step(time=5.0, after=0.5)},
     "Switch": {"u1": Sine(amplitude=1.0), "u2": Constant(value=0.5), "control": Step(time=5.0)},
 }
-STOPS = {
-    "DCMotor": 0.3,
-    "MotorTransferFunction": 0.3,
-    "StateSpace": 5.0,
-    "ZeroPoleGain": 3.0,
-    "SecondOrderLag": 4.0,
-    "Step": 3.0,
-}
+STOPS = dict(DCMotor=0.3, MotorTransferFunction=0.3, StateSpace=5.0, ZeroPoleGain=3.0, SecondOrderLag=4.0, Step=3.0)
 """Duration of the runs [s] that are not ``STOP`` long."""
 
 
@@ -125,11 +117,8 @@ def example(cls: type[Block]) -> Diagram:
     name = cls.__name__
     block, label = cls(**SET.get(name, {})), snake(name)
     given = DRIVE.get(name, {})
-    sources = {
-        k: given.get(k) or Sine(amplitude=_amplitude(p.unit), unit=_unit(p.unit))
-        for k, p in block.inports.items()
-        if k in given or not p.rate_of
-    }
+    ports = {k: port for k, port in block.inports.items() if k in given or not port.rate_of}
+    sources = {k: given.get(k) or _sine(port.unit) for k, port in ports.items()}
     named = {k: f"{k}_source" if len(sources) > 1 else snake(type(source).__name__) for k, source in sources.items()}
     return Diagram(
         title=f"An example of {name}",
@@ -139,12 +128,9 @@ def example(cls: type[Block]) -> Diagram:
     )
 
 
-def _unit(label: str) -> str:
-    return "" if "?" in label else label
-
-
-def _amplitude(label: str) -> float:
-    return SINE.get(_unit(label), 1.0)
+def _sine(unit: str) -> Sine:
+    unit = "" if "?" in unit else unit
+    return Sine(amplitude=SINE.get(unit, 1.0), unit=unit)
 
 
 def stop_of(cls: type[Block]) -> float:
@@ -154,8 +140,6 @@ def stop_of(cls: type[Block]) -> float:
 
 def run(cls: type[Block]) -> Run:
     """The example, run."""
-    from tsmblocks.simulation.simulate import simulate
-
     return simulate(example(cls), stop=stop_of(cls), step=STEP)
 
 
@@ -165,25 +149,19 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
     blocks = [f"        {name}={_made(block)}," for name, block in diagram.blocks.items() if isinstance(block, Block)]
     wires = [f'        "{wire}",' for wire in diagram.wires]
     shown = [f'        "{name}": "{".".join(filter(None, end))}",' for name, end in diagram.shown.items()]
-    return "\n".join(
-        [
-            "import tsmblocks as tsm",
-            f"from tsmblocks.blocks import {', '.join(used)}",
-            "",
-            "diagram = tsm.Diagram(",
-            f'    title="{diagram.title}",',
-            "    blocks=dict(",
-            *blocks,
-            "    ),",
-            *(["    wires=[", *wires, "    ],"] if wires else []),
-            "    outputs={",
-            *shown,
-            "    },",
-            ")",
-            f"run = tsm.simulate(diagram, stop={stop:g}, step={STEP:g})",
-            "",
-        ]
-    )
+    lines = [
+        "import tsmblocks as tsm",
+        f"from tsmblocks.blocks import {', '.join(used)}",
+        "",
+        "diagram = tsm.Diagram(",
+        f'    title="{diagram.title}",',
+        *("    blocks=dict(", *blocks, "    ),"),
+        *(("    wires=[", *wires, "    ],") if wires else ()),
+        *("    outputs={", *shown, "    },"),
+        ")",
+        f"run = tsm.simulate(diagram, stop={stop:g}, step={STEP:g})",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _made(block: Block) -> str:

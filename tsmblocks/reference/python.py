@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from types import ModuleType
 
+import tsmblocks
 from tsmblocks.reference import rst
 
 GROUPS: dict[str, tuple[str, str, tuple[str, ...]]] = {
@@ -56,22 +57,14 @@ def pages() -> dict[str, str]:
 
 
 def _page(key: str) -> str:
-    import tsmblocks
-
     title, about, names = GROUPS[key]
     parts = [rst.heading(title), about, *(_entry("tsmblocks", name, getattr(tsmblocks, name)) for name in names)]
     for module in MODULES.get(key, ()):
         made = import_module(f"tsmblocks.{module}")
         known = [n for n in getattr(made, "__all__", None) or _own(made) if n not in names]
-        parts += [
-            rst.heading(f"tsmblocks.{module}", 1),
-            (made.__doc__ or "").strip().partition("\n\n")[0],
-            *(
-                _entry(f"tsmblocks.{module}", name, getattr(made, name))
-                for name in known
-                if callable(getattr(made, name))
-            ),
-        ]
+        parts += [rst.heading(f"tsmblocks.{module}", 1), (made.__doc__ or "").strip().partition("\n\n")[0]]
+        things = {name: getattr(made, name) for name in known}
+        parts += [_entry(f"tsmblocks.{module}", name, thing) for name, thing in things.items() if callable(thing)]
     return rst.page(*parts)
 
 
@@ -88,18 +81,17 @@ def _entry(module: str, name: str, thing: object) -> str:
     return f".. autofunction:: {module}.{name}\n"
 
 
-def command_pages(commands: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+def commands(helps: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     """Pages of the commands: name -> (what it does, what --help prints)."""
-    rows = [(rst.link(f"/commands/{name}", f"tsmblocks {name}"), words) for name, (words, _) in commands.items()]
+    rows = [(rst.link(f"/commands/{name}", f"tsmblocks {name}"), words) for name, (words, _) in helps.items()]
     index = rst.page(
         rst.heading("Commands"),
         "What ``tsmblocks --help`` and ``tsmblocks COMMAND --help`` print. Exit status: 0 done, 2 bad usage or input, "
         "130 stopped by Ctrl-C, 1 anything else.",
         rst.table(("Command", "What it does"), rows, (30, 70)),
-        rst.contents(commands),
+        rst.contents(helps),
     )
-    pages = {
-        f"commands/{name}": rst.page(rst.heading(f"tsmblocks {name}"), rst.block(text, "none"))
-        for name, (_, text) in commands.items()
-    }
-    return {"commands/index": index, **pages}
+    made = {"commands/index": index}
+    for name, (_, text) in helps.items():
+        made[f"commands/{name}"] = rst.page(rst.heading(f"tsmblocks {name}"), rst.block(text, "none"))
+    return made

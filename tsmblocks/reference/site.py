@@ -13,7 +13,6 @@ from typing import Any
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.version import __version__
 from tsmblocks.reference import blocks, diagrams, effects, front, python
-from tsmblocks.reference.look import CSS
 
 HAND_WRITTEN = Path(__file__).parent / "pages"
 SETTINGS: dict[str, Any] = {
@@ -73,33 +72,23 @@ def build(
     done. Raises TsmError where Sphinx is missing, and PagesError with every warning of Sphinx.
     """
     need_sphinx()
+    progress = progress or (lambda *_: None)
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "source"
         pages = _write(source, commands, progress)
-        if progress:
-            progress("building pages", 0.0)
+        progress("building pages", 0.0)
         _sphinx(source, out, Path(folder) / "doctrees")
     return pages
 
 
-def _write(source: Path, commands: Mapping[str, tuple[str, str]], progress: Any) -> int:
-    makers = (
-        front.pages,
-        blocks.pages,
-        diagrams.pages,
-        effects.pages,
-        python.pages,
-        lambda: python.command_pages(commands),
-    )
+def _write(source: Path, helps: Mapping[str, tuple[str, str]], progress: Callable[[str, float], None]) -> int:
+    makers = (front.pages, blocks.pages, diagrams.pages, effects.pages, python.pages, lambda: python.commands(helps))
     shutil.copytree(HAND_WRITTEN, source)
     settings = "\n".join(f"{key} = {value!r}" for key, value in SETTINGS.items())
     (source / "conf.py").write_text(settings + "\n", encoding="utf-8", newline="\n")
-    (source / "_static").mkdir()
-    (source / "_static" / "tsmblocks.css").write_text(CSS, encoding="utf-8", newline="\n")
     count = len(list(source.rglob("*.rst")))
     for place, maker in enumerate(makers):
-        if progress:
-            progress("writing pages", place / len(makers))
+        progress("writing pages", place / len(makers))
         for name, text in maker().items():
             path = source / f"{name}.rst"
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -114,10 +103,9 @@ def _sphinx(source: Path, out: Path, doctrees: Path) -> None:
 
     warnings = io.StringIO()
     with patch_docutils(), docutils_namespace():
-        app = Sphinx(
-            str(source), str(source), str(out), str(doctrees), "html", status=None, warning=warnings, freshenv=True
+        Sphinx(source, source, out, doctrees, "html", status=None, warning=warnings, freshenv=True).build(
+            force_all=True
         )
-        app.build(force_all=True)
     said = re.sub(r"\x1b\[[0-9;]*m", "", warnings.getvalue()).strip()
     if said:
         raise PagesError(f"the pages are in {out}, with warnings of Sphinx:\n{said}")

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from tsmblocks.draw import to_svg
 from tsmblocks.effects.catalogue import catalogue
 from tsmblocks.effects.effect import Effect
+from tsmblocks.files import load
+from tsmblocks.files.shipped import shipped_names
+from tsmblocks.html.pages import part
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -16,9 +19,6 @@ from tsmblocks.model.diagram import Diagram
 @functools.cache
 def shipped() -> dict[str, Diagram]:
     """Every ready-made diagram by name."""
-    from tsmblocks.files import load
-    from tsmblocks.files.shipped import shipped_names
-
     return {name: load(name) for name in shipped_names()}
 
 
@@ -60,4 +60,4 @@ def linked_picture(diagram: Diagram, up: str = "../") -> str:
         return f'<a href="{up}blocks/{type(block).__name__}.html">{found[0]}</a>'
 
     drawn = re.sub(r'<g class="[a-z]+" (data-block)="([^"]*)">.*?</g>', linked, to_svg(diagram))
-    return f'<div class="picture" tabindex="0">{drawn}</div>'
+    return part("picture", drawn)
