@@ -34,7 +34,7 @@ def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
         _traces(row[1], trace, gap)
         _loop(row[2], trace, diagnosis)
         _along(row[3], segment, gap, diagnosis)
-        head(row[0], f"{segment.name}: {segment.verdict}", fontweight="bold")
+        head(row[0], f"{segment.name}: {segment.verdict}", weight="bold")
         head(row[1], trace.experiment)
     names = ", ".join(e.name for e in diagnosis.effects)
     if ax is None:

@@ -41,7 +41,7 @@ def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
     for row, one in zip(panels, rows, strict=True):
         for panel, draw in zip(row, (_history, _residual, _loop, _autocorrelation), strict=True):
             draw(panel, one)
-        head(row[0], f"{one.experiment}, {one.output}", fontweight="bold")
+        head(row[0], f"{one.experiment}, {one.output}", weight="bold")
         head(row[1], _residual_title(one))
         head(row[3], "autocorrelation")
     for above, below in zip(panels[:-1].flat, panels[1:].flat, strict=True):

@@ -93,9 +93,9 @@ def dress(
         panel.legend(**legend)
 
 
-def head(panel: Any, text: str, size: float = 10, **font: Any) -> None:
+def head(panel: Any, text: str, size: float = 10, *, weight: str = "normal") -> None:
     """Write a title above the left end of a panel."""
-    panel.set_title(text, loc="left", fontsize=size, **font)
+    panel.set_title(text, loc="left", fontsize=size, fontweight=weight)
 
 
 def decimal(axis: Any) -> None:

@@ -116,7 +116,7 @@ def _ports(block: Block) -> str:
         rows.append((rst.code(name), "made for a run", "", rst.words(tape.about)))
     for name, past in block.past_ports.items():
         rows.append((rst.code(name), "past", "", f"{rst.words(past.about)}: ``{past.of}``, ``{past.by}`` ago"))
-    labels = [port.unit for port in (*block.inports.values(), *block.outports.values())]
+    labels = [p.unit for p in block.inports.values()] + [p.unit for p in block.outports.values()]
     letters = LETTERS if any("?" in label for label in labels) else ""
     return rst.page(
         rst.heading("Ports", 1), rst.table(("Port", "", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters

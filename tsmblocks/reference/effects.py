@@ -234,8 +234,8 @@ class Traces:
 
     def over_position(self) -> str:
         """A chart of the residual over the output."""
-        position, residual = self.labels.values()
-        return figures.over_another(*self.signals.values(), (position, residual))
+        (x, x_label), (y, y_label) = zip(self.signals.values(), self.labels.values(), strict=True)
+        return figures.over_another(x, y, (x_label, y_label))
 
 
 def traces(made: Placed) -> Traces:
