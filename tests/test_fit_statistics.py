@@ -12,7 +12,7 @@ from scipy import linalg, signal, stats
 import tsmblocks as tsm
 from tests.tolerances import EXACT
 from tsmblocks.common.errors import DataError
-from tsmblocks.fitting.identifiability import _Teller, sizes, undetermined
+from tsmblocks.fitting.identifiability import _Wording, sizes, undetermined
 from tsmblocks.fitting.inner_products import product
 from tsmblocks.fitting.noise_model import FEWEST, ARModel, best_order, fast_length, lag_products, noise_models
 from tsmblocks.fitting.statistics import autocorrelation, correlation, intervals, uncertainty
@@ -473,7 +473,7 @@ def test_a_parameter_that_was_found_near_zero_moves_by_a_number():
 
 def test_a_combination_of_many_is_told_by_the_largest():
     x = np.sin(np.arange(500) * 0.1)
-    one = _Teller(tuple("abcdefghi"), np.array([x] * 9), 0.01, np.ones(9), np.ones(9)).combination(
+    one = _Wording(tuple("abcdefghi"), np.array([x] * 9), 0.01, np.ones(9), np.ones(9)).combination(
         np.linspace(1, 0.2, 9), "are indistinguishable with these data"
     )
     assert one.words.startswith(

@@ -22,7 +22,7 @@ PASSING = 0.002
 """Component of a combination below which a parameter is not mentioned at all. Chosen."""
 NEAR_ZERO = 0.1
 """Share of its size below which a parameter counts as near zero, where a percentage says nothing. Chosen."""
-MOST_TOLD = 5
+MOST_NAMED = 5
 """Parameters of a combination that are named in a message. Chosen."""
 MOST_TRIED = 400
 """Most subsets of parameters that are tried for combinations of few parameters. Chosen."""
@@ -88,22 +88,22 @@ def undetermined(
     rows = np.ascontiguousarray(np.asarray(J, dtype=float).T) * scales[:, None]
     weight = np.zeros((len(rows), len(rows))) if prior is None else prior * np.outer(scales, scales)
     size = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
-    told = _Teller(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
+    wording = _Wording(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
     held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
     silent = _silent(size, _free(held))
-    found = [told.without_influence(int(i)) for i in np.flatnonzero(silent)]
+    found = [wording.without_influence(int(i)) for i in np.flatnonzero(silent)]
     weak = _null(rows, weight, size, _free(np.vstack([held, np.eye(len(theta))[silent]])))
-    found += [told.combination(v, "only matter through a combination") for v in weak]
+    found += [wording.combination(v, "only matter through a combination") for v in weak]
     half = intervals(np.zeros(len(theta)), known.covariance, known.freedom, level)[1] / scales
     vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
-    found += [told.combination(v, "are indistinguishable with these data", LEADING) for v in vague]
+    found += [wording.combination(v, "are indistinguishable with these data", LEADING) for v in vague]
     named = {name for u in found for name in u.names}
     box = np.full(len(theta), math.inf)
     if low is not None and high is not None:
         box = (np.asarray(high) - np.asarray(low)) / 2 / scales
     for i in range(len(theta)):
         if names[i] not in named and math.isfinite(half[i]) and half[i] > min(1.0, box[i]):
-            found.append(told.uncertain(i, theta[i], half[i] * scales[i], bool(half[i] > box[i])))
+            found.append(wording.uncertain(i, theta[i], half[i] * scales[i], bool(half[i] > box[i])))
     return tuple(found)
 
 
@@ -180,7 +180,7 @@ def _leaving(basis: np.ndarray, out: list[int]) -> np.ndarray:
 
 
 @attrs.frozen(eq=False)
-class _Teller:
+class _Wording:
     """Puts findings in words. ``rows`` (p, N) is what each parameter changes when moved by all of its size."""
 
     names: tuple[str, ...]
@@ -206,13 +206,13 @@ class _Teller:
         passing = [i for i in range(len(v)) if PASSING <= abs(v[i]) < small]
         v = v * np.sign(v[main[0]])
         effect, (moves, factor) = self.effect(v), self.moves(v, main)
-        shown = sorted(sorted(main, key=lambda i: -abs(v[i]))[:MOST_TOLD]) if len(main) > MOST_TOLD + 1 else main
+        shown = sorted(sorted(main, key=lambda i: -abs(v[i]))[:MOST_NAMED]) if len(main) > MOST_NAMED + 1 else main
         steps = [moves[i] for i in shown] + [f"moving {len(main) - len(shown)} more"] * (len(main) > len(shown))
-        chain = steps[0] if len(steps) == 1 else f"{steps[0]} while {listed(steps[1:], MOST_TOLD + 1)}"
+        chain = steps[0] if len(steps) == 1 else f"{steps[0]} while {listed(steps[1:], MOST_NAMED + 1)}"
         also = f" (and {listed([self.names[i] for i in passing], 3)} by far less)" if passing else ""
         changed = factor * effect
         amount = f"{changed:.1g} of the residual" if 0 < changed < math.inf else "no more than rounding"
-        subject = listed([self.names[i] for i in main], MOST_TOLD) + (
+        subject = listed([self.names[i] for i in main], MOST_NAMED) + (
             f" {what}" if len(main) > 1 else " hardly matters"
         )
         words = f"{subject}: {chain}{also} changes the outputs by {amount}."

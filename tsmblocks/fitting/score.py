@@ -289,31 +289,24 @@ def score(
     True
     """
     diagram = as_diagram(diagram, parameters)
+    records = recordings(data)
     setup = set_up(
-        diagram,
-        recordings(data),
-        outputs=outputs,
-        window=window,
-        step=step,
-        integrator=integrator,
-        hold=hold,
-        backend=backend,
+        diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
     )
     p = parameter_vector(setup.eq, diagram)
-    return between(setup, [p] * len(setup.experiments))
+    return simulated_differences(setup, [p] * len(setup.experiments))
 
 
-def between(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
+def simulated_differences(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
     """Differences of a set-up under parameters of each experiment. Raises NotFinite where a run goes away."""
-    made = []
-    for trial, p in zip(setup.experiments, parameters, strict=True):
-        y, driven = trial.outputs(p), _driven(setup.diagram, trial.record, trial.t)
+    made = list[Difference]()
+    for experiment, p in zip(setup.experiments, parameters, strict=True):
+        y, driven = experiment.outputs(p), _driven(setup.diagram, experiment.record, experiment.t)
         if not np.isfinite(y).all():
-            raise_cause(setup.diagram, trial, p)
-        made += [
-            Difference(trial.name, name, setup.diagram.unit(name), trial.t, trial.measured[:, i], y[:, i], driven)
-            for i, name in enumerate(setup.outputs)
-        ]
+            raise_cause(setup.diagram, experiment, p)
+        for i, name in enumerate(setup.outputs):
+            unit, measured = setup.diagram.unit(name), experiment.measured[:, i]
+            made.append(Difference(experiment.name, name, unit, experiment.t, measured, y[:, i], driven))
     return Differences(setup.diagram.title, tuple(made))
 
 
@@ -323,23 +316,13 @@ def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -
     The run is read off between its steps. Raises DataError for measured samples that cannot be used, and for a
     recording that has next to none within the run.
     """
-    inside = (float(run.t[0]), float(run.t[-1]))
-    cut = span(record.name, record, inside)
+    cut = span(record.name, record, (float(run.t[0]), float(run.t[-1])))
     t, made = record.t[cut], list[Difference]()
     driven = _driven(diagram, record, t)
     for name in outputs:
+        unit, y = run.unit(name) or record.unit(name), np.interp(t, run.t, run[name])
         measured = signal_of(record.name, record, name, run.unit(name))[cut]
-        made.append(
-            Difference(
-                record.name,
-                name,
-                run.unit(name) or record.unit(name),
-                t,
-                measured,
-                np.interp(t, run.t, run[name]),
-                driven,
-            )
-        )
+        made.append(Difference(record.name, name, unit, t, measured, y, driven))
     return Differences(run.title, tuple(made))
 
 

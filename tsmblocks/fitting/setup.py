@@ -65,7 +65,7 @@ class Setup:
         one = self.experiments[e]
         return prepare(
             one.name,
-            record or one.record,
+            one.record if record is None else record,
             self.diagram,
             self.eq,
             outputs=self.outputs,

@@ -16,7 +16,7 @@ from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Estimate, Fit
-from tsmblocks.fitting.score import Differences, between
+from tsmblocks.fitting.score import Differences, simulated_differences
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
 from tsmblocks.fitting.step_size import halved, shift_note, shifts
@@ -52,7 +52,9 @@ class _Optimum:
 def summarise(problem: Problem, setup: Setup, method: str, searches: list[OptimizerResult]) -> Fit:
     """The result of a fit from the outcomes of its searches, best first."""
     best, unknowns = searches[0], problem.unknowns
-    differences = between(setup, [unknowns.parameters(best.theta, e) for e in range(len(setup.experiments))])
+    differences = simulated_differences(
+        setup, [unknowns.parameters(best.theta, e) for e in range(len(setup.experiments))]
+    )
     optimum = _optimum(problem, best)
     diagrams = {name: _fitted(setup.diagram, problem, best.theta, e) for e, name in enumerate(unknowns.experiments)}
     variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
@@ -157,14 +159,12 @@ def active_constraints(problem: Problem, theta: np.ndarray) -> tuple[dict[int | 
             if abs(theta[k] - bound) <= near:
                 words[k] = f"the {side} bound of {item.name} ({bound:.4g})"
                 rows.append(np.eye(len(theta))[k])
-    if problem.constraints.names:
-        values, slopes = problem.constraints.values(theta), problem.constraints.jacobian(theta)
-        for name, value, slope, equal in zip(
-            problem.constraints.names, values, slopes, problem.constraints.equal, strict=True
-        ):
-            if equal or abs(value) <= TOUCHING * max(float(np.abs(slope * theta).max(initial=0.0)), 1e-3):
-                words[name] = f"the constraint {name}"
-                rows.append(slope)
+    constraints = problem.constraints
+    values, jacobian = constraints.values(theta), constraints.jacobian(theta)
+    for name, value, row, equal in zip(constraints.names, values, jacobian, constraints.equal, strict=True):
+        if equal or abs(value) <= TOUCHING * max(float(np.abs(row * theta).max(initial=0.0)), 1e-3):
+            words[name] = f"the constraint {name}"
+            rows.append(row)
     return words, np.array(rows).reshape(len(rows), len(theta))
 
 
@@ -172,45 +172,38 @@ def _estimates(problem: Problem, setup: Setup, at: _Optimum) -> tuple[Estimate, 
     """Each unknown with its confidence interval."""
     theta, known = at.theta, at.known
     low, high = intervals(theta, known.covariance, known.freedom)
+    free = np.array([k not in at.active for k in range(len(theta))])
+    has_error = free & np.isfinite(known.errors) & (known.errors > 0)
+    errors, low, high = (np.where(has_error, v, np.nan) for v in (known.errors, low, high))
     verdicts = {name: VERDICTS[u.kind] for u in at.undetermined for name in u.names}
     fields = numbers(setup.diagram)
     made = []
     for k, item in enumerate(problem.unknowns.items):
-        side = "lower" if theta[k] == item.low or abs(theta[k] - item.low) < abs(theta[k] - item.high) else "upper"
-        verdict = f"at its {side} bound" if k in at.active else verdicts.get(item.name, "")
-        known_error = k not in at.active and 0 < known.errors[k] < np.inf
-        verdict = verdict or ("held by a constraint" if known.errors[k] == 0 else "")
+        if not free[k]:
+            lower = theta[k] == item.low or abs(theta[k] - item.low) < abs(theta[k] - item.high)
+            verdict = f"at its {'lower' if lower else 'upper'} bound"
+        else:
+            verdict = verdicts.get(item.name, "") or ("held by a constraint" if known.errors[k] == 0 else "")
+        start = is_start(fields.get(item.parameter, []))
+        value, error, lowest, highest = (float(v[k]) for v in (theta, errors, low, high))
         made.append(
-            Estimate(
-                item.name,
-                float(theta[k]),
-                float(known.errors[k]) if known_error else float("nan"),
-                float(low[k]) if known_error else float("nan"),
-                float(high[k]) if known_error else float("nan"),
-                item.unit,
-                item.about,
-                item.start,
-                verdict,
-                is_start(fields.get(item.parameter, [])),
-            )
+            Estimate(item.name, value, error, lowest, highest, item.unit, item.about, item.start, verdict, start)
         )
     return tuple(made)
 
 
 def rough_inputs(record: Record, eq: Equations) -> tuple[str, ...]:
     """What to mind of the inputs whose rate drives a model, a sentence for each that is noisy or goes in steps."""
-    rates = {f.name.removeprefix("d/dt " * f.order): None for f in eq.u if f.order and not f.block}
-    return _cautions(record, tuple(rates))
+    rates = (f.name.removeprefix("d/dt " * f.order) for f in eq.u if f.order and not f.block)
+    return _cautions(record, tuple(dict.fromkeys(rates)))
 
 
-@functools.lru_cache(maxsize=32)
-def _cautions(record: Record, names: tuple[str, ...]) -> tuple[str, ...]:
-    """What to mind of inputs (kept, since one recording is fitted many times)."""
-    return cautions(record, names)
+_cautions = functools.lru_cache(maxsize=32)(cautions)
+"""What to mind of inputs (kept, since one recording is fitted many times)."""
 
 
 def _known_parameter_notes(setup: Setup, free: list[str]) -> list[str]:
-    """Numbers that were freed though data sheets say them: counts of an encoder have a valley for each of them."""
+    """Free parameters that data sheets give: the counts of an encoder have a minimum for each of them."""
     fields = numbers(setup.diagram)
     return [
         f"{name} is as a rule known. A search finds such a number only from close by, and its interval is that of "
@@ -229,11 +222,10 @@ def _data_notes(setup: Setup, differences: Differences) -> list[str]:
         said += [f"{name}: the input {k} never changes, so it excites nothing." for k in still]
         said += [f"{name}: {text}" for text in rough_inputs(record, experiment.eq)]
         said += [f"{name}: {text}" for text in standing(record, setup.diagram.inports, experiment.hold)]
-        begins = record.t[0]
-        if not setup.diagram.inports and begins != 0:
+        if not setup.diagram.inports and record.t[0] != 0:
             said.append(
                 f"{name}: nothing that was measured drives the diagram. Its sources run by the clock "
-                f"of the recording, and it is at rest until that begins, at {begins:g} s."
+                f"of the recording, and it is at rest until that begins, at {record.t[0]:g} s."
             )
     said += [
         f"{d.experiment}: the diagram explains {d.output} {'no' if d.fit_percent <= 0 else 'hardly'} better than "

@@ -29,17 +29,15 @@ LEAST, EXACT = 3, 7
 # ---- a fit ---------------------------------------------------------------------------------------
 
 
-def in_words(fit: Fit) -> str:
+def fit_text(fit: Fit) -> str:
     """The whole result as a terminal shows it."""
     tried = len(fit.searches)
     agree = f"; {fit.agreeing} of {tried} starts ended at this optimum" if tried > 1 else ""
     head = [fit.diagram.title] if fit.diagram.title else []
     head.append(textwrap.fill(f"{fit.method}: {STATUS[fit.status]}{agree}", WIDTH))
-    parts = ["\n".join(head), numbers(fit), left(fit.differences)]
-    warnings = cautions(fit)
-    if warnings:
-        parts.append("\n".join(["beware:", *map(_bullet, warnings)]))
-    return "\n\n".join(parts)
+    return "\n\n".join(
+        ["\n".join(head), numbers(fit), residual_table(fit.differences), *_list("beware:", cautions(fit))]
+    )
 
 
 def numbers(fit: Fit) -> str:
@@ -60,44 +58,23 @@ def estimate_rows(fit: Fit, some: Iterable[Estimate] | None = None) -> list[tupl
     return rows
 
 
-def left(differences: Differences) -> str:
+def residual_table(differences: Differences) -> str:
     """The table of residuals, angles in degrees."""
-    return columns(left_rows(differences), left=(0, 3))
+    return columns(residual_rows(differences), left=(0, 3))
 
 
-def left_rows(differences: Differences) -> list[tuple[str, ...]]:
+def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
     """The rows of the table of residuals, the heading first: signal, rms, largest, unit, fit, samples."""
     rows: list[tuple[str, ...]] = [("residual", "rms", "largest", "unit", "fit", "samples")]
     shown = [d.in_degrees() for d in differences]
-    rows += [
-        (
-            f"{d.experiment}, {d.output}",
-            f"{d.rms:.4g}",
-            f"{d.largest:.4g}",
-            d.unit,
-            _share(d.fit_percent),
-            str(len(d.t)),
-        )
-        for d in shown
-    ]
+    for d in shown:
+        share = f"{d.fit_percent:.2f} %" if np.isfinite(d.fit_percent) else ""
+        rows.append((f"{d.experiment}, {d.output}", f"{d.rms:.4g}", f"{d.largest:.4g}", d.unit, share, str(len(d.t))))
     if len(shown) > 1 and len({(d.output, d.unit) for d in shown}) == 1:
-        n = np.array([len(d.t) for d in shown])
+        n, largest = np.array([len(d.t) for d in shown]), max(d.largest for d in shown)
         rms = np.sqrt(n @ np.array([d.rms**2 for d in shown]) / n.sum())
-        rows.append(
-            (
-                f"all, {shown[0].output}",
-                f"{rms:.4g}",
-                f"{max(d.largest for d in shown):.4g}",
-                shown[0].unit,
-                "",
-                str(n.sum()),
-            )
-        )
+        rows.append((f"all, {shown[0].output}", f"{rms:.4g}", f"{largest:.4g}", shown[0].unit, "", str(n.sum())))
     return rows
-
-
-def _share(percent: float) -> str:
-    return f"{percent:.2f} %" if np.isfinite(percent) else ""
 
 
 def cautions(fit: Fit) -> list[str]:
@@ -107,15 +84,13 @@ def cautions(fit: Fit) -> list[str]:
         said.append(f"Only one of {len(fit.searches)} starts ended at this optimum: more starts may find a better one.")
     silent = [name for u in fit.undetermined if u.kind == NO_INFLUENCE for name in u.names]
     if silent:
-        told = [*dict.fromkeys(_gathered([(name,) for name in silent]))]
-        where = "there" if all(name not in silent for name in told) else "in these experiments"
-        said.append(
-            f"{listed(told, len(told))} {'has' if len(told) == 1 else 'have'} no influence on the outputs {where}."
-        )
+        names = [*dict.fromkeys(_gathered([(name,) for name in silent]))]
+        where = "there" if all(name not in silent for name in names) else "in these experiments"
+        verb = "has" if len(names) == 1 else "have"
+        said.append(f"{listed(names, len(names))} {verb} no influence on the outputs {where}.")
     said += [u.words for u in fit.undetermined if u.kind != NO_INFLUENCE]
     said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
-    together = [set(u.names) for u in fit.undetermined]
-    pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= names for names in together)]
+    pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= {*u.names} for u in fit.undetermined)]
     strongest: dict[str, float] = {}
     for words, (*_, c) in zip(_gathered([(a, b) for a, b, _ in pairs]), pairs, strict=True):
         strongest.setdefault(words, c)
@@ -170,17 +145,15 @@ def _in_degrees(e: Estimate) -> str:
 # ---- a comparison --------------------------------------------------------------------------------
 
 
-def ranking(comparison: Comparison) -> str:
+def comparison_text(comparison: Comparison) -> str:
     """The table of models from best to worst, what could not be fitted, and what to beware of."""
     rows = ranking_rows(comparison)
-    faults = [_bullet(f"{row.name}: {row.fault}") for row in comparison if row.fit is None]
-    warnings = [_bullet(f"{row.name}: {text}") for row in comparison for text in row_doubts(row)]
     flush = (0, len(rows[0]) - 1) if rows[0][-1] == "" else (0,)
     parts = ["\n".join(map(_bullet, comparison.notes))] if comparison.notes else []
     parts += [columns(rows, left=flush)] if len(rows) > 1 else []
-    parts += beside_noise(comparison)
-    parts += ["\n".join(["could not be fitted:", *faults])] if faults else []
-    parts += ["\n".join(["beware:", *warnings])] if warnings else []
+    parts += _beside_noise(comparison)
+    parts += _list("could not be fitted:", [f"{row.name}: {row.fault}" for row in comparison if row.fit is None])
+    parts += _list("beware:", [f"{row.name}: {text}" for row in comparison for text in row_doubts(row)])
     return "\n\n".join(parts)
 
 
@@ -195,30 +168,26 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     for row in comparison:
         if row.train is not None and row.fit is not None:
             figure = f"{k * row.figure:.4g}" if np.isfinite(row.figure) else "-"
-            held, fitted = [] if whole else [figure], f"{k * row.train.rms:.4g}"
+            figures = [*([] if whole else [figure]), f"{k * row.train.rms:.4g}"]
             said = ("not determined" if open_numbers(row.fit) else "",) * vague
-            rows.append((row.name, str(row.parameters), *held, fitted, *said))
+            rows.append((row.name, str(row.parameters), *figures, *said))
     return rows
 
 
-def beside_noise(comparison: Comparison) -> list[str]:
-    """How far from the noise the best model stays, and what to do where that is far; nothing where it is not known."""
-    ratio = comparison.above_noise
+def _beside_noise(comparison: Comparison) -> list[str]:
+    """How far from the noise the best model is, and what to do where that is far; nothing where it is not known."""
+    ratio, name = comparison.above_noise, comparison.best.name
     if not np.isfinite(ratio):
         return []
     k, unit = for_people(comparison.unit)
     noise = f"The noise of the recordings is {k * comparison.noise:.3g} {unit} rms ({comparison.noise_from})"
     if ratio < FAR:
-        return [textwrap.fill(f"{noise}; {comparison.best.name} leaves {ratio:.2g} times that.", WIDTH)]
-    return [
-        textwrap.fill(
-            f"{noise}, and {comparison.best.name} leaves {ratio:.2g} times that: something is missing in "
-            f"every one. `tsmblocks diagnose {comparison.best.name} --data …` (tsm.diagnose) looks for "
-            "what it is.",
-            WIDTH,
-            break_on_hyphens=False,
-        )
-    ]
+        return [textwrap.fill(f"{noise}; {name} leaves {ratio:.2g} times that.", WIDTH)]
+    text = (
+        f"{noise}, and {name} leaves {ratio:.2g} times that: something is missing in every one. "
+        f"`tsmblocks diagnose {name} --data …` (tsm.diagnose) looks for what it is."
+    )
+    return [textwrap.fill(text, WIDTH, break_on_hyphens=False)]
 
 
 def open_numbers(fit: Fit) -> list[str]:
@@ -231,52 +200,40 @@ def by_file(found: Mapping[str, Comparison]) -> str:
     """A table of models and files, each fitted alone; the best of a file has a star."""
     k, unit = for_people(next(iter(found.values())).unit)
     ranked = overall(found)
-    least = [*(min(row.figure for row in one) for one in found.values()), ranked[0][1]]
-    rows: list[Sequence[str]] = [("model", *(f"{name} " for name in (*found, "all")))]
+    best, least = ranked[0][0], [*(one.best.figure for one in found.values()), ranked[0][1]]
+    rows = [["model", *(f"{name} " for name in (*found, "all"))]]
     for model, rms in ranked:
         figures = [next((row.figure for row in one if row.name == model), np.inf) for one in found.values()]
+        pairs = zip((*figures, rms), least, strict=True)
         rows.append(
-            (
-                model,
-                *(
-                    f"{k * y:.4g}{'*' if y == best else ' '}" if np.isfinite(y) else "- "
-                    for y, best in zip((*figures, rms), least, strict=True)
-                ),
-            )
+            [model, *(f"{k * y:.4g}{'*' if y == low else ' '}" if np.isfinite(y) else "- " for y, low in pairs)]
         )
     text = columns(rows)
-    if sum(2 + max(len(row[j]) for row in rows) for j in range(len(rows[0]))) > WIDTH:
+    if sum(2 + max(map(len, column)) for column in zip(*rows, strict=True)) > WIDTH:
+        names, *figures_by_file = zip(*rows, strict=True)
         text = split_columns(
-            [
-                ["file", *(f"{row[0]} " for row in rows[1:])],
-                *([rows[0][j].strip(), *(row[j] for row in rows[1:])] for j in range(1, len(rows[0]))),
-            ]
+            [["file", *(f"{name} " for name in names[1:])], *([c[0].strip(), *c[1:]] for c in figures_by_file)]
         )
     what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held out"
-    parts = [f"{what} [{unit}], every file fitted alone; * is the best", text]
-    best = ranked[0][0]
     said = [
-        _bullet(f"{best}, {name}: {words}")
+        f"{best}, {name}: {words}"
         for name, one in found.items()
         for row in one
         if row.name == best
         for words in ([row.fault] if row.fit is None else row_doubts(row))
     ]
-    return "\n\n".join([*parts, *(["\n".join(["beware:", *said])] if said else [])])
+    heading = f"{what} [{unit}], every file fitted alone; * is the best"
+    return "\n\n".join([heading, text, *_list("beware:", said)])
 
 
 def row_doubts(row: Row) -> list[str]:
-    """What to know of a model of a comparison that was fitted, briefly; nothing of one that was not."""
-    return [] if row.fit is None else [*([row.fault] if row.fault else []), *doubts(row.fit)]
-
-
-def doubts(fit: Fit) -> list[str]:
-    """What to know of one fit among several before its figure is believed, briefly."""
-    said = [] if fit.status == "converged" else [f"{STATUS[fit.status]}."]
-    names = open_numbers(fit)
-    if names:
-        said.append(f"the data do not determine {listed(names)}.")
-    return said
+    """What to know of a fitted model of a comparison before its figure is believed, briefly."""
+    if row.fit is None:
+        return []
+    said = [row.fault] if row.fault else []
+    said += [] if row.fit.status == "converged" else [f"{STATUS[row.fit.status]}."]
+    names = open_numbers(row.fit)
+    return [*said, f"the data do not determine {listed(names)}."] if names else said
 
 
 def for_people(unit: str) -> tuple[float, str]:
@@ -285,29 +242,31 @@ def for_people(unit: str) -> tuple[float, str]:
     return k, shown or "of the spread"
 
 
-# ---- sentences and tables ------------------------------------------------------------------------
+# ---- sentences -----------------------------------------------------------------------------------
+
+
+def _list(heading: str, sentences: Iterable[str]) -> list[str]:
+    """A part of a text: sentences under a heading; none without sentences."""
+    bullets = [_bullet(text) for text in sentences]
+    return ["\n".join([heading, *bullets])] if bullets else []
 
 
 def _bullet(text: str) -> str:
     """A sentence in lines that fit a terminal, after a dash; no percent sign stands alone."""
-    lines = textwrap.fill(
-        text.replace(" %", "\xa0%"),
-        WIDTH,
-        initial_indent="- ",
-        subsequent_indent="  ",
-        break_long_words=False,
-        break_on_hyphens=False,
+    wrapper = textwrap.TextWrapper(
+        WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
-    return lines.replace("\xa0", " ")
+    return wrapper.fill(text.replace(" %", "\xa0%")).replace("\xa0", " ")
 
 
 # ---- views ---------------------------------------------------------------------------------------
 
 view = functools.singledispatch(no_view)
-view.register(Comparison, ranking)
-view.register(Fit, in_words)
+view.register(Comparison, comparison_text)
+view.register(Fit, fit_text)
 
 
 @view.register
-def _(differences: Differences) -> str:
-    return "\n\n".join(filter(None, [differences.title, left(differences)]))
+def differences_text(differences: Differences) -> str:
+    """The title, and the table of residuals."""
+    return "\n\n".join(filter(None, [differences.title, residual_table(differences)]))

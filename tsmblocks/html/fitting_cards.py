@@ -12,7 +12,7 @@ from tsmblocks.data import heading
 from tsmblocks.fitting.compare import Comparison
 from tsmblocks.fitting.result import STATUS, Fit
 from tsmblocks.fitting.score import Difference, Differences
-from tsmblocks.fitting.text import cautions, estimate_rows, left_rows, ranking_rows, row_doubts
+from tsmblocks.fitting.text import cautions, estimate_rows, ranking_rows, residual_rows, row_doubts
 from tsmblocks.html.card import card, listed, table_of, time_chart
 from tsmblocks.html.pages import part
 
@@ -62,7 +62,7 @@ def comparison_card(comparison: Comparison) -> str:
 def _left(differences: Differences) -> tuple[str, str]:
     if not len(differences):
         return "", ""
-    return table_of(left_rows(differences), {0, 3}, MOST), _chart(_worst(differences))
+    return table_of(residual_rows(differences), {0, 3}, MOST), _chart(_worst(differences))
 
 
 def _worst(differences: Differences) -> Difference:
