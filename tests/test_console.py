@@ -104,8 +104,8 @@ def test_a_name_that_leaves_the_rest_no_room_stands_above_its_row():
 
 def test_columns_that_are_too_many_stand_in_several_tables():
     rows = [("case", "first", "tuned", "second", "tuned"), ("a", "1", "2", "3", "4")]
-    assert split_columns(rows, together=2) == columns(rows)
-    first, second = split_columns(rows, together=2, width=22).split("\n\n")
+    assert split_columns(rows) == columns(rows)
+    first, second = split_columns(rows, width=22).split("\n\n")
     assert first == columns([row[:3] for row in rows])
     assert second == columns([(row[0], *row[3:]) for row in rows])
     assert split_columns(rows, width=3).count("\n\n") == 3, "what fits nowhere stands alone"

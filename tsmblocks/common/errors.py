@@ -83,12 +83,8 @@ class AlgebraicLoop(DiagramError):
 
     Parameters
     ----------
-    diagram : str
-        Title of the diagram.
-    problems : sequence of str
-        One sentence for each fault.
-    where : str, default ""
-        ``file:line`` where the diagram was written.
+    diagram, problems, where : object
+        As for ``DiagramError``.
     path : sequence of str, default ()
         Signals around the loop; the first and the last are the same.
     """
@@ -140,10 +136,8 @@ def numbered(problems: Sequence[str]) -> str:
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
         shown.append(f"and {len(problems) - MOST_PROBLEMS} more.")
-    lines = [
-        f"  {n}. " + _printable(clip(text, MOST_CHARACTERS)).replace("\n", "\n     ") for n, text in enumerate(shown, 1)
-    ]
-    return "\n".join([f"{count}:", *lines])
+    texts = [_printable(clip(text, MOST_CHARACTERS)).replace("\n", "\n     ") for text in shown]
+    return "\n".join([f"{count}:", *(f"  {n}. {text}" for n, text in enumerate(texts, 1))])
 
 
 def _printable(text: str) -> str:
@@ -156,15 +150,17 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
 
     Close is, in this order: a difference of a letter or two; the only name that contains the word (``play`` is
     ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end that differs by a letter or two.
+    A single letter is no word, and two are no beginning.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
+    words = {k: f"_{k.casefold()}_".replace(".", "_").replace("/", "_") for k in choices}
     close = (
         [k for k in choices if k.casefold() == plain]
         or get_close_matches(text, likely, 1, 0.85)
-        or _with_word(plain, choices)
+        or _only([k for k in choices if len(plain) > 1 and f"_{plain}_" in words[k]])
         or get_close_matches(text, likely, 1, 0.6)
-        or _with_beginning(plain, choices)
+        or _only([k for k in choices if len(plain) > 2 and k.casefold().startswith(plain)])
         or _with_end(plain, choices)
     )
     if close:
@@ -175,9 +171,8 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
     return f" Known here: {', '.join(map(clip, choices[:most]))}{more}.{otherwise}"
 
 
-def _with_beginning(plain: str, choices: list[str]) -> list[str]:
-    """The name that begins with ``plain``, where there is exactly one and ``plain`` has three letters or more."""
-    found = [k for k in choices if k.casefold().startswith(plain)] if len(plain) > 2 else []
+def _only(found: list[str]) -> list[str]:
+    """What was found, where it is exactly one."""
     return found if len(found) == 1 else []
 
 
@@ -185,12 +180,6 @@ def _with_end(plain: str, choices: list[str]) -> list[str]:
     """The name whose last words differ by a letter or two: ``lineer`` is near ``tendon_sheath_linear``."""
     ends = {k[m.end() :].casefold(): k for k in choices for m in re.finditer("_", k)} if len(plain) > 3 else {}
     return [ends[end] for end in get_close_matches(plain, ends, 1, 0.8)]
-
-
-def _with_word(plain: str, choices: list[str]) -> list[str]:
-    """The name that contains ``plain`` as a word, where there is exactly one and ``plain`` is no single letter."""
-    found = [k for k in choices if f"_{plain}_" in f"_{k.casefold()}_".replace(".", "_").replace("/", "_")]
-    return found if len(found) == 1 and len(plain) > 1 else []
 
 
 def _likely(name: str, choices: list[str]) -> list[str]:

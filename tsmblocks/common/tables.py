@@ -42,39 +42,22 @@ def columns(rows: Iterable[Sequence[str]], indent: str = "", left: Collection[in
 
 def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
     """A row with text at its end: beside it in lines that fit, or below it where there is no room."""
-    room = width - len(before)
-    if room < NARROW:
-        return [before.rstrip(), *_folded(words, width - len(below), below)]
-    first, *others = _folded(words, room, "")
-    return [before + first, *(" " * len(before) + other for other in others)]
+    beside = width - len(before) >= NARROW
+    first, others = (before, " " * len(before)) if beside else (below, below)
+    fold = textwrap.TextWrapper(max(width, len(others) + NARROW), first, others, break_long_words=False)
+    fold.break_on_hyphens = False
+    return fold.wrap(words) if beside else [before.rstrip(), *fold.wrap(words)]
 
 
-def _folded(words: str, width: int, indent: str) -> list[str]:
-    """Text wrapped to lines."""
-    lines = textwrap.wrap(words, max(width, NARROW), break_long_words=False, break_on_hyphens=False)
-    return [indent + line for line in lines]
-
-
-def split_columns(rows: Iterable[Sequence[str]], together: int = 1, width: int = WIDTH) -> str:
-    """Aligned columns of numbers, split into several tables where one would be too wide.
-
-    Each table has the first column, and of the others a multiple of ``together``.
-    """
-    table = [list(row) for row in rows]
-    count = len(table[0]) - 1
-    most = max(len(row[0]) for row in table)
-    for each in range(count, 0, -together):
-        if each % together:
-            continue
-        parts = [[[row[0], *row[1 + k : 1 + k + each]] for row in table] for k in range(0, count, each)]
-        if all(most + _beside(part) <= width for part in parts):
+def split_columns(rows: Iterable[Sequence[str]], width: int = WIDTH) -> str:
+    """Aligned columns of numbers, split into several tables where one would be too wide; each has the first column."""
+    names, *numbers = zip(*rows, strict=True)
+    widest, *widths = (max(map(len, column)) for column in (names, *numbers))
+    for each in range(len(numbers), 0, -1):
+        starts = range(0, len(numbers), each)
+        if all(widest + sum(w + 2 for w in widths[k : k + each]) <= width for k in starts):
             break
-    return "\n\n".join(columns(part, width=width) for part in parts)
-
-
-def _beside(rows: Sequence[Sequence[str]]) -> int:
-    """Width of all columns but the first."""
-    return sum(2 + max(len(row[k]) for row in rows) for k in range(1, len(rows[0])))
+    return "\n\n".join(columns(zip(names, *numbers[k : k + each], strict=True), width=width) for k in starts)
 
 
 def few(names: Iterable[str], most: int = 6) -> str:

@@ -16,58 +16,35 @@ from tsmblocks.common.errors import TsmError, near
 
 Dimension = tuple[tuple[str, int], ...]
 
-_BASE: dict[str, tuple[float, dict[str, int]]] = {
-    "1": (1.0, {}),
-    "%": (0.01, {}),
-    "rad": (1.0, {"rad": 1}),
-    "mrad": (1e-3, {"rad": 1}),
-    "deg": (math.pi / 180, {"rad": 1}),
-    "rev": (2 * math.pi, {"rad": 1}),
-    "rpm": (2 * math.pi / 60, {"rad": 1, "s": -1}),
-    "s": (1.0, {"s": 1}),
-    "ms": (1e-3, {"s": 1}),
-    "us": (1e-6, {"s": 1}),
-    "min": (60.0, {"s": 1}),
-    "h": (3600.0, {"s": 1}),
-    "Hz": (1.0, {"s": -1}),
-    "kHz": (1e3, {"s": -1}),
-    "m": (1.0, {"m": 1}),
-    "cm": (1e-2, {"m": 1}),
-    "mm": (1e-3, {"m": 1}),
-    "um": (1e-6, {"m": 1}),
-    "kg": (1.0, {"kg": 1}),
-    "g": (1e-3, {"kg": 1}),
-    "A": (1.0, {"A": 1}),
-    "mA": (1e-3, {"A": 1}),
-    "K": (1.0, {"K": 1}),
-    "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
-    "mN": (1e-3, {"kg": 1, "m": 1, "s": -2}),
-    "kN": (1e3, {"kg": 1, "m": 1, "s": -2}),
-    "Nm": (1.0, {"kg": 1, "m": 2, "s": -2}),
-    "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
-    "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
-    "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
-    "mV": (1e-3, {"kg": 1, "m": 2, "s": -3, "A": -1}),
-    "ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
-    "H": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -2}),
-    "mH": (1e-3, {"kg": 1, "m": 2, "s": -2, "A": -2}),
+_SIZES: tuple[tuple[dict[str, int], dict[str, float]], ...] = (
+    ({}, {"1": 1.0, "%": 0.01}),
+    ({"rad": 1}, {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi}),
+    ({"rad": 1, "s": -1}, {"rpm": 2 * math.pi / 60}),
+    ({"s": 1}, {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}),
+    ({"s": -1}, {"Hz": 1.0, "kHz": 1e3}),
+    ({"m": 1}, {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}),
+    ({"kg": 1}, {"kg": 1.0, "g": 1e-3}),
+    ({"A": 1}, {"A": 1.0, "mA": 1e-3}),
+    ({"K": 1}, {"K": 1.0}),
+    ({"kg": 1, "m": 1, "s": -2}, {"N": 1.0, "mN": 1e-3, "kN": 1e3}),
+    ({"kg": 1, "m": 2, "s": -2}, {"Nm": 1.0, "J": 1.0}),
+    ({"kg": 1, "m": 2, "s": -3}, {"W": 1.0}),
+    ({"kg": 1, "m": 2, "s": -3, "A": -1}, {"V": 1.0, "mV": 1e-3}),
+    ({"kg": 1, "m": 2, "s": -3, "A": -2}, {"ohm": 1.0}),
+    ({"kg": 1, "m": 2, "s": -2, "A": -2}, {"H": 1.0, "mH": 1e-3}),
+)
+"""Units of each quantity, which is given by its powers of the base units: label -> size in these."""
+_BASE = {label: (size, powers) for powers, sizes in _SIZES for label, size in sizes.items()}
+_SPELLINGS = {
+    "1": ("", "-"),
+    "deg": ("°", "degree", "degrees"),
+    "rad": ("radian", "radians"),
+    "s": ("sec", "second", "seconds"),
+    "ohm": ("Ohm", "Ω"),
+    "um": ("µm",),
+    "us": ("µs",),
 }
-_ALIAS = {
-    "": "1",
-    "-": "1",
-    "°": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "radian": "rad",
-    "radians": "rad",
-    "sec": "s",
-    "second": "s",
-    "seconds": "s",
-    "Ohm": "ohm",
-    "Ω": "ohm",
-    "µm": "um",
-    "µs": "us",
-}
+_ALIAS = {other: label for label, others in _SPELLINGS.items() for other in others}
 
 
 class Unit(NamedTuple):
@@ -157,14 +134,10 @@ def times(label: str, power_of: str, exponent: int = 1) -> str:
     if exponent == 1:
         over, slash, under = label.partition("/")
         return label.removesuffix(f"/{power_of}") if under == power_of else f"{over}*{power_of}{slash}{under}"
-    return label.removesuffix(f"*{power_of}") if label.endswith(f"*{power_of}") else _rate(label, power_of)
-
-
-def _rate(label: str, power_of: str) -> str:
+    if label.endswith(f"*{power_of}"):
+        return label.removesuffix(f"*{power_of}")
     match = re.fullmatch(rf"(.*)/{re.escape(power_of)}(?:\^(\d+))?", label)
-    if match:
-        return f"{match[1]}/{power_of}^{int(match[2] or 1) + 1}"
-    return f"{label}/{power_of}"
+    return f"{match[1]}/{power_of}^{int(match[2] or 1) + 1}" if match else f"{label}/{power_of}"
 
 
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)
