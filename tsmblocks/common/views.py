@@ -73,3 +73,37 @@ def _registered(kind: str, cls: type) -> Any:
 def no_view(value: object, **options: Any) -> Any:
     """Base case of every ``view``: the class is not registered."""
     raise NotImplementedError(type(value).__name__)
+
+
+class SignalViews:
+    """Views of signals over time, of a recording or a run."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return view("html", self)
+
+    def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
+        """Plot signals over time, angles in degrees. Needs matplotlib.
+
+        Parameters
+        ----------
+        *names : str
+            Signals, or expressions of them such as ``"x_in - x_out"``; where none is given, all signals of a recording
+            or the outputs of the diagram of a run.
+        ax : matplotlib.axes.Axes or None, default None
+            Axes to draw into, by default those of a new figure.
+        after : float or None, default None
+            Time [s] at which the plot begins.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+
+        Raises
+        ------
+        TsmError
+            For an unknown signal.
+        """
+        return view("plot", self, names=names, ax=ax, after=after)

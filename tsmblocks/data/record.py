@@ -15,7 +15,7 @@ from tsmblocks.common.errors import DataError, near
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.units import heading
-from tsmblocks.common.views import view
+from tsmblocks.common.views import SignalViews
 from tsmblocks.data import conditioning, filters, grid, parts, resampling
 from tsmblocks.data import signals as signal_methods
 from tsmblocks.data.writing import written
@@ -37,7 +37,7 @@ def _read_only_signals(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.nda
 
 
 @attrs.frozen(eq=False)
-class Record:
+class Record(SignalViews):
     """A measurement: signals sampled at increasing times.
 
     Every method returns a new record and leaves this one unchanged.
@@ -222,25 +222,6 @@ class Record:
         facts = {"name": self.name, "origin": self.origin, "notes": "\n".join(self.notes)}
         return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
-    def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
-        """Plot signals over time, angles in degrees. Needs matplotlib.
-
-        Parameters
-        ----------
-        *names : str
-            Signals, or expressions of them such as ``"x_in - x_out"``; all signals where none is given.
-        ax : matplotlib.axes.Axes or None, default None
-            Axes to draw into, by default those of a new figure.
-        after : float or None, default None
-            Time [s] at which the plot begins.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure.
-        """
-        return view("plot", self, names=names, ax=ax, after=after)
-
     def save(self, path: str | Path) -> Path:
         """Write all signals to a file that ``tsm.read`` reads again.
 
@@ -267,9 +248,6 @@ class Record:
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self) else ""
         return f"Record({self.name!r}, {span}{len(self)} samples, {few(heading(k, self.unit(k)) for k in self)})"
-
-    def _repr_html_(self) -> str:
-        return view("html", self)
 
     # ---- the time axis
 

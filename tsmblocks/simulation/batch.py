@@ -52,29 +52,18 @@ def simulate_batch(
         The diagram.
     parameters : dict of str to array
         Values of each varied parameter, shape (sets,), all of one length.
-    stop : float, optional
-        End in s; the last instant is the last whole step up to it. By default the end of the shortest recorded input,
-        or 20 s without one.
-    step : float, default 1e-3
-        Step in s.
-    start : float, default 0.0
-        Time of the first instant in s.
-    method : {"rk4", "euler", "heun"}
-        Runge-Kutta method.
-    inputs : dict of str to signal, optional
-        Inputs of the diagram by name, as for ``simulate``.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of the inputs.
+    stop, step, start, method, inputs, hold : optional
+        As for ``simulate``.
     outputs : list of str, optional
         Signals to keep. By default the outputs of the diagram.
     reduce : callable, optional
         ``reduce(t, signals)`` gets arrays of shape (N, lanes) and returns results of shape (lanes,) by name; then only
         these are kept.
-    every : int, default 1
-        Keep every ``every``-th instant.
+    every : optional
+        As for ``simulate``.
     threads : int, optional
         Number of threads. By default one for each processor.
-    backend : {"", "llvm", "casadi"}
+    backend : optional
         As for ``simulate``.
 
     Returns
@@ -87,9 +76,7 @@ def simulate_batch(
     ParameterError
         For an unknown parameter, one that cannot vary between lanes, arrays of different lengths, and a set that
         a block refuses.
-    RunError
-        As for ``simulate``.
-    DataError
+    RunError, DataError
         As for ``simulate``.
 
     Examples

@@ -5,31 +5,39 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+import attrs
 import numpy as np
 
+from tsmblocks.common.errors import NotFinite
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.session import Session
+from tsmblocks.engine.session import Session, single_kernel
 
 ORDINARY_STATE = 1e20
 """States below this size did not grow without bound before they became non-finite. Chosen."""
 
 
-def explain_divergence(eq: Equations, session: Session, steps: int) -> tuple[str, str, float]:
-    """Run again from the last safe instant with everything logged; (message, block, time [s])."""
-    first = session.k
-    y = session.rows_for(steps, True)
-    session.advance(steps, True, y)
+def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
+    """The error of a run that diverges within some steps, which are repeated with every signal logged."""
+    eq, first = session.eq, session.k
+    kernel = single_kernel(eq, session.kernel.plan.method, tuple(range(len(eq.y))), backend)
+    again = attrs.evolve(session, kernel=kernel, memory=session.memory.copy(), every=1)
+    y = again.rows_for(steps, True)
+    again.advance(steps, True, y)
     bad = np.flatnonzero(~np.isfinite(y).all(axis=1))
     row = int(bad[0]) if len(bad) else len(y) - 1
     time = session.start + (first + row) * session.h
     values = dict(zip(eq.y, y[row], strict=True))
-    before = dict(zip(eq.y, y[row - 1], strict=True)) if row else {}
     block = _first_non_finite(eq, values)
     if block:
-        return _output_message(eq, values, block, time), block, time
-    states = [k for k in eq.x if not math.isfinite(values.get(k, 0.0))]
-    block = (states[0] if states else next(iter(values))).rpartition(".")[0]
-    return _state_message(eq, values, before, states, block, time), block, time
+        text = _output_message(eq, values, block, time)
+    else:
+        before = dict(zip(eq.y, y[row - 1], strict=True)) if row else {}
+        states = [k for k in eq.x if not math.isfinite(values.get(k, 0.0))]
+        block = (states[0] if states else next(iter(values))).rpartition(".")[0]
+        text = _state_message(eq, values, before, states, block, time)
+    error = NotFinite(text)
+    error.block, error.time = block, time
+    return error
 
 
 def _first_non_finite(eq: Equations, values: dict[str, float]) -> str:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 
+from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.engine.equations import Equations
 from tsmblocks.simulation.arguments import TimeGrid
@@ -29,13 +30,11 @@ def logged_signals(eq: Equations, log: str | Iterable[str], times: TimeGrid) -> 
 def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     if log == "all":
         return tuple(range(len(eq.y)))
-    shown = set(eq.aliases.values())
-    if not isinstance(log, Iterable):
-        raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(log)}.")
-    patterns = [] if isinstance(log, str) and log == "outputs" else [log] if isinstance(log, str) else list(log)
+    patterns = [] if log == "outputs" else as_list(log) if isinstance(log, Iterable) else [log]
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(pattern)}.")
+    shown = set(eq.aliases.values())
     chosen = [
         k
         for k, name in enumerate(eq.y)

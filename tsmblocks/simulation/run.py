@@ -14,13 +14,13 @@ from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.units import heading
-from tsmblocks.common.views import view
+from tsmblocks.common.views import SignalViews
 from tsmblocks.data import Record
 from tsmblocks.data.writing import written
 
 
 @attrs.frozen(eq=False)
-class Run:
+class Run(SignalViews):
     """Signals of one simulation.
 
     ``run["tsm.y"]`` is a signal of shape (N,), by the name of an output of the diagram, of a block's port
@@ -199,37 +199,10 @@ class Run:
         signals = {n: (("t",), self[n], self.unit(n)) for n in as_list(names) or self.keys()}
         return dataset(signals, {"t": (("t",), self.t, "s")}, facts)
 
-    def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
-        """Plot signals over time, angles in degrees.
-
-        Parameters
-        ----------
-        *names : str
-            Signals, or expressions such as ``"x_ref - x_out"``; the outputs of the diagram unless given.
-        ax : matplotlib.axes.Axes, optional
-            Where to draw. By default in a new figure.
-        after : float, optional
-            Time in s from which on to draw. By default the start.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure. Needs matplotlib.
-
-        Raises
-        ------
-        RunError
-            For an unknown signal.
-        """
-        return view("plot", self, names=names, ax=ax, after=after)
-
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self.t) else ""
         part = "" if self.complete else ", stopped before its end"
         return f"Run({self.title!r}, {span}{len(self.t)} instants, {few(self.keys())}{part})"
-
-    def _repr_html_(self) -> str:
-        return view("html", self)
 
     def save(self, path: str | Path, names: Sequence[str] | None = None) -> Path:
         """Write signals to a file.

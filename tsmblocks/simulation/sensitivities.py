@@ -45,22 +45,9 @@ def sensitivities(
         Parameters, initial states among them.
     outputs : list of str, optional
         Signals. By default the outputs of the diagram.
-    stop : float, optional
-        End in s; the last instant is the last whole step up to it. By default the end of the shortest recorded input,
-        or 20 s without one.
-    step : float, default 1e-3
-        Step in s.
-    start : float, default 0.0
-        Time of the first instant in s.
-    method : {"rk4", "euler", "heun"}
-        Runge-Kutta method.
-    inputs : dict of str to signal, optional
-        Inputs of the diagram by name, as for ``simulate``.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of the inputs.
-    every : int, default 1
-        Keep every ``every``-th instant.
-    backend : {"", "llvm", "casadi"}
+    stop, step, start, method, inputs, hold : optional
+        As for ``simulate``.
+    every, backend : optional
         As for ``simulate``.
 
     Returns
@@ -73,9 +60,7 @@ def sensitivities(
     ------
     ParameterError
         For an unknown parameter, or none.
-    RunError
-        As for ``simulate``.
-    DataError
+    RunError, DataError
         As for ``simulate``.
 
     Examples

@@ -9,15 +9,12 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_callback
-from tsmblocks.common.errors import NotFinite
-from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.events import locating
-from tsmblocks.engine.methods import Method
-from tsmblocks.engine.session import Session, Stopped, single_kernel, start_memory, steps_per_period
+from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
-from tsmblocks.simulation.divergence import explain_divergence
+from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.logged_signals import logged_signals
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.run_options import RunOptions
@@ -133,21 +130,17 @@ def simulate(
     if locate:
         session = locating(session, rule, chosen, backend)
     rows, stopped = session.run(times.steps, progress)
-    run = _result(diagram.title, session, rule, names, rows, p, k, stopped is None)
-    if stopped is not None and not stopped.interrupted:
-        raise _failure(eq, rule, session, stopped, run, backend)
-    return run
+    run = _result(diagram.title, session, names, rows, p, k, stopped is None)
+    if stopped is None or stopped.interrupted:
+        return run
+    last = Session(eq, kernel, stopped.memory, signals, origin, h, 1, stopped.k, hits)
+    error = divergence_error(last, backend, stopped.steps)
+    error.run = attrs.evolve(run, state=attrs.evolve(run.state, diverged_at=error.time))
+    raise error
 
 
 def _result(
-    title: str,
-    session: Session,
-    rule: Method,
-    names: tuple[str, ...],
-    rows: np.ndarray,
-    p: np.ndarray,
-    k: int,
-    complete: bool,
+    title: str, session: Session, names: tuple[str, ...], rows: np.ndarray, p: np.ndarray, k: int, complete: bool
 ) -> Run:
     """The run so far, from step ``k`` on."""
     eq, start, h = session.eq, session.start, session.h
@@ -161,23 +154,8 @@ def _result(
         units=eq.units,
         parameters=dict(zip(eq.p, p, strict=True)),
         step=h,
-        method=rule.name,
+        method=session.kernel.plan.method.name,
         state=SavedState(session.memory, session.k, start, h, memory_names(eq)),
         complete=complete,
         events=tuple(e for e in session.events if e.t <= start + session.k * h),
     )
-
-
-def _failure(eq: Equations, rule: Method, session: Session, stopped: Stopped, run: Run, backend: str) -> NotFinite:
-    """The error of a run that diverged, with the run up to there.
-
-    The last piece is repeated from the memory before it, with every signal logged, to find which diverges first.
-    """
-    kernel = single_kernel(eq, rule, tuple(range(len(eq.y))), backend)
-    again = Session(
-        eq, kernel, stopped.memory.copy(), session.signals, session.start, session.h, 1, stopped.k, session.hits
-    )
-    text, block, time = explain_divergence(eq, again, stopped.steps)
-    error = NotFinite(text)
-    error.run, error.block, error.time = attrs.evolve(run, state=attrs.evolve(run.state, diverged_at=time)), block, time
-    return error

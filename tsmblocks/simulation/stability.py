@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,8 +24,6 @@ MOST_STATES = 120
 MOST_CHECKED = 16
 """Sets of parameters whose poles are computed, at most. Chosen: for speed."""
 
-_JACOBIANS: dict[int, tuple[Equations, Any]] = {}
-"""By ``id`` of the equations, which are kept beside the function: an id is used again once its object is gone."""
 _SILENT: ContextVar[bool] = ContextVar("quiet", default=False)
 """Whether step warnings are off in this context."""
 
@@ -130,14 +129,8 @@ def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
 
 
+@functools.lru_cache(maxsize=64)
 def _jacobian(eq: Equations) -> Any:
-    """d(dx)/dx as a function, made once for each set of equations."""
-    known = _JACOBIANS.get(id(eq))
-    if known is None or known[0] is not eq:
-        symbols = eq.rhs.sx_in()
-        dx = eq.rhs.call(symbols)[0]
-        known = (eq, ca.Function("jacobian", symbols, [ca.jacobian(dx, symbols[1])]))
-        if len(_JACOBIANS) > 64:
-            _JACOBIANS.clear()
-        _JACOBIANS[id(eq)] = known
-    return known[1]
+    """d(dx)/dx as a function (kept, since equations are compared by identity)."""
+    symbols = eq.rhs.sx_in()
+    return ca.Function("jacobian", symbols, [ca.jacobian(eq.rhs.call(symbols)[0], symbols[1])])

@@ -17,7 +17,7 @@ from tsmblocks.engine.session import Session, single_kernel, start_memory, steps
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.compiled import equations, parameter_vector
-from tsmblocks.simulation.divergence import explain_divergence
+from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory
 from tsmblocks.simulation.stability import RunStart, no_step_warnings, warn_of_fast_poles
 
@@ -129,21 +129,16 @@ class Stepper:
         self._advance(work, u, 0, True, 0, y)
         if not (np.isfinite(y).all() and np.isfinite(self.memory.x).all()):
             self.memory, self.k = before, self.k - 1
-            raise self._not_finite(before.copy(), values)
+            raise self._not_finite(before, values)
         row = dict(zip(self.names, y[0], strict=True))
         return {name: float(row[signal]) for name, signal in self.eq.aliases.items()}
 
     def _not_finite(self, before: Memory, values: list[float]) -> NotFinite:
         """The error of a step that diverged."""
-        kernel = single_kernel(self.eq, self.kernel.plan.method, tuple(range(len(self.eq.y))), self.backend)
         ends = np.array([0.0, self.h])  # held before and after
         held = [(Signal(f.name, v, ends, "zero"), 0) for f, v in zip(self.eq.u, values, strict=True)]
-        text, block, time = explain_divergence(
-            self.eq, Session(self.eq, kernel, before, held, self.start, self.h, 1, self.k, self.hits), 1
-        )
-        error = NotFinite(text)
-        error.block, error.time = block, time
-        return error
+        last = Session(self.eq, self.kernel, before, held, self.start, self.h, 1, self.k, self.hits)
+        return divergence_error(last, self.backend, 1)
 
     def _advance(self, memory: Memory, u: np.ndarray, n: int, final: bool, skip: int, y: np.ndarray) -> None:
         steps = Steps(self.start, self.h, self.k, n, final, self.hits, every=1 << 40, skip=skip)
@@ -155,12 +150,10 @@ class Stepper:
         for name in inputs:
             if name not in wanted:
                 raise DataError(f"diagram '{self.eq.title}' has no input '{name}'.{near(name, wanted)}")
-        return [self._value(name, inputs) for name in wanted]
-
-    def _value(self, name: str, inputs: Mapping[str, Any]) -> float:
-        if name not in inputs:
-            raise DataError(f"diagram '{self.eq.title}' needs a value of its input '{name}' at each step.")
-        return as_number(f"input '{name}'", inputs[name], DataError)
+        for name in wanted:
+            if name not in inputs:
+                raise DataError(f"diagram '{self.eq.title}' needs a value of its input '{name}' at each step.")
+        return [as_number(f"input '{name}'", inputs[name], DataError) for name in wanted]
 
     def __reduce__(self) -> Any:  # machine code cannot be pickled; it is compiled again, or loaded
         return _revived, (self.diagram, self.h, self.kernel.plan.method.name, self.backend, self.save())
