@@ -6,9 +6,8 @@ The source has the instructions that the engine compiles, so blocks declare noth
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from pathlib import Path
-from typing import Any
 
 import attrs
 import numpy as np
@@ -23,8 +22,8 @@ from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, time_jumps
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
-from tsmblocks.export.operations import GREATEST, LEAST, c_double, statements
-from tsmblocks.export.pieces import PAST, RESERVED, SPARE, comment, identifiers, used
+from tsmblocks.export.operations import LIMITS, c_double, statements
+from tsmblocks.export.pieces import HEADER, PAST, RESERVED, SPARE, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -144,114 +143,67 @@ class _Text:
         tau = check_delays(eq, p, h)
         self.room = 1 << int(max(tau, default=0) + SPARE).bit_length()
         self.rhs = Program(eq.rhs)
-        self.update = Program(eq.update) if eq.update is not None else None
-        self.start = Program(eq.start)
-        self.lag = Program(eq.lag) if eq.q else None
         self.jumps = time_jumps(self.rhs)
         inputs = [f.name.removeprefix("d/dt " * f.order) + "_dot" * f.order for f in eq.u]
         self.u, self.p = identifiers(inputs), identifiers(eq.p)
         self.y = identifiers(eq.aliases)
+        self.given = (
+            f"const {name}_parameters *p, double t, const double *x, const double *d, const {name}_inputs *u, "
+            "const double *q"
+        )
 
     def code(self) -> Code:
         """Header and source."""
-        return Code(self.name, "\n".join([*self._header(), ""]), "\n".join([*self._source(), ""]))
+        return Code(self.name, self._header(), "\n".join([*self._source(), ""]))
 
-    # ---- header
-
-    def _header(self) -> Iterator[str]:
-        n, eq = self.name, self.eq
-        guard = f"{n.upper()}_H"
-        yield f"/* {comment(eq.title)}: one step of {self.h:g} s at a time ({self.method.name})."
-        yield f"   Written by tsmblocks {__version__}. */"
-        yield f"#ifndef {guard}"
-        yield f"#define {guard}"
-        yield ""
-        yield "typedef struct {"
-        yield from self._fields(self.u, [times(f.unit, "s", -1) if f.order else f.unit for f in eq.u])
-        yield f"}} {n}_inputs;"
-        yield ""
-        yield "typedef struct {"
-        yield from self._fields(self.y, [eq.units.get(signal, "") for signal in eq.aliases.values()])
-        yield f"}} {n}_outputs;"
-        yield ""
-        yield "typedef struct {"
-        yield from self._fields(self.p, [""] * len(self.p))
-        yield f"}} {n}_parameters;"
-        yield ""
-        yield "typedef struct {"
-        yield f"    {n}_parameters p;"
-        yield f"    double x[{max(len(eq.x), 1)}];  /* states: {comment(', '.join(eq.x)) or 'none'} */"
-        yield f"    double d[{max(len(eq.d), 1)}];  /* memory: {comment(', '.join(eq.d)) or 'none'} */"
-        if eq.q:
-            yield f"    double past[{len(eq.q)}][{self.room}];  /* of delayed signals */"
-        yield "    long long k;  /* steps taken */"
-        yield f"}} {n};"
-        yield ""
-        yield f"void {n}_init({n} *c);"
-        yield f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y);"
-        yield ""
-        yield f"#endif /* {guard} */"
-
-    def _fields(self, names: list[str], units: list[str]) -> Iterator[str]:
-        for name, unit in zip(names, units, strict=True):
-            yield f"    double {name};{f'  /* [{comment(unit)}] */' if unit else ''}"
-        if not names:
-            yield "    char none;  /* C has no empty structure */"
+    def _header(self) -> str:
+        eq = self.eq
+        return HEADER.format(
+            title=comment(eq.title),
+            h=self.h,
+            method=self.method.name,
+            version=__version__,
+            guard=f"{self.name.upper()}_H",
+            n=self.name,
+            inputs=_fields(self.u, [times(f.unit, "s", -1) if f.order else f.unit for f in eq.u]),
+            outputs=_fields(self.y, [eq.units.get(signal, "") for signal in eq.aliases.values()]),
+            parameters=_fields(self.p, [""] * len(self.p)),
+            states=f"x[{max(len(eq.x), 1)}];  /* states: {comment(', '.join(eq.x)) or 'none'} */",
+            memory=f"d[{max(len(eq.d), 1)}];  /* memory: {comment(', '.join(eq.d)) or 'none'} */",
+            past=f"    double past[{len(eq.q)}][{self.room}];  /* of delayed signals */\n" if eq.q else "",
+        )
 
     # ---- source
 
     def _source(self) -> Iterator[str]:
-        n = self.name
-        yield f'#include "{n}.h"'
-        yield ""
-        yield "#include <math.h>"
-        yield ""
-        body = [
-            *self._init(),
-            "",
-            *self._update(),
-            *self._past(),
-            *self._signals(),
-            "",
-            *self._rates(),
-            "",
-            *self._step(),
-        ]
+        parts = (self._init, self._update, self._past, self._signals, self._rates, self._step)
+        body = [line for part in parts for line in part()]
+        yield from [f'#include "{self.name}.h"', "", "#include <math.h>", ""]
         text = "\n".join(body)
-        limits = [LEAST] * ("least(" in text) + [GREATEST] * ("greatest(" in text)
+        limits = [limit for name, limit in LIMITS.items() if f"{name}(" in text]
         if limits:
-            yield "/* Limits that keep NaN. */"
-            yield "\n".join(limits)
+            yield from ["/* Limits that keep NaN. */", "\n".join(limits)]
         yield from body
 
-    def _place(self, program: Program) -> Any:
+    def _place(self, program: Program) -> Callable[[int, int], str]:
         """The expression in C of each input of a program."""
-        plain = {"t": "t", "x": "x[{}]", "d": "d[{}]", "q": "q[{}]", "hit": "hit[{}]"}
 
         def place(slot: int, index: int) -> str:
             kind = program.inputs[slot]
-            if kind == "p":
-                return f"p->{self.p[index]}"
-            if kind == "u":
-                return f"u->{self.u[index]}"
-            return plain[kind].format(index)
+            named = {"p": self.p, "u": self.u}.get(kind)
+            return f"{kind}->{named[index]}" if named else "t" if kind == "t" else f"{kind}[{index}]"
 
         return place
 
-    def _function(
-        self, head: str, program: Program, stored: Mapping[str, tuple[int, int]], unused: list[str]
-    ) -> Iterator[str]:
+    def _function(self, head: str, program: Program, stored: Mapping[str, tuple[int, int]]) -> Iterator[str]:
         """A function that stores outputs of a program: target of the assignment -> (slot, index)."""
         goals = {target: program.outputs[place] for target, place in stored.items() if place in program.outputs}
-        zero = [f"    {target} = 0.0;" for target in stored if target not in goals]
         lines = statements(program, goals, self._place(program))
-        text = "\n".join(lines + zero)
-        yield f"static void {head}"
-        yield "{"
-        yield from (f"    (void){name};" for name in unused if not used(name, text))
-        yield from lines
-        yield from zero
-        yield "}"
+        lines += [f"    {target} = 0.0;" for target in stored if target not in goals]
+        arguments = re.findall(r"(\w+)[,)]", head)
+        yield from [f"static void {head}", "{"]
+        yield from (f"    (void){name};" for name in arguments if not used(name, "\n".join(lines)))
+        yield from [*lines, "}", ""]
 
     def _init(self) -> Iterator[str]:
         n, eq = self.name, self.eq
@@ -259,130 +211,91 @@ class _Text:
         if starts:
             stored = {**_array("x", 0, eq.x), **_array("d", 1, eq.d), **_array("s", 2, eq.q)}
             head = f"{n}_start(const {n}_parameters *p, double *x, double *d, double *s)"
-            yield from self._function(head, self.start, stored, ["p", "x", "d", "s"])
-            yield ""
-        yield f"void {n}_init({n} *c)"
-        yield "{"
+            yield from self._function(head, Program(eq.start), stored)
+        yield from [f"void {n}_init({n} *c)", "{"]
         if eq.q:
-            yield f"    double s[{len(eq.q)}];"
-            yield "    int i;"
-            yield "    int j;"
+            yield from [f"    double s[{len(eq.q)}];", "    int i;", "    int j;"]
         for name, value in zip(self.p, self.values, strict=True):
             yield f"    c->p.{name} = {c_double(float(value))};"
         if not self.p:
             yield "    c->p.none = 0;"
-        for k in range(not eq.x):
-            yield f"    c->x[{k}] = 0.0;"
-        for k in range(not eq.d):
-            yield f"    c->d[{k}] = 0.0;"
+        for kind, elements in (("x", eq.x), ("d", eq.d)):
+            if not elements:
+                yield f"    c->{kind}[0] = 0.0;"
         if starts:
             yield f"    {n}_start(&c->p, c->x, c->d, {'s' if eq.q else '0'});"
         if eq.q:
-            yield f"    for (i = 0; i < {len(eq.q)}; i++) {{"
-            yield f"        for (j = 0; j < {self.room}; j++) {{"
-            yield "            c->past[i][j] = s[i];"
-            yield "        }"
-            yield "    }"
-        yield "    c->k = 0;"
-        yield "}"
-
-    @property
-    def _given(self) -> str:
-        n = self.name
-        return (
-            f"const {n}_parameters *p, double t, const double *x, const double *d, const {n}_inputs *u, const double *q"
-        )
+            yield from _loop("i", len(eq.q), _loop("j", self.room, ["    c->past[i][j] = s[i];"]))
+        yield from ["    c->k = 0;", "}", ""]
 
     def _update(self) -> Iterator[str]:
-        if self.update is None:
-            return
-        n, eq = self.name, self.eq
-        stored = {**_array("dn", 0, eq.d), **_array("xn", 1, eq.x)}
-        head = f"{n}_update({self._given}, const double *hit, double *dn, double *xn)"
-        yield "/* Samples and memory after an instant. */"
-        yield from self._function(head, self.update, stored, ["p", "t", "x", "d", "u", "q", "hit", "dn", "xn"])
-        yield ""
+        if self.eq.update is not None:
+            stored = {**_array("dn", 0, self.eq.d), **_array("xn", 1, self.eq.x)}
+            head = f"{self.name}_update({self.given}, const double *hit, double *dn, double *xn)"
+            yield "/* Samples and memory after an instant. */"
+            yield from self._function(head, Program(self.eq.update), stored)
 
     def _signals(self) -> Iterator[str]:
         n, eq = self.name, self.eq
         shown = zip(self.y, eq.aliases.values(), strict=True)
         stored = {f"y->{name}": (1, eq.y.index(signal)) for name, signal in shown} | _array("s", 2, eq.q)
-        head = f"{n}_signals({self._given}, {n}_outputs *y, double *s)"
         yield "/* Outputs and signals to be delayed at an instant. */"
-        yield from self._function(head, self.rhs, stored, ["p", "t", "x", "d", "u", "q", "y", "s"])
+        yield from self._function(f"{n}_signals({self.given}, {n}_outputs *y, double *s)", self.rhs, stored)
 
     def _rates(self) -> Iterator[str]:
-        if not self.eq.x:
-            return
-        head = f"{self.name}_rates({self._given}, double *dx)"
-        yield "/* Derivatives of the states. */"
-        yield from self._function(head, self.rhs, _array("dx", 0, self.eq.x), ["p", "t", "x", "d", "u", "q", "dx"])
+        if self.eq.x:
+            yield "/* Derivatives of the states. */"
+            head = f"{self.name}_rates({self.given}, double *dx)"
+            yield from self._function(head, self.rhs, _array("dx", 0, self.eq.x))
 
     def _past(self) -> Iterator[str]:
-        if self.lag is None:
+        n, count = self.name, len(self.eq.q)
+        if not count:
             return
-        n = self.name
-        stored = _array("tau", 0, self.eq.q)
         yield "/* Delays in s. */"
-        yield from self._function(f"{n}_delays(const {n}_parameters *p, double *tau)", self.lag, stored, ["p"])
-        yield ""
-        yield from PAST.format(
-            n=n,
-            kept=DELAY_SAMPLES,
-            per=DELAY_NUMBERS,
-            count=len(self.eq.q),
-            mask=self.room - 1,
-            room=self.room,
-            h=c_double(self.h),
-            spare=SPARE,
-        ).split("\n")
+        head = f"{n}_delays(const {n}_parameters *p, double *tau)"
+        yield from self._function(head, Program(self.eq.lag), _array("tau", 0, self.eq.q))
+        h, room = c_double(self.h), self.room
+        sizes = dict(kept=DELAY_SAMPLES, per=DELAY_NUMBERS, spare=SPARE)
+        yield PAST.format(n=n, count=count, mask=room - 1, room=room, h=h, **sizes)
 
     def _step(self) -> Iterator[str]:
         n, eq = self.name, self.eq
-        stages = len(self.method.rows)
-        yield f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y)"
-        yield "{"
+        yield from [f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y)", "{"]
         yield f"    const {n}_parameters *p = &c->p;"
         yield f"    const double t = (double)c->k * {c_double(self.h)};"
         if eq.x:
-            yield f"    double slope[{stages}][{len(eq.x)}];"
-            yield f"    double ahead[{len(eq.x)}];"
-            yield "    int i;"
+            yield f"    double slope[{len(self.method.rows)}][{len(eq.x)}];"
+            yield from [f"    double ahead[{len(eq.x)}];", "    int i;"]
         if eq.q:
-            yield f"    double q[{DELAY_NUMBERS * len(eq.q)}];"
-            yield f"    double s[{len(eq.q)}];"
-        past = "q" if eq.q else "0"
-        yield from self._act(past)
+            yield from [f"    double q[{DELAY_NUMBERS * len(eq.q)}];", f"    double s[{len(eq.q)}];"]
+        past, stored = ("q", "s") if eq.q else ("0", "0")
+        yield from self._updated(past)
         if eq.q:
             yield f"    {n}_recall(c, 0.0, q);"
-        yield f"    {n}_signals(p, t, c->x, c->d, u, {past}, y, {'s' if eq.q else '0'});"
+        yield f"    {n}_signals(p, t, c->x, c->d, u, {past}, y, {stored});"
         if eq.q:
             yield f"    {n}_keep(c, s);"
         yield from self._stages(past)
-        yield "    c->k += 1;"
-        yield "}"
+        yield from ["    c->k += 1;", "}"]
 
-    def _act(self, past: str) -> Iterator[str]:
+    def _updated(self, past: str) -> Iterator[str]:
         """Samples and memory are updated before any signal of an instant."""
         n, eq = self.name, self.eq
-        if self.update is None:
+        if eq.update is None:
             return
         each = ", ".join(f"(double)(c->k % {steps} == 0)" for steps in self.hits) or "0.0"
         yield f"    const double hit[{max(len(self.hits), 1)}] = {{{each}}};"
         always = eq.every_step or not self.hits
-        when = "1" if always else " || ".join(f"hit[{k}] != 0.0" for k in range(len(self.hits)))
-        yield f"    if ({when}) {{"
+        yield f"    if ({'1' if always else ' || '.join(f'hit[{k}] != 0.0' for k in range(len(self.hits)))}) {{"
         yield f"        double dn[{max(len(eq.d), 1)}];"
-        yield f"        double xn[{max(len(eq.x), 1)}];"
-        yield "        int j;"
+        yield from [f"        double xn[{max(len(eq.x), 1)}];", "        int j;"]
         if eq.q:
             yield f"        {n}_recall(c, 0.0, q);"
         yield f"        {n}_update(p, t, c->x, c->d, u, {past}, hit, dn, xn);"
         for kind, count in (("d", len(eq.d)), ("x", len(eq.x))):
             if count:
-                yield f"        for (j = 0; j < {count}; j++) {{"
-                yield f"            c->{kind}[j] = {kind}n[j];"
-                yield "        }"
+                yield from _indented(_loop("j", count, [f"    c->{kind}[j] = {kind}n[j];"]))
         if not eq.d and not eq.x:
             yield "        (void)j;"
         yield "    }"
@@ -393,17 +306,15 @@ class _Text:
         if not eq.x:
             return
         for k, (row, offset) in enumerate(zip(method.rows, method.offsets, strict=True)):
-            terms = [f"{c_double(self.h)} * {c_double(a)} * slope[{j}][i]" for j, a in enumerate(row) if a]
-            yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
-            yield f"        ahead[i] = {' + '.join(['c->x[i]', *terms])};"
-            yield "    }"
+            yield from _loop("i", len(eq.x), [f"    ahead[i] = {' + '.join(['c->x[i]', *self._slopes(row)])};"])
             if eq.q and k:
                 yield f"    {n}_recall(c, {c_double(offset)}, q);"
             yield f"    {n}_rates(p, {self._time(offset)}, ahead, c->d, u, {past}, slope[{k}]);"
-        terms = [f"{c_double(self.h)} * {c_double(b)} * slope[{j}][i]" for j, b in enumerate(method.weights)]
-        yield f"    for (i = 0; i < {len(eq.x)}; i++) {{"
-        yield f"        c->x[i] += {' + '.join(terms)};"
-        yield "    }"
+        yield from _loop("i", len(eq.x), [f"    c->x[i] += {' + '.join(self._slopes(method.weights))};"])
+
+    def _slopes(self, weights: Iterable[float]) -> list[str]:
+        """Terms of a weighted sum of the slopes of a step."""
+        return [f"{c_double(self.h)} * {c_double(w)} * slope[{j}][i]" for j, w in enumerate(weights) if w]
 
     def _time(self, offset: float) -> str:
         if offset == 0:
@@ -413,6 +324,25 @@ class _Text:
             hair = f"{c_double(JUMP_OFFSETS[0] * self.h)} + {c_double(JUMP_OFFSETS[1])} * fabs({end})"
             return f"{end} - fmin({hair}, {c_double(JUMP_OFFSETS[2] * self.h)})" if self.jumps else end
         return f"t + {c_double(offset)} * {c_double(self.h)}"
+
+
+def _fields(names: list[str], units: list[str]) -> str:
+    """The members of a structure."""
+    if not names:
+        return "    char none;  /* C has no empty structure */"
+    rows = zip(names, units, strict=True)
+    return "\n".join(f"    double {name};{f'  /* [{comment(unit)}] */' if unit else ''}" for name, unit in rows)
+
+
+def _indented(lines: Iterable[str]) -> Iterator[str]:
+    return (f"    {line}" for line in lines)
+
+
+def _loop(index: str, count: int, body: Iterable[str]) -> Iterator[str]:
+    """A loop of C around indented lines."""
+    yield f"    for ({index} = 0; {index} < {count}; {index}++) {{"
+    yield from _indented(body)
+    yield "    }"
 
 
 def _array(name: str, slot: int, elements: Sized) -> dict[str, tuple[int, int]]:

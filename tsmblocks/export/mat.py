@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -83,11 +84,8 @@ def _linear(diagram: Diagram) -> dict[str, Any]:
     return {name: np.asarray(getattr(system, name)) for name in "ABCD"}
 
 
-def _texts(values: Any) -> np.ndarray:
-    listed = ["".join(v) for v in values]  # plain str: names from a file have a position
-    made = np.empty(len(listed), dtype=object)
-    made[:] = listed
-    return made
+def _texts(values: Iterable[str]) -> np.ndarray:
+    return np.array(["".join(v) for v in values], dtype=object)  # plain str: names from a file have a position
 
 
 def _nested(numbers: dict[str, float]) -> dict[str, Any]:

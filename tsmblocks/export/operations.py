@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.engine.llvm_ir import LIBM
@@ -38,18 +38,16 @@ _FORMS = {
     **{name: f"{function}({{0}})" for name, function in LIBM.items()},
     **{name: f"{LIBM[name]}({{0}}, {{1}})" for name in ("POW", "CONSTPOW", "FMOD", "REMAINDER", "ATAN2", "HYPOT")},
 }
-LEAST = """\
-static double least(double a, double b)
-{
-    return (b < a || b != b) ? b : a;
-}
+LIMITS = {
+    name: f"""\
+static double {name}(double a, double b)
+{{
+    return (b {sign} a || b != b) ? b : a;
+}}
 """
-GREATEST = """\
-static double greatest(double a, double b)
-{
-    return (b > a || b != b) ? b : a;
+    for name, sign in (("least", "<"), ("greatest", ">"))
 }
-"""
+"""C functions for FMIN and FMAX that keep NaN, by name."""
 
 
 def c_double(value: float) -> str:
@@ -63,30 +61,22 @@ def c_double(value: float) -> str:
     return f"({text})" if value < 0 else text
 
 
-def statements(
-    program: Program, goals: Mapping[str, int], place: Callable[[int, int], str], indent: str = "    "
-) -> list[str]:
+def statements(program: Program, goals: Mapping[str, int], place: Callable[[int, int], str]) -> list[str]:
     """C statements that compute nodes and store them: ``goals`` maps targets of assignments to nodes.
 
-    ``place(slot, index)`` is the expression of an input of the function.
+    ``place(slot, index)`` is the expression of an input of the function. Raises TsmError for an operation that C lacks.
     """
-    wanted = program.needed(goals.values())
     texts: dict[int, str] = {}
     lines = []
-    for node in sorted(wanted):
+    for node in sorted(program.needed(goals.values())):
         name, args = program.nodes[node]
         if name == "CONST":
             texts[node] = c_double(args[0])
         elif name == "INPUT":
             texts[node] = place(*args)
-        else:
-            lines.append(f"{indent}const double a{node} = {expression(name, [texts[j] for j in args])};")
+        elif name in _FORMS:
+            lines.append(f"    const double a{node} = {_FORMS[name].format(*(texts[j] for j in args))};")
             texts[node] = f"a{node}"
-    return [*lines, *(f"{indent}{target} = {texts[node]};" for target, node in goals.items())]
-
-
-def expression(name: str, args: Iterable[str]) -> str:
-    """One operation on operands in C. Raises TsmError for one that C lacks."""
-    if name not in _FORMS:
-        raise TsmError(f"the operation {name} cannot be written in C.")
-    return _FORMS[name].format(*args)
+        else:
+            raise TsmError(f"the operation {name} cannot be written in C.")
+    return [*lines, *(f"    {target} = {texts[node]};" for target, node in goals.items())]

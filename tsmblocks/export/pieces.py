@@ -24,6 +24,38 @@ RESERVED = frozenset(
 )
 """Keywords of C99, and names of <math.h> and <stdio.h> (ISO/IEC 9899:1999)."""
 
+HEADER = """\
+/* {title}: one step of {h:g} s at a time ({method}).
+   Written by tsmblocks {version}. */
+#ifndef {guard}
+#define {guard}
+
+typedef struct {{
+{inputs}
+}} {n}_inputs;
+
+typedef struct {{
+{outputs}
+}} {n}_outputs;
+
+typedef struct {{
+{parameters}
+}} {n}_parameters;
+
+typedef struct {{
+    {n}_parameters p;
+    double {states}
+    double {memory}
+{past}    long long k;  /* steps taken */
+}} {n};
+
+void {n}_init({n} *c);
+void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y);
+
+#endif /* {guard} */
+"""
+"""The header; a template of ``str.format``."""
+
 PAST = """\
 /* Stores the signals to be delayed. */
 static void {n}_keep({n} *c, const double *s)
