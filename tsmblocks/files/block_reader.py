@@ -6,9 +6,9 @@ code.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tsmblocks.common.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
 from tsmblocks.files.faults import (
@@ -19,7 +19,7 @@ from tsmblocks.files.faults import (
     Page,
     Part,
     dotted_name,
-    misspelling_hint,
+    misspelt_keys,
 )
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import load_text, parse_tables
@@ -27,13 +27,12 @@ from tsmblocks.model.aliases import block_hint
 from tsmblocks.model.block import REGISTRY, Block, plain, validate
 from tsmblocks.model.diagram import DEEPEST, Diagram
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 FAULTY = Part(None, 1)
 """A block that could not be read."""
 OWN_BLOCKS_HINT = " A block of your own is known once its module is imported (by a command: --with FILE.py)."
 """Hint for an unknown type without a near miss."""
+TOO_DEEP = f"diagrams stand inside diagrams more than {DEEPEST} deep."
+"""Fault of a diagram inside of others, in this file or by files that use each other."""
 LONGEST_TEXT = 10_000
 """Characters of one option: a sum has an input for each sign. Chosen: far above any real block."""
 
@@ -50,13 +49,13 @@ def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> P
     if "use" in spec:
         return _used(page, spec, path, level)
     if not spec.keys() & set(DIAGRAM_KEYS):
-        expected = 'Write { type = "Gain" }, or use = another diagram.'
-        page.fault(
-            path, f"block '{dotted_name(path)}' has no type. {expected}{misspelling_hint(spec, ('type', 'use'))}"
-        )
+        meant = misspelt_keys(spec, ("type", "use")).items()
+        hint = next((f" Is '{key}' meant to be '{word}'?" for key, word in meant), "")
+        text = f"block '{dotted_name(path)}' has no type. Write {{ type = \"Gain\" }}, or use = another diagram."
+        page.fault(path, f"{text}{hint}")
         return FAULTY
     if level >= DEEPEST:
-        page.fault(path, f"diagrams stand inside diagrams more than {DEEPEST} deep.")
+        page.fault(path, TOO_DEEP)
         return FAULTY
     return page.diagram(spec, path, level + 1)
 
@@ -66,23 +65,22 @@ def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> P
 
 def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
     """A block of a registered type."""
-    said, kind = f"block '{dotted_name(path)}'", spec["type"]
+    kind = spec["type"]
     if not isinstance(kind, str):
-        page.wrong((*path, "type"), f'{said}: the type must be text such as "Gain"', kind)
+        expected = f"block '{dotted_name(path)}': the type must be text such as \"Gain\""
+        page.wrong((*path, "type"), expected, kind)
         return None
     cls = REGISTRY.get(kind)
     if cls is None:
         hint = block_hint(kind, REGISTRY, OWN_BLOCKS_HINT)
-        page.fault((*path, "type"), f"{said}: there is no block type '{clip(kind)}'.{hint}")
+        page.block_fault(path, f"there is no block type '{clip(kind)}'.{hint}", "type")
         return None
     values = {k: v for k, v in spec.items() if k != "type"}
-    sound = True
-    for key, value in values.items():
-        fault = "" if value is REFUSED else _fault_of(cls, key, value)
+    faults = {k: _fault_of(cls, k, v) for k, v in values.items() if v is not REFUSED}
+    for key, fault in faults.items():
         if fault:
-            page.fault((*path, key), f"{said}: {fault}")
-        sound = sound and not fault and value is not REFUSED
-    return _built(page, cls, values, path) if sound else None
+            page.block_fault(path, fault, key)
+    return _built(page, cls, values, path) if len(faults) == len(values) and not any(faults.values()) else None
 
 
 def _fault_of(cls: type[Block], key: str, value: Any) -> str:
@@ -112,11 +110,9 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
         block = cls(**values)
         _ = block.inports, block.outports, block.states  # these may depend on options that check() does not read
     except TsmError as error:
-        page.fault(path, f"block '{dotted_name(path)}': {error}")
+        page.block_fault(path, str(error))
     except UNEXPECTED_ERRORS as error:
-        page.fault(
-            path, f"block '{dotted_name(path)}': {cls.__name__} cannot be made of these values: {clip(str(error))}."
-        )
+        page.block_fault(path, f"{cls.__name__} cannot be made of these values: {clip(str(error))}.")
     else:
         return block
     return None
@@ -127,17 +123,16 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
 
 def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
     """The diagram of another file, with the parameters that ``set`` gives it."""
-    page.known_keys(spec, ("use", "set"), path, f"block '{dotted_name(path)}', which uses another diagram")
-    name = spec["use"]
+    said = f"block '{dotted_name(path)}'"
+    page.known_keys(spec, ("use", "set"), path, f"{said}, which uses another diagram")
+    name, changes = spec["use"], spec.get("set", {})
     if not isinstance(name, str):
-        page.wrong((*path, "use"), f"block '{dotted_name(path)}': use must name a diagram", name)
+        page.wrong((*path, "use"), f"{said}: use must name a diagram", name)
         return FAULTY
     file = _find(page, name, path)
     part = FAULTY if file is None else _read_other(page, file, path, level)
-    changes = spec.get("set", {})
     if not isinstance(changes, dict):
-        expected = 'set must be a table such as { "drive.high" = 12.0 }'
-        page.wrong((*path, "set"), f"block '{dotted_name(path)}': {expected}", changes)
+        page.wrong((*path, "set"), f'{said}: set must be a table such as {{ "drive.high" = 12.0 }}', changes)
         return FAULTY
     if not isinstance(part.block, Diagram) or not changes:
         return part
@@ -146,25 +141,23 @@ def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
 
 def _find(page: Page, name: str, path: KeyPath) -> Path | None:
     """The file that ``use`` names: next to this one, or below, or among the ready-made diagrams."""
-    said = f"block '{dotted_name(path)}': use = '{clip(name)}'"
-    windows = PureWindowsPath(name)
-    if not name.strip() or name != name.strip() or "\\" in name or not name.isprintable():
-        page.fault((*path, "use"), f"{said} is not the name of a diagram.")
-        return None
-    if windows.drive or windows.root or ".." in windows.parts:
-        page.fault((*path, "use"), f"{said} leads out of the folder of this file. Name a diagram next to it or below.")
-        return None
+    windows, found = PureWindowsPath(name), None
     file = name if name.endswith(".toml") else f"{name}.toml"
     folders = [page.folder] if "/" in name else [page.folder, shipped_folder()]
-    try:
-        found = next((f / file for f in folders if f is not None and (f / file).is_file()), None)
-        beside = [p.stem for p in page.folder.glob("*.toml")] if page.folder is not None else []
-    except OSError as error:
-        page.fault((*path, "use"), f"{said} cannot be read: {(error.strerror or str(error)).lower()}.")
-        return None
+    if not name.strip() or name != name.strip() or "\\" in name or not name.isprintable():
+        fault = "is not the name of a diagram."
+    elif windows.drive or windows.root or ".." in windows.parts:
+        fault = "leads out of the folder of this file. Name a diagram next to it or below."
+    else:
+        try:
+            found = next((f / file for f in folders if f is not None and (f / file).is_file()), None)
+            beside = [p.stem for p in page.folder.glob("*.toml")] if page.folder is not None else []
+            hint = "" if found else near(name, [*beside, *shipped_names()])
+            fault = f"is neither next to this file nor among the ready-made diagrams.{hint}"
+        except OSError as error:
+            fault = f"cannot be read: {(error.strerror or str(error)).lower()}."
     if found is None:
-        hint = near(name, [*beside, *shipped_names()])
-        page.fault((*path, "use"), f"{said} is neither next to this file nor among the ready-made diagrams.{hint}")
+        page.block_fault(path, f"use = '{clip(name)}' {fault}", "use")
     return found
 
 
@@ -172,16 +165,13 @@ def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
     """The diagram in another file, read once however often it is used."""
     reading, key = page.reading, file.resolve()
     if key in reading.open:
-        ring = [*reading.open[reading.open.index(key) :], key]
-        page.fault(
-            (*path, "use"),
-            f"block '{dotted_name(path)}': the files use each other in a ring: {' -> '.join(p.name for p in ring)}.",
-        )
+        ring = " -> ".join(p.name for p in [*reading.open[reading.open.index(key) :], key])
+        page.block_fault(path, f"the files use each other in a ring: {ring}.", "use")
         return FAULTY
     if key in reading.done:
         return reading.done[key]
     if level >= DEEPEST:
-        page.fault((*path, "use"), f"diagrams stand inside diagrams more than {DEEPEST} deep.")
+        page.fault((*path, "use"), TOO_DEEP)
         return FAULTY
     reading.open.append(key)
     part = FAULTY
@@ -207,18 +197,18 @@ def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
 
 def _with_changes(page: Page, diagram: Diagram, changes: dict[str, Any], path: KeyPath) -> Diagram | None:
     """A diagram with the parameters that ``set`` gives it."""
-    at, said = (*path, "set"), f"block '{dotted_name(path)}': set"
     known = set(diagram.parameter_names())
     strange = [name for name in changes if name not in known]
     for name in strange:
-        page.fault((*at, name), f"{said}: there is no parameter '{clip(name)}'.{near(name, known)}")
+        page.block_fault(path, f"set: there is no parameter '{clip(name)}'.{near(name, known)}", "set", name)
     if strange or REFUSED in changes.values():
         return None
     try:
         return diagram.with_parameters(changes)
     except DiagramError as error:
-        for problem in error.problems:
-            page.fault(at, f"{said}: {problem}")
+        problems: Sequence[str] = error.problems
     except (TsmError, *UNEXPECTED_ERRORS) as error:
-        page.fault(at, f"{said}: {clip(str(error), 300)}")
+        problems = [clip(str(error), 300)]
+    for problem in problems:
+        page.block_fault(path, f"set: {problem}", "set")
     return None

@@ -85,6 +85,10 @@ class Page:
         """Collect a fault of the value at ``path``."""
         self.reading.add(f"{self.place(*path)}: {text}")
 
+    def block_fault(self, path: KeyPath, text: str, *key: str) -> None:
+        """Collect a fault of a block, at a key of its table where that is given."""
+        self.fault((*path, *key), f"block '{dotted_name(path)}': {text}")
+
     def wrong(self, at: tuple[str | int, ...], expected: str, value: Any, hint: str = "") -> None:
         """Collect a fault of the type of a value, unless the value has been refused already."""
         if value is REFUSED:
@@ -150,8 +154,3 @@ def misspelt_keys(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     strange = [key for key in given if key not in known and len(key) < 50][:100]
     close = {key: get_close_matches(key, known, n=1) for key in strange}
     return {key: match[0] for key, match in close.items() if match}
-
-
-def misspelling_hint(spec: Iterable[str], wanted: tuple[str, ...]) -> str:
-    """A question whether a key was meant to be one of ``wanted``, ``""`` where none is near."""
-    return next((f" Is '{key}' meant to be '{word}'?" for key, word in misspelt_keys(spec, wanted).items()), "")

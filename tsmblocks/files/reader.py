@@ -92,42 +92,34 @@ class DiagramPage(Page):
 
     def _clean(self, value: Any, path: tuple[str | int, ...]) -> Any:
         """TOML values without those that no diagram can hold, which are reported."""
-        if type(value) is float and not math.isnan(value):
-            return value
         if isinstance(value, dict):
             return {k: self._clean(v, (*path, k)) for k, v in value.items()}
         if isinstance(value, list):
             items = [self._clean(v, path) for v in value]
             return REFUSED if any(v is REFUSED for v in items) else items
-        wrong = _refusal(value)
-        if not wrong:
-            return value
-        self.fault(path, f"{dotted_name(path)} is {wrong}.")
-        return REFUSED
+        if wrong := _refusal(value):
+            self.fault(path, f"{dotted_name(path)} is {wrong}.")
+        return REFUSED if wrong else value
 
     # ---- one diagram
 
     def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
         """Read a table with wires, blocks, inputs, outputs and values.
 
-        Where a part could not be read, the rest is still checked, without the faults that could follow from it:
-        ``misspelt`` are the sections that are missing and may be there under another spelling, ``sure_…`` is False
-        where entries are missing, ``unsure`` names blocks without known ports and values without a number.
+        Where a part could not be read, the rest is still checked, without the faults that could follow from it.
         """
-        misspelt = self.known_keys(table, DIAGRAM_KEYS, path, "a diagram")
-        blocks, size, sure_blocks = self._blocks(table, path, level)
-        wires, sure_wires = self._wires(table, path)
-        inputs, sure_inputs = self._inputs(table, path)
-        outputs, sure_outputs = self._outputs(table, path)
-        values, unsure = self._values(table, path)
+        read = _Sections(self, table, path, level)
+        blocks, size = read.blocks()
+        parts: dict[str, Any] = dict(blocks=blocks, wires=read.wires(), inputs=read.inputs())
+        parts |= dict(outputs=read.outputs(), values=read.values())
         words: dict[str, Any] = {key: self.text(table, key, path) for key in ("title", "source")}
-        if not sure_blocks or "blocks" in misspelt:
+        incomplete, unsure = read.incomplete, read.unsure
+        if "blocks" in incomplete:
             return Part(None, 0)
-        unsure += [k for k, v in blocks.items() if isinstance(v, UnreadableBlock)]
-        unsure += _references(blocks) if "values" in misspelt else []
-        silent = not (sure_wires and sure_inputs) or bool({"wires", "inputs"} & misspelt)
-        parts: dict[str, Any] = dict(blocks=blocks, wires=wires, inputs=inputs, outputs=outputs, values=values)
-        if silent or unsure or misspelt or not sure_outputs:
+        if "values" in incomplete:
+            unsure += _references(blocks)
+        if incomplete or unsure:
+            silent = bool(incomplete & {"wires", "inputs"})
             found = self._faults_collected(path, lambda: examine(**parts, unsure=unsure, silent=silent))
             self._wiring_faults(path, [] if found is None else found.faults)
             return Part(None, size)
@@ -149,98 +141,112 @@ class DiagramPage(Page):
             placed = fault.startswith(f"{self.where}:")
             self.reading.add(fault if placed else f"{self.place(*path)}: {fault}", wiring=True)
 
-    def _blocks(self, table: dict[str, Any], path: KeyPath, level: int) -> tuple[dict[str, Any], int, bool]:
-        """Read the blocks; the flag is False where the table itself is faulty."""
+
+class _Sections:
+    """The sections of one diagram's table.
+
+    ``incomplete`` names those with entries missing, or that are missing and may be there under another spelling;
+    ``unsure`` blocks without known ports and values without a number.
+    """
+
+    def __init__(self, page: Page, table: dict[str, Any], path: KeyPath, level: int) -> None:
+        self.page, self.table, self.path, self.level = page, table, path, level
+        self.incomplete = page.known_keys(table, DIAGRAM_KEYS, path, "a diagram")
+        self.unsure: list[str] = []
+
+    def _wrong(self, section: str, at: KeyPath, expected: str, value: Any) -> None:
+        """Collect a fault of the type of a value that is missing in its section."""
+        self.page.wrong(at, expected, value)
+        self.incomplete.add(section)
+
+    def _entries(self, section: str) -> Iterator[tuple[str, Any, KeyPath]]:
+        """Name (with its place), value and path of each entry."""
+        if not isinstance(self.table.get(section, {}), dict):
+            self.incomplete.add(section)
+        for name, value in self.page.table(self.table, section, self.path).items():
+            at = (*self.path, section, name)
+            yield PlacedText.at(name, self.page.place(*at)), value, at
+
+    def blocks(self) -> tuple[dict[str, Any], int]:
+        """The blocks, and how many they are with those inside."""
         blocks: dict[str, Any] = {}
         size = 0
-        for name, spec in self.table(table, "blocks", path).items():
-            part = read_block(self, name, spec, (*path, "blocks", name), level)
+        for name, spec, at in self._entries("blocks"):
+            part = read_block(self.page, name, spec, at, self.level)
             if size + part.size > MOST_BLOCKS:
                 many = f"up to block '{clip(name)}' there are {size + part.size:,} blocks"
                 most = f"with those of the diagrams in use; at most {MOST_BLOCKS:,} are read."
-                self.fault((*path, "blocks", name), f"{many}, {most}")
-                return blocks, size, False
+                self.page.fault(at, f"{many}, {most}")
+                self.incomplete.add("blocks")
+                break
             size += part.size
-            blocks[self._name(name, path, "blocks")] = UnreadableBlock() if part.block is None else part.block
-        return blocks, size, isinstance(table.get("blocks", {}), dict)
+            blocks[name] = part.block
+            if part.block is None:
+                blocks[name] = UnreadableBlock()
+                self.unsure.append(name)
+        return blocks, size
 
-    def _wires(self, table: dict[str, Any], path: KeyPath) -> tuple[list[str], bool]:
-        """Read the wires; the flag is False where some are missing."""
-        given = table.get("wires", [])
+    def wires(self) -> list[str]:
+        """The wires."""
+        given, at = self.table.get("wires", []), (*self.path, "wires")
         if not isinstance(given, list):
-            self.wrong((*path, "wires"), 'wires must be a list such as ["error -> pid -> drive"]', given)
-            return [], False
-        texts = [PlacedText.at(v, self.place(*path, "wires", k)) for k, v in enumerate(given) if isinstance(v, str)]
-        for value in given:
-            if not isinstance(value, str):
-                self.wrong((*path, "wires"), "a wire must be text such as 'error -> pid'", value)
+            self._wrong("wires", at, 'wires must be a list such as ["error -> pid -> drive"]', given)
+            return []
+        texts: list[str] = []
+        for k, value in enumerate(given):
+            if isinstance(value, str):
+                texts.append(PlacedText.at(value, self.page.place(*at, k)))
+            else:
+                self._wrong("wires", at, "a wire must be text such as 'error -> pid'", value)
         links = sum(text.count("->") + text.count(",") for text in texts)
         if links > MOST_LINKS:
-            self.fault((*path, "wires"), f"the wires hold {links:,} connections; at most {MOST_LINKS:,} are read.")
-            return [], False
-        return list(texts), len(texts) == len(given)
+            self.page.fault(at, f"the wires hold {links:,} connections; at most {MOST_LINKS:,} are read.")
+            self.incomplete.add("wires")
+            return []
+        return texts
 
-    def _inputs(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, Inlet], bool]:
-        """Read the inputs; the flag is False where some are missing."""
-        inputs, sure = {}, isinstance(table.get("inputs", {}), dict)
-        for name, spec in self.table(table, "inputs", path).items():
-            at = (*path, "inputs", name)
+    def inputs(self) -> dict[str, Inlet]:
+        """The inputs."""
+        inputs = {}
+        for name, spec, at in self._entries("inputs"):
             inner = spec if isinstance(spec, dict) else {"ports": spec}
-            misspelt = self.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
+            misspelt = self.page.known_keys(inner, INLET_KEYS, at, f"input '{clip(name)}'")
             if "ports" not in inner and "ports" not in misspelt:
-                self.fault(at, f"input '{clip(name)}' needs ports, for example ports = \"motor.u\".")
+                self.page.fault(at, f"input '{clip(name)}' needs ports, for example ports = \"motor.u\".")
             ports = inner.get("ports", REFUSED)
             ports = [ports] if isinstance(ports, str) else ports
             if not isinstance(ports, list) or not all(isinstance(port, str) for port in ports):
-                self.wrong(at, f"input '{clip(name)}' must name a port, or list several", ports)
-                sure, ports = False, []
+                self._wrong("inputs", at, f"input '{clip(name)}' must name a port, or list several", ports)
+                ports = []
             inner_at = (*at, "ports") if isinstance(spec, dict) else at
-            inputs[self._name(name, path, "inputs")] = Inlet(
-                ports=[PlacedText.at(port, self.place(*inner_at, k)) for k, port in enumerate(ports)],
-                unit=self.text(inner, "unit", at),
-                about=self.text(inner, "about", at),
+            inputs[name] = Inlet(
+                ports=[PlacedText.at(port, self.page.place(*inner_at, k)) for k, port in enumerate(ports)],
+                unit=self.page.text(inner, "unit", at),
+                about=self.page.text(inner, "about", at),
             )
-        return inputs, sure
+        return inputs
 
-    def _outputs(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, str], bool]:
-        """Read the outputs; the flag is False where some are missing."""
+    def outputs(self) -> dict[str, str]:
+        """The outputs."""
         outputs: dict[str, str] = {}
-        sure = isinstance(table.get("outputs", {}), dict)
-        for name, value in self.table(table, "outputs", path).items():
-            at = (*path, "outputs", name)
+        for name, value, at in self._entries("outputs"):
             if isinstance(value, str):
-                outputs[self._name(name, path, "outputs")] = PlacedText.at(value, self.place(*at))
+                outputs[name] = PlacedText.at(value, self.page.place(*at))
             else:
-                self.wrong(at, f"output '{clip(name)}' must name one signal, such as \"motor.y\"", value)
-                sure = False
-        return outputs, sure
+                expected = f"output '{clip(name)}' must name one signal, such as \"motor.y\""
+                self._wrong("outputs", at, expected, value)
+        return outputs
 
-    def _values(self, table: dict[str, Any], path: KeyPath) -> tuple[dict[str, float], list[str]]:
-        """Read the shared numbers; the list names those that are no numbers."""
-        values, unsure = {}, []
-        for name, value in self.table(table, "values", path).items():
+    def values(self) -> dict[str, float]:
+        """The shared numbers."""
+        values = {}
+        for name, value, at in self._entries("values"):
             if isinstance(value, (int, float)) and not isinstance(value, bool):
-                values[self._name(name, path, "values")] = float(value)
+                values[name] = float(value)
             else:
-                self.wrong((*path, "values", name), f"value '{clip(name)}' must be a number", value)
-                unsure.append(name)
-        return values, unsure
-
-    # ---- pieces
-
-    def _name(self, name: str, path: KeyPath, section: str) -> str:
-        """A name with its place."""
-        return PlacedText.at(name, self.place(*path, section, name))
-
-
-# ---- replacements and texts ----------------------------------------------------------------------
-
-
-class UnreadableBlock:
-    """Replaces a block that could not be read: it has every port."""
-
-    def __init__(self) -> None:
-        self.inports = self.outports = _AnyPort()
+                self.page.wrong(at, f"value '{clip(name)}' must be a number", value)
+                self.unsure.append(name)
+        return values
 
 
 class _AnyPort(Mapping[str, Any]):
@@ -261,9 +267,15 @@ class _AnyPort(Mapping[str, Any]):
         return 1
 
 
+class UnreadableBlock:
+    """Replaces a block that could not be read: it has every port."""
+
+    inports = outports = _AnyPort()
+
+
 def _refusal(value: Any) -> str:
     """What is wrong with a single TOML value, ``""`` if a diagram can hold it."""
-    if isinstance(value, float):
+    if isinstance(value, float) and math.isnan(value):
         return "nan, which is not a number"
     if isinstance(value, int) and abs(value) > 2**53:
         return "a whole number too large to be held exactly; write it with a point or an exponent"

@@ -16,26 +16,23 @@ MOST_BYTES = 20_000_000
 
 def load_text(path: Path) -> str:
     """The text of a file; raises FileError where it cannot be read."""
+    where = clip(str(path))
     try:
         if path.is_dir():
-            raise FileError(str(path), [f"{path}: this is a folder, and a file is needed."])
+            raise FileError(where, [f"{where}: this is a folder, and a file is needed."])
         if not path.is_file():
             beside = [p.name for p in path.parent.glob("*.toml")]
-            raise FileError(
-                clip(str(path)),
-                [f"{clip(str(path))}: there is no such file.{near(path.name, beside) if beside else ''}"],
-            )
+            raise FileError(where, [f"{where}: there is no such file.{near(path.name, beside) if beside else ''}"])
         with path.open("rb") as file:
             data = file.read(MOST_BYTES + 1)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise FileError(clip(str(path)), [f"{clip(str(path))}: cannot be read: {reason}."]) from None
-    return decoded(data, str(path))
+        raise FileError(where, [f"{where}: cannot be read: {(error.strerror or str(error)).lower()}."]) from None
+    return _decoded(data, str(path))
 
 
-def decoded(data: bytes, where: str) -> str:
+def _decoded(data: bytes, where: str) -> str:
     """Bytes as text; raises FileError with the line of the first byte that is not UTF-8."""
-    _check_size(len(data), where)
+    refuse_large(len(data), where, where)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -45,31 +42,31 @@ def decoded(data: bytes, where: str) -> str:
         raise FileError(where, [f"{where}:{line}: the text is not UTF-8 ({seems}). Save it as UTF-8."]) from None
 
 
-def _check_size(size: int, where: str) -> None:
+def refuse_large(size: int, owner: str, where: str = "") -> None:
+    """Raise FileError for a text that is too large to be a diagram."""
     if size > MOST_BYTES:
-        raise FileError(
-            where, [f"{where}: a diagram file holds at most {MOST_BYTES // 10**6} MB. Recordings belong in data files."]
-        )
+        most = f"a diagram file holds at most {MOST_BYTES // 10**6} MB. Recordings belong in data files."
+        raise FileError(owner, [f"{where}: {most}" if where else most])
 
 
 def parse_tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
     """The tables of a TOML text, and the lines of their keys; raises FileError."""
-    _check_size(len(text), where)
+    refuse_large(len(text), where, where)
     text = text.removeprefix("\ufeff").replace("\r\n", "\n")
     places = Places(text)
-    if places.trouble:
-        line, sentence = places.trouble
-        raise FileError(where, [f"{where}:{line}: {sentence}"])
     try:
-        return tomllib.loads(text), places
+        if places.trouble is None:
+            return tomllib.loads(text), places
+        fault = "{}: {}".format(*places.trouble)
     except tomllib.TOMLDecodeError as error:
-        raise FileError(where, [f"{where}:{_in_line(str(error), text, places)}"]) from None
+        fault = _in_line(str(error), text, places)
     except RecursionError:
-        raise FileError(where, [f"{where}: brackets stand inside each other too deep."]) from None
+        fault = " brackets stand inside each other too deep."
     except ValueError:  # Python refuses whole numbers of more digits than these
         digits = re.search(r"[0-9_]{4300}", text)
         line = text.count("\n", 0, digits.start()) + 1 if digits else 1
-        raise FileError(where, [f"{where}:{line}: a whole number has thousands of digits."]) from None
+        fault = f"{line}: a whole number has thousands of digits."
+    raise FileError(where, [f"{where}:{fault}"])
 
 
 def _in_line(message: str, text: str, places: Places) -> str:

@@ -13,7 +13,7 @@ import tomli_w
 
 from tsmblocks.common.errors import FileError, clip, in_words
 from tsmblocks.files.reader import FORMAT
-from tsmblocks.files.toml_text import MOST_BYTES
+from tsmblocks.files.toml_text import refuse_large
 from tsmblocks.model.block import REGISTRY, Block
 from tsmblocks.model.diagram import Diagram, Inlet
 
@@ -33,10 +33,7 @@ def text_of(diagram: Diagram) -> str:
     if writer.problems:
         raise FileError(owner, writer.problems)
     text = "\n".join(lines) + "\n"
-    if len(text) > MOST_BYTES:
-        raise FileError(
-            owner, [f"a diagram file holds at most {MOST_BYTES // 10**6} MB. Recordings belong in data files."]
-        )
+    refuse_large(len(text), owner)
     return text
 
 
