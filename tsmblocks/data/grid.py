@@ -24,19 +24,14 @@ def step_of(t: np.ndarray) -> float:
     return float(np.median(np.diff(t)))
 
 
-def jitter_of(t: np.ndarray) -> float:
+def jitter_of(steps: np.ndarray) -> float:
     """Largest deviation of a step from the median step, as a share of it (0 is a perfectly even grid)."""
-    return jitter_of_steps(np.diff(t))
-
-
-def jitter_of_steps(steps: np.ndarray) -> float:
-    """The same of steps between samples."""
     return float(np.abs(steps / np.median(steps) - 1).max())
 
 
 def is_even(t: np.ndarray) -> bool:
     """Whether samples are evenly spaced."""
-    return jitter_of(t) <= MAX_JITTER
+    return jitter_of(np.diff(t)) <= MAX_JITTER
 
 
 def usual_step(t: np.ndarray) -> float:

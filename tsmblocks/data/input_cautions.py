@@ -71,33 +71,27 @@ def _long_path(record: Record, name: str) -> str:
     path, smooth = np.abs(np.diff(x)).sum(), np.abs(np.diff(low_pass(x, record.step, cutoff))).sum()
     if path <= (1 + MAX_ADDED_PATH) * smooth:
         return ""
-    quantum, off = quantum_of(x), sample_to_sample_noise(record.t, x)[0]
-    step = f"is quantised in steps of {with_unit(quantum, record.unit(name))}" if quantum else ""
-    why = step if is_coarse(quantum, off) else "is noisy"
-    more = f"{100 * (path / smooth - 1):.0f} %"
+    quantum = quantum_of(x)
+    coarse = is_coarse(quantum, sample_to_sample_noise(record.t, x)[0])
+    why = f"is quantised in steps of {with_unit(quantum or 0.0, record.unit(name))}" if coarse else "is noisy"
     return (
-        f"{name} {why}: its path is {more} longer than that of the motion in it, which drives "
-        f"hysteresis and friction. Filter it first: filtered('{name}')."
+        f"{name} {why}: its path is {100 * (path / smooth - 1):.0f} % longer than that of the motion in it, which "
+        f"drives hysteresis and friction. Filter it first: filtered('{name}')."
     )
 
 
 def _rough_rate(record: Record, name: str) -> str:
     """What to mind where steps leave the path of a signal as long as it is, but make its rate jump."""
     x = record[name]
-    quantum, rough = quantum_of(x), _rate_error(x)
-    if quantum is None or rough <= MAX_RATE_ERROR:
+    quantum = quantum_of(x)
+    if quantum is None or len(x) <= 2 * RATE_SPAN:
+        return ""
+    motion = np.abs(x[RATE_SPAN:] - x[:-RATE_SPAN]).mean() / RATE_SPAN
+    error = quantum / np.sqrt(6.0) / motion if motion > 0 else 0.0  # of rounding, as a share of the rate
+    if error <= MAX_RATE_ERROR:
         return ""
     return (
         f"{name} is quantised in steps of {with_unit(quantum, record.unit(name))}, which makes its rate wrong by "
-        f"{100 * rough:.0f} %. Where the rate drives the model, filter it first: "
+        f"{100 * error:.0f} %. Where the rate drives the model, filter it first: "
         f"filtered('{name}', cutoff={0.05 / record.step:.2g}), for example."
     )
-
-
-def _rate_error(x: np.ndarray) -> float:
-    """Error that rounding to steps makes in the rate, as a share of the rate; 0 where there are no steps."""
-    quantum = quantum_of(x)
-    if quantum is None or len(x) <= 2 * RATE_SPAN:
-        return 0.0
-    motion = np.abs(x[RATE_SPAN:] - x[:-RATE_SPAN]).mean() / RATE_SPAN
-    return float(quantum / np.sqrt(6.0) / motion) if motion > 0 else 0.0

@@ -24,13 +24,13 @@ def assumed_units(record: Record, wanted: Mapping[str, str]) -> list[str]:
 
     One sentence for each unit.
     """
-    bare = _bare(record, wanted)
-    made = []
-    for unit in dict.fromkeys(bare.values()):
-        names = [k for k, own in bare.items() if own == unit]
-        have, are = ("have", "are") if len(names) > 1 else ("has", "is")
-        made.append(f"{listed(names)} {have} no unit and {are} taken to be in {unit}.")
-    return made
+    names: dict[str, list[str]] = {}
+    for name, unit in _bare(record, wanted).items():
+        names.setdefault(unit, []).append(name)
+    return [
+        f"{listed(those)} {'have no unit and are' if len(those) > 1 else 'has no unit and is'} taken to be in {unit}."
+        for unit, those in names.items()
+    ]
 
 
 def as_argument(names: Sequence[str]) -> str:

@@ -75,8 +75,8 @@ class Noise:
 
     def __str__(self) -> str:
         """One line, as a report shows it."""
-        step = f"; quantised in steps of {with_unit(self.quantum or 0.0, self.unit)}"
-        step = step if is_coarse(self.quantum, self.floor) else ""
+        coarse = is_coarse(self.quantum, self.floor)
+        step = f"; quantised in steps of {with_unit(self.quantum or 0.0, self.unit)}" if coarse else ""
         return (
             f"{self.name}: noise {with_unit(self.floor, self.unit)} rms, from {self.method} "
             f"({self.samples} samples, {self.freedom} degrees of freedom){step}"
@@ -238,11 +238,9 @@ def _of_periods(record: Record, name: str, drives: list[str]) -> Estimate | None
         return None
     found = _between_periods(t, x, lag)
     others = [k for k in moving if k != name]
-    return (
-        found
-        if found and not any(_driven_difference(record, k, x, lag) > MAX_DRIVEN_SHARE * found[0] for k in others)
-        else None
-    )
+    if found and any(_driven_difference(record, k, x, lag) > MAX_DRIVEN_SHARE * found[0] for k in others):
+        return None
+    return found
 
 
 def _driven_difference(record: Record, drive: str, x: np.ndarray, lag: float) -> float:
@@ -344,21 +342,15 @@ def _resting(x: np.ndarray) -> np.ndarray:
     """
     if len(x) < MIN_STILL_SAMPLES or not np.ptp(x) > 0:
         return np.full(len(x), not np.ptp(x) > 0)
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+    from scipy.ndimage import uniform_filter1d
 
-    at = np.arange(float(len(x)))
-    noise, share = sample_to_sample_noise(at, x)[0], 1 / np.sqrt(STILL_MEAN_SAMPLES)
+    noise, share = sample_to_sample_noise(np.arange(float(len(x))), x)[0], 1 / np.sqrt(STILL_MEAN_SAMPLES)
     width = max(2.1 * (quantum_of(x) or 0.0), 8 * share * noise, 1e-9 * float(np.ptp(x)))
     if width > 0.1 * np.ptp(x):
         return np.zeros(len(x), dtype=bool)
     x = uniform_filter1d(x, STILL_MEAN_SAMPLES) if noise > 0 else x
-    size = MIN_STILL_SAMPLES
-    span = maximum_filter1d(x, size, origin=-(size // 2)) - minimum_filter1d(x, size, origin=-(size // 2))
-    begins = np.flatnonzero(span[: len(x) - size + 1] <= width)
-    count = np.zeros(len(x) + 1)
-    np.add.at(count, begins, 1)
-    np.add.at(count, begins + size, -1)
-    return np.cumsum(count)[:-1] > 0
+    windows = np.lib.stride_tricks.sliding_window_view(x, MIN_STILL_SAMPLES)
+    return np.convolve(np.ptp(windows, axis=1) <= width, np.ones(MIN_STILL_SAMPLES)) > 0.5
 
 
 def sample_to_sample_noise(t: np.ndarray, x: np.ndarray) -> Estimate:

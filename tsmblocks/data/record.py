@@ -259,7 +259,7 @@ class Record(SignalViews):
     @property
     def jitter(self) -> float:
         """Largest deviation of a step from the median step, as a share of it."""
-        return grid.jitter_of(self.t)
+        return grid.jitter_of(np.diff(self.t))
 
     @property
     def uniform(self) -> bool:

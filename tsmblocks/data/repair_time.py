@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tsmblocks.common.errors import DataError
-from tsmblocks.data.grid import MAX_JITTER, jitter_of_steps, usual_step
+from tsmblocks.data.grid import MAX_JITTER, jitter_of, usual_step
 from tsmblocks.data.table import Table, plural, rows_argument, rows_text
 
 MAX_SORTED_DISTANCE = 8
@@ -186,7 +186,7 @@ def jitter(table: Table) -> Iterator[str]:
     t = table.values[:, 0]
     steps = np.diff(t)
     steps = steps[steps <= SHORT_GAP * usual_step(t)]
-    off = jitter_of_steps(steps)
+    off = jitter_of(steps)
     if off > MAX_JITTER:
         yield (
             f"The steps between samples are uneven: {steps.min():.4g} s to {steps.max():.4g} s around "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,8 @@ def _without_lone_dimension(items: list[Any]) -> Any:
 
 def tree_of_hdf5(file: Any, item: Any, depth: int = 0) -> Any:
     """Plain Python of a group or data set of a MAT file of version 7.3, which keeps structures by references."""
-    kind = _text_of(item.attrs.get("MATLAB_class", ""))
+    kind = item.attrs.get("MATLAB_class", b"")
+    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if depth > MAX_NESTING or "MATLAB_object_decode" in item.attrs:
         return OBJECT
     if hasattr(item, "items"):
@@ -62,19 +63,12 @@ def tree_of_hdf5(file: Any, item: Any, depth: int = 0) -> Any:
 
 def _structure(file: Any, fields: Mapping[str, Any], depth: int) -> Any:
     """Return a structure, or the list of them when each field is a set of references of one size."""
-    sets = {
-        k: v
-        for k, v in fields.items()
-        if not hasattr(v, "items") and v.dtype == object and "MATLAB_class" not in v.attrs
-    }
-    if not sets or len(sets) < len(fields) or len({v.size for v in sets.values()}) != 1:
+    values = fields.values()
+    of_references = all(not hasattr(v, "items") and v.dtype == object and "MATLAB_class" not in v.attrs for v in values)
+    if not fields or not of_references or len({v.size for v in values}) != 1:
         return {k: tree_of_hdf5(file, v, depth + 1) for k, v in fields.items()}
-    columns = {k: [tree_of_hdf5(file, file[ref], depth + 1) for ref in np.ravel(v[()])] for k, v in sets.items()}
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _text_of(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
+    columns = [[tree_of_hdf5(file, file[ref], depth + 1) for ref in np.ravel(v[()])] for v in values]
+    return [dict(zip(fields, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 # ---- layouts
@@ -85,9 +79,9 @@ class Axis:
     """Signals on one time axis, as one structure holds them. ``time`` is empty when it has none."""
 
     time: np.ndarray
-    unit: str
-    signals: dict[str, np.ndarray]
-    units: dict[str, str]
+    unit: str = ""
+    signals: dict[str, np.ndarray] = attrs.field(factory=dict)
+    units: dict[str, str] = attrs.field(factory=dict)
 
 
 @attrs.frozen(eq=False)
@@ -102,64 +96,55 @@ class MatSignals:
 
 def signals_of(tree: Mapping[str, Any]) -> MatSignals:
     """Signals of every layout known here; arrays elsewhere by their path, ``structure/field``."""
-    axes: list[tuple[str, Axis]] = []
-    plain: dict[str, Any] = {}
-    objects: list[str] = []
-    _collect("", tree, axes, plain, objects)
-    object_notes = (f"Left out, being objects of MATLAB: {', '.join(objects)}.",) if objects else ()
+    leaves = list(_leaves("", tree))
+    axes = [(name, value) for name, value in leaves if isinstance(value, Axis)]
+    plain = {name: value for name, value in leaves if isinstance(value, np.ndarray)}
+    objects = tuple(name for name, value in leaves if value is OBJECT)
+    notes = (f"Left out, being objects of MATLAB: {', '.join(objects)}.",) if objects else ()
     if not axes:
-        return MatSignals(plain, {}, object_notes, tuple(objects))
+        return MatSignals(plain, {}, notes, objects)
     name, first = max(axes, key=lambda pair: len(pair[1].signals))
     arrays, units, on_other_axes = dict(first.signals), dict(first.units), []
     for other, axis in axes:
-        if axis is first:
-            continue
         if not np.array_equal(axis.time, first.time):
             on_other_axes.append(other)
             continue
-        for key, values in axis.signals.items():
+        for key, values in axis.signals.items() if axis is not first else ():
             key = key if key not in arrays else f"{other}/{key}"
             arrays[key], units[key] = values, axis.units.get(key, "")
-    notes = (f"Left out, being on another time axis than {name}: {', '.join(on_other_axes)}.",) if on_other_axes else ()
-    notes = (*object_notes, *notes)
+    if on_other_axes:
+        notes = (*notes, f"Left out, being on another time axis than {name}: {', '.join(on_other_axes)}.")
     if first.time.size:
         arrays, units = {"t": first.time, **arrays}, {"t": first.unit, **units}
-    extra = {
-        k: v
-        for k, v in plain.items()
-        if k not in arrays and np.size(v) == np.size(first.time) and not np.array_equal(np.ravel(v), first.time)
-    }
-    return MatSignals({**arrays, **extra}, units, notes, tuple(objects))
+    for key, values in plain.items():
+        if np.size(values) == np.size(first.time) and not np.array_equal(np.ravel(values), first.time):
+            arrays.setdefault(key, values)
+    return MatSignals(arrays, units, notes, objects)
 
 
-def _collect(
-    name: str, value: Any, axes: list[tuple[str, Axis]], plain: dict[str, Any], objects: list[str], depth: int = 0
-) -> None:
+def _leaves(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Names and values of axes of the known layouts, of other arrays, and of objects."""
     if depth > MAX_NESTING:
         return
-    if value is OBJECT:
-        objects.append(name)
+    if value is OBJECT or isinstance(value, np.ndarray):
+        yield name, value
     elif isinstance(value, Mapping):
-        found = [axis for layout in (_controldesk, _simulink, _timeseries) for axis in layout(name, value)]
-        if found:
-            axes.extend((name, axis) for axis in found)
-            return
-        for key, item in value.items():
-            _collect(f"{name}/{key}" if name else str(key), item, axes, plain, objects, depth + 1)
+        axes = [axis for layout in (_controldesk, _simulink, _timeseries) for axis in layout(name, value)]
+        yield from ((name, axis) for axis in axes)
+        for key, item in value.items() if not axes else ():
+            yield from _leaves(f"{name}/{key}" if name else str(key), item, depth + 1)
     elif isinstance(value, list):
         for k, item in enumerate(value, 1):
-            _collect(f"{name}_{k}", item, axes, plain, objects, depth + 1)
-    elif isinstance(value, np.ndarray):
-        plain[name] = value
+            yield from _leaves(f"{name}_{k}", item, depth + 1)
 
 
 def _as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _flat_numbers(value: Any) -> np.ndarray:
-    array = np.asarray(value) if isinstance(value, np.ndarray) else np.empty(0)
-    return array.ravel().astype(float) if array.dtype.kind in "fiub" else np.empty(0)
+def _numbers(value: Any) -> np.ndarray:
+    """An array of numbers as floats; an empty one of anything else."""
+    return value.astype(float) if isinstance(value, np.ndarray) and value.dtype.kind in "fiub" else np.empty(0)
 
 
 def _clean_title(value: Any) -> str:
@@ -178,18 +163,16 @@ def _controldesk(_name: str, value: Mapping[str, Any]) -> list[Axis]:
     if not all(isinstance(part, Mapping) and "Data" in part for part in (*xs, *ys)):
         return []
     titles = _without_common_folders([_clean_title(y.get("Name")) or f"y_{k}" for k, y in enumerate(ys, 1)])
-    groups: dict[int, Axis] = {}
+    axes: dict[int, Axis] = {}
     for title, y in zip(titles, ys, strict=True):
-        data, at = _flat_numbers(y["Data"]), _axis_of(y, xs)
-        if at not in groups:
-            groups[at] = Axis(_flat_numbers(xs[at]["Data"]), _clean_title(xs[at].get("Unit")), {}, {})
-        groups[at].signals[title] = data
-        groups[at].units[title] = _clean_title(y.get("Unit"))
-    return list(groups.values())
+        at = _axis_of(y, xs)
+        axis = axes.setdefault(at, Axis(_numbers(xs[at]["Data"]).ravel(), _clean_title(xs[at].get("Unit"))))
+        axis.signals[title], axis.units[title] = _numbers(y["Data"]).ravel(), _clean_title(y.get("Unit"))
+    return list(axes.values())
 
 
 def _axis_of(y: Mapping[str, Any], xs: list[Any]) -> int:
-    index = _flat_numbers(y.get("XIndex"))
+    index = _numbers(y.get("XIndex")).ravel()
     if index.size == 1 and 1 <= index[0] <= len(xs):
         return int(index[0]) - 1
     raster = y.get("Raster")
@@ -214,10 +197,10 @@ def _simulink(name: str, value: Mapping[str, Any]) -> list[Axis]:
     signals = _as_list(value.get("signals"))
     if not all(isinstance(part, Mapping) and "values" in part for part in signals):
         return []
-    axis = Axis(_flat_numbers(value.get("time")), "", {}, {})
+    axis = Axis(_numbers(value.get("time")).ravel())
     for k, part in enumerate(signals, 1):
         title = _clean_title(part.get("label")) or (f"{name}_{k}" if len(signals) > 1 else name)
-        _add(axis, title, part["values"])
+        axis.signals.update(_elements(title, part["values"], len(axis.time)))
     return [axis]
 
 
@@ -226,28 +209,24 @@ def _timeseries(name: str, value: Mapping[str, Any]) -> list[Axis]:
     if not {"Time", "Data"} <= set(value):
         return []
     info = value.get("DataInfo")
-    axis = Axis(_flat_numbers(value["Time"]), "", {}, {})
-    title = _clean_title(value.get("Name")) or name
-    _add(axis, title, value["Data"])
     unit = _clean_title(info.get("Units") if isinstance(info, Mapping) else value.get("Units"))
-    axis.units.update(dict.fromkeys(axis.signals, unit))
-    return [axis]
+    time = _numbers(value["Time"]).ravel()
+    signals = _elements(_clean_title(value.get("Name")) or name, value["Data"], len(time))
+    return [Axis(time, "", signals, dict.fromkeys(signals, unit))]
 
 
-def _add(axis: Axis, title: str, values: Any) -> None:
-    """Put a signal, or the elements of a vector signal under numbered names, on an axis."""
-    array = np.asarray(values) if isinstance(values, np.ndarray) else np.empty(0)
-    if array.dtype.kind not in "fiub" or not array.size:
-        return
+def _elements(title: str, values: Any, length: int) -> dict[str, np.ndarray]:
+    """A signal, or the elements of a vector signal under numbered names, each of ``length`` samples."""
+    array = _numbers(values)
+    if not array.size:
+        return {}
     if array.ndim > 2:  # a matrix at every instant: time comes last
         array = array.reshape(-1, array.shape[-1]).T
-    if array.ndim == 2 and array.shape[0] != len(axis.time) and array.shape[1] == len(axis.time):
+    if array.ndim == 2 and array.shape[0] != length and array.shape[1] == length:
         array = array.T
     if array.ndim == 1 or 1 in array.shape:
-        axis.signals[title] = array.ravel().astype(float)
-        return
-    for k in range(array.shape[1]):
-        axis.signals[f"{title}_{k + 1}"] = array[:, k].astype(float)
+        return {title: array.ravel()}
+    return {f"{title}_{k}": column for k, column in enumerate(array.T, 1)}
 
 
 def refuse_objects(path: Path | str, objects: tuple[str, ...]) -> None:
