@@ -1,13 +1,13 @@
 """Studies: many runs of one diagram, each reduced to a few numbers.
 
-Reading order: ``plans`` (which sets of parameters), ``study`` (the one call), ``runner`` (lanes, threads, executors),
-``store`` (results on disk), ``results`` and ``influence`` (what is computed from them). ``responses`` keeps signals,
-``files`` reads a study from TOML with ``page``.
+Reading order: ``plans`` (which sets of parameters, drawn from ``distributions``), ``study`` (the one call), ``runner``
+(lanes, threads, executors), ``store`` (results on disk), ``results`` and ``influence`` (what is computed from them).
+``responses`` keeps signals, ``files`` reads a study from TOML with ``page``.
 """
 
-from tsmblocks.studies.plans import Normal as Normal
+from tsmblocks.studies.distributions import Normal as Normal
+from tsmblocks.studies.distributions import Uniform as Uniform
 from tsmblocks.studies.plans import Plan as Plan
-from tsmblocks.studies.plans import Uniform as Uniform
 from tsmblocks.studies.plans import grid as grid
 from tsmblocks.studies.plans import latin_hypercube as latin_hypercube
 from tsmblocks.studies.plans import monte_carlo as monte_carlo

@@ -11,31 +11,23 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import numpy as np
 
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import ParameterError, TsmError, in_words, near
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
+from tsmblocks.studies.distributions import Distribution, Normal, Uniform
 from tsmblocks.studies.page import RunPage
-from tsmblocks.studies.plans import (
-    MAX_RUNS,
-    Distribution,
-    Normal,
-    Plan,
-    Uniform,
-    grid,
-    latin_hypercube,
-    monte_carlo,
-    sweep,
-)
-from tsmblocks.studies.study import with_own_values
+from tsmblocks.studies.plans import MAX_RUNS, Plan, grid, latin_hypercube, monte_carlo, sweep
+from tsmblocks.studies.study import filled_plan
 
 KEYS = ("format", "title", "diagram", "stop", "step", "method", "hold", "set", "metrics", "plan", "vary")
 """Keys of a study file."""
-PLANS = ("grid", "sweep", "latin_hypercube", "monte_carlo")
-"""Kinds of plans."""
-RANDOM_PLANS = PLANS[2:]
-"""Those whose parameters have distributions."""
+RANDOM_PLANS: dict[str, Callable[..., Plan]] = {"latin_hypercube": latin_hypercube, "monte_carlo": monte_carlo}
+"""Kinds of plans whose parameters have distributions."""
+PLANS: dict[str, Callable[..., Plan]] = {"grid": grid, "sweep": sweep, **RANDOM_PLANS}
+"""Kinds of plans, and what makes them."""
 DISTRIBUTION_FORMS = ('low and high (and scale = "log")', "mean and deviation", "relative, a share")
 """How the distribution of a parameter is written, as messages show it."""
 
@@ -70,32 +62,28 @@ class _StudyPage(RunPage):
     """A study file that is being read: what varies, by which plan."""
 
     def plan(self, diagram: Diagram) -> Plan | None:
+        """The plan of ``[plan]`` and ``[vary]``; None where it has a fault."""
         plan, vary = self.section("plan"), self.section("vary")
         kind = plan.get("kind", "grid")
-        if kind not in PLANS:
+        if kind not in [*PLANS]:
             self.fault(("plan", "kind"), f"there is no plan {in_words(kind)}.{near(kind, PLANS)}")
             return None
-        allowed = ("kind", "runs", "seed") if kind in RANDOM_PLANS else ("kind",)
-        self.known_keys(plan, allowed, ("plan",), f"a {kind}")
+        random = kind in RANDOM_PLANS
+        self.known_keys(plan, ("kind", "runs", "seed") if random else ("kind",), ("plan",), f"a {kind}")
         if not vary:
             self.fault(("vary",), 'nothing varies: write [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].')
             return None
-        if kind in RANDOM_PLANS and "runs" not in plan:
+        if random and "runs" not in plan:
             self.fault(("plan",), f"a {kind} needs runs = …, how many.")
             return None
-        made = {k: (self.distribution if kind in RANDOM_PLANS else self.values)(k, v, diagram) for k, v in vary.items()}
-        if any(v is None for v in made.values()):
+        sets = {k: (self.distribution if random else self.values)(k, v, diagram) for k, v in vary.items()}
+        if any(v is None for v in sets.values()):
             return None
-        build: Callable[[], Plan] = {
-            "grid": lambda: grid(made),
-            "sweep": lambda: sweep(made),
-            "latin_hypercube": lambda: latin_hypercube(made, plan["runs"], seed=plan.get("seed", 0)),
-            "monte_carlo": lambda: monte_carlo(made, plan["runs"], seed=plan.get("seed", 0)),
-        }[kind]
-        made_plan = self.attempt(build, "plan")
-        if made_plan is not None:
-            self.attempt(lambda: with_own_values(diagram, made_plan), "vary")
-        return made_plan
+        sizes = {k: plan[k] for k in ("runs", "seed") if random and k in plan}
+        made = self.attempt(lambda: PLANS[kind](sets, **sizes), "plan")
+        if made is not None:
+            self.attempt(lambda: filled_plan(diagram, made), "vary")
+        return made  # type: ignore[no-any-return]
 
     def values(self, name: str, given: Any, diagram: Diagram) -> list[Any] | None:
         """Values of a grid or sweep: a list, or low, high and count."""
@@ -104,14 +92,11 @@ class _StudyPage(RunPage):
         if isinstance(given, list):
             return given
         if isinstance(given, dict) and {"low", "high", "count"} <= given.keys() <= {"low", "high", "count", "scale"}:
-            between = self.attempt(lambda: _uniform(given), "vary", name)
-            count = given["count"]
+            uniform, count = self.attempt(lambda: _uniform(given), "vary", name), given["count"]
             if not isinstance(count, int) or isinstance(count, bool) or not 2 <= count <= MAX_RUNS:
                 self.wrong(("vary", name), f"count must be a whole number from 2 to {MAX_RUNS:,}", count)
                 return None
-            import numpy as np
-
-            return None if between is None else [float(v) for v in between.quantile(np.linspace(0.0, 1.0, count))]
+            return None if uniform is None else uniform.quantile(np.linspace(0.0, 1.0, count)).tolist()
         self.wrong(("vary", name), f"'{name}' needs a list of values, or {{ low = …, high = …, count = … }}", given)
         return None
 

@@ -6,12 +6,12 @@ how it is run, ``[set]`` for parameters that all runs have, and ``[metrics]``. N
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from tsmblocks.common.arguments import is_number
 from tsmblocks.common.errors import FileError, TsmError, in_words
 from tsmblocks.files import load_beside
 from tsmblocks.files.faults import Page, Reading, TooManyFaults
@@ -66,9 +66,9 @@ class RunPage(Page):
 
     def value(self, what: str, kind: type, value: Any, *path: str) -> Any:
         """Return a value of a kind (a whole number is a float too), or None where it is something else."""
-        if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
+        if kind is float and is_number(value):
             return float(value)
-        if kind is not float and isinstance(value, kind) and not isinstance(value, bool):
+        if kind is not float and isinstance(value, kind):
             return value
         self.wrong(path, f"'{'.'.join(path)}' must be {what}", value)
         return None
@@ -105,7 +105,6 @@ class RunPage(Page):
         """Collect the faults of every metric, or of the usual ones for None."""
         known = signal_units(diagram)
         if given is None:
-            self.attempt(lambda: metrics(None, known), "diagram")
-            return
-        for name, text in given.items():
+            self.attempt(partial(metrics, None, known), "diagram")
+        for name, text in (given or {}).items():
             self.attempt(partial(metric, text, known, name), "metrics", name)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.arguments import as_integer, as_number
+from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import ParameterError, in_words, near
+from tsmblocks.studies.distributions import distributions
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -36,11 +37,6 @@ class Plan:
 
     columns: Mapping[str, np.ndarray]
     kind: str = "table"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters that vary."""
-        return tuple(self.columns)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -73,128 +69,6 @@ def plain(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else value
 
 
-# ---- distributions of a parameter -------------------------------------------------------------------
-
-
-def _finite(value: Any) -> float:
-    return as_number("a number of Uniform or Normal", value, ParameterError)
-
-
-def _bound(value: Any) -> float:
-    return value if isinstance(value, float) and math.isinf(value) else _finite(value)
-
-
-@attrs.frozen
-class Uniform:
-    """A uniform distribution of a parameter.
-
-    Parameters
-    ----------
-    low, high : float
-        Its bounds, in the unit of the parameter.
-    log : bool, default False
-        Whether the logarithm is uniform; then ``low`` is above 0.
-
-    Raises
-    ------
-    ParameterError
-        When the bounds are not in order, or not finite.
-    """
-
-    low: float = attrs.field(converter=_finite)
-    high: float = attrs.field(converter=_finite)
-    log: bool = False
-
-    def __attrs_post_init__(self) -> None:
-        if not self.low < self.high or not math.isfinite(self.high - self.low):
-            raise ParameterError(f"low must be below high, got low={self.low:g}, high={self.high:g}.")
-        if self.log and self.low <= 0:
-            raise ParameterError(f"Uniform with log=True needs low > 0, got low={self.low:g}.")
-
-    def quantile(self, q: np.ndarray) -> np.ndarray:
-        """Return quantiles of the distribution.
-
-        Parameters
-        ----------
-        q : ndarray
-            Probabilities, from 0 to 1.
-
-        Returns
-        -------
-        ndarray
-            The values, of the shape of ``q``.
-        """
-        if self.log:
-            return self.low * (self.high / self.low) ** q
-        return self.low + (self.high - self.low) * q
-
-
-@attrs.frozen
-class Normal:
-    """A normal distribution of a parameter, truncated at bounds.
-
-    Parameters
-    ----------
-    mean : float
-        Mean of the distribution before it is truncated.
-    deviation : float
-        Standard deviation before it is truncated, above 0.
-    low, high : float, default -inf and inf
-        Bounds.
-
-    Raises
-    ------
-    ParameterError
-        When a number is not finite, or the bounds are not in order.
-    """
-
-    mean: float = attrs.field(converter=_finite)
-    deviation: float = attrs.field(converter=_finite)
-    low: float = attrs.field(default=-math.inf, converter=_bound)
-    high: float = attrs.field(default=math.inf, converter=_bound)
-
-    def __attrs_post_init__(self) -> None:
-        if not self.deviation > 0 or not math.isfinite(self.mean + self.deviation):
-            raise ParameterError(f"Normal needs a deviation > 0, got mean={self.mean:g}, deviation={self.deviation:g}.")
-        if not self.low < self.high:
-            raise ParameterError(f"Normal needs low < high, got low={self.low:g}, high={self.high:g}.")
-
-    def quantile(self, q: np.ndarray) -> np.ndarray:
-        """Return quantiles of the distribution.
-
-        Parameters
-        ----------
-        q : ndarray
-            Probabilities, from 0 to 1.
-
-        Returns
-        -------
-        ndarray
-            The values, of the shape of ``q``.
-
-        Raises
-        ------
-        ParameterError
-            When no probability lies between the bounds.
-        """
-        from scipy.special import ndtr, ndtri
-
-        below, above = (float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))
-        if not below < above:
-            raise ParameterError(
-                f"Normal(mean={self.mean:g}, deviation={self.deviation:g}) has nothing between "
-                f"{self.low:g} and {self.high:g}."
-            )
-        values = self.mean + self.deviation * ndtri(below + (above - below) * q)
-        return np.clip(values, self.low, self.high)
-
-
-Distribution = Uniform | Normal
-
-
-# ---- plans ------------------------------------------------------------------------------------------
-
-
 def table(columns: Any) -> Plan:
     """Return a plan of given sets.
 
@@ -216,9 +90,8 @@ def table(columns: Any) -> Plan:
     if not isinstance(columns, Mapping) and not hasattr(columns, "columns"):
         raise ParameterError(f"a table maps parameters to values, one per run, got {in_words(columns)}.")
     made = {str(name): _listed(str(name), columns[name]) for name in columns}
-    lengths = {name: len(v) for name, v in made.items()}
-    if len(set(lengths.values())) > 1:
-        counts = ", ".join(f"{k} has {n}" for k, n in lengths.items())
+    if len({len(v) for v in made.values()}) > 1:
+        counts = ", ".join(f"{k} has {len(v)}" for k, v in made.items())
         raise ParameterError(f"a plan needs as many values of each parameter; {counts}.")
     return _plan(made, "table")
 
@@ -249,9 +122,9 @@ def grid(values: Mapping[str, Any]) -> Plan:
     (6, {'pid.kp': 2.0, 'pid.ki': 5.0})
     """
     listed = _lists(values)
-    _count(max(math.prod(map(len, listed.values())), 1))
-    rows = list(itertools.product(*listed.values()))
-    return _plan({name: as_column([row[k] for row in rows]) for k, name in enumerate(listed)}, "grid")
+    _count(math.prod(map(len, listed.values())))
+    columns = map(as_column, zip(*itertools.product(*listed.values()), strict=True))
+    return _plan(dict(zip(listed, columns, strict=True)), "grid")
 
 
 def sweep(values: Mapping[str, Any]) -> Plan:
@@ -275,14 +148,13 @@ def sweep(values: Mapping[str, Any]) -> Plan:
         As ``grid`` does, and for options.
     """
     listed = _lists(values)
-    columns = {}
-    for name, own in listed.items():
-        if own.dtype.kind not in "fi":
-            raise ParameterError(f"a sweep takes numbers; '{name}' has {in_words(own[0])}. Use grid.")
-        before = sum(len(v) for v in itertools.islice(listed.values(), list(listed).index(name)))
-        column = np.full(1 + sum(map(len, listed.values())), np.nan)
-        column[1 + before : 1 + before + len(own)] = own
-        columns[name] = column
+    columns, runs = {}, 1
+    for name, given in listed.items():
+        if given.dtype.kind != "f":
+            raise ParameterError(f"a sweep takes numbers; '{name}' has {in_words(given[0])}. Use grid.")
+        columns[name] = np.full(1 + sum(map(len, listed.values())), np.nan)
+        columns[name][runs : runs + len(given)] = given
+        runs += len(given)
     return _plan(columns, "sweep")
 
 
@@ -305,10 +177,8 @@ def latin_hypercube(beliefs: Mapping[str, Any], runs: int, *, seed: int = 0) -> 
 
     Raises
     ------
-    ParameterError
-        For anything that is no distribution.
-    RunError
-        For a number of runs or a seed that is none.
+    ParameterError, RunError
+        For anything that is no distribution; for a number of runs or a seed that is none.
 
     References
     ----------
@@ -323,7 +193,7 @@ def latin_hypercube(beliefs: Mapping[str, Any], runs: int, *, seed: int = 0) -> 
     """
     from scipy.stats import qmc
 
-    known, count = _distributions(beliefs), _count(runs)
+    known, count = distributions(beliefs), _count(runs)
     q = qmc.LatinHypercube(d=len(known), seed=np.random.default_rng(as_integer("seed", seed, 0))).random(count)
     return _plan({name: one.quantile(q[:, k]) for k, (name, one) in enumerate(known.items())}, "latin hypercube")
 
@@ -336,10 +206,8 @@ def monte_carlo(beliefs: Any, runs: int, *, seed: int = 0) -> Plan:
     beliefs : mapping of str to Uniform, Normal or tuple, or Fit
         Distribution of each parameter, as for ``latin_hypercube``. Of a fit, the estimates are drawn from a normal
         distribution with their covariance, within the bounds of their blocks; initial states are not varied.
-    runs : int
-        Number of runs.
-    seed : int, default 0
-        Seed of the random numbers.
+    runs, seed : int
+        As for ``latin_hypercube``.
 
     Returns
     -------
@@ -348,46 +216,44 @@ def monte_carlo(beliefs: Any, runs: int, *, seed: int = 0) -> Plan:
 
     Raises
     ------
-    ParameterError
-        For anything that is no distribution, and where a parameter of the fit is not identifiable.
-    RunError
-        For a number of runs or a seed that is none.
+    ParameterError, RunError
+        As ``latin_hypercube`` does; ParameterError where a parameter of the fit is not identifiable.
     """
     count, rng = _count(runs), np.random.default_rng(as_integer("seed", seed, 0))
     if hasattr(beliefs, "covariance"):
-        return _plan(_of_fit(beliefs, count, rng), "monte carlo")
-    known = _distributions(beliefs)
+        return _plan(_drawn_from_fit(beliefs, count, rng), "monte carlo")
+    known = distributions(beliefs)
     return _plan({name: one.quantile(rng.random(count)) for name, one in known.items()}, "monte carlo")
 
 
-def _of_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def _drawn_from_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Draws of the estimates of a fit; an estimate at a bound keeps its value."""
     from tsmblocks.fitting.parameters import bounds_of, numbers
 
     kept = [k for k, one in enumerate(fit.estimates) if not one.is_start and one.name in fit.diagram.parameters]
-    names = [fit.estimates[k].name for k in kept]
-    if not names:
+    estimates = [fit.estimates[k] for k in kept]
+    if not estimates:
         raise ParameterError("the fit has no parameter that all experiments share, so there is nothing to vary.")
     covariance = fit.covariance[np.ix_(kept, kept)]
     free = np.isfinite(np.diag(covariance))
-    held = [fit.estimates[k] for k, f in zip(kept, free, strict=True) if not f]
-    open_ = [one.name for one in held if "bound" not in one.verdict]
-    if open_:
+    unknown = [one.name for one, f in zip(estimates, free, strict=True) if not f and "bound" not in one.verdict]
+    if unknown:
         raise ParameterError(
-            f"{', '.join(open_)} of the fit is not identifiable with its data, so nothing can be drawn."
+            f"{', '.join(unknown)} of the fit is not identifiable with its data, so nothing can be drawn."
         )
     root = np.linalg.cholesky(covariance[np.ix_(free, free)] + 1e-300 * np.eye(int(free.sum())))
-    mean = np.array([fit.estimates[k].value for k in kept])
+    mean = np.array([one.value for one in estimates])
     declared = numbers(fit.diagram)
-    low, high = np.array([bounds_of(declared[name], value) for name, value in zip(names, mean, strict=True)]).T
-    made, tried = np.empty((0, len(names))), 0
+    low, high = np.array([bounds_of(declared[one.name], one.value) for one in estimates]).T
+    made, tried = np.empty((0, len(mean))), 0
     while len(made) < runs:
         if tried > MAX_DRAWS_PER_RUN * runs:
             raise ParameterError("hardly any draw of the fit's covariance lies within the bounds of its parameters.")
         drawn = np.tile(mean, (runs, 1))
-        drawn[:, free] += rng.standard_normal((runs, int(free.sum()))) @ root.T
+        drawn[:, free] += rng.standard_normal((runs, len(root))) @ root.T
         inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
         made, tried = np.vstack([made, drawn[inside]]), tried + runs
-    return {name: made[:runs, k] for k, name in enumerate(names)}
+    return {one.name: made[:runs, k] for k, one in enumerate(estimates)}
 
 
 def _count(runs: Any) -> int:
@@ -399,7 +265,7 @@ def _count(runs: Any) -> int:
 
 
 def _plan(columns: dict[str, np.ndarray], kind: str) -> Plan:
-    if not columns or not len(next(iter(columns.values()))):
+    if not columns:
         raise ParameterError("a plan needs at least one parameter with at least one value.")
     for column in columns.values():
         column.flags.writeable = False
@@ -416,12 +282,10 @@ def _lists(values: Any) -> dict[str, np.ndarray]:
 
 def _listed(name: str, given: Any) -> np.ndarray:
     """Values of one parameter, in a row; numbers must be finite."""
-    if isinstance(given, (str, bytes, Mapping)) or not np.iterable(given):
-        raise ParameterError(f"'{name}' needs a list of values, got {in_words(given)}.")
-    if getattr(given, "ndim", 1) > 1:
+    if isinstance(given, (str, bytes, Mapping)) or not np.iterable(given) or getattr(given, "ndim", 1) > 1:
         raise ParameterError(f"'{name}' needs a list of values, got {in_words(given)}.")
     array = as_column(list(given))
-    if array.ndim != 1 or not len(array):
+    if not len(array):
         raise ParameterError(f"'{name}' needs a list of at least one value, got {in_words(given)}.")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise ParameterError(f"'{name}' has a value that is not finite.")
@@ -434,27 +298,4 @@ def as_column(values: Sequence[Any]) -> np.ndarray:
         return np.array(values, dtype=float)
     made = np.empty(len(values), dtype=object)
     made[:] = values
-    return made
-
-
-def between(name: str, low: Any, high: Any, log: bool = False) -> Uniform:
-    """A uniform distribution between two bounds. Raises ParameterError that names the parameter."""
-    try:
-        return Uniform(low, high, log=log)
-    except ParameterError as error:
-        raise ParameterError(f"bounds of '{name}': {error}") from None
-
-
-def _distributions(given: Any) -> dict[str, Distribution]:
-    if not isinstance(given, Mapping) or not given:
-        raise ParameterError(
-            f"nothing varies: write {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, got {in_words(given)}."
-        )
-    made: dict[str, Distribution] = {}
-    for name, one in given.items():
-        if isinstance(one, (tuple, list)) and len(one) == 2:
-            one = between(str(name), *one)
-        if not isinstance(one, (Uniform, Normal)):
-            raise ParameterError(f"'{name}' varies by (low, high), Uniform or Normal, got {in_words(one)}.")
-        made[str(name)] = one
     return made

@@ -18,7 +18,7 @@ from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
 from tsmblocks.studies.runner import grouped, run_starts
-from tsmblocks.studies.study import as_plan, signal_units, with_own_values
+from tsmblocks.studies.study import filled_plan, signal_units
 
 
 @attrs.frozen(eq=False)
@@ -48,6 +48,11 @@ class Responses:
             raise RunError(f"the responses have no signal '{name}'.{near(name, self.signals)}")
         return self.signals[name]
 
+    @property
+    def _count(self) -> int:
+        """Number of runs."""
+        return len(next(iter(self.signals.values()), ()))
+
     def unit(self, name: str) -> str:
         """Return the unit label of a signal.
 
@@ -71,15 +76,13 @@ class Responses:
         xarray.Dataset
             One variable per signal over ``run`` and ``t`` [s]; ``attrs["units"]`` of each is its unit.
         """
-        count = len(next(iter(self.signals.values()), ()))
-        coords = {"run": (("run",), np.arange(count), ""), "t": (("t",), self.t, "s")}
+        coords = {"run": (("run",), np.arange(self._count), ""), "t": (("t",), self.t, "s")}
         return dataset(
             {k: (("run", "t"), v, self.unit(k)) for k, v in self.signals.items()}, coords, {"title": self.title}
         )
 
     def __repr__(self) -> str:
-        count = len(next(iter(self.signals.values()), ()))
-        return f"Responses({self.title!r}, {count} runs, {len(self.t)} instants, {few(self.signals)})"
+        return f"Responses({self.title!r}, {self._count} runs, {len(self.t)} instants, {few(self.signals)})"
 
     def _repr_html_(self) -> str:
         return view("html", self)
@@ -151,16 +154,17 @@ def responses(
     ParameterError, DataError, RunError
         As ``simulate_batch`` does.
     """
-    diagram, plan = as_diagram(diagram), as_plan(plan)
-    units, names = signal_units(diagram), list(signals) if signals is not None else list(diagram.outputs)
+    diagram = as_diagram(diagram)
+    plan = filled_plan(diagram, plan)
+    names = list(diagram.outputs if signals is None else signals)
     options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
-    made: dict[str, Any] = {}
-    t, columns = np.empty(0), with_own_values(diagram, plan)
-    groups = grouped(diagram, columns, options)
+    groups = grouped(diagram, plan.columns, options)
     batches = [group.batch(names) for group in groups]
-    warn_of_fast_poles(run_starts(groups, batches, columns), options.rule, step)
+    warn_of_fast_poles(run_starts(groups, batches, plan.columns), options.rule, step)
+    t = batches[0].t
+    made = {name: np.empty((len(plan), len(t))) for name in names}
     for group, batch in zip(groups, batches, strict=True):
         for name, values in batch.results(0, batch.count, None, threads).items():
-            made.setdefault(name, np.empty((len(plan), values.shape[1])))[group.runs] = values
-        t = batch.t
+            made[name][group.runs] = values
+    units = signal_units(diagram)
     return Responses(diagram.title, t, made, {name: units.get(name, "") for name in names})

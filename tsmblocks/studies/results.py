@@ -15,10 +15,11 @@ from tsmblocks.common.errors import DataError, RunError, near
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.tables import WIDTH, few
 from tsmblocks.common.tables import columns as in_columns
+from tsmblocks.common.units import heading
 from tsmblocks.common.views import view
-from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.studies.influence import influence
 from tsmblocks.studies.plans import as_column, plain
 from tsmblocks.studies.store import facts_path, parsed_cell, read_table
 
@@ -34,22 +35,16 @@ class Results:
 
     Parameters
     ----------
-    title : str
-        Title of the study.
-    kind : str
-        How the plan was made.
+    title, kind : str
+        Title of the study, and how its plan was made.
     count : int
         Number of runs of the plan.
     runs : ndarray of int, shape (n,)
         Numbers of the runs that are done.
-    parameters : mapping of str to ndarray, each of shape (n,)
-        Values by parameter.
-    metrics : mapping of str to ndarray, each of shape (n,)
-        Values by metric.
-    units : mapping of str to str
-        Units by metric, ``""`` where it is not known.
-    texts : mapping of str to str
-        Expressions by metric.
+    parameters, metrics : mapping of str to ndarray, each of shape (n,)
+        Values by parameter, and by metric.
+    units, texts : mapping of str to str
+        Units by metric (``""`` where one is not known), and expressions by metric.
     own : mapping of str to value
         The diagram's own values of the parameters; None for an option.
     status : {"complete", "interrupted"}, default "complete"
@@ -101,12 +96,12 @@ class Results:
         return np.any([np.isnan(v) for v in self.metrics.values()], axis=0)
 
     def row(self, at: int) -> dict[str, Any]:
-        """Return parameters and metrics of the run at a position.
+        """Return parameters and metrics of a run.
 
         Parameters
         ----------
         at : int
-            Position in ``runs``.
+            Its position in ``runs``.
 
         Returns
         -------
@@ -135,11 +130,10 @@ class Results:
         RunError
             For an unknown metric, and where no run has a finite one.
         """
-        found = self._numbers(metric)
-        values = np.where(np.isfinite(found), found, np.nan)
-        if np.isnan(values).all():
+        values = self._numbers(metric)
+        if not np.isfinite(values).any():
             raise RunError(f"no run of the study has a finite '{metric}'.")
-        at = int(np.nanargmax(values) if largest else np.nanargmin(values))
+        at = int(np.argmin(np.where(np.isfinite(values), -values if largest else values, np.inf)))
         return {"run": int(self.runs[at]), **self.row(at)}
 
     def at(self, run: int) -> Diagram:
@@ -190,8 +184,8 @@ class Results:
         order = [k for k in np.lexsort(values.T[::-1]) if np.isfinite(values[k]).all()]
         kept = list[int]()
         for k in order:
-            if not any(np.all(values[j] <= values[k]) for j in kept):
-                kept.append(int(k))
+            if not (values[kept] <= values[k]).all(axis=1).any():
+                kept.append(k)
         return np.array(kept, dtype=int)
 
     def influence(self, metric: str) -> dict[str, tuple[float, float]]:
@@ -215,8 +209,6 @@ class Results:
         RunError
             Where fewer runs are finite than the regression needs.
         """
-        from tsmblocks.studies.influence import influence
-
         return influence(self, metric)
 
     def quantiles(self, metric: str) -> dict[str, float]:
@@ -233,11 +225,6 @@ class Results:
         -------
         dict of str to float
             Quantiles by name, in the unit of the metric; NaN where no run has one.
-
-        Raises
-        ------
-        RunError
-            For an unknown metric.
         """
         found = self._numbers(metric)
         values = np.sort(found[~np.isnan(found)])
@@ -254,13 +241,9 @@ class Results:
             A row per run, by its number: parameters, then metrics by the names given. ``attrs["units"]`` has the units
             of the metrics by column.
         """
-        names = {name: self.asked.get(name, name) for name in self}
-        return frame(
-            {title: self[name] for name, title in names.items()},
-            self.runs,
-            "run",
-            {names[name]: unit for name, unit in self.units.items()},
-        )
+        titles = {name: self.asked.get(name, name) for name in self}
+        units = {titles[name]: unit for name, unit in self.units.items()}
+        return frame({title: self[name] for name, title in titles.items()}, self.runs, "run", units)
 
     def to_xarray(self) -> Any:
         """Return the metrics as an xarray data set. Needs xarray.
@@ -275,14 +258,11 @@ class Results:
         axes = {k: list(dict.fromkeys(v.tolist())) for k, v in self.parameters.items()}
         shape = tuple(map(len, axes.values()))
         if self.kind == "grid" and np.prod(shape) == len(self) == self.count:
-            dims = tuple(axes)
-            return dataset(
-                {k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()},
-                {k: ((k,), v, "") for k, v in axes.items()},
-                facts,
-            )
-        coords = {"run": (("run",), self.runs, ""), **{k: (("run",), v, "") for k, v in self.parameters.items()}}
-        return dataset({k: (("run",), v, self.units[k]) for k, v in self.metrics.items()}, coords, facts)
+            dims, coords = tuple(axes), {k: ((k,), v, "") for k, v in axes.items()}
+        else:
+            dims, shape = ("run",), (len(self),)
+            coords = {k: (dims, v, "") for k, v in {"run": self.runs, **self.parameters}.items()}
+        return dataset({k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()}, coords, facts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the summary as plain values.
@@ -332,22 +312,19 @@ class Results:
         return view("html", self)
 
     def __str__(self) -> str:
-        done = (
-            f"{len(self)} of {self.count} runs"
-            if len(self) < self.count
-            else f"{self.count} run{'s' if self.count > 1 else ''}"
-        )
+        done = f"{len(self)} of " if len(self) < self.count else ""
+        done += f"{self.count} run{'s' if self.count > 1 else ''}"
         lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", WIDTH)
-        if self.failed.any():
-            count = int(self.failed.sum())
+        count = int(self.failed.sum())
+        if count:
             have = "runs have" if count > 1 else "run has"
             lines.append(f"{count} {have} a metric that is no number (an unstable loop, for example)")
         table = [("", *QUANTILES, "lowest at")]
         for name in self.metrics:
-            numbers = self.quantiles(name)
             at = self.best(name) if np.isfinite(self[name]).any() else {}
-            where = ", ".join(f"{k} {_short(at[k])}" for k in self.parameters if k in at)
-            table.append((heading(name, self.units[name]), *(f"{v:.4g}" for v in numbers.values()), where))
+            places = {k: f"{at[k]:.4g}" if isinstance(at[k], float) else str(at[k]) for k in self.parameters if at}
+            where = ", ".join(f"{k} {v}" for k, v in places.items())
+            table.append((heading(name, self.units[name]), *(f"{v:.4g}" for v in self.quantiles(name).values()), where))
         return "\n".join([*lines, "", in_columns(table, left=(0, len(QUANTILES) + 1))])
 
     def __repr__(self) -> str:
@@ -384,38 +361,46 @@ def read_study(path: str | Path) -> Results:
     """
     path = Path(path)
     table = read_table(path)
-    facts = table.facts
+    facts, runs = table.facts, np.array(sorted(table.rows), dtype=int)
     try:
-        count, parameters, units = int(facts["runs"]), list(facts["parameters"]), dict(facts["units"])
-        wanted = {**dict.fromkeys(parameters, ""), **units}
-        title, kind, texts, own = (facts[k] for k in ("title", "kind", "metrics", "parameters"))
-        asked = {named(name)[0]: name for name in texts}
-        texts = {name: texts[full] for name, full in asked.items()}
+        count, wanted = int(facts["runs"]), {**dict.fromkeys(facts["parameters"], ""), **facts["units"]}
+        _ = dict(facts["metrics"]), facts["title"], facts["kind"]
     except (KeyError, TypeError, ValueError):
         raise DataError(f"{facts_path(path)}: the facts of the study are not all there.") from None
     if [named(one) for one in table.heading[1:]] != list(wanted.items()):
         raise DataError(f"{path}:1: the heading does not have the parameters and metrics of {facts_path(path).name}.")
-    runs = np.array(sorted(table.rows), dtype=int)
     if len(runs) and runs[-1] >= count:
         raise DataError(f"{path}: there are {count} runs, and a row of run {runs[-1]}.")
     columns = {name: as_column([parsed_cell(table.rows[run][k]) for run in runs]) for k, name in enumerate(wanted)}
-    for name in units:
+    for name in facts["units"]:
         if columns[name].dtype.kind != "f":
             raise DataError(f"{path}: the column '{name}' has a value that is no number.")
-    status = "complete" if len(runs) == count else "interrupted"
+    return described_results(facts, runs, columns, path)
+
+
+def described_results(
+    facts: Mapping[str, Any],
+    runs: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    path: Path | None,
+    diagram: Diagram | None = None,
+) -> Results:
+    """Results of these runs, from the facts of the study and the columns of its table."""
+    asked = {named(name)[0]: name for name in facts["metrics"]}
     return Results(
-        title,
-        kind,
-        count,
+        facts["title"],
+        facts["kind"],
+        facts["runs"],
         runs,
-        {k: columns[k] for k in parameters},
-        {k: columns[k] for k in units},
-        units,
-        texts,
-        own,
-        status,
+        {k: columns[k] for k in facts["parameters"]},
+        {k: columns[k] for k in facts["units"]},
+        facts["units"],
+        {name: facts["metrics"][given] for name, given in asked.items()},
+        facts["parameters"],
+        "complete" if len(runs) == facts["runs"] else "interrupted",
         path,
-        asked=asked,
+        diagram,
+        asked,
     )
 
 
@@ -427,7 +412,3 @@ def _quantile(ordered: np.ndarray, q: float) -> float:
     if low == high or np.isinf([low, high]).all():
         return low if share < 0.5 else high
     return min(max((1.0 - share) * low + share * high, low), high) if share else low
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

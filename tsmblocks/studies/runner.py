@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from functools import partial
 from pickle import PicklingError
 from time import monotonic
 from typing import Any
@@ -54,8 +55,8 @@ class Runs:
     options: RunOptions
     lanes: int
 
-    def part(self, chosen: np.ndarray) -> Runs:
-        """Some of them, by position."""
+    def part(self, chosen: np.ndarray | slice) -> Runs:
+        """Some of them, by position or by a mask."""
         return attrs.evolve(self, runs=self.runs[chosen], sets={k: v[chosen] for k, v in self.sets.items()})
 
     def batch(self, signals: Sequence[str]) -> PreparedBatch:
@@ -116,16 +117,11 @@ def run_in_process(
 ) -> Generator[PieceResult, None, None]:
     """Run what is missing in this process, in as many threads as there are processors unless given."""
     busy = threads or os.cpu_count() or 1
-    for group in groups:
-        wanted = np.flatnonzero(missing[group.runs])
-        if not len(wanted):
-            continue
-        batch = group.part(wanted).prepared(metrics)
-        size = group.lanes * busy * BATCHES_PER_THREAD
-        for first in range(0, len(wanted), size):
-            last = min(first + size, len(wanted))
-            found = batch.results(first, last, _Reduce(tuple(metrics)), busy)
-            yield group.runs[wanted[first:last]], found
+    for group in _missing(groups, missing):
+        batch, size = group.prepared(metrics), group.lanes * busy * BATCHES_PER_THREAD
+        for first in range(0, batch.count, size):
+            last = min(first + size, batch.count)
+            yield group.runs[first:last], batch.results(first, last, partial(_values, metrics), busy)
 
 
 def run_on_executor(
@@ -146,10 +142,16 @@ def run_on_executor(
 
 
 def _pieces(groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray) -> Iterator[Piece]:
-    for group in groups:
-        wanted, size = np.flatnonzero(missing[group.runs]), LANE_GROUPS_PER_PIECE * group.lanes
-        for first in range(0, len(wanted), size):
-            yield group.part(wanted[first : first + size]), tuple(metrics)
+    for group in _missing(groups, missing):
+        size = LANE_GROUPS_PER_PIECE * group.lanes
+        for first in range(0, len(group.runs), size):
+            yield group.part(slice(first, first + size)), tuple(metrics)
+
+
+def _missing(groups: Sequence[Runs], missing: np.ndarray) -> list[Runs]:
+    """Those runs of each group that have no results yet."""
+    parts = (group.part(missing[group.runs]) for group in groups)
+    return [part for part in parts if len(part.runs)]
 
 
 @attrs.frozen
@@ -167,7 +169,8 @@ class _Submitted:
     """Pieces that were submitted to an executor and have not ended yet.
 
     An executor may lose a piece without an error: Dask's does when a machine dies with a result that was not fetched.
-    So a piece that takes far longer than any other has is submitted again; whichever copy ends first counts.
+    So a piece that takes far longer than any other has is submitted again, up to the largest number of attempts;
+    whichever copy ends first counts.
     """
 
     executor: Executor
@@ -179,7 +182,7 @@ class _Submitted:
         self.waiting[self.executor.submit(run_piece, *piece, attempt)] = _Attempt(number, piece, attempt, monotonic())
 
     def finished(self) -> Iterator[PieceResult]:
-        """Results of the pieces that have ended; those that were lost are submitted again."""
+        """Results of the pieces that have ended; those that were lost or are overdue are submitted again."""
         patience = max(MIN_OVERDUE_TIME, OVERDUE_RATIO * self.longest)
         done, _ = wait(self.waiting, timeout=patience if self.longest else None, return_when=FIRST_COMPLETED)
         for one in done:
@@ -192,11 +195,20 @@ class _Submitted:
                 raise
             except Exception as error:
                 self._retry(copy, error)
-            else:
-                self.longest = max(self.longest, monotonic() - copy.since)
-                self._cancel_copies(copy.number)
-                yield found
-        self._resubmit_overdue(patience)
+                continue
+            self.longest = max(self.longest, monotonic() - copy.since)
+            for other in self._copies(copy.number):
+                other.cancel()
+                del self.waiting[other]
+            yield found
+        latest = {copy.number: copy for copy in self.waiting.values()}  # the last copy of each, in the order given
+        for copy in latest.values():
+            if self.longest and copy.attempt < MAX_ATTEMPTS and monotonic() - copy.since > patience:
+                self.submit(copy.number, copy.piece, copy.attempt + 1)
+
+    def _copies(self, number: int) -> list[Future[PieceResult]]:
+        """What the executor still has of a piece."""
+        return [future for future, copy in self.waiting.items() if copy.number == number]
 
     def _retry(self, copy: _Attempt, error: Exception) -> None:
         if isinstance(error, (PicklingError, AttributeError, TypeError)) and "pickle" in str(error):
@@ -204,23 +216,11 @@ class _Submitted:
                 f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
                 "samples, and define blocks of your own in a module."
             ) from None
-        if copy.number in {other.number for other in self.waiting.values()}:
-            return  # another copy of it is running
+        if self._copies(copy.number):
+            return
         if copy.attempt >= MAX_ATTEMPTS:
             raise error
         self.submit(copy.number, copy.piece, copy.attempt + 1)
-
-    def _cancel_copies(self, number: int) -> None:
-        for other in [f for f, copy in self.waiting.items() if copy.number == number]:
-            other.cancel()
-            del self.waiting[other]
-
-    def _resubmit_overdue(self, patience: float) -> None:
-        """Submit again what is overdue, up to the largest number of attempts; then it is waited for without limit."""
-        latest = {copy.number: copy for copy in self.waiting.values()}  # the last copy of each, in the order given
-        for copy in latest.values():
-            if self.longest and copy.attempt < MAX_ATTEMPTS and monotonic() - copy.since > patience:
-                self.submit(copy.number, copy.piece, copy.attempt + 1)
 
 
 def run_piece(runs: Runs, metrics: tuple[Metric, ...], _attempt: int) -> PieceResult:
@@ -230,17 +230,12 @@ def run_piece(runs: Runs, metrics: tuple[Metric, ...], _attempt: int) -> PieceRe
     one that it lost.
     """
     batch = runs.prepared(metrics)
-    return runs.runs, batch.results(0, batch.count, _Reduce(metrics), 1)
+    return runs.runs, batch.results(0, batch.count, partial(_values, metrics), 1)
 
 
-@attrs.frozen
-class _Reduce:
-    """Metrics of runs side by side."""
-
-    metrics: tuple[Metric, ...]
-
-    def __call__(self, t: np.ndarray, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return {one.name: one(t, signals) for one in self.metrics}
+def _values(metrics: Sequence[Metric], t: np.ndarray, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Values of the metrics, by name, for runs side by side."""
+    return {one.name: one(t, signals) for one in metrics}
 
 
 def checked_batches(groups: Sequence[Runs], metrics: Sequence[Metric]) -> list[PreparedBatch]:

@@ -18,6 +18,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.atomic_write import replace_file
 from tsmblocks.common.errors import DataError, clip
 
 FORMAT = 1
@@ -103,16 +104,15 @@ class Store:
             for run, row in before.rows.items():
                 self._check(run, row)
             self.done.update(before.rows)
-        from tsmblocks.common.atomic_write import replace_file
-
         replace_file(facts_path(self.path), json.dumps(self.facts, ensure_ascii=False, indent=1) + "\n")
         self.finish()
 
     def _check(self, run: int, row: Sequence[str]) -> None:
         """Raise DataError for a row that no run of this study can have."""
         count = len(self.parameters)
-        wanted = tuple(cell_text(plain[run]) for plain in self.parameters) if run < self.runs else ()
-        if run >= self.runs or tuple(row[:count]) != wanted or not all(_is_number(v) for v in row[count:]):
+        wanted = tuple(cell_text(column[run]) for column in self.parameters) if run < self.runs else None
+        metrics = [parsed_cell(text) for text in row[count:]]
+        if tuple(row[:count]) != wanted or not all(isinstance(value, float) for value in metrics):
             raise DataError(
                 f"{self.path}: the row of run {run} has been changed: {clip(','.join(row), 80)!r}. Take it "
                 "out, and it is run again."
@@ -120,9 +120,7 @@ class Store:
 
     def add(self, runs: Iterable[int], columns: Iterable[Iterable[Any]]) -> None:
         """Add the rows of some runs, columns side by side; they are on the disk when this returns."""
-        made = {}
-        for run, *values in zip(runs, *columns, strict=True):
-            made[int(run)] = tuple(map(cell_text, values))
+        made = {int(run): tuple(map(cell_text, values)) for run, *values in zip(runs, *columns, strict=True)}
         self.done.update(made)
         if self.path is not None:
             with self.path.open("ab") as file:
@@ -132,20 +130,14 @@ class Store:
 
     def finish(self) -> None:
         """Put all rows in order. The file is at any moment the old one or the new one."""
-        if self.path is None:
-            return
-        from tsmblocks.common.atomic_write import replace_file
-
-        replace_file(self.path, _csv_text([self.heading]) + _csv_text((k, *self.done[k]) for k in sorted(self.done)))
+        if self.path is not None:
+            rows = [self.heading, *((k, *self.done[k]) for k in sorted(self.done))]
+            replace_file(self.path, _csv_text(rows))
 
 
 def cell_text(value: Any) -> str:
     """A value as text of the file; a number reads back as the same number."""
     return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)
-
-
-def _is_number(text: str) -> bool:
-    return isinstance(parsed_cell(text), float)
 
 
 def parsed_cell(text: str) -> Any:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from pathlib import Path
 from typing import Any
 
-import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_callback, as_integer
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words
+from tsmblocks.common.units import heading
 from tsmblocks.common.version import __version__
-from tsmblocks.data import heading
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.metrics.metrics import metrics as read_metrics
@@ -26,7 +25,7 @@ from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
-from tsmblocks.studies.results import Results
+from tsmblocks.studies.results import Results, described_results
 from tsmblocks.studies.runner import PieceResult, checked_batches, grouped, run_in_process, run_on_executor, run_starts
 from tsmblocks.studies.store import FORMAT, Store
 
@@ -105,165 +104,105 @@ def study(
             "study runs one diagram; of several, make a study each: "
             "{name: study(one, plan, metrics) for name, one in diagrams.items()}."
         )
-    diagram, plan = as_diagram(diagram), as_plan(plan)
+    diagram = as_diagram(diagram)
+    plan = filled_plan(diagram, plan)
     options = RunOptions(stop, step, start, method, inputs, hold, backend=backend)
     wanted = read_metrics(metrics, signal_units(diagram))
-    settings = _StudySettings(
-        title or diagram.title, diagram, plan.kind, with_own_values(diagram, plan), wanted, options
-    )
+    for one in wanted:
+        if one.name in plan.columns:
+            raise ParameterError(f"'{one.name}' is a parameter of the plan, so no metric can have that name.")
     progress = as_callback(progress, "done and of")
     if executor is not None and not hasattr(executor, "submit"):
         raise RunError(f"executor is one of concurrent.futures, or Dask's get_executor(), got {in_words(executor)}.")
     if threads is not None:
         as_integer("threads", threads, 1)
-    groups = grouped(diagram, settings.columns, options)
-    representative = run_starts(groups, checked_batches(groups, wanted), settings.columns)
-    warn_of_fast_poles(representative, options.rule, step)
-    store = Store(_path(out), settings.facts, settings.heading, tuple(settings.columns.values()), settings.count)
+    groups = grouped(diagram, plan.columns, options)
+    warn_of_fast_poles(run_starts(groups, checked_batches(groups, wanted), plan.columns), options.rule, step)
+    facts = _facts(title or diagram.title, diagram, plan, wanted, options)
+    titles = ("run", *plan.columns, *(heading(one.name, one.unit) for one in wanted))
+    store = Store(_path(out), facts, titles, tuple(plan.columns.values()), len(plan))
     store.begin()
-    missing = np.array([k not in store.done for k in range(settings.count)])
+    missing = np.array([k not in store.done for k in range(len(plan))])
     parts = (
         run_in_process(groups, wanted, missing, threads)
         if executor is None
         else run_on_executor(groups, wanted, missing, executor)
     )
-    return settings.results(store, _run(parts, settings, store, progress))
+    _run(parts, plan, wanted, store, progress)
+    runs = np.array(sorted(store.done), dtype=int)
+    columns = {name: values[runs] for name, values in plan.columns.items()}
+    for k, one in enumerate(wanted, start=len(columns)):
+        columns[one.name] = np.array([float(store.done[run][k]) for run in runs])
+    return described_results(facts, runs, columns, store.path, diagram)
 
 
-def _run(parts: Generator[PieceResult, None, None], settings: _StudySettings, store: Store, progress: Progress) -> str:
-    """Store results as runs end; returns the status."""
+def _run(
+    parts: Generator[PieceResult, None, None], plan: Plan, metrics: Sequence[Metric], store: Store, progress: Progress
+) -> None:
+    """Store results as runs end, until all have or Ctrl-C is pressed."""
     try:
-        progress(len(store.done), settings.count)
+        progress(len(store.done), len(plan))
         for runs, values in parts:
-            store.add(
-                runs, [*(v[runs] for v in settings.columns.values()), *(values[one.name] for one in settings.metrics)]
-            )
-            progress(len(store.done), settings.count)
+            store.add(runs, [*(v[runs] for v in plan.columns.values()), *(values[one.name] for one in metrics)])
+            progress(len(store.done), len(plan))
     except KeyboardInterrupt:
         parts.close()
-        return "interrupted"
     except BrokenExecutor as error:
-        kept = (
-            f" {len(store.done)} of {settings.count} runs are in {store.path}; the same call continues from there."
-            if store.path
-            else ""
-        )
+        kept = f" {len(store.done)} of {len(plan)} runs are in {store.path}; the same call continues from there."
         guard = "" if store.done else ' A script that starts processes works under if __name__ == "__main__": alone.'
-        raise RunError(f"a worker process ended before its runs did ({error}).{kept}{guard}") from None
+        raise RunError(
+            f"a worker process ended before its runs did ({error}).{kept if store.path else ''}{guard}"
+        ) from None
     store.finish()
-    return "complete"
 
 
-@attrs.frozen(eq=False)
-class _StudySettings:
-    """A study, all of it settled: ``columns`` have a value for every run, ``options`` are those of the runs."""
-
-    title: str
-    diagram: Diagram
-    kind: str
-    columns: Mapping[str, np.ndarray]
-    metrics: tuple[Metric, ...]
-    options: RunOptions
-
-    def __attrs_post_init__(self) -> None:
-        for one in self.metrics:
-            if one.name in self.columns:
-                raise ParameterError(f"'{one.name}' is a parameter of the plan, so no metric can have that name.")
-
-    @property
-    def count(self) -> int:
-        """How many runs there are."""
-        return len(next(iter(self.columns.values())))
-
-    @property
-    def own(self) -> dict[str, Any]:
-        """The diagram's own values; None for an option."""
-        numbers = self.diagram.untied(self.columns).parameters
-        return {name: numbers.get(name) for name in self.columns}
-
-    @property
-    def heading(self) -> tuple[str, ...]:
-        """Titles of the columns of a table."""
-        return ("run", *self.columns, *(heading(one.name, one.unit) for one in self.metrics))
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """All that the results depend on, so that those of another study are not gone on with."""
-        options, times = self.options, self.options.times
-        values = (f"{k}={v.tolist()!r}" for k, v in self.columns.items())
-        driven = (f"{k}={_input_text(k, v, times.grid, options.hold)}" for k, v in options.inputs.items())
-        return {
-            "format": FORMAT,
-            "title": self.title,
-            "runs": self.count,
-            "kind": self.kind,
-            "version": __version__,
-            "diagram": _digest(_diagram_text(self.diagram)),
-            "plan": _digest(*values),
-            "inputs": _digest(*driven),
-            "metrics": {one.given_name: one.text for one in self.metrics},
-            "units": {one.name: one.unit for one in self.metrics},
-            "parameters": self.own,
-            "start": times.start,
-            "step": times.h,
-            "steps": times.steps,
-            "method": options.method,
-        }
-
-    def results(self, store: Store, status: str) -> Results:
-        """The results in a store; runs that are missing are left out."""
-        runs = np.array(sorted(store.done), dtype=int)
-        first = len(self.columns)
-        values = {
-            one.name: np.array([float(store.done[k][m]) for k in runs]) for m, one in enumerate(self.metrics, first)
-        }
-        return Results(
-            self.title,
-            self.kind,
-            self.count,
-            runs,
-            {k: v[runs] for k, v in self.columns.items()},
-            values,
-            {one.name: one.unit for one in self.metrics},
-            {one.name: one.text for one in self.metrics},
-            self.own,
-            status,
-            store.path,
-            self.diagram,
-            {one.name: one.given_name for one in self.metrics},
-        )
+def _facts(title: str, diagram: Diagram, plan: Plan, metrics: Sequence[Metric], options: RunOptions) -> dict[str, Any]:
+    """All that the results depend on, so that those of another study are not continued."""
+    times, own = options.times, diagram.untied(plan.columns).parameters
+    values = (f"{k}={v.tolist()!r}" for k, v in plan.columns.items())
+    inputs = (f"{k}={_input_text(k, v, times.grid, options.hold)}" for k, v in options.inputs.items())
+    return {
+        "format": FORMAT,
+        "title": title,
+        "runs": len(plan),
+        "kind": plan.kind,
+        "version": __version__,
+        "diagram": _digest(_diagram_text(diagram)),
+        "plan": _digest(*values),
+        "inputs": _digest(*inputs),
+        "metrics": {one.given_name: one.text for one in metrics},
+        "units": {one.name: one.unit for one in metrics},
+        "parameters": {name: own.get(name) for name in plan.columns},
+        "start": times.start,
+        "step": times.h,
+        "steps": times.steps,
+        "method": options.method,
+    }
 
 
 # ---- arguments -----------------------------------------------------------------------------------------
 
 
-def as_plan(plan: Any) -> Plan:
-    """A plan, or the grid that a mapping describes. Raises ParameterError for anything else."""
-    if isinstance(plan, Plan):
-        return plan
+def filled_plan(diagram: Diagram, plan: Any) -> Plan:
+    """The plan, or the grid of a mapping, with the diagram's own values in place of NaN. Raises ParameterError."""
     if isinstance(plan, Mapping):
-        return grid(plan)
-    raise ParameterError(
-        f"a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of tsmblocks.studies, "
-        f"or is a mapping from parameters to values, got {in_words(plan)}."
-    )
-
-
-def with_own_values(diagram: Diagram, plan: Plan) -> dict[str, np.ndarray]:
-    """The columns of a plan, NaN replaced by the diagram's own values. Raises ParameterError for an unknown name."""
-    return {name: _filled_with_own(diagram, name, values) for name, values in plan.columns.items()}
-
-
-def _filled_with_own(diagram: Diagram, name: str, values: np.ndarray) -> np.ndarray:
-    """The values of a parameter, NaN replaced by the diagram's own."""
-    if values.dtype.kind != "f" or not np.isnan(values).any():
-        return values
-    own = diagram.untied([name]).parameters
-    if name not in own and name in diagram.parameter_names():
-        raise ParameterError(f"'{name}' is an option, and a sweep changes numbers. Use grid for it.")
-    if name not in own:
-        raise ParameterError(f"diagram '{diagram.title}' has no parameter '{name}'.{near_path(name, own)}")
-    return np.where(np.isnan(values), own[name], values)
+        plan = grid(plan)
+    if not isinstance(plan, Plan):
+        raise ParameterError(
+            f"a plan is made by grid, sweep, latin_hypercube, monte_carlo or table of tsmblocks.studies, "
+            f"or is a mapping from parameters to values, got {in_words(plan)}."
+        )
+    columns = dict(plan.columns)
+    for name, values in columns.items():
+        if values.dtype.kind != "f" or not np.isnan(values).any():
+            continue
+        own = diagram.untied([name]).parameters
+        if name not in own and name in diagram.parameter_names():
+            raise ParameterError(f"'{name}' is an option, and a sweep changes numbers. Use grid for it.")
+        if name not in own:
+            raise ParameterError(f"diagram '{diagram.title}' has no parameter '{name}'.{near_path(name, own)}")
+        columns[name] = np.where(np.isnan(values), own[name], values)
+    return Plan(columns, plan.kind)
 
 
 def signal_units(diagram: Diagram) -> dict[str, str]:
@@ -276,6 +215,7 @@ def signal_units(diagram: Diagram) -> dict[str, str]:
 
 
 def _path(out: str | Path | None) -> Path | None:
+    """The path of the table of results. Raises DataError where it cannot be written."""
     if out is None:
         return None
     if not isinstance(out, (str, os.PathLike)):
@@ -284,9 +224,8 @@ def _path(out: str | Path | None) -> Path | None:
     if path.suffix.lower() != ".csv":
         raise DataError(f"'{out}' must end in .csv: results are kept in a table.")
     if path.is_dir() or not path.resolve().parent.is_dir():
-        raise DataError(
-            f"'{out}' cannot be written: {'it is a folder' if path.is_dir() else 'there is no such folder'}."
-        )
+        why = "it is a folder" if path.is_dir() else "there is no such folder"
+        raise DataError(f"'{out}' cannot be written: {why}.")
     return path
 
 

@@ -14,7 +14,7 @@ from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
-from tsmblocks.studies.plans import between
+from tsmblocks.studies.distributions import uniform_between
 from tsmblocks.studies.study import signal_units
 from tsmblocks.tuning.constraints import LIMIT_TOLERANCE, limit
 from tsmblocks.tuning.hunting import hunting
@@ -231,5 +231,5 @@ def _search_bounds(free: Any, diagram: Diagram) -> dict[str, Uniform]:
             low, high = map(float, pair)
         except (TypeError, ValueError):
             raise ParameterError(f"'{name}' needs bounds (low, high), got {in_words(pair)}.") from None
-        bounds[str(name)] = between(str(name), low, high, log=low > 0 and high / low > LOG_SCALE_RATIO)
+        bounds[str(name)] = uniform_between(str(name), low, high, log=low > 0 and high / low > LOG_SCALE_RATIO)
     return bounds
