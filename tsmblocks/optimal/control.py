@@ -24,15 +24,7 @@ from tsmblocks.optimal.setup import (
     pieces_per_interval,
     task_of,
 )
-from tsmblocks.optimal.transcription import (
-    NEGLIGIBLE_ERROR,
-    Interval,
-    Programme,
-    Solution,
-    StartData,
-    known_rows,
-    scales_of,
-)
+from tsmblocks.optimal.transcription import NEGLIGIBLE_ERROR, Interval, Problem, Programme, Solution, Window, known_rows
 from tsmblocks.simulation.arguments import as_diagram
 
 SMOOTHING_SIZES = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
@@ -151,11 +143,8 @@ def optimal_control(
     >>> bool(made.peak < 0.01)
     True
     """
-    diagram, goal, tell = (
-        as_diagram(diagram, parameters),
-        goal_named(smallest),
-        as_callback(progress, "stage, done and of"),
-    )
+    diagram, goal = as_diagram(diagram, parameters), goal_named(smallest)
+    progress = as_callback(progress, "stage, done and of")
     given = known_signals(diagram.title, commands, inputs, references, hold)
     task = task_of(diagram, commands, error, limits, rates, tuple(given.references))
     periodic = as_bool("periodic", periodic)
@@ -164,12 +153,13 @@ def optimal_control(
     count = interval_count(begin, end, h)
     interval, t = Interval(task, h, pieces_per_interval(task, pieces, h)), begin + h * np.arange(count + 1)
     given = given.on(t)
-    table = known_rows(task, given, interval.grid(begin, count))
+    window = Window(interval, begin, known_rows(task, given, interval.grid(begin, count)))
     options = {**SOLVER_OPTIONS, "ipopt.max_iter": as_integer("iterations", iterations, 1)}
+    programmes = {one: Programme(interval, count, one, periodic, options) for one in ("rms", "peak", "within")}
     x = numbers(task.eq.start, task.p)[0]
     with defer_interrupt() as stopped:
-        search = _Search(interval, count, goal, periodic, options, table, tell, stopped)
-        ended = search.best(initial_commands(task, guess, t, interval, table), x, begin)
+        search = _Search(window, goal, programmes, stopped)
+        ended = search.best(initial_commands(window, guess, t), x, progress)
     if not ended.feasible:
         raise RunError(
             f"no commands were found that keep all limits ({ended.word}). Loosen limits, ranges or rates, "
@@ -180,68 +170,54 @@ def optimal_control(
 
 @attrs.frozen(eq=False)
 class _Search:
-    """The searches for one optimal control problem."""
+    """The searches for one optimal control problem; ``programmes`` by their goals."""
 
-    interval: Interval
-    count: int
+    window: Window
     goal: str
-    periodic: bool
-    options: Mapping[str, Any]
-    table: np.ndarray
-    tell: ProgressCallback
+    programmes: Mapping[str, Programme]
     stopped: InterruptFlag
 
-    def best(self, guesses: Sequence[np.ndarray], x: np.ndarray, start: float) -> Solution:
+    def best(self, guesses: Sequence[np.ndarray], x: np.ndarray, progress: ProgressCallback) -> Solution:
         """The best result of searches from several initial commands."""
-        square, peak, within = (
-            Programme(self.interval, self.count, goal, self.periodic, self.options)
-            for goal in ("rms", "peak", "within")
-        )
         ends = []
         for k, commands in enumerate(guesses):
-            self.tell("searched", k, len(guesses))
-            path, _, _ = self.interval.simulated(commands, x, start, self.table)
-            path = path if np.isfinite(path).all() else np.tile(x[:, None], self.count + 1)
-            known = StartData(
-                x, commands[:, 0], start, self.table, scales_of(self.interval, commands, x, start, self.table)
-            )
-            end = self._sharpened(square, Solution(commands, path, 1.0, feasible=False), known)
+            progress("searched", k, len(guesses))
+            path, _, _ = self.window.simulated(commands, x)
+            path = path if np.isfinite(path).all() else np.tile(x[:, None], commands.shape[1])
+            problem = Problem(self.window, x, commands[:, 0], self.window.scales(commands, x))
+            end = self._least_square(Solution(commands, path, 1.0, feasible=False), problem)
             if self.goal == "peak" and end.feasible and not self.stopped.stop:
-                end = self._peaked(peak, within, end, known)
-            ends.append((not end.feasible, self._cost(end, known), k, end))
+                end = self._least_peak(end, problem)
+            ends.append(end)
             if self.stopped.stop:
                 break
-        self.tell("searched", len(guesses), len(guesses))
-        end = min(ends, key=lambda one: one[:3])[3]
+        progress("searched", len(guesses), len(guesses))
+        end = min(ends, key=lambda one: (not one.feasible, self._cost(one)))
         if self.stopped.stop and not end.feasible:
             raise KeyboardInterrupt
         return attrs.evolve(end, word="interrupted") if self.stopped.stop else end
 
-    def _sharpened(self, square: Programme, end: Solution, known: StartData) -> Solution:
+    def _cost(self, end: Solution) -> float:
+        """The objective with the exact equations."""
+        return self.window.cost(self.goal, end.commands, end.states[:, 0])
+
+    def _least_square(self, end: Solution, problem: Problem) -> Solution:
         """The least mean square, with less and less smoothing."""
         for share in SMOOTHING_SIZES:
-            size = self.interval.sizes(end.states, end.commands, known.start, known.table)
-            made = square.solve(end, known, share * size)
+            made = self.programmes["rms"].solve(end, problem, share * self.window.sizes(end))
             end = made if made.feasible else attrs.evolve(end, word=made.word)
             if self.stopped.stop:
                 break
         return end
 
-    def _peaked(self, peak: Programme, within: Programme, end: Solution, known: StartData) -> Solution:
+    def _least_peak(self, end: Solution, problem: Problem) -> Solution:
         """The least peak, then the least mean square within about that peak."""
-        rounded = SMOOTHING_SIZES[-1] * self.interval.sizes(end.states, end.commands, known.start, known.table)
-        _, error, _ = self.interval.simulated(end.commands, end.states[:, 0], known.start, known.table)
-        highest = float(np.abs(error).max())
-        if highest <= NEGLIGIBLE_ERROR * known.scales.error:
+        size = SMOOTHING_SIZES[-1] * self.window.sizes(end)
+        peak = self._cost(end)
+        if peak <= NEGLIGIBLE_ERROR * problem.scales.error:
             return end
-        made = peak.solve(attrs.evolve(end, peak=highest), known, rounded)
+        made = self.programmes["peak"].solve(attrs.evolve(end, peak=peak), problem, size)
         if not made.feasible:
             return attrs.evolve(end, word=made.word)
-        calm = within.solve(made, known, rounded, PEAK_ALLOWANCE * made.peak)
-        return attrs.evolve(calm, word=made.word) if calm.feasible else made
-
-    def _cost(self, end: Solution, known: StartData) -> float:
-        """The objective with the exact equations."""
-        _, error, _ = self.interval.simulated(end.commands, end.states[:, 0], known.start, known.table)
-        cost = float(np.abs(error).max() if self.goal == "peak" else np.sqrt(np.mean(error**2)))
-        return cost if np.isfinite(cost) else np.inf
+        within = self.programmes["within"].solve(made, problem, size, PEAK_ALLOWANCE * made.peak)
+        return attrs.evolve(within, word=made.word) if within.feasible else made

@@ -27,16 +27,15 @@ from tsmblocks.optimal.setup import (
     task_of,
 )
 from tsmblocks.optimal.transcription import (
-    PEAK_WEIGHT,
     Interval,
     KnownSignals,
+    Problem,
     Programme,
     Scales,
     Solution,
-    StartData,
     Task,
+    Window,
     known_rows,
-    scales_of,
 )
 from tsmblocks.simulation.arguments import as_diagram, step_count
 
@@ -62,8 +61,7 @@ class RecedingHorizon:
     diagram : Diagram
         The model, as for ``optimal_control``.
     commands : dict of str to (float, float)
-        Inputs of the diagram that are commands, and their limits (low, high) in the unit of the input; None for no
-        limit.
+        Inputs of the diagram that are commands, and their limits, as for ``optimal_control``.
     error : str
         An expression of signals, such as ``"x_ref - x_out"``.
     references : list of str
@@ -73,18 +71,14 @@ class RecedingHorizon:
     smallest : {"rms", "peak"}
         What of the error is to be smallest. "peak" adds the mean square with a small weight: the peak alone would leave
         most of a plan undetermined.
-    rates : dict of str to (float, float), optional
-        Limits of the rates of commands, in their unit per s.
-    limits : list of str, optional
-        Comparisons of signals that hold at every instant, such as ``"abs(motor.i) <= 1.5"``.
+    rates, limits, parameters : optional
+        As for ``optimal_control``.
     start : float, default 0.0
         Time of the first sample in s.
     step : float, default 0.02
         Interval between samples in s.
     pieces : int, optional
-        Runge-Kutta steps of each interval. By default as many as the fastest initial pole needs, at least 2.
-    parameters : dict of str to float, optional
-        Values by name that replace those of the diagram.
+        Runge-Kutta steps of each interval, as for ``optimal_control``.
     iterations : int, default 60
         Iterations of the solver for each plan, at most; the first plan may take ten times as many.
 
@@ -101,10 +95,8 @@ class RecedingHorizon:
 
     Raises
     ------
-    ParameterError
-        As for ``optimal_control``.
-    RunError
-        As for ``optimal_control``.
+    ParameterError, RunError
+        As ``optimal_control`` does.
 
     Examples
     --------
@@ -208,18 +200,19 @@ class RecedingHorizon:
                     f"each sample of the preview; got shape {np.shape(value)}."
                 )
         table = known_rows(task, given.on(ahead), grid)
-        self._known_better(state)
+        self.state = self._measured_state({} if state is None else state)
         return self.planned(table)
 
-    def _known_better(self, state: Mapping[str, float] | None) -> None:
-        if state is not None and not isinstance(state, Mapping):
-            raise DataError(f"state must map names of states to numbers, got {in_words(state)}.")
-        better = self.state.copy()
-        for name, value in (state or {}).items():
-            if name not in self.task.eq.x:
-                raise DataError(f"'{self.task.eq.title}' has no state '{name}'.{near(str(name), self.task.eq.x)}")
-            better[self.task.eq.x.index(name)] = as_number(f"the state '{name}'", value, DataError)
-        self.state = better
+    def _measured_state(self, measured: Mapping[str, float]) -> np.ndarray:
+        """The state of the model, with those that were measured. Raises DataError."""
+        if not isinstance(measured, Mapping):
+            raise DataError(f"state must map names of states to numbers, got {in_words(measured)}.")
+        state, eq = self.state.copy(), self.task.eq
+        for name, value in measured.items():
+            if name not in eq.x:
+                raise DataError(f"'{eq.title}' has no state '{name}'.{near(str(name), eq.x)}")
+            state[eq.x.index(name)] = as_number(f"the state '{name}'", value, DataError)
+        return state
 
     def planned(self, table: np.ndarray) -> dict[str, float]:
         """Commands at the next sample, from known signals in the layout of the solver.
@@ -235,80 +228,72 @@ class RecedingHorizon:
             The commands.
         """
         began = time.perf_counter()
-        plan = self._planned(self._known(table))
+        window = Window(self.interval, self.t, table)
+        plan = self._plan_on(self._problem(window))
         self.missed += not plan.feasible
         self.short += plan.feasible and not plan.found
         self.seconds.append(time.perf_counter() - began)
-        path, _, _ = self.interval.simulated(plan.commands[:, :2], self.state, self.t, table[: self.interval.pieces])
+        path, _, _ = window.simulated(plan.commands[:, :2], self.state)
         self.state, self.command, self._plan = path[:, 1], plan.commands[:, 1], plan
         self.t += self.interval.step
         return dict(zip(self.task.commands, self.command.tolist(), strict=True))
 
-    def _known(self, table: np.ndarray) -> StartData:
+    def _problem(self, window: Window) -> Problem:
         """What a plan starts from; the error is scaled by the largest reference so far."""
         if self._scales is None:
-            still = np.tile(self.command[:, None], self.preview + 1)
-            self._scales = scales_of(self.interval, still, self.state, self.t, table)
-        self._largest = max(self._largest, float(np.abs(table[:, :, len(self.task.eq.u) :]).max(initial=0.0)))
+            self._scales = window.scales(np.tile(self.command[:, None], self.preview + 1), self.state)
+        self._largest = max(self._largest, window.largest_reference)
         self._scales = attrs.evolve(self._scales, error=self._largest or self._scales.error)
-        return StartData(self.state, self.command, self.t, table, self._scales)
+        return Problem(window, self.state, self.command, self._scales)
 
-    def _planned(self, known: StartData) -> Solution:
+    def _plan_on(self, problem: Problem) -> Solution:
         """A plan that continues the last one, or a better one from other initial commands where its error is large."""
-        plan = self._begun(known) if self._plan is None else self._from(_shifted(self._plan.commands), known)
-        usual = (
-            max(float(np.quantile(self._errors, USUAL_QUANTILE)), NEGLIGIBLE_SHARE * known.scales.error)
-            if self._errors
-            else np.inf
-        )
-        left = self._cost(plan, known)
-        if left > RESTART_RATIO * usual or not plan.feasible:
-            t = known.start + self.interval.step * np.arange(self.preview + 1)
-            for commands in initial_commands(self.task, None, t, self.interval, known.table)[1:]:
-                moved = known.before[:, None] + commands - commands[:, :1]
-                other = self._from(self.task.within(moved), known)
-                plan = min(plan, other, key=lambda one: (not one.feasible, self._cost(one, known)))
-            left = self._cost(plan, known)
-        self._errors.append(left)
+        if self._plan is None:
+            plan = self._plan_afresh(problem)
+        else:
+            last = self._plan.commands
+            plan = self._plan_from(np.column_stack([last[:, 1:], last[:, -1]]), problem)
+        usual = np.inf
+        if self._errors:
+            usual = max(np.quantile(self._errors, USUAL_QUANTILE), NEGLIGIBLE_SHARE * problem.scales.error)
+        if self._cost(plan, problem) > RESTART_RATIO * usual or not plan.feasible:
+            t = self.t + self.interval.step * np.arange(self.preview + 1)
+            for commands in initial_commands(problem.window, None, t)[1:]:
+                moved = problem.before[:, None] + commands - commands[:, :1]
+                other = self._plan_from(self.task.within(moved), problem)
+                plan = min(plan, other, key=lambda one: (not one.feasible, self._cost(one, problem)))
+        self._errors.append(self._cost(plan, problem))
         return plan
 
-    def _from(self, commands: np.ndarray, known: StartData) -> Solution:
+    def _cost(self, plan: Solution, problem: Problem) -> float:
+        """The objective of a plan with the exact equations."""
+        return problem.window.cost(self._later.goal, plan.commands, problem.begin)
+
+    def _plan_from(self, commands: np.ndarray, problem: Problem) -> Solution:
         """The plan of a search from commands (c, N + 1)."""
-        guess = self._followed(commands, known)
-        size = self.interval.sizes(guess.states, guess.commands, known.start, known.table)
-        self._size = np.maximum(self._size, size)
-        plan = self._later.solve(guess, known, SMOOTHING_SIZE * self._size)
-        return plan if plan.feasible else self._begun(known)
+        guess = self._guess(commands, problem)
+        self._size = np.maximum(self._size, problem.window.sizes(guess))
+        plan = self._later.solve(guess, problem, SMOOTHING_SIZE * self._size)
+        return plan if plan.feasible else self._plan_afresh(problem)
 
-    def _followed(self, commands: np.ndarray, known: StartData) -> Solution:
-        commands = np.column_stack([known.before, commands[:, 1:]])
-        path, error, _ = self.interval.simulated(commands, known.begin, known.start, known.table)
-        if not (np.isfinite(path).all() and np.isfinite(error).all()):
-            path, error = np.tile(known.begin[:, None], commands.shape[1]), np.full(1, known.scales.error)
-        return Solution(commands, path, float(np.abs(error).max()), feasible=False)
-
-    def _begun(self, known: StartData) -> Solution:
+    def _plan_afresh(self, problem: Problem) -> Solution:
         """A plan from constant commands, with less and less smoothing."""
         programme = self._first if self._plan is None else self._later
-        plan = self._followed(np.tile(known.before[:, None], self.preview + 1), known)
+        plan = self._guess(np.tile(problem.before[:, None], self.preview + 1), problem)
         for share in SMOOTHING_SIZES:
-            size = self.interval.sizes(plan.states, plan.commands, known.start, known.table)
+            size = problem.window.sizes(plan)
             self._size = np.maximum(self._size, size) if plan.feasible else size
-            made = programme.solve(plan, known, max(share, SMOOTHING_SIZE) * size)
+            made = programme.solve(plan, problem, max(share, SMOOTHING_SIZE) * size)
             plan = made if made.feasible else plan
         return plan
 
-    def _cost(self, plan: Solution, known: StartData) -> float:
-        """The objective of a plan with the exact equations, in the unit of the error."""
-        _, error, _ = self.interval.simulated(plan.commands, known.begin, known.start, known.table)
-        peak = PEAK_WEIGHT * np.max(error**2) if self._later.goal == "both" else 0.0
-        left = float(np.sqrt(np.mean(error**2) + peak))
-        return left if np.isfinite(left) else np.inf
-
-
-def _shifted(rows: np.ndarray) -> np.ndarray:
-    """Samples shifted by one; the last is repeated."""
-    return np.column_stack([rows[:, 1:], rows[:, -1]])
+    def _guess(self, commands: np.ndarray, problem: Problem) -> Solution:
+        """Commands that begin with the present ones, and their path; the present state where it diverges."""
+        commands = np.column_stack([problem.before, commands[:, 1:]])
+        path, error, _ = problem.window.simulated(commands, problem.begin)
+        if not (np.isfinite(path).all() and np.isfinite(error).all()):
+            path, error = np.tile(problem.begin[:, None], commands.shape[1]), np.full(1, problem.scales.error)
+        return Solution(commands, path, float(np.abs(error).max()), feasible=False)
 
 
 def receding_horizon(
@@ -337,35 +322,18 @@ def receding_horizon(
     ----------
     diagram : Diagram
         The plant, as for ``optimal_control``.
-    commands : dict of str to (float, float)
-        Inputs of the diagram that are commands, and their limits (low, high) in the unit of the input; None for no
-        limit.
-    error : str
-        An expression of signals, such as ``"x_ref - x_out"``.
+    commands, error : dict of str to (float, float), str
+        As for ``optimal_control``.
     references : dict of str to signal
         As for ``optimal_control``; they reach ``preview`` samples beyond ``stop``.
-    preview : int, default 25
-        Samples of the horizon.
-    smallest : {"rms", "peak"}
+    preview, smallest, rates, limits : optional
         As for ``RecedingHorizon``.
-    rates : dict of str to (float, float), optional
-        Limits of the rates of commands, in their unit per s.
-    limits : list of str, optional
-        Comparisons of signals that hold at every instant, such as ``"abs(motor.i) <= 1.5"``.
     stop : float, optional
         End in s. By default ``preview`` samples before the end of the shortest known signal.
-    start : float, default 0.0
-        Time of the first sample in s.
-    step : float, default 0.02
-        Interval between samples in s.
-    pieces : int, optional
-        Runge-Kutta steps of each interval. By default as many as the fastest initial pole needs, at least 2.
-    inputs : dict of str to signal, optional
-        The other inputs of the diagram, as for ``simulate``.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of inputs and references.
-    parameters : dict of str to float, optional
-        Values by name that replace those of the diagram.
+    start, step, pieces : optional
+        As for ``RecedingHorizon``; ``step`` is 0.02 s by default.
+    inputs, hold, parameters : optional
+        As for ``optimal_control``.
     iterations : int, default 60
         Iterations of the solver for each plan, at most.
     progress : callable, optional
@@ -378,12 +346,8 @@ def receding_horizon(
 
     Raises
     ------
-    ParameterError
-        As for ``optimal_control``.
-    RunError
-        As for ``optimal_control``, and where signals are too short for one sample and the preview.
-    DataError
-        For missing or unsuitable signals.
+    ParameterError, RunError, DataError
+        As ``optimal_control`` does; RunError where signals are too short for one sample and the preview.
 
     Examples
     --------
@@ -396,8 +360,8 @@ def receding_horizon(
     >>> len(made.t)
     41
     """
-    title, tell = as_diagram(diagram).title, as_callback(progress, "stage, done and of")
-    given = known_signals(title, commands, inputs, references, hold)
+    progress = as_callback(progress, "stage, done and of")
+    given = known_signals(as_diagram(diagram).title, commands, inputs, references, hold)
     control = RecedingHorizon(
         diagram,
         commands,
@@ -413,22 +377,23 @@ def receding_horizon(
         parameters=parameters,
         iterations=iterations,
     )
-    interval, h, begin = control.interval, control.interval.step, control.t
+    interval, h, begin, x = control.interval, control.interval.step, control.t, control.state
     count = _count(given, begin, stop, h, preview)
     given = given.on(begin + h * np.arange(count + preview + 1))
-    table, x = known_rows(control.task, given, interval.grid(begin, count + preview)), control.state
-    made, states = [control.command], [control.state]
+    table = known_rows(control.task, given, interval.grid(begin, count + preview))
+    made, states = [control.command], [x]
     with defer_interrupt() as stopped:
         for k in range(count):
-            tell("planned", k, count)
+            progress("planned", k, count)
             control.planned(table[k * interval.pieces : (k + preview) * interval.pieces])
             made.append(control.command)
             states.append(control.state)
             if stopped.stop:
                 break
-    tell("planned", len(made) - 1, count)
-    word = _word(control, len(made) - 1, stopped.stop)
-    ended = Solution(np.column_stack(made), np.column_stack(states), 0.0, word or "Solve_Succeeded")
+    done = len(made) - 1
+    progress("planned", done, count)
+    word = _word(control, done, stopped.stop) or "Solve_Succeeded"
+    ended = Solution(np.column_stack(made), np.column_stack(states), 0.0, word)
     found = simulated_result(control.diagram, interval, smallest, False, ended, x, begin, given)
     return attrs.evolve(found, seconds=np.array(control.seconds))
 

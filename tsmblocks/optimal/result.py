@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import attrs
 import numpy as np
@@ -19,7 +18,7 @@ from tsmblocks.metrics.expressions import Expression
 from tsmblocks.metrics.tracking import peak_to_peak, rms
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.fields import Samples
-from tsmblocks.optimal.transcription import Interval, KnownSignals, Solution, Task, known_rows, linear_samples
+from tsmblocks.optimal.transcription import Interval, KnownSignals, Solution, Task, Window, known_rows, linear_samples
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.simulate import simulate
 
@@ -62,15 +61,6 @@ class OptimalControl:
         The reason where ``found`` is False, else the status of the solver.
     seconds : ndarray, optional
         Computing time of each sample in s, where it was planned sample by sample.
-
-    Attributes
-    ----------
-    peak : float
-        The largest absolute error.
-    peak_to_peak : float
-        Highest minus lowest error.
-    rms : float
-        Root mean square of the error.
     """
 
     goal: str
@@ -144,11 +134,8 @@ class OptimalControl:
     def _figures(self) -> str:
         """Peak to peak, peak and rms of the error, angles in degrees."""
         scale, unit = display_unit(self.unit)
-        numbers = (self.peak_to_peak, self.peak, self.rms)
-        return ", ".join(
-            f"{what} {scale * v:.3g} {unit}".rstrip()
-            for what, v in zip(("peak to peak", "peak", "rms"), numbers, strict=True)
-        )
+        numbers = {"peak to peak": self.peak_to_peak, "peak": self.peak, "rms": self.rms}
+        return ", ".join(f"{what} {scale * v:.3g} {unit}".rstrip() for what, v in numbers.items())
 
     def __str__(self) -> str:
         ended = "" if self.found else f" (not the end of the search: {self.word})"
@@ -173,46 +160,29 @@ def simulated_result(
     fine = Interval(task, interval.step, REFINEMENT * interval.pieces)
     t = start + interval.step * np.arange(count + 1)
     values = task.within(ended.commands)
-    commands = {name: values[k] for k, name in enumerate(task.commands)}
+    commands = dict(zip(task.commands, values, strict=True))
     x = ended.states[:, 0] if periodic else begin
     states = dict(zip(task.eq.x, x.tolist(), strict=True))
-    driven = {**given.inputs, **{k: linear_samples(t, v) for k, v in commands.items()}}
-    run = _simulated(diagram, fine, t, driven, given.hold, states)
-    path, error, limits = fine.simulated(values, x, start, known_rows(task, given, fine.grid(start, count)))
-    missed, amiss = _missed(task, limits)
-    if not ended.found:
-        amiss = ended.word
-    elif periodic and not amiss:
-        amiss = _open(task, path)
-    return OptimalControl(
-        goal,
-        t,
-        commands,
-        states,
-        periodic,
-        run,
-        error.ravel(),
-        _unit(task.error, run),
-        missed,
-        not amiss,
-        amiss or ended.word,
-    )
-
-
-def _simulated(
-    diagram: Diagram, fine: Interval, t: np.ndarray, inputs: Mapping[str, Any], hold: str, states: Mapping[str, float]
-) -> Run:
-    """The run of the diagram over the samples ``t`` [s]. Raises RunError where it diverges."""
-    step = fine.step / fine.pieces
     try:
-        return simulate(
-            diagram, start=float(t[0]), stop=float(t[-1]), step=step, inputs=inputs, hold=hold, initial=states
+        run = simulate(
+            diagram,
+            start=float(t[0]),
+            stop=float(t[-1]),
+            step=fine.step / fine.pieces,
+            inputs={**given.inputs, **{k: linear_samples(t, v) for k, v in commands.items()}},
+            hold=given.hold,
+            initial=states,
         )
     except NotFinite as failed:
         raise RunError(
             f"with these commands the equations are not finite: {failed} Use more pieces for each "
-            f"interval (pieces={2 * fine.pieces // REFINEMENT}), or narrower ranges."
+            f"interval (pieces={2 * interval.pieces}), or narrower ranges."
         ) from failed
+    path, error, limits = Window(fine, start, known_rows(task, given, fine.grid(start, count))).simulated(values, x)
+    missed, amiss = _missed(task, limits)
+    amiss = ended.word if not ended.found else amiss or (_open(task, path) if periodic else "")
+    unit, word = _unit(task.error, run), amiss or ended.word
+    return OptimalControl(goal, t, commands, states, periodic, run, error.ravel(), unit, missed, not amiss, word)
 
 
 def _missed(task: Task, limits: np.ndarray) -> tuple[float, str]:
@@ -230,10 +200,9 @@ def _missed(task: Task, limits: np.ndarray) -> tuple[float, str]:
 def _open(task: Task, path: np.ndarray) -> str:
     """A text where a periodic run does not end at its initial state."""
     gaps = np.abs(path[:, -1] - path[:, 0]) / np.maximum(np.ptp(path, axis=1), 1e-12)
-    worst = int(np.argmax(gaps)) if len(gaps) else 0
-    return (
-        f"{task.eq.x[worst]} does not end where it began" if len(gaps) and gaps[worst] > PERIODICITY_TOLERANCE else ""
-    )
+    if not np.any(gaps > PERIODICITY_TOLERANCE):
+        return ""
+    return f"{task.eq.x[int(np.argmax(gaps))]} does not end where it began"
 
 
 def _unit(error: Expression, run: Run) -> str:

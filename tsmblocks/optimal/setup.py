@@ -14,7 +14,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.constraints import constraints
 from tsmblocks.metrics.expressions import expression
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.optimal.transcription import Interval, KnownSignals, Task
+from tsmblocks.optimal.transcription import KnownSignals, Task, Window
 from tsmblocks.simulation.arguments import end_time, input_ends, step_count
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.stability import poles
@@ -180,7 +180,7 @@ def pieces_per_interval(task: Task, given: int | None, h: float) -> int:
     return max(LEAST_PIECES, math.ceil(h * fastest / STEP_TIMES_POLE))
 
 
-def guessed_commands(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
+def _guessed_commands(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
     """Initial commands (c, N + 1) from a guess. Raises ParameterError."""
     if not isinstance(guess, Mapping):
         raise ParameterError(f"guess must map commands to samples, got {in_words(guess)}.")
@@ -203,13 +203,14 @@ def guessed_commands(task: Task, guess: Any, t: np.ndarray) -> np.ndarray:
     return task.within(commands)
 
 
-def initial_commands(task: Task, guess: Any, t: np.ndarray, interval: Interval, table: np.ndarray) -> list[np.ndarray]:
+def initial_commands(window: Window, guess: Any, t: np.ndarray) -> list[np.ndarray]:
     """Initial commands of the searches: the guess, or else zero commands and a copy of the first reference."""
+    task, table = window.interval.task, window.table
     if guess is not None:
-        return [guessed_commands(task, guess, t)]
+        return [_guessed_commands(task, guess, t)]
     still = task.within(np.zeros((len(task.commands), len(t))))
     if len(task.commands) > 1 or not task.references:
         return [still]
-    first = table[:: interval.pieces, 0, len(task.eq.u)]
+    first = table[:: window.interval.pieces, 0, len(task.eq.u)]
     copied = np.append(first, table[-1, -1, len(task.eq.u)])[None, :]
     return [still, task.within(copied)]

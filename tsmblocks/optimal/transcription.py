@@ -30,6 +30,8 @@ CONSTRAINT_TOLERANCE = 1e-6
 """Violation of a constraint, in scaled units, that is accepted. Chosen: above IPOPT's own tolerance."""
 PEAK_WEIGHT = 0.1
 """Weight of the squared peak beside the mean square in the goal "both". Chosen."""
+NEGLIGIBLE_ERROR = 1e-9
+"""Errors below this share of the references count as zero, and no smaller ones are searched. Chosen."""
 
 
 @attrs.frozen(eq=False)
@@ -71,12 +73,12 @@ class Task:
     @cached_property
     def places(self) -> list[tuple[int, int, int]]:
         """Where commands enter the equations: (input of the equations, command, order of the derivative)."""
-        found = []
-        for k, feed in enumerate(self.eq.u):
-            if not feed.block and feed.name.removeprefix("d/dt " * feed.order) in self.commands:
-                command = feed.name.removeprefix("d/dt " * feed.order)
-                found.append((k, self.commands.index(command), feed.order))
-        return found
+        names = [feed.name.removeprefix("d/dt " * feed.order) for feed in self.eq.u]
+        return [
+            (k, self.commands.index(name), feed.order)
+            for k, (name, feed) in enumerate(zip(names, self.eq.u, strict=True))
+            if not feed.block and name in self.commands
+        ]
 
 
 @attrs.frozen(eq=False)
@@ -124,7 +126,7 @@ def known_rows(task: Task, given: KnownSignals, grid: np.ndarray) -> np.ndarray:
 class Interval:
     """One interval between samples of the commands, as a function: ``step`` s long, in ``pieces`` Runge-Kutta steps.
 
-    ``function(x, c0, c1, t, w, size)`` gives the states at the end, the errors (pieces + 1,) and the limits
+    Both functions of (x, c0, c1, t, w, size) give the states at the end, the errors (pieces + 1,) and the limits
     (limits, pieces + 1) on the way; ``w`` are the known signals of its pieces, ``size`` the widths of the smoothing.
     """
 
@@ -133,16 +135,16 @@ class Interval:
     pieces: int
 
     @cached_property
-    def function(self) -> ca.Function:
+    def smoothed(self) -> ca.Function:
         """The interval with smoothed kinks."""
-        return self._of(rounded=True)
+        return self._function(smoothed=True)
 
     @cached_property
     def exact(self) -> ca.Function:
         """The interval with the exact equations; ``size`` has no effect."""
-        return self._of(rounded=False)
+        return self._function(smoothed=False)
 
-    def _of(self, rounded: bool) -> ca.Function:
+    def _function(self, smoothed: bool) -> ca.Function:
         task, h = self.task, self.step / self.pieces
         x = ca.SX.sym("x", len(task.eq.x))
         c0, c1 = ca.SX.sym("c0", len(task.commands)), ca.SX.sym("c1", len(task.commands))
@@ -157,7 +159,7 @@ class Interval:
                 u[k] = rise / self.step if order else c0[command] + at * rise
             before = JUMP_MARGIN * self.step if share == 1.0 else 0.0  # sources that jump at a sample do so after it
             given = (t + at * self.step - before, state, u)
-            dx, y = task.rounded.rounded(*given, size) if rounded else task.rhs(*given)
+            dx, y = task.rounded.rounded(*given, size) if smoothed else task.rhs(*given)
             return dx, self._measured(y, w[len(task.eq.u) :, column])
 
         errors, limits, state = [], [], x
@@ -187,42 +189,119 @@ class Interval:
         """The ends of all Runge-Kutta steps of ``count`` intervals [s]."""
         return start + self.step / self.pieces * np.arange(count * self.pieces + 1)
 
-    def given(self, table: np.ndarray) -> np.ndarray:
-        """Rows of ``known_rows`` as the intervals take them, shape (inputs + references, 3 * pieces * intervals)."""
-        return table.reshape(-1, table.shape[2]).T
 
-    def simulated(
-        self, commands: np.ndarray, begin: np.ndarray, start: float, table: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The exact equations simulated from one state.
+@attrs.frozen(eq=False)
+class Window:
+    """Consecutive intervals from ``start`` [s] on, with the known signals on them, as ``known_rows`` lays them out."""
+
+    interval: Interval
+    start: float
+    table: np.ndarray
+
+    @cached_property
+    def signals(self) -> np.ndarray:
+        """The known signals as the intervals take them, shape (inputs + references, 3 * pieces * intervals)."""
+        return self.table.reshape(-1, self.table.shape[2]).T
+
+    @property
+    def largest_reference(self) -> float:
+        """The largest absolute value of a reference, 0 where there is none."""
+        return float(np.abs(self.table[:, :, len(self.interval.task.eq.u) :]).max(initial=0.0))
+
+    def simulated(self, commands: np.ndarray, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The exact equations simulated from one state, with commands (c, N + 1).
 
         States at the samples (n, N + 1); errors (N, pieces + 1) and limits (N, limits, pieces + 1), both from either
         side of each sample, where a command's rate jumps.
         """
-        w, wide, count = self.given(table), 3 * self.pieces, commands.shape[1] - 1
+        interval, wide = self.interval, 3 * self.interval.pieces
         x, states, errors, limits = begin, [begin], [], []
-        none = np.zeros(self.task.rounded.count)
-        for k in range(count):
-            inside = w[:, k * wide : (k + 1) * wide]
-            made = self.exact(x, commands[:, k], commands[:, k + 1], start + k * self.step, inside, none)
-            x = np.asarray(made[0]).ravel()
+        none = np.zeros(interval.task.rounded.count)
+        for k in range(commands.shape[1] - 1):
+            t, inside = self.start + k * interval.step, self.signals[:, k * wide : (k + 1) * wide]
+            made = [np.asarray(one) for one in interval.exact(x, commands[:, k], commands[:, k + 1], t, inside, none)]
+            x = made[0].ravel()
             states.append(x)
-            errors.append(np.asarray(made[1]).ravel())
-            limits.append(np.asarray(made[2]))
+            errors.append(made[1].ravel())
+            limits.append(made[2])
         return np.column_stack(states), np.array(errors), np.array(limits)
 
-    def sizes(self, states: np.ndarray, commands: np.ndarray, start: float, table: np.ndarray) -> np.ndarray:
-        """The rms size of the arguments of kinks, along states (n, N + 1) and commands (c, N + 1)."""
-        task, count = self.task, commands.shape[1] - 1
+    def cost(self, goal: str, commands: np.ndarray, begin: np.ndarray) -> float:
+        """The objective with the exact equations, in the unit of the error; infinite where they diverge."""
+        _, error, _ = self.simulated(commands, begin)
+        square, peak = np.mean(error**2), np.abs(error).max()
+        cost = {"peak": peak, "both": np.sqrt(square + PEAK_WEIGHT * peak**2)}.get(goal, np.sqrt(square))
+        return float(cost) if np.isfinite(cost) else np.inf
+
+    def sizes(self, solution: Solution) -> np.ndarray:
+        """The rms size of the arguments of kinks along a solution."""
+        task, step, count = self.interval.task, self.interval.step, solution.commands.shape[1] - 1
         if not task.rounded.count:
             return np.zeros(0)
-        u = self.given(table)[: len(task.eq.u), :: 3 * self.pieces].copy()
+        u = self.signals[: len(task.eq.u), :: 3 * self.interval.pieces].copy()
         for k, command, order in task.places:
-            u[k] = np.diff(commands[command]) / self.step if order else commands[command, :-1]
-        inside = np.asarray(task.rounded.inside.map(count)(start + self.step * np.arange(count), states[:, :-1], u))
+            c = solution.commands[command]
+            u[k] = np.diff(c) / step if order else c[:-1]
+        t = self.start + step * np.arange(count)
+        inside = np.asarray(task.rounded.inside.map(count)(t, solution.states[:, :-1], u))
         inside = np.where(np.isfinite(inside), inside, 0.0)
         size = np.sqrt(np.mean(inside**2, axis=1))
         return np.where(size > 0, size, 1.0)
+
+    def scales(self, commands: np.ndarray, begin: np.ndarray) -> Scales:
+        """Sizes along initial commands (c, N + 1), and along commands of that size that rise and stay."""
+        given = self.largest_reference or 1.0
+        ranges = np.abs(self.interval.task.ranges)
+        finite = np.where(np.isfinite(ranges), ranges, 0.0).max(axis=0)
+        sizes = np.abs(commands).max(axis=1)
+        sizes = np.where(sizes > 0, sizes, np.where(finite > 0, finite, given))
+        states, errors = np.abs(begin), 0.0
+        for tried in (commands, np.minimum(np.arange(commands.shape[1]) / 5, 1.0) * sizes[:, None]):
+            path, error, _ = self.simulated(tried, begin)
+            if np.isfinite(path).all() and np.isfinite(error).all():
+                states = np.maximum(states, np.abs(path).max(axis=1))
+                errors = errors or float(np.abs(error).max())
+            if errors <= NEGLIGIBLE_ERROR * given:  # only rounding, where the initial commands are the optimum
+                errors = 0.0
+        return Scales(sizes, np.where(states > 0, states, 1.0), errors or given)
+
+
+@attrs.frozen(eq=False)
+class Scales:
+    """Sizes of commands (c,), states (n,) and the error: the units in which the solver works."""
+
+    commands: np.ndarray
+    states: np.ndarray
+    error: float
+
+
+@attrs.frozen(eq=False)
+class Problem:
+    """What one search starts from: a window, states and commands at its start, and the scales."""
+
+    window: Window
+    begin: np.ndarray
+    before: np.ndarray
+    scales: Scales
+
+
+@attrs.frozen(eq=False)
+class Solution:
+    """Commands (c, N + 1) and states (n, N + 1) at the samples, the largest error, and the status of the solver.
+
+    ``feasible`` is whether all limits are kept and the intervals join, at an optimum or not.
+    """
+
+    commands: np.ndarray
+    states: np.ndarray
+    peak: float
+    word: str = ""
+    feasible: bool = True
+
+    @property
+    def found(self) -> bool:
+        """Whether it is a local optimum within all limits."""
+        return self.word in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
 
 @attrs.frozen(eq=False)
@@ -255,7 +334,7 @@ class Programme:
         z = ca.vertcat(ca.vec(c), ca.vec(x), peak)
         c, x = c * ca.repmat(unit_c, 1, count + 1), x * ca.repmat(unit_x, 1, count + 1)
         t = t0 + self.interval.step * ca.DM(np.arange(count)).T
-        ends, errors, limits = self.interval.function.map(count)(
+        ends, errors, limits = self.interval.smoothed.map(count)(
             x[:, :-1], c[:, :-1], c[:, 1:], t, w, ca.repmat(size, 1, count)
         )
         e = ca.vec(errors) / unit_e
@@ -292,101 +371,22 @@ class Programme:
             "ubg": np.concatenate([np.zeros(joints), np.tile(task.rate_ranges[1], count), np.full(after, np.inf)]),
         }
 
-    def solve(self, guess: Solution, known: StartData, size: np.ndarray, most: float = 0.0) -> Solution:
+    def solve(self, guess: Solution, problem: Problem, size: np.ndarray, most: float = 0.0) -> Solution:
         """Search from a guess. ``most`` is the peak that errors are to stay within, where that is the goal."""
-        scales = known.scales
+        scales, window = problem.scales, problem.window
         c0, x0 = guess.commands / scales.commands[:, None], guess.states / scales.states[:, None]
-        start = np.concatenate([c0.ravel(order="F"), x0.ravel(order="F"), [guess.peak / scales.error]])
-        given = np.concatenate(
-            [
-                known.begin,
-                known.before,
-                self.interval.given(known.table).ravel(order="F"),
-                [known.start],
-                size,
-                [most / scales.error],
-                scales.commands,
-                scales.states,
-                [scales.error],
-            ]
+        given = [problem.begin, problem.before, window.signals.ravel(order="F"), [window.start], size]
+        answer = self.solver(
+            x0=np.concatenate([c0.ravel(order="F"), x0.ravel(order="F"), [guess.peak / scales.error]]),
+            p=np.concatenate([*given, [most / scales.error], scales.commands, scales.states, [scales.error]]),
+            **self.bounds(scales),
         )
-        answer = self.solver(x0=start, p=given, **self.bounds(scales))
         z, stats = np.asarray(answer["x"]).ravel(), self.solver.stats()
-        task, count = self.interval.task, self.count + 1
-        c, n = len(task.commands), len(task.eq.x)
+        course = (stats.get("iterations") or {}).get("inf_pr") or [np.inf]  # violations of constraints
         return Solution(
-            scales.commands[:, None] * z[: c * count].reshape(c, count, order="F"),
-            scales.states[:, None] * z[c * count : -1].reshape(n, count, order="F"),
+            scales.commands[:, None] * z[: c0.size].reshape(c0.shape, order="F"),
+            scales.states[:, None] * z[c0.size : -1].reshape(x0.shape, order="F"),
             scales.error * float(z[-1]),
             str(stats["return_status"]),
-            _missed(stats) <= CONSTRAINT_TOLERANCE,
+            float(course[-1]) <= CONSTRAINT_TOLERANCE,
         )
-
-
-NEGLIGIBLE_ERROR = 1e-9
-"""Errors below this share of the references count as zero, and no smaller ones are searched. Chosen."""
-
-
-@attrs.frozen(eq=False)
-class Scales:
-    """Sizes of commands (c,), states (n,) and the error: the units in which the solver works."""
-
-    commands: np.ndarray
-    states: np.ndarray
-    error: float
-
-
-@attrs.frozen(eq=False)
-class StartData:
-    """What one solution starts from: states and commands at ``start`` [s], known signals (``known_rows``), scales."""
-
-    begin: np.ndarray
-    before: np.ndarray
-    start: float
-    table: np.ndarray
-    scales: Scales
-
-
-def scales_of(interval: Interval, commands: np.ndarray, begin: np.ndarray, start: float, table: np.ndarray) -> Scales:
-    """Sizes along initial commands (c, N + 1), and along commands of that size that rise and stay."""
-    task = interval.task
-    given = float(np.abs(table[:, :, len(task.eq.u) :]).max(initial=0.0)) or 1.0
-    ranges = np.abs(task.ranges)
-    finite = np.where(np.isfinite(ranges), ranges, 0.0).max(axis=0)
-    sizes = np.abs(commands).max(axis=1)
-    sizes = np.where(sizes > 0, sizes, np.where(finite > 0, finite, given))
-    states, errors = np.abs(begin), 0.0
-    for tried in (commands, np.minimum(np.arange(commands.shape[1]) / 5, 1.0) * sizes[:, None]):
-        path, error, _ = interval.simulated(tried, begin, start, table)
-        if np.isfinite(path).all() and np.isfinite(error).all():
-            states = np.maximum(states, np.abs(path).max(axis=1))
-            errors = errors or float(np.abs(error).max())
-        errors = (
-            errors if errors > NEGLIGIBLE_ERROR * given else 0.0
-        )  # only rounding where the initial commands are the optimum
-    return Scales(sizes, np.where(states > 0, states, 1.0), errors or given)
-
-
-@attrs.frozen(eq=False)
-class Solution:
-    """Commands (c, N + 1) and states (n, N + 1) at the samples, the largest error, and the status of the solver.
-
-    ``feasible`` is whether all limits are kept and the intervals join, at an optimum or not.
-    """
-
-    commands: np.ndarray
-    states: np.ndarray
-    peak: float
-    word: str = ""
-    feasible: bool = True
-
-    @property
-    def found(self) -> bool:
-        """Whether it is a local optimum within all limits."""
-        return self.word in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-
-
-def _missed(stats: Mapping[str, Any]) -> float:
-    """The largest violation of a constraint at the end of a search."""
-    course = (stats.get("iterations") or {}).get("inf_pr") or [np.inf]
-    return float(course[-1])

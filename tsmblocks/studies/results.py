@@ -258,9 +258,9 @@ class Results:
         axes = {k: list(dict.fromkeys(v.tolist())) for k, v in self.parameters.items()}
         shape = tuple(map(len, axes.values()))
         if self.kind == "grid" and np.prod(shape) == len(self) == self.count:
-            dims, coords = tuple(axes), {k: ((k,), v, "") for k, v in axes.items()}
+            dims, coords = list(axes), {k: ([k], np.array(v), "") for k, v in axes.items()}
         else:
-            dims, shape = ("run",), (len(self),)
+            dims, shape = ["run"], (len(self),)
             coords = {k: (dims, v, "") for k, v in {"run": self.runs, **self.parameters}.items()}
         return dataset({k: (dims, v.reshape(shape), self.units[k]) for k, v in self.metrics.items()}, coords, facts)
 
