@@ -17,8 +17,8 @@ HELP = "list the blocks, or show one block's card"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    common.suggest_values(parser.add_argument("name", metavar="NAME", nargs="?", help="a block"), common.BLOCKS)
-    common.json_argument(parser)
+    common.add(parser, "name", metavar="NAME", nargs="?", help="a block", suggests=common.BLOCKS)
+    common.add(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -28,10 +28,10 @@ def execute(args: argparse.Namespace) -> int:
 
     if args.name:
         made = card(REGISTRY[common.known_name(args.name, REGISTRY, "block")])
-        console.print_json(made) if args.json else print(card_text(made))
+        common.print_result(args, made, card_text(made))
         return 0
     listed = {k: {name: words(cls)[0] for name, cls in some.items()} for k, some in by_family(REGISTRY).items()}
-    console.print_json(listed) if args.json else print(list_text(listed))
+    common.print_result(args, listed, list_text(listed))
     return 0
 
 

@@ -15,9 +15,9 @@ HELP = "check diagram files and list their faults"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    files = parser.add_argument("files", metavar="FILE", nargs="+", help="diagram files, or names of ready-made ones")
-    common.suggest_values(files, common.DIAGRAMS)
-    common.json_argument(parser)
+    files = "diagram files, or names of ready-made ones"
+    common.add(parser, "files", metavar="FILE", nargs="+", help=files, suggests=common.DIAGRAMS)
+    common.add(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -7,7 +7,8 @@ import math
 import re
 import textwrap
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -27,8 +28,6 @@ DIAGRAMS, BLOCKS, FILES, FOLDERS = "diagrams", "blocks", "files", "folders"
 METHODS, HOLDS, BACKENDS = ("euler", "heun", "rk4"), ("zero", "linear", "cubic"), ("llvm", "casadi")
 FITS = ("gauss-newton", "ipopt", "ga")
 """Integration methods, holds, back ends and fitting methods: named here too, so that parsing imports nothing heavy."""
-SEVERAL: dict[str, Any] = dict(nargs="+", action="extend")
-"""Settings of an option that takes several values and may be repeated."""
 
 
 class UsageError(TsmError):
@@ -78,11 +77,15 @@ def finite_float(text: str) -> float:
     return value
 
 
-def positive_integer(text: str) -> int:
-    """Return a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
-    return int(text)
+def integer_from(least: int) -> Callable[[str], int]:
+    """What reads a whole number of at least ``least``."""
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least {least}")
+        return int(text)
+
+    return read
 
 
 def row_range(text: str) -> tuple[int | None, int | None]:
@@ -93,27 +96,17 @@ def row_range(text: str) -> tuple[int | None, int | None]:
     return (int(first) if first else None), (int(last) if last else None)
 
 
-def name_and_value(text: str, form: str = "NAME=VALUE") -> tuple[str, str]:
-    """``NAME=VALUE`` as a pair; ``form`` is the expected form in the error."""
-    name, equals, value = text.partition("=")
-    if not equals or not name.strip() or not value.strip():
-        raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name.strip(), value.strip()
-
-
-def nonnegative_integer(text: str) -> int:
-    """Return a whole number of at least 0."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 0")
-    return int(text)
+def number_range(text: str, form: str, whole: str = "") -> tuple[float | None, float | None]:
+    """``LOW:HIGH``, either of which may be left out; ``form`` is the expected form of the ``whole`` in the error."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"'{whole or text}' is not {form}")
+    return (finite_float(low) if low else None), (finite_float(high) if high else None)
 
 
 def time_range(text: str) -> tuple[float | None, float | None]:
     """``START:STOP`` in s; either may be left out."""
-    first, colon, last = text.partition(":")
-    if not colon:
-        raise argparse.ArgumentTypeError(f"'{text}' is not START:STOP in s, such as 2.5:10 or 5:")
-    return (finite_float(first) if first else None), (finite_float(last) if last else None)
+    return number_range(text, "START:STOP in s, such as 2.5:10 or 5:")
 
 
 def share_or_time_range(text: str) -> float | tuple[float | None, float | None]:
@@ -121,29 +114,12 @@ def share_or_time_range(text: str) -> float | tuple[float | None, float | None]:
     return time_range(text) if ":" in text else finite_float(text)
 
 
-def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
-    """``NAME=LOW:HIGH``; either may be left out."""
-    form = "NAME=LOW:HIGH, such as tsm.theta=0.1:50"
-    name, value = name_and_value(text, form)
-    low, colon, high = value.partition(":")
-    if not colon:
+def name_and_value(text: str, form: str = "NAME=VALUE") -> tuple[str, str]:
+    """``NAME=VALUE`` as a pair; ``form`` is the expected form in the error."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip() or not value.strip():
         raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (finite_float(low) if low else None, finite_float(high) if high else None)
-
-
-def prior(text: str) -> tuple[str, tuple[float, float]]:
-    """``NAME=MEAN:DEVIATION``."""
-    form = "NAME=MEAN:DEVIATION, such as tsm.theta=5:0.5"
-    name, value = name_and_value(text, form)
-    mean, colon, deviation = value.partition(":")
-    if not colon:
-        raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
-    return name, (finite_float(mean), finite_float(deviation))
-
-
-def tie(text: str) -> tuple[str, str]:
-    """``NAME=EXPRESSION``."""
-    return name_and_value(text, "NAME=EXPRESSION, such as alpha2=alpha1")
+    return name.strip(), value.strip()
 
 
 def setting(text: str) -> tuple[str, Any]:
@@ -153,6 +129,59 @@ def setting(text: str) -> tuple[str, Any]:
         return name, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return name, value
+
+
+SEVERAL: dict[str, Any] = dict(nargs="+", action="extend")
+"""Settings of an option that takes several values and may be repeated."""
+SHARED: dict[str, dict[str, Any]] = {
+    "diagram": dict(metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one"),
+    "--set": dict(
+        dest="settings",
+        metavar="NAME=VALUE",
+        type=setting,
+        default=[],
+        help="other values for parameters, such as pid.kp=2.2",
+        **SEVERAL,
+    ),
+    "--method": dict(metavar="M", default="rk4", help="euler, heun or rk4 (default)", suggests=METHODS),
+    "--free": dict(metavar="PATTERN", help="parameters that may change, such as 'tsm.*' (default: all)", **SEVERAL),
+    "--outputs": dict(metavar="NAME", help="outputs that are compared (default: all that were measured)", **SEVERAL),
+    "--window": dict(metavar="START:STOP", type=time_range, help="times in s that count (default: all)"),
+    "--starts": dict(
+        metavar="N", type=integer_from(1), help="starts of each fit, random ones after the first (default %(default)s)"
+    ),
+    "--seed": dict(metavar="N", type=integer_from(0), default=0, help="seed of the random numbers (default 0)"),
+    "--step": dict(metavar="H", type=finite_float, help="step of the simulation in s (default: chosen from the data)"),
+    "--hold": dict(
+        metavar="HOLD",
+        default="linear",
+        help="signals between samples: zero, linear (default) or cubic",
+        suggests=HOLDS,
+    ),
+    "--plot": dict(metavar="FILE", help="write a figure to a .png, .svg or .pdf file"),
+    "--json": dict(
+        action="store_true", help="print one JSON object and nothing else; a number that is not finite is null"
+    ),
+}
+"""Arguments of several commands, with their settings; a command may change some."""
+
+
+def add(options: argparse._ActionsContainer, *names: str, **settings: Any) -> None:
+    """Declare arguments: those of SHARED, changed by the ``settings``, or a new one.
+
+    ``suggests`` in the settings is what a shell completes a value with: fixed words, or one of the kinds above.
+    """
+    for name in names:
+        chosen = SHARED.get(name, {}) | settings
+        suggested = chosen.pop("suggests", None)
+        action = options.add_argument(name, **chosen)
+        if suggested:
+            vars(action)["suggests"] = suggested
+
+
+def passed(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Arguments of the command that a function takes by the same names."""
+    return {name: getattr(args, name) for name in names}
 
 
 def result_path(text: str | None, endings: Sequence[str] = RESULTS) -> Path | None:
@@ -190,98 +219,23 @@ def figure_path(text: str | None) -> Path | None:
     return path
 
 
-def diagram_argument(options: argparse._ActionsContainer) -> None:
-    """Declare DIAGRAM, for commands that take one."""
-    options.add_argument("diagram", metavar="DIAGRAM", help="a diagram file, or the name of a ready-made one")
-
-
-def settings_argument(
-    options: argparse._ActionsContainer, about: str = "other values for parameters, such as pid.kp=2.2"
-) -> None:
-    """Declare --set."""
-    options.add_argument(
-        "--set", dest="settings", metavar="NAME=VALUE", type=setting, default=[], help=about, **SEVERAL
-    )
-
-
-def method_argument(options: argparse._ActionsContainer, default: str | None = "rk4", what: str = "") -> None:
-    """Declare --method of a simulation; None as ``default`` is for a command that also works without one."""
-    about = f"{what}euler, heun or rk4 (default)"
-    suggest_values(options.add_argument("--method", metavar="M", default=default, help=about), METHODS)
-
-
-def free_argument(options: argparse._ActionsContainer) -> None:
-    """Declare --free, for commands that fit one diagram."""
-    about = "parameters that may change, such as 'tsm.*' (default: all)"
-    options.add_argument("--free", metavar="PATTERN", help=about, **SEVERAL)
-
-
-def compared_arguments(options: argparse._ActionsContainer) -> None:
-    """Declare --outputs and --window: the part of the recordings that a fit is compared with."""
-    add = options.add_argument
-    add("--outputs", metavar="NAME", help="outputs that are compared (default: all that were measured)", **SEVERAL)
-    add("--window", metavar="START:STOP", type=time_range, default=None, help="times in s that count (default: all)")
-
-
-def seed_argument(options: argparse._ActionsContainer) -> None:
-    """Declare --seed."""
-    about = "seed of the random numbers (default 0)"
-    options.add_argument("--seed", metavar="N", type=nonnegative_integer, default=0, help=about)
-
-
-def search_arguments(options: argparse._ActionsContainer, *, starts: int | None = None, hold: str = "linear") -> None:
-    """Declare --starts, --seed, --step and --hold of a search; ``starts`` and ``hold`` are the defaults of the first
-    (None: there is none) and the last.
-    """
-    add = options.add_argument
-    if starts is not None:
-        about = f"starts of each fit, random ones after the first (default {starts})"
-        add("--starts", metavar="N", type=positive_integer, default=starts, help=about)
-    seed_argument(options)
-    about = "step of the simulation in s (default: chosen from the data)"
-    add("--step", metavar="H", type=finite_float, help=about)
-    hold_argument(options, hold)
-
-
-def hold_argument(options: argparse._ActionsContainer, default: str = "linear") -> None:
-    """Declare --hold; ``default`` is that of the function behind the command."""
-    words = [f"{one} (default)" if one == default else one for one in HOLDS]
-    about = f"signals between samples: {', '.join(words[:-1])} or {words[-1]}"
-    suggest_values(options.add_argument("--hold", default=default, metavar="HOLD", help=about), HOLDS)
-
-
-def plot_argument(options: argparse._ActionsContainer) -> None:
-    """Declare --plot."""
-    options.add_argument("--plot", metavar="FILE", help="write a figure to a .png, .svg or .pdf file")
-
-
-def json_argument(options: argparse._ActionsContainer) -> None:
-    """Declare --json, which every command has that prints results."""
-    about = "print one JSON object and nothing else; a number that is not finite is null"
-    options.add_argument("--json", action="store_true", help=about)
-
-
-def result_arguments(options: argparse._ActionsContainer, out: str, metavar: str = "FILE") -> None:
-    """Declare --out, --plot and --json; ``out`` says what the first does."""
-    options.add_argument("--out", metavar=metavar, help=out)
-    plot_argument(options)
-    json_argument(options)
-
-
-def suggest_values(action: argparse.Action, what: str | Sequence[str]) -> None:
-    """Set what a shell completes a value with: fixed words, or one of the kinds above."""
-    vars(action)["suggests"] = what if isinstance(what, str) else tuple(what)
-
-
 # ---- results ------------------------------------------------------------------------------------
+
+
+def print_result(args: argparse.Namespace, facts: Mapping[str, Any], text: str) -> None:
+    """Print a result: with --json its ``facts``, else the ``text``."""
+    print_json(facts) if args.json else print(text)
 
 
 def report_results(facts: dict[str, Any], written: Sequence[str], args: argparse.Namespace) -> None:
     """Print the results as JSON, or else the paths that were written, after an empty line."""
-    if args.json:
-        print_json({**facts, "written": [*written]})
-    elif written:
-        print("\n" + "\n".join(f"wrote {path}" for path in written))
+    if args.json or written:
+        print_result(args, {**facts, "written": [*written]}, f"\n{wrote(written)}")
+
+
+def wrote(paths: Iterable[Any]) -> str:
+    """A line for each path that was written."""
+    return "\n".join(f"wrote {path}" for path in paths)
 
 
 def exit_status(interrupted: bool, written: Sequence[str], missing: Sequence[str] = ()) -> int:
@@ -302,22 +256,21 @@ def finish(result: Any, facts: dict[str, Any], written: list[str], plot: Path | 
     return exit_status(result.status == "interrupted", written)
 
 
-def with_option_names(error: TsmError, typed: Iterable[tuple[str, str]]) -> TsmError:
-    """The same error with options of the command in place of arguments of the function.
+@contextmanager
+def option_names(typed: Iterable[tuple[str, str]]) -> Iterator[None]:
+    """Name options of the command in place of arguments of the function in errors.
 
     ``typed`` has pairs of a pattern and its replacement.
     """
-    if len(error.args) == 1:
-        text = str(error)
-        for script, command in typed:
-            text = re.sub(script, command, text)
-        error.args = (text,)
-    return error
-
-
-def format_number(value: float) -> str:
-    """A number as tables have it."""
-    return f"{value:.4g}"
+    try:
+        yield
+    except TsmError as error:
+        if len(error.args) == 1:
+            text = str(error)
+            for script, command in typed:
+                text = re.sub(script, command, text)
+            error.args = (text,)
+        raise
 
 
 def known_name(name: str, known: Iterable[str], what: str) -> str:

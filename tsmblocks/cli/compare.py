@@ -14,10 +14,9 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import attrs
 
 from tsmblocks.cli import common, console, recordings
 
@@ -30,30 +29,24 @@ HELP = "fit several models to the same recordings and rank them on validation da
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s [DIAGRAM ...] --data FILE [FILE ...] [options]"
-    parser.add_argument(
-        "models",
-        metavar="DIAGRAM",
-        nargs="*",
-        help="diagram files, or names of ready-made ones, short as in the table or in full",
-    )
+    models = "diagram files, or names of ready-made ones, short as in the table or in full"
+    parser.add_argument("models", metavar="DIAGRAM", nargs="*", help=models)
     measured = parser.add_argument_group("measured data")
     recordings.data_arguments(measured, several=True)
     recordings.condition_argument(measured)
-    fitted = parser.add_argument_group("fits")
-    add = fitted.add_argument
-    add(
-        "--train",
-        metavar="PART",
-        type=common.share_or_time_range,
-        default=0.5,
-        help="share of each recording that is fitted, from its start (default 0.5; with 1 there are no validation "
-        "data), or its times START:STOP in s",
+    add = partial(common.add, parser.add_argument_group("fits"))
+    train = (
+        "share of each recording that is fitted, from its start (default 0.5; with 1 there are no validation "
+        "data), or its times START:STOP in s"
     )
+    add("--train", metavar="PART", type=common.share_or_time_range, default=0.5, help=train)
     add("--held-out", metavar="EXPERIMENT", default=[], help="experiments that are not fitted at all", **common.SEVERAL)
     add("--each", action="store_true", help="fit every file separately")
-    common.search_arguments(fitted, starts=8)
-    written = "write the best model, fitted (with --each one per file), to a .toml file"
-    common.result_arguments(parser.add_argument_group("results"), written)
+    add("--starts", default=8)
+    add("--seed", "--step", "--hold")
+    add = partial(common.add, parser.add_argument_group("results"))
+    add("--out", metavar="FILE", help="write the best model, fitted (with --each one per file), to a .toml file")
+    add("--plot", "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -98,20 +91,9 @@ def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -
     results: dict[str, Comparison] = {}
     with console.progress_line(console.search_progress("fitting"), quiet=args.json) as progress:
         for name, records in groups.items():
-            made = compare(
-                models,
-                records,
-                train=args.train,
-                held_out=args.held_out,
-                starts=args.starts,
-                seed=args.seed,
-                step=args.step,
-                hold=args.hold,
-                progress=progress,
-            )
-            results[name] = attrs.evolve(
-                made, notes=tuple(recordings.with_condition_option(text, args) for text in made.notes)
-            )
+            given = common.passed(args, "train", "held_out", "starts", "seed", "step", "hold")
+            made = compare(models, records, progress=progress, **given)
+            results[name] = recordings.with_option_notes(made, args)
             if results[name].interrupted:
                 break
     return results

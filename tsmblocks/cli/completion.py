@@ -69,7 +69,7 @@ DIAGRAMS = {
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    common.suggest_values(parser.add_argument("shell", metavar="SHELL", help="bash, zsh, fish or powershell"), NAMES)
+    common.add(parser, "shell", metavar="SHELL", help="bash, zsh, fish or powershell", suggests=NAMES)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -17,6 +17,7 @@ import argparse
 import csv
 import textwrap
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,18 +36,14 @@ NAMES = ("position_ripple", "backlash", "odd_nonlinearity", "none")
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add = parser.add_argument
+    add = partial(common.add, parser)
     add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
-    hide = add("--hide", metavar="EFFECT", default=NAMES[0], help=f"the hidden effect: {', '.join(NAMES)} ({NAMES[0]})")
-    common.suggest_values(hide, NAMES)
-    common.seed_argument(parser)
-    common.json_argument(parser)
+    hide = f"the hidden effect: {', '.join(NAMES)} ({NAMES[0]})"
+    add("--hide", metavar="EFFECT", default=NAMES[0], help=hide, suggests=NAMES)
+    add("--seed", "--json")
     recordings.data_arguments(parser)
-    add(
-        "--column",
-        metavar="NAME",
-        help="column of --data with a measured reference; with its unit, if the file has none: 'x_ref [deg]'",
-    )
+    column = "column of --data with a measured reference; with its unit, if the file has none: 'x_ref [deg]'"
+    add("--column", metavar="NAME", help=column)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -16,10 +16,12 @@ Ctrl-C ends the search with the effects identified so far.
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tsmblocks.cli import common, console, recordings
+from tsmblocks.common.errors import TsmError
 
 if TYPE_CHECKING:
     from tsmblocks.diagnosis.result import Diagnosis
@@ -37,68 +39,52 @@ OPTION_NAMES = (
 
 def noise_floor(text: str) -> str:
     """A noise floor: a number, optionally with its unit, optionally for one output."""
-    from tsmblocks.common.errors import TsmError
     from tsmblocks.fitting.noise import parsed
 
-    try:
+    with common.option_names(OPTION_NAMES):
         parsed(text)
-    except TsmError as error:
-        raise common.with_option_names(error, OPTION_NAMES) from None
     return text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
-    common.diagram_argument(parser)
+    common.add(parser, "diagram")
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
-    search = parser.add_argument_group("search")
-    add = search.add_argument
+    add = partial(common.add, parser.add_argument_group("search"))
     noise = (
         "rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
         "recordings and of the diagram, and refused where they differ; default: estimated from the data)"
     )
     add("--noise-floor", metavar="VALUE", type=noise_floor, default=[], help=noise, **common.SEVERAL)
-    common.free_argument(search)
+    add("--free")
     effects = "effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)"
     add("--effects", metavar="PATTERN", help=effects, **common.SEVERAL)
-    common.compared_arguments(search)
+    add("--outputs", "--window")
     unfiltered = "leave measured inputs as they are (default: their noise is filtered out, with zero phase)"
     add("--no-condition", dest="condition", action="store_false", help=unfiltered)
-    common.search_arguments(search, hold="cubic")
-    written = "write report.html, diagnosis.json and augmented.toml into a folder"
-    common.result_arguments(parser.add_argument_group("results"), written, "DIR")
+    add("--seed", "--step")
+    add("--hold", default="cubic", help="signals between samples: zero, linear or cubic (default)")
+    add = partial(common.add, parser.add_argument_group("results"))
+    add("--out", metavar="DIR", help="write report.html, diagnosis.json and augmented.toml into a folder")
+    add("--plot", "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
-    from tsmblocks.common.errors import TsmError
     from tsmblocks.diagnosis.diagnose import diagnose
     from tsmblocks.files import load
 
     folder, plot = _folder(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram)
     records = recordings.read_experiments(args, diagram, report=False)  # they are among the notes of the diagnosis
+    names = ("free", "noise_floor", "effects", "outputs", "window", "condition", "seed", "step", "hold")
     try:
-        with console.progress_line(_progress_text, quiet=args.json) as progress:
-            result = diagnose(
-                diagram,
-                records,
-                free=args.free,
-                noise_floor=args.noise_floor,
-                effects=args.effects,
-                outputs=args.outputs,
-                window=args.window,
-                condition=args.condition,
-                seed=args.seed,
-                step=args.step,
-                hold=args.hold,
-                progress=progress,
-            )
-    except TsmError as error:
-        for record in () if args.json else records.values():
-            recordings.print_repairs(record)
-        raise common.with_option_names(error, OPTION_NAMES) from None
+        with common.option_names(OPTION_NAMES), console.progress_line(_progress_text, quiet=args.json) as progress:
+            result = diagnose(diagram, records, progress=progress, **common.passed(args, *names))
+    except TsmError:
+        recordings.print_repairs(args, *records.values())
+        raise
     if not args.json:
         print(result)
     written = _save(result, folder)
@@ -109,7 +95,6 @@ def _folder(text: str | None) -> Path | None:
     """The folder to write into, made before the search and not after it."""
     if text is None:
         return None
-    from tsmblocks.common.errors import TsmError
     from tsmblocks.html.report_files import folder_for
 
     try:

@@ -12,7 +12,7 @@ HELP = "list the ready-made diagrams"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    common.json_argument(parser)
+    common.add(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -21,7 +21,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files.shipped import shipped_names
 
     listed = {name: load(name).title for name in shipped_names()}
-    console.print_json(listed) if args.json else print(list_text(listed))
+    common.print_result(args, listed, list_text(listed))
     return 0
 
 

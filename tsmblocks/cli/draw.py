@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.cli import common, console
+from tsmblocks.cli import common
 
 HELP = "draw a diagram to .svg, .png, .pdf or .mmd"
 ENDINGS = (".svg", ".png", ".pdf", ".mmd")
@@ -15,11 +15,11 @@ ENDINGS = (".svg", ".png", ".pdf", ".mmd")
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    common.diagram_argument(parser)
+    common.add(parser, "diagram")
     parser.add_argument("--out", metavar="FILE", help=".svg, .png, .pdf or .mmd (default: NAME.svg in this folder)")
-    common.settings_argument(parser)
+    common.add(parser, "--set")
     parser.add_argument("--highlight", metavar="BLOCK", nargs="+", default=[], help="blocks drawn in another colour")
-    common.json_argument(parser)
+    common.add(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -30,10 +30,8 @@ def execute(args: argparse.Namespace) -> int:
     assert path is not None
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     write(diagram, path, args.highlight)
-    if args.json:
-        console.print_json({"diagram": args.diagram, "title": diagram.title, "written": [path]})
-    else:
-        print(f"wrote {path}")
+    facts = {"diagram": args.diagram, "title": diagram.title, "written": [path]}
+    common.print_result(args, facts, common.wrote([path]))
     return 0
 
 

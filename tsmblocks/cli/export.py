@@ -11,21 +11,21 @@ model.
 from __future__ import annotations
 
 import argparse
+from functools import partial
 
-from tsmblocks.cli import common, console
+from tsmblocks.cli import common
 
 HELP = "write a diagram as C source, or as a MAT file"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add = parser.add_argument
-    common.diagram_argument(parser)
+    add = partial(common.add, parser)
+    add("diagram")
     add("--out", metavar="FILE", required=True, help="a .c file (its header is written beside it) or a .mat file")
-    add("--step", type=common.finite_float, metavar="H", default=None, help="step of the C code in s (default 0.001)")
-    common.method_argument(parser, default=None, what="method of the C code: ")
-    common.settings_argument(parser)
-    common.json_argument(parser)
+    add("--step", help="step of the C code in s (default 0.001)")
+    add("--method", default=None, help="method of the C code: euler, heun or rk4 (default)")
+    add("--set", "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -43,8 +43,6 @@ def execute(args: argparse.Namespace) -> int:
     else:
         step, method = args.step if args.step is not None else 1e-3, args.method or "rk4"
         written = [str(path) for path in to_c(diagram, step=step, method=method, name=out.stem).save(out.parent)]
-    if args.json:
-        console.print_json({"diagram": args.diagram, "title": diagram.title, "written": written})
-    else:
-        print("\n".join(f"wrote {path}" for path in written))
+    facts = {"diagram": args.diagram, "title": diagram.title, "written": written}
+    common.print_result(args, facts, common.wrote(written))
     return 0

@@ -15,14 +15,12 @@ the best parameters so far. Without --out and --plot nothing is written.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import attrs
-
 from tsmblocks.cli import common, console, recordings
-from tsmblocks.common.errors import TsmError
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -40,41 +38,59 @@ OPTION_NAMES = (
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
-    common.diagram_argument(parser)
+    common.add(parser, "diagram")
     measured = parser.add_argument_group("measured data")
     recordings.data_arguments(measured, several=True)
     recordings.condition_argument(measured)
-    _unknowns(parser.add_argument_group("parameters"))
-    _search(parser.add_argument_group("search"))
-    written = "write the fitted diagram (with --local one per experiment) to a .toml file"
-    common.result_arguments(parser.add_argument_group("results"), written)
-
-
-def _unknowns(options: argparse._ActionsContainer) -> None:
-    several = partial(options.add_argument, default=[], **common.SEVERAL)
-    common.free_argument(options)
-    several("--local", metavar="PATTERN", help="parameters with a value of their own in each experiment")
-    options.add_argument(
-        "--start-states", action="store_true", help="estimate the initial state too, in each experiment"
-    )
-    common.settings_argument(options, "the value from which a parameter starts, or which it keeps")
-    bounds = "bounds of a parameter; either side may be left out"
-    several("--bounds", metavar="NAME=LOW:HIGH", type=common.bounds, help=bounds)
-    several("--constraint", metavar="TEXT", help="a condition, such as 'alpha2 + A - abs(delta) > 0'")
-    tie = "a parameter that is a function of others, such as 'alpha2=alpha1'"
-    several("--tie", metavar="NAME=EXPRESSION", type=common.tie, help=tie)
-    prior = "a parameter's prior, of a normal distribution"
-    several("--prior", metavar="NAME=MEAN:DEVIATION", type=common.prior, help=prior)
-
-
-def _search(options: argparse._ActionsContainer) -> None:
-    add = options.add_argument
-    common.compared_arguments(options)
-    method = add("--method", metavar="M", default="gauss-newton", help="gauss-newton (default), ipopt or ga")
-    common.suggest_values(method, common.FITS)
+    _parameter_arguments(partial(common.add, parser.add_argument_group("parameters")))
+    add = partial(common.add, parser.add_argument_group("search"))
+    add("--outputs", "--window")
+    method = "gauss-newton (default), ipopt or ga"
+    add("--method", default="gauss-newton", help=method, suggests=common.FITS)
     segments = "pieces of multiple shooting, with --method ipopt (default 1)"
-    add("--segments", metavar="N", type=common.positive_integer, default=1, help=segments)
-    common.search_arguments(options, starts=4)
+    add("--segments", metavar="N", type=common.integer_from(1), default=1, help=segments)
+    add("--starts", default=4)
+    add("--seed", "--step", "--hold")
+    add = partial(common.add, parser.add_argument_group("results"))
+    written = "write the fitted diagram (with --local one per experiment) to a .toml file"
+    add("--out", metavar="FILE", help=written)
+    add("--plot", "--json")
+
+
+def _parameter_arguments(add: Callable[..., None]) -> None:
+    several = partial(add, default=[], **common.SEVERAL)
+    add("--free")
+    several("--local", metavar="PATTERN", help="parameters with a value of their own in each experiment")
+    add("--start-states", action="store_true", help="estimate the initial state too, in each experiment")
+    add("--set", help="the value from which a parameter starts, or which it keeps")
+    sides = "bounds of a parameter; either side may be left out"
+    several("--bounds", metavar="NAME=LOW:HIGH", type=bounds, help=sides)
+    several("--constraint", metavar="TEXT", help="a condition, such as 'alpha2 + A - abs(delta) > 0'")
+    function = "a parameter that is a function of others, such as 'alpha2=alpha1'"
+    several("--tie", metavar="NAME=EXPRESSION", type=tie, help=function)
+    several("--prior", metavar="NAME=MEAN:DEVIATION", type=prior, help="a parameter's prior, of a normal distribution")
+
+
+def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
+    """``NAME=LOW:HIGH``; either may be left out."""
+    form = "NAME=LOW:HIGH, such as tsm.theta=0.1:50"
+    name, value = common.name_and_value(text, form)
+    return name, common.number_range(value, form, text)
+
+
+def prior(text: str) -> tuple[str, tuple[float, float]]:
+    """``NAME=MEAN:DEVIATION``."""
+    form = "NAME=MEAN:DEVIATION, such as tsm.theta=5:0.5"
+    name, value = common.name_and_value(text, form)
+    mean, colon, deviation = value.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"'{text}' is not {form}")
+    return name, (common.finite_float(mean), common.finite_float(deviation))
+
+
+def tie(text: str) -> tuple[str, str]:
+    """``NAME=EXPRESSION``."""
+    return common.name_and_value(text, "NAME=EXPRESSION, such as alpha2=alpha1")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -85,31 +101,22 @@ def execute(args: argparse.Namespace) -> int:
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     records = recordings.read_experiments(args, diagram)
-    try:
-        with console.progress_line(console.search_progress("fitting"), quiet=args.json) as progress:
-            result = fit(
-                diagram,
-                records,
-                free=args.free,
-                local=args.local,
-                start_states=args.start_states,
-                bounds=dict(args.bounds),
-                constraints=args.constraint,
-                ties=dict(args.tie),
-                priors=dict(args.prior),
-                outputs=args.outputs,
-                window=args.window,
-                method=args.method,
-                segments=args.segments,
-                starts=args.starts,
-                seed=args.seed,
-                step=args.step,
-                hold=args.hold,
-                progress=progress,
-            )
-    except TsmError as error:
-        raise common.with_option_names(error, OPTION_NAMES) from None
-    result = attrs.evolve(result, notes=tuple(recordings.with_condition_option(text, args) for text in result.notes))
+    with (
+        common.option_names(OPTION_NAMES),
+        console.progress_line(console.search_progress("fitting"), quiet=args.json) as progress,
+    ):
+        result = fit(
+            diagram,
+            records,
+            bounds=dict(args.bounds),
+            constraints=args.constraint,
+            ties=dict(args.tie),
+            priors=dict(args.prior),
+            progress=progress,
+            **common.passed(args, "free", "local", "start_states", "outputs", "window", "method", "segments"),
+            **common.passed(args, "starts", "seed", "step", "hold"),
+        )
+    result = recordings.with_option_notes(result, args)
     if not args.json:
         print(result)
     written = _save(result, out, each=bool(args.local))

@@ -10,7 +10,7 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.cli.common import UsageError, finite_float, name_and_value, row_range
+from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, name_and_value, row_range
 from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
@@ -20,54 +20,40 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     """Declare the options of every command that reads a measurement, or several."""
     add = options.add_argument
     what = "measured signals: CSV and its relatives, NPZ, MAT"
+    if several:
+        add("--data", metavar="FILE", help=f"{what}; each file is one experiment", **SEVERAL)
+    else:
+        add("--data", metavar="FILE", help=what)
     named = (
         "the column that holds a signal (or the time t), when it has another name; NAME has the unit where the "
         "file gives none: 'x_in [deg]=motor'"
     )
-    if several:
-        add("--data", metavar="FILE", nargs="+", action="extend", help=f"{what}; each file is one experiment")
-    else:
-        add("--data", metavar="FILE", help=what)
-    add("--map", metavar="NAME=COLUMN", type=name_and_value, nargs="+", action="extend", default=[], help=named)
-    add(
-        "--columns",
-        metavar="A,B,C",
-        help="names of the columns, in order, where the file has no header, or in its place: 't, x_in [deg], , x_out' "
-        "(empty for a column that is not read)",
+    add("--map", metavar="NAME=COLUMN", type=name_and_value, default=[], help=named, **SEVERAL)
+    columns = (
+        "names of the columns, in order, where the file has no header, or in its place: 't, x_in [deg], , x_out' "
+        "(empty for a column that is not read)"
     )
-    add(
-        "--rows",
-        metavar="FIRST:LAST",
-        type=row_range,
-        default=(None, None),
-        help="rows of the file to read, counted from 1",
-    )
+    add("--columns", metavar="A,B,C", help=columns)
+    rows = "rows of the file to read, counted from 1"
+    add("--rows", metavar="FIRST:LAST", type=row_range, default=(None, None), help=rows)
     add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
-    add(
-        "--sampling", metavar="S", type=finite_float, help="time in s from row to row, for a file without a time column"
-    )
-    add(
-        "--tail",
-        choices=("refuse", "drop"),
-        default="refuse",
-        help="rows after a jump back in time: refuse the file (default), or drop them",
-    )
-    add(
-        "--gaps",
-        choices=("refuse", "keep"),
-        default="refuse",
-        help="long gaps in time: refuse the file (default), or keep them",
-    )
+    sampling = "time in s from row to row, for a file without a time column"
+    add("--sampling", metavar="S", type=finite_float, help=sampling)
+    tail = "rows after a jump back in time: refuse the file (default), or drop them"
+    add("--tail", choices=("refuse", "drop"), default="refuse", help=tail)
+    gaps = "long gaps in time: refuse the file (default), or keep them"
+    add("--gaps", choices=("refuse", "keep"), default="refuse", help=gaps)
 
 
 def condition_argument(options: argparse._ActionsContainer) -> None:
     """Declare --condition, for commands that use measured inputs unfiltered by default."""
-    options.add_argument(
-        "--condition",
-        dest="conditioned",
-        action="store_true",
-        help="filter the noise of measured inputs out first, as diagnose does",
-    )
+    filtered = "filter the noise of measured inputs out first, as diagnose does"
+    options.add_argument("--condition", dest="conditioned", action="store_true", help=filtered)
+
+
+def with_option_notes(result: Any, args: argparse.Namespace) -> Any:
+    """A result with options of the command in its notes."""
+    return attrs.evolve(result, notes=tuple(with_condition_option(text, args) for text in result.notes))
 
 
 def with_condition_option(text: str, args: argparse.Namespace) -> str:

@@ -9,6 +9,7 @@ measurement is plotted with the run.
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +22,20 @@ HELP = "run a diagram, print its tracking error or a table of outputs"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add = parser.add_argument
-    common.diagram_argument(parser)
+    add = partial(common.add, parser)
+    add("diagram")
     add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
-    add("--step", type=common.finite_float, metavar="H", default=1e-3, help="step in s (default 0.001)")
-    common.method_argument(parser)
-    common.settings_argument(parser)
+    add("--step", default=1e-3, help="step in s (default 0.001)")
+    add("--method", "--set")
     recordings.data_arguments(parser)
     recordings.condition_argument(parser)
-    common.hold_argument(parser)
-    common.result_arguments(parser, "write the outputs to a .csv, .npz or .mat file")
-    add("--every", type=common.positive_integer, metavar="N", default=1, help="keep every N-th time step (default 1)")
-    backend = add("--backend", metavar="B", default="", help="llvm or casadi (default: llvm where it is installed)")
-    common.suggest_values(backend, common.BACKENDS)
+    add("--hold")
+    add("--out", metavar="FILE", help="write the outputs to a .csv, .npz or .mat file")
+    add("--plot", "--json")
+    every = "keep every N-th time step (default 1)"
+    add("--every", type=common.integer_from(1), metavar="N", default=1, help=every)
+    backend = "llvm or casadi (default: llvm where it is installed)"
+    add("--backend", metavar="B", default="", help=backend, suggests=common.BACKENDS)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -49,12 +51,8 @@ def execute(args: argparse.Namespace) -> int:
     if plot:
         written.append(str(_plot(run, plot, residuals)))
     summary = {**summarise(run, args.diagram, record, residuals), "every": args.every}
-    if args.json:
-        console.print_json({**summary, "written": written})
-    else:
-        print(summary_text(summary))
-        for path in written:
-            print(f"wrote {path}")
+    text = "\n".join(filter(None, [summary_text(summary), common.wrote(written)]))
+    common.print_result(args, {**summary, "written": written}, text)
     if not run.complete:
         console.print_error(
             f"stopped at t = {run.t[-1]:g} s; the result up to there is what you see"
@@ -74,14 +72,10 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
             return simulate(
                 diagram,
                 start=start,
-                stop=args.stop,
-                step=args.step,
-                method=args.method,
                 inputs=inputs,
                 log="outputs" if diagram.outputs else "all",
-                every=args.every,
                 progress=progress,
-                backend=args.backend,
+                **common.passed(args, "stop", "step", "method", "every", "backend"),
             )
     except RunError as error:
         if out and error.run is not None and len(error.run.t):
@@ -133,33 +127,20 @@ def summarise(run: Any, diagram: str, record: Any = None, residuals: Any = None)
     }
     for name in run.aliases or run.keys():
         y = run[name]
-        made["outputs"][name] = {
-            "unit": run.unit(name),
-            "min": float(y.min()),
-            "max": float(y.max()),
-            "last": float(y[-1]),
-        }
+        extremes = {"min": float(y.min()), "max": float(y.max()), "last": float(y[-1])}
+        made["outputs"][name] = {"unit": run.unit(name), **extremes}
     if residuals is not None:
         made["measured"] = [{**d.to_dict(), "peak_to_peak": d.peak_to_peak} for d in residuals]
     if _tracks(run):
         from tsmblocks.metrics.tracking import tracking_error
 
-        half = float(run.t[0] + run.t[-1]) / 2
-        made["tracking_error"] = {
-            "second_half": _error(tracking_error(run, after=half)),
-            "whole_run": _error(tracking_error(run)),
-        }
+        parts = {"second_half": float(run.t[0] + run.t[-1]) / 2, "whole_run": None}
+        made["tracking_error"] = {part: _error(tracking_error(run, after=begin)) for part, begin in parts.items()}
     return made
 
 
 def _error(error: Any) -> dict[str, Any]:
-    return {
-        "from": error.after,
-        "unit": error.unit,
-        "peak_to_peak": error.peak_to_peak,
-        "rms": error.rms,
-        "largest": error.largest,
-    }
+    return {"from": error.after, **{k: getattr(error, k) for k in ("unit", "peak_to_peak", "rms", "largest")}}
 
 
 def summary_text(summary: dict[str, Any]) -> str:
@@ -170,12 +151,10 @@ def summary_text(summary: dict[str, Any]) -> str:
     first = f"{title}\n{span} ({summary['method']}){kept}"
     last = f"\n\n{_measured_table(summary)}" if "measured" in summary else ""
     if "tracking_error" in summary:
-        return f"{first}\n\n{_tracking_table(summary)}{last}"
+        return f"{first}\n\n{_tracking_table(summary['tracking_error'])}{last}"
     rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]
-    rows += [
-        (name, y["unit"], *(common.format_number(y[k]) for k in ("min", "max", "last")))
-        for name, y in summary["outputs"].items()
-    ]
+    for name, y in summary["outputs"].items():
+        rows.append((name, y["unit"], *(f"{y[k]:.4g}" for k in ("min", "max", "last"))))
     return f"{first}\n\n{columns(rows, left=frozenset({0, 1}))}{last}"
 
 
@@ -183,26 +162,23 @@ def _measured_table(summary: dict[str, Any]) -> str:
     """Table of the residuals, angles in degrees too."""
     rows: list[tuple[str, ...]] = [("measured less run", "peak to peak", "rms", "largest", "samples")]
     for d in summary["measured"]:
-        words = (d["output"], str(d["samples"]))
-        for unit, factor in _units(d["unit"]):
-            shown = (f"{factor * d[k]:.4g} {unit}".strip() for k in ("peak_to_peak", "rms", "largest"))
-            rows.append((words[0], *shown, words[1]))
-            words = ("", "")
+        for k, sizes in enumerate(_sizes(d)):
+            rows.append(("", *sizes, "") if k else (d["output"], *sizes, str(d["samples"])))
     return columns(rows)
 
 
-def _tracking_table(summary: dict[str, Any]) -> str:
-    halves = summary["tracking_error"]
+def _tracking_table(halves: dict[str, Any]) -> str:
     rows: list[tuple[str, ...]] = [("tracking error x_ref - x_out", "peak to peak", "rms", "largest")]
-    for words, error in (
-        (f"second half, from {halves['second_half']['from']:g} s", halves["second_half"]),
-        ("whole run", halves["whole_run"]),
-    ):
-        for unit, factor in _units(error["unit"]):
-            shown = (f"{factor * error[k]:.4g} {unit}".strip() for k in ("peak_to_peak", "rms", "largest"))
-            rows.append((words, *shown))
-            words = ""
+    titles = {"second_half": f"second half, from {halves['second_half']['from']:g} s", "whole_run": "whole run"}
+    for part, title in titles.items():
+        rows += [("" if k else title, *sizes) for k, sizes in enumerate(_sizes(halves[part]))]
     return columns(rows)
+
+
+def _sizes(error: dict[str, Any]) -> list[list[str]]:
+    """Sizes of an error with their unit; of an angle first in radians, then in degrees."""
+    sizes = [error[k] for k in ("peak_to_peak", "rms", "largest")]
+    return [[f"{factor * size:.4g} {unit}".strip() for size in sizes] for unit, factor in _units(error["unit"])]
 
 
 def _units(unit: str) -> list[tuple[str, float]]:

@@ -30,15 +30,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("study", metavar="STUDY", help="a study file (.toml), or results to print again (.csv)")
     where = parser.add_argument_group("parallel runs").add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers", metavar="N", type=common.positive_integer, help="processes (default: threads of this one)"
-    )
+    workers = "processes (default: threads of this one)"
+    where.add_argument("--workers", metavar="N", type=common.integer_from(1), help=workers)
     where.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster")
     measured = parser.add_argument_group("measured data, for diagrams with inputs")
     recordings.data_arguments(measured)
     recordings.condition_argument(measured)
     options = parser.add_argument_group("results")
-    common.result_arguments(options, "keep results in a .csv file; runs that are in it already are not repeated")
+    kept = "keep results in a .csv file; runs that are in it already are not repeated"
+    common.add(options, "--out", metavar="FILE", help=kept)
+    common.add(options, "--plot", "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
