@@ -16,6 +16,7 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import PurePath
 from typing import Any, TextIO
 
@@ -163,42 +164,40 @@ def progress_line(words: Callable[..., str], *, quiet: bool = False) -> Iterator
     """Yield a progress callback that writes ``words(...)`` on one line of standard error, which is erased at the end.
 
     None is yielded with ``quiet``, and where standard error is no terminal or one without a cursor (``TERM=dumb``).
+    The line is overwritten without escape codes: old consoles do not support them. ``words`` is called each time, since
+    it may count the calls.
     """
     if quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield None
         return
-    line = _ProgressLine(sys.stderr)
-    try:
-        yield lambda *far: line.show(words, far)
-    finally:
-        line.show(lambda: "", ())
+    stream, length, last = sys.stderr, 0, -math.inf
 
-
-class _ProgressLine:
-    """One line that is overwritten, without escape codes: old consoles do not support them."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.stream, self.length, self.last = stream, 0, -math.inf
-
-    def show(self, words: Callable[..., str], far: tuple[Any, ...]) -> None:
-        """Overwrite the line with ``words(*far)``, at most each UPDATE_INTERVAL; an empty text erases it at once.
-
-        ``words`` is called each time, since it may count the calls.
-        """
+    def show(*far: Any) -> None:
+        nonlocal length, last
         text, now = words(*far)[: shutil.get_terminal_size().columns - 1], time.monotonic()
-        if (text and now - self.last < UPDATE_INTERVAL) or (not text and not self.length):
-            return
-        rest = " " * (self.length - len(text))
-        self.stream.write(f"\r{text}{rest}" if text else f"\r{rest}\r")
-        self.stream.flush()
-        self.last, self.length = now, len(text)
+        if now - last >= UPDATE_INTERVAL:
+            stream.write(f"\r{text}{' ' * (length - len(text))}")
+            stream.flush()
+            length, last = len(text), now
+
+    try:
+        yield show
+    finally:
+        if length:
+            stream.write(f"\r{' ' * length}\r")
+            stream.flush()
 
 
 def percent_progress(what: str) -> Callable[[float], str]:
     """The text of progress as a percentage."""
-    return lambda done: f"{what}: {100 * done:3.0f} %"
+    return partial(stage_progress, what)
 
 
 def search_progress(what: str) -> Callable[[str, int, float], str]:
     """The text of progress of a search: stage, number of runs and the least rms so far."""
     return lambda stage, runs, rms: f"{what}: {stage}, {runs} runs, rms {rms:.4g}"
+
+
+def stage_progress(stage: str, done: float) -> str:
+    """The text of progress of a stage, as a percentage."""
+    return f"{stage}: {100 * done:3.0f} %"

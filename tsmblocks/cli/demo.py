@@ -18,6 +18,7 @@ import csv
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,26 +49,25 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
+    from tsmblocks.demo import paper
+    from tsmblocks.demo.story import build_story
+
     hidden = common.known_name(args.hide, NAMES, "effect to hide")
     cases = _cases(args)
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
     say: Callable[[str], None] = (lambda _: None) if args.json else print
-    whole = _run_paper(cases, args.json)
+    with console.progress_line(console.percent_progress("running"), quiet=args.json) as running:
+        whole = paper.run(cases, running)
     say(_paper_text(cases))
     _write_paper(cases, folder)
     if not whole:
         console.print_error("stopped early; the table and the files have what was done until then.")
         return common.INTERRUPTED
-    story = _tell_story(hidden, args.seed, args.json)
-    for chapter in (
-        _measurement_text(story),
-        _fit_text(story),
-        _diagnosis_text(story),
-        _tracking_text(story),
-        _hidden_text(story),
-    ):
-        say("\n" + chapter)
+    with console.progress_line(console.stage_progress, quiet=args.json) as progress:
+        story = build_story(hidden, args.seed, progress)
+    for chapter in (_measurement_text, _fit_text, _diagnosis_text, _tracking_text, _hidden_text):
+        say(f"\n{chapter(story)}")
     _write_story(cases, story, folder)
     say(f"\nAll of it with pictures: {folder / 'index.html'}")
     if args.json:
@@ -93,20 +93,6 @@ def _cases(args: argparse.Namespace) -> list[Case]:
             f"Say what it is: --column '{name} [deg]'."
         )
     return [*paper.cases(), paper.measured_case(record, name, unit)]
-
-
-def _run_paper(cases: list[Case], quiet: bool) -> bool:
-    from tsmblocks.demo import paper
-
-    with console.progress_line(console.percent_progress("running"), quiet=quiet) as progress:
-        return paper.run(cases, progress)
-
-
-def _tell_story(hidden: str, seed: int, quiet: bool) -> Story:
-    from tsmblocks.demo.story import build_story
-
-    with console.progress_line(lambda what, done: f"{what}: {100 * done:3.0f} %", quiet=quiet) as progress:
-        return build_story(hidden, seed, progress)
 
 
 # ---- text ---------------------------------------------------------------------------------------
@@ -184,22 +170,15 @@ def _facts(cases: Sequence[Case], story: Story, folder: Path) -> dict:
     from tsmblocks.demo import paper
 
     head, *rows = paper.rows(cases)
-    tracked = [
-        {
-            "compensator": one.words,
-            "model": one.model,
-            "peak_to_peak": one.error.peak_to_peak,
-            "rms": one.error.rms,
-            "unit": "deg",
-        }
-        for one in story.tracked
-    ]
     return {
         "paper": [dict(zip(head, row, strict=True)) for row in rows],
         "hidden": story.name,
         "verdict": story.diagnosis.verdict,
         "effects": [e.name for e in story.diagnosis.effects],
-        "tracking": tracked,
+        "tracking": [
+            {"compensator": one.words, "model": one.model, "peak_to_peak": e.peak_to_peak, "rms": e.rms, "unit": e.unit}
+            for one, e in ((one, one.error) for one in story.tracked)
+        ],
         "page": str(folder / "index.html"),
     }
 
@@ -218,11 +197,8 @@ def _write_paper(cases: list[Case], folder: Path) -> None:
     for name in paper.DIAGRAMS:
         for ending in (".svg", ".png"):
             draw.write(load(name), folder / f"{name}{ending}")
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        return
-    _plot_paper(cases, folder)
+    if find_spec("matplotlib"):
+        _plot_paper(cases, folder)
 
 
 def _plot_paper(cases: list[Case], folder: Path) -> None:

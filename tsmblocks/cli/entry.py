@@ -11,7 +11,6 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
-from typing import Any
 
 from tsmblocks.cli import (
     blocks,
@@ -90,20 +89,20 @@ def _dispatch(argv: list[str]) -> int:
         raise UsageError(f"there is no command '{argv[0]}'.{near(argv[0], COMMANDS)}")
     args, extra = parser.parse_known_args(argv)
     if extra:
-        known = known_to[args.command].options()
-        word = extra[0].partition("=")[0]
-        kind = "option" if word.startswith("-") else "argument"
-        hint = near(word, known, most=20) if kind == "option" else _recording_hint(extra[0], known)
-        raise UsageError(f"{args.command} takes no {kind} '{word}'.{hint}")
+        raise UsageError(f"{args.command} takes no {_refused(extra[0], known_to[args.command].options())}")
     extensions.import_files(getattr(args, "extensions", ()))
     args.parsers, args.helps = parsers, {name: module.HELP for name, module in COMMANDS.items()}
     return int(COMMANDS[args.command].execute(args))
 
 
-def _recording_hint(word: str, options: Sequence[str]) -> str:
-    """A hint where a recording is given among the diagrams."""
-    there = os.path.isfile(word)  # noqa: PTH113 - a name too long to be one raises nothing here
-    return " Recordings follow --data." if there and "--data" in options and not word.endswith(".toml") else ""
+def _refused(extra: str, options: Sequence[str]) -> str:
+    """An argument that is not known, with a hint; it may be a recording among the diagrams."""
+    word = extra.partition("=")[0]
+    if word.startswith("-"):
+        return f"option '{word}'.{near(word, options, most=20)}"
+    there = os.path.isfile(extra)  # noqa: PTH113 - a name too long to be one raises nothing here
+    recording = there and "--data" in options and not extra.endswith(".toml")
+    return f"argument '{word}'.{' Recordings follow --data.' if recording else ''}"
 
 
 def parsers() -> tuple[Parser, dict[str, Parser]]:
@@ -125,11 +124,7 @@ def parsers() -> tuple[Parser, dict[str, Parser]]:
 
 def _simplify_warnings() -> None:
     """Print warnings for the user as one line each, and suppress those of libraries for developers."""
-
-    def show(message: Any, *_: Any, **__: Any) -> None:
-        print_error(f"warning: {message}")
-
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
-    warnings.showwarning = show
+    warnings.showwarning = lambda message, *_, **__: print_error(f"warning: {message}")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
 
-from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, name_and_value, row_range
+from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, name_and_value, passed, row_range
 from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
@@ -78,29 +78,24 @@ def read_record(
     """
     from tsmblocks.data import read
 
-    record = read(
-        path or args.data,
-        columns=args.columns,
-        map=_map(args),
-        only=only,
-        also=also,
-        rows=args.rows,
-        step=args.sampling,
-        group=args.group,
-        tail=args.tail,
-        gaps=args.gaps,
-    )
+    given = passed(args, "columns", "rows", "group", "tail", "gaps")
+    record = read(path or args.data, map=_map(args), only=only, also=also, step=args.sampling, **given)
     if getattr(args, "conditioned", False):
         record = record.conditioned(drives)
-    if report and not getattr(args, "json", False):
-        print_repairs(record)
+    if report:
+        print_repairs(args, record)
     return record
 
 
-def print_repairs(record: Any) -> None:
-    """Print on standard error what was repaired in a record."""
-    for text in record.notes:
-        print_note(f"{record.origin}: {text}")
+def print_repairs(args: argparse.Namespace, *records: Any) -> None:
+    """Print on standard error what was repaired in records, unless JSON is printed."""
+    for record in () if _json(args) else records:
+        for text in record.notes:
+            print_note(f"{record.origin}: {text}")
+
+
+def _json(args: argparse.Namespace) -> bool:
+    return getattr(args, "json", False)
 
 
 def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any, dict[str, Any]]:
@@ -108,26 +103,29 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
 
     Measured outputs are kept in the record.
     """
+    from tsmblocks.fitting.summary import rough_inputs
+    from tsmblocks.simulation.compiled import equations
+
     wanted = diagram.inports
+    if not args.data and wanted:
+        name, port = next(iter(wanted.items()))
+        column = heading(name, port.unit)
+        raise UsageError(
+            f"'{shown}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. "
+            f"Give --data FILE with a column '{column}', or with --map '{column}=COLUMN'."
+        )
     if not args.data:
-        if wanted:
-            name, port = next(iter(wanted.items()))
-            column = heading(name, port.unit)
-            raise UsageError(
-                f"'{shown}' needs its input{'s' if len(wanted) > 1 else ''} {', '.join(wanted)}. "
-                f"Give --data FILE with a column '{column}', or with --map '{column}=COLUMN'."
-            )
         return None, {}
     if not wanted:
         raise UsageError(f"'{shown}' has no inputs, so there is nothing that --data could drive.")
     measured = [name for name in diagram.outputs if name not in wanted]
-    mapped = _mapped(args, [*wanted, *measured], lambda name: f"'{shown}' has no input or output '{name}'")
+    mapped = _mapped(args, [*wanted, *measured], f"'{shown}' has no input or output '%s'")
     only = [*wanted, *(k for k in measured if k in mapped)]
     record = read_record(args, only, also=measured, report=False, drives=wanted)
     _refuse_doubtful(args, record, [diagram])
-    record = attrs.evolve(record, notes=(*record.notes, *_noisy_input_notes(args, record, diagram)))
-    if not getattr(args, "json", False):
-        print_repairs(record)
+    noisy = (with_condition_option(text, args) for text in rough_inputs(record, equations(diagram)))
+    record = attrs.evolve(record, notes=(*record.notes, *noisy))
+    print_repairs(args, record)
     _note_assumed_units(args, [record], [diagram])
     return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
 
@@ -142,7 +140,7 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = Tr
     compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))
     if not args.data:
         raise UsageError(f"give --data FILE with the signals {', '.join([*wanted, *compared])}.")
-    mapped = _mapped(args, [*wanted, *compared], lambda name: f"there is no signal '{name}' to compare")
+    mapped = _mapped(args, [*wanted, *compared], "there is no signal '%s' to compare")
     _check_paths(args.data)
     needed = [name for name in wanted if all(name in d.inputs for d in diagrams) or name in mapped]
     only = list(dict.fromkeys([*needed, *(name for name in compared if name in mapped)]))
@@ -167,8 +165,8 @@ def _map(args: argparse.Namespace) -> dict[str, str]:
     return dict(args.map)
 
 
-def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[str], str]) -> list[str]:
-    """The names in --map. Raises UsageError for one that is unknown and not the time; ``missing`` forms its message."""
+def _mapped(args: argparse.Namespace, known: Sequence[str], missing: str) -> list[str]:
+    """The names in --map. Raises UsageError for one that is unknown and not the time; ``missing`` says so of ``%s``."""
     names = []
     for written, column in _map(args).items():
         name = split_heading(written)[0]
@@ -176,17 +174,9 @@ def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[s
             hint = near(name, [*known, "t"])
             if split_heading(column)[0] in known and not hint.startswith(" Did you mean"):
                 hint = f" --map takes NAME=COLUMN: the other way round that is --map '{column}={written}'."
-            raise UsageError(f"--map {name}=…: {missing(name)}.{hint}")
+            raise UsageError(f"--map {name}=…: {missing % name}.{hint}")
         names.append(name)
     return names
-
-
-def _noisy_input_notes(args: argparse.Namespace, record: Any, diagram: Any) -> list[str]:
-    """One sentence for each input whose noise a model with memory would respond to."""
-    from tsmblocks.fitting.summary import rough_inputs
-    from tsmblocks.simulation.compiled import equations
-
-    return [with_condition_option(text, args) for text in rough_inputs(record, equations(diagram))]
 
 
 def _note_assumed_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:
@@ -195,7 +185,7 @@ def _note_assumed_units(args: argparse.Namespace, records: Sequence[Any], diagra
 
     wanted = _units(diagrams)
     groups: dict[str, list[Any]] = {}
-    for record in records if not getattr(args, "json", False) else ():
+    for record in () if _json(args) else records:
         texts = assumed_units(record, wanted)
         if texts:
             groups.setdefault(" ".join(texts), []).append(record)
@@ -224,12 +214,8 @@ def _units(diagrams: Sequence[Any]) -> dict[str, str]:
 
 def _in_degrees(args: argparse.Namespace, name: str) -> str:
     """The value of --map that gives a signal the unit deg."""
-    return f"'{name} [deg]={_column(args, name)}'"
-
-
-def _column(args: argparse.Namespace, name: str) -> str:
-    """The column of a signal."""
-    return next((column for written, column in args.map if written.strip() == name), name)
+    column = next((column for written, column in args.map if written.strip() == name), name)
+    return f"'{name} [deg]={column}'"
 
 
 def _check_paths(paths: Sequence[str]) -> None:
