@@ -71,7 +71,7 @@ class RecedingHorizon:
     smallest : {"rms", "peak"}
         What of the error is to be smallest. "peak" adds the mean square with a small weight: the peak alone would leave
         most of a plan undetermined.
-    rates, limits, parameters : optional
+    rates, limits : optional
         As for ``optimal_control``.
     start : float, default 0.0
         Time of the first sample in s.
@@ -79,6 +79,8 @@ class RecedingHorizon:
         Interval between samples in s.
     pieces : int, optional
         Runge-Kutta steps of each interval, as for ``optimal_control``.
+    parameters : dict of str to float, optional
+        Values by name that replace those of the diagram.
     iterations : int, default 60
         Iterations of the solver for each plan, at most; the first plan may take ten times as many.
 
