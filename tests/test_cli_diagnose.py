@@ -9,7 +9,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.cli import console, main
-from tsmblocks.fitting.noise import asked_floors
+from tsmblocks.fitting.noise import given_floors
 
 T = np.arange(0.0, 6.0, 0.02)
 X = 50 * np.sin(1.3 * T) + 20 * np.sin(5.1 * T)
@@ -118,7 +118,7 @@ def test_a_floor_without_an_output_goes_to_those_it_measures():
     signals = {"u": T, "x": T, "i": T, "y": T}
     records = {"e": tsm.Record("e", T, signals, {"u": "V", "x": "rad", "i": "V", "y": "rad"})}
     outputs = ("i", "y")
-    asked = lambda given: asked_floors(given, diagram, records, outputs)  # noqa: E731 - four times the same
+    asked = lambda given: given_floors(given, diagram, records, outputs)  # noqa: E731 - four times the same
     assert asked(["2mV"]) == {"i": (0.002, "2 mV")}
     assert asked(["2mV", "y=1deg"]) == {"i": (0.002, "2 mV"), "y": (pytest.approx(np.radians(1)), "1 deg")}
     assert asked(["0.5"]) == asked(0.5) == {"i": (0.5, "0.5 V"), "y": (0.5, "0.5 rad")}

@@ -15,7 +15,7 @@ from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import ModelSettings
 from tsmblocks.effects import Effect, catalogue
 from tsmblocks.fitting.experiments import Window, compared, signal_of, span
-from tsmblocks.fitting.noise import asked_floors
+from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import chosen
 from tsmblocks.fitting.setup import Data, recordings, windows, without_units
 from tsmblocks.model.diagram import Diagram
@@ -83,7 +83,7 @@ def checked(
     selected, seed = _selected(patterns), arguments.as_integer("seed", seed, 0)
     if free is not None:
         chosen(diagram, free)  # unknown names are refused before any work
-    floors = asked_floors(noise_floor, diagram, records, measured)
+    floors = given_floors(noise_floor, diagram, records, measured)
     settings = ModelSettings(
         None if free is None else tuple(arguments.as_names("free", free, "tsm.*")),
         {},

@@ -6,6 +6,8 @@ constraints are part of the step and not a penalty beside it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import attrs
 import numpy as np
 
@@ -58,8 +60,7 @@ class _State:
     tolerance: float = GAIN_TOLERANCE
 
 
-@attrs.frozen(eq=False)
-class _Step:
+class _Step(NamedTuple):
     """A trial step: its end and the predicted gain."""
 
     theta: np.ndarray
@@ -166,8 +167,8 @@ def _step(problem: Problem, state: _State, damping: float) -> _Step | None:
         scaled, multipliers = quadratic_step(damped, state.gradient * size, rows * size, bounds, equal)
     except (Infeasible, np.linalg.LinAlgError):
         return None
-    count = len(problem.constraints.names)
-    state.penalty = max(state.penalty, 2 * float(np.abs(multipliers[len(multipliers) - count :]).max(initial=0.0)))
+    own = multipliers[len(multipliers) - len(problem.constraints.names) :]
+    state.penalty = max(state.penalty, 2 * float(np.abs(own).max(initial=0.0)))
     d = scaled * size
     predicted = -float(state.gradient @ d + 0.5 * d @ state.matrix @ d)
     violation = problem.violation(state.theta)

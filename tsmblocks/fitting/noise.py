@@ -15,8 +15,6 @@ from tsmblocks.common.errors import ParameterError, in_words, near
 from tsmblocks.data import Record
 from tsmblocks.model.diagram import Diagram
 
-FORM = "VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg"
-"""What a floor looks like that is written as text."""
 _TEXT = re.compile(
     r"(?:(?P<name>[A-Za-z_]\w*)\s*=)?\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*)"
 )
@@ -31,11 +29,6 @@ class Floor:
     unit: str
 
     @property
-    def words(self) -> str:
-        """The floor as it was given."""
-        return f"{self.value:g} {self.unit}".rstrip()
-
-    @property
     def text(self) -> str:
         """The floor as it is written in an argument."""
         return f"{self.value:g}{self.unit}"
@@ -45,7 +38,10 @@ def parsed(text: str, what: str = "noise_floor") -> Floor:
     """A floor out of ``0.05``, ``0.05deg`` or ``x_out = 0.05 deg``. Raises ParameterError for anything else."""
     found = _TEXT.fullmatch(text.strip())
     if not found:
-        raise ParameterError(f"{what}: {in_words(text)} is not {FORM}.")
+        raise ParameterError(
+            f"{what}: {in_words(text)} is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or "
+            "x_out=0.05deg."
+        )
     one = Floor(found["name"] or "", float(found["value"]), found["unit"].strip())
     if not 0 < one.value < np.inf:
         raise ParameterError(f"{what}: {in_words(text)} is not more than 0, and finite.")
@@ -56,7 +52,7 @@ def parsed(text: str, what: str = "noise_floor") -> Floor:
     return one
 
 
-def asked_floors(
+def given_floors(
     given: Any, diagram: Diagram, records: Mapping[str, Record], outputs: Sequence[str], what: str = "noise_floor"
 ) -> dict[str, tuple[float, str]]:
     """The floors that were given, by output: in the diagram's unit (the recording's where it has none), and in words.
@@ -64,13 +60,14 @@ def asked_floors(
     Raises ParameterError for one that is none, and for a number without a unit where it could be in two.
     """
     made: dict[str, tuple[float, str]] = {}
+    in_use = {k: diagram.unit(k) or next((r.unit(k) for r in records.values() if k in r), "") for k in outputs}
     for one in _each(given, what):
         if one.output and one.output not in outputs:
             raise ParameterError(f"{what}: '{one.output}' is not compared here.{near(one.output, outputs)}")
         names = [one.output] if one.output else list(outputs)
-        found = {k: size for k in names if (size := _size(one, k, diagram, records, what)) is not None}
+        found = {k: size for k in names if (size := _size(one, k, in_use[k], records, what)) is not None}
         if not found:
-            wanted = ", ".join(f"{k} [{_unit(k, diagram, records)}]" for k in names)
+            wanted = ", ".join(f"{k} [{in_use[k]}]" for k in names)
             raise ParameterError(f"{what}={one.text}: '{one.unit}' does not convert to that of {wanted}.")
         twice = [k for k in found if k in made]
         if twice:
@@ -101,28 +98,15 @@ def _one(value: Any, what: str, whose: str) -> Floor:
     return Floor("", float(value), "")
 
 
-def _unit(name: str, diagram: Diagram, records: Mapping[str, Record]) -> str:
-    """The unit that an output is compared in."""
-    return diagram.unit(name) or next((r.unit(name) for r in records.values() if name in r), "")
-
-
-def _size(
-    one: Floor, name: str, diagram: Diagram, records: Mapping[str, Record], what: str
-) -> tuple[float, str] | None:
-    """A floor in the unit an output is compared in, and in words; None where it measures something else."""
-    unit = _unit(name, diagram, records)
-    if not one.unit:
-        _refuse_two_meanings(one, name, unit, records, what)
-        return one.value, f"{one.words} {unit}".rstrip()
-    try:
-        return one.value * (units.factor(one.unit, unit) if unit else 1.0), one.words
-    except units.UnitError:
-        return None
-
-
-def _refuse_two_meanings(one: Floor, name: str, unit: str, records: Mapping[str, Record], what: str) -> None:
-    """A number without a unit must mean the same in the recordings and in the diagram."""
-    for experiment, record in records.items():
+def _size(one: Floor, name: str, unit: str, records: Mapping[str, Record], what: str) -> tuple[float, str] | None:
+    """A floor in the ``unit`` an output is compared in, and in words; None where it measures something else."""
+    words = f"{one.value:g} {one.unit or unit}".rstrip()
+    if one.unit:
+        try:
+            return one.value * (units.factor(one.unit, unit) if unit else 1.0), words
+        except units.UnitError:
+            return None
+    for experiment, record in records.items():  # a number without a unit must mean the same in both
         own = record.unit(name) if name in record else ""
         if own and unit and not units.same(own, unit):
             raise ParameterError(
@@ -130,3 +114,4 @@ def _refuse_two_meanings(one: Floor, name: str, unit: str, records: Mapping[str,
                 f"'{experiment}' but compared in {unit}: write '{one.text}{own}' or "
                 f"'{one.text}{unit}'."
             )
+    return one.value, words

@@ -1,12 +1,12 @@
 """Noise models of residuals: an autoregressive model of each segment, unbiased by what the fit has removed.
 
-A fit takes out of the noise whatever its parameters can follow, above all slow noise, so the
-residuals look whiter and smaller than the noise is. The model of the noise is therefore found by
-restricted maximum likelihood: of the part of the noise that the fit cannot follow.
+A fit removes from the noise whatever its parameters can follow, above all slow noise, so the residuals look whiter and
+smaller than the noise is. Its model is therefore found by restricted maximum likelihood: of the part of the noise that
+the fit cannot follow.
 
-Sources: Patterson and Thompson, Biometrika 58 (1971), on restricted likelihood; Cheang and Reinsel,
-J. Amer. Statist. Assoc. 95 (2000), on its use for regressions with autoregressive noise; Hurvich
-and Tsai, Biometrika 76 (1989), on the choice of the order.
+Sources: Patterson and Thompson, Biometrika 58 (1971), on restricted likelihood; Cheang and Reinsel, J. Amer. Statist.
+Assoc. 95 (2000), on its use for regressions with autoregressive noise; Hurvich and Tsai, Biometrika 76 (1989), on the
+choice of the order.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ RIDGE = 1e-7
 
 @attrs.frozen(eq=False)
 class ARModel:
-    r"""Noise as white noise e, of ``variance``, that rings on.
+    r"""Autoregressive noise, driven by white noise e of ``variance``.
 
     .. math:: n_t = \sum_i a_i n_{t-i} + e_t
 
@@ -67,7 +67,7 @@ class ARModel:
         return self._stepped(count)
 
     def _stepped(self, count: int) -> np.ndarray:
-        """Continue the first covariances as the noise itself goes on, the stretch doubling each time."""
+        """Continue the first covariances by the recursion of the noise, over twice the length each time."""
         k = self.order
         g = np.empty(max(count, k + 1))
         g[: k + 1] = _first_covariances(self.coefficients, self.variance)
@@ -215,9 +215,9 @@ def noise_models(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) ->
         before = error, spread
         spread = np.linalg.inv(_ridged(known[:q, :q]))
         error = spread @ known[:q, q]
-        if _settled(before[0], error, np.sqrt(max(np.trace(spread), 0.0))) and _settled(
-            before[1], spread, np.trace(spread)
-        ):
+        size = np.trace(spread)
+        still = np.abs(error - before[0]).max() <= ENOUGH * np.sqrt(max(size, 0.0))
+        if still and np.abs(spread - before[1]).max() <= ENOUGH * size:
             break
     of = {s: source for source in sources for s in source.users}
     order = [of[s] for s in range(len(segments))]
@@ -227,10 +227,6 @@ def noise_models(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) ->
         tuple(o.samples for o in order),
         tuple(sources.index(o) for o in order),
     )
-
-
-def _settled(before: np.ndarray, now: np.ndarray, size: float) -> bool:
-    return bool(np.abs(now - before).max() <= ENOUGH * size)
 
 
 def _sources(rows: np.ndarray, segments: Sequence[slice]) -> list[_Source]:

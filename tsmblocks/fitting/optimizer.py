@@ -45,17 +45,13 @@ class OptimizerResult:
 
 def linearised_constraints(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bounds and linearised constraints on a step d from ``theta``: rows (m, n) with rows d >= b, equal (m,)."""
-    low, high, n = problem.unknowns.low - theta, problem.unknowns.high - theta, len(theta)
-    below, above, eye = np.isfinite(low), np.isfinite(high), np.eye(n)
-    rows = [eye[below], -eye[above]]
-    bounds = [low[below], -high[above]]
-    if problem.constraints.names:
-        rows.append(problem.constraints.jacobian(theta))
-        bounds.append(-problem.constraints.values(theta))
-    equal = np.zeros(sum(len(b) for b in bounds), dtype=bool)
-    if problem.constraints.names:
-        equal[-len(problem.constraints.names) :] = problem.constraints.equal
-    return np.concatenate(rows), np.concatenate(bounds), equal
+    low, high, eye = problem.unknowns.low - theta, problem.unknowns.high - theta, np.eye(len(theta))
+    below, above, constraints = np.isfinite(low), np.isfinite(high), problem.constraints
+    rows = np.concatenate([eye[below], -eye[above], constraints.jacobian(theta)])
+    bounds = np.concatenate([low[below], -high[above], -constraints.values(theta)])
+    equal = np.zeros(len(bounds), dtype=bool)
+    equal[len(bounds) - len(constraints.equal) :] = constraints.equal
+    return rows, bounds, equal
 
 
 def within_bounds(problem: Problem, theta: np.ndarray) -> np.ndarray:
@@ -72,13 +68,11 @@ def feasible_start(problem: Problem, theta: np.ndarray) -> np.ndarray:
         return theta
     made = projected(problem, theta)
     if made is None:
-        values = problem.constraints.values(theta)
-        bad = ~np.where(
-            problem.constraints.equal, np.abs(values) <= CONSTRAINT_TOLERANCE, values >= -CONSTRAINT_TOLERANCE
-        )
-        missed = zip(np.array(problem.constraints.names)[bad], values[bad], strict=True)
+        missed = zip(problem.constraints.names, problem.constraints.violations(theta), strict=True)
         said = "; ".join(
-            f"{name} is {f'missed by {abs(v):.3g}' if np.isfinite(v) else 'no number'}" for name, v in missed
+            f"{name} is {f'missed by {v:.3g}' if np.isfinite(v) else 'no number'}"
+            for name, v in missed
+            if not v <= CONSTRAINT_TOLERANCE
         )
         raise ParameterError(
             "no values of the free parameters within their bounds meet all constraints. Where the "

@@ -165,7 +165,6 @@ def with_ties(unknowns: Unknowns, ties: Ties) -> Unknowns:
 class Constraints:
     """Constraints as functions of the unknowns: ``values`` >= 0, or = 0 where ``equal``."""
 
-    constraints: tuple[Constraint, ...]
     names: tuple[str, ...]
     equal: np.ndarray
     rows: tuple[tuple[int, np.ndarray], ...]  # (experiment, which constraints)
@@ -174,12 +173,13 @@ class Constraints:
 
     def values(self, theta: np.ndarray) -> np.ndarray:
         """How far inside each constraint ``theta`` is, shape (constraints,)."""
-        if not self.names:
-            return np.empty(0)
-        parts = [
-            np.asarray(self.function(self.unknowns.parameters(theta, e))[0]).ravel()[rows] for e, rows in self.rows
-        ]
-        return np.concatenate(parts)
+        functions = ((self.function(self.unknowns.parameters(theta, e))[0], rows) for e, rows in self.rows)
+        return np.concatenate([np.empty(0), *(np.asarray(g).ravel()[rows] for g, rows in functions)])
+
+    def violations(self, theta: np.ndarray) -> np.ndarray:
+        """By how much each constraint is violated, shape (constraints,)."""
+        values = self.values(theta)
+        return np.abs(np.where(self.equal, values, np.minimum(values, 0.0)))
 
     def symbolic(self, theta: Any) -> Any:
         """The values as CasADi expressions of the unknowns."""
@@ -197,7 +197,7 @@ class Constraints:
         first = 0
         for e, rows in self.rows:
             p = self.unknowns.parameters(theta, e)
-            with np.errstate(invalid="ignore"):  # a slope may be infinite, as that of a logarithm at zero
+            with np.errstate(invalid="ignore"):  # a derivative may be infinite, as that of a logarithm at zero
                 jacobian = np.asarray(self.function(p)[1])[rows] @ self.unknowns.jacobian(p, e)
             made[first : first + len(rows), self.unknowns.columns(e)] = jacobian
             first += len(rows)
@@ -217,10 +217,11 @@ def constraint_functions(constraints: Sequence[Constraint], unknowns: Unknowns) 
     rows, names, equal = [], list[str](), list[bool]()
     for e, experiment in enumerate(unknowns.experiments):
         here = [k for k in range(len(constraints)) if e == 0 or everywhere[k]]
-        rows.append((e, np.array(here, dtype=int)))
+        if here:
+            rows.append((e, np.array(here)))
         names += [f"{constraints[k].name}@{experiment}" if everywhere[k] else constraints[k].name for k in here]
         equal += [constraints[k].equality for k in here]
-    return Constraints(tuple(constraints), tuple(names), np.array(equal, dtype=bool), tuple(rows), function, unknowns)
+    return Constraints(tuple(names), np.array(equal, dtype=bool), tuple(rows), function, unknowns)
 
 
 # ---- which parameters, between which bounds --------------------------------------------------------

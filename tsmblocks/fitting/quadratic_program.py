@@ -30,41 +30,15 @@ class Infeasible(RunError):
 def quadratic_step(
     matrix: np.ndarray, gradient: np.ndarray, rows: np.ndarray, bounds: np.ndarray, equal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Minimise a strictly convex quadratic function under linear constraints.
+    r"""Minimise a strictly convex quadratic function under linear constraints: step d (n,) and multipliers (m,).
 
     .. math:: \min_d \tfrac12 d^T H d + g^T d \quad\text{subject to}\quad R d \ge b
 
-    Without an active constraint this is the Newton step. Otherwise DAQP (CasADi) finds the active set, on which the
-    step is then solved for anew: near a singular H the solver alone loses half of the digits.
-
-    Parameters
-    ----------
-    matrix : numpy.ndarray, shape (n, n)
-        H, positive definite.
-    gradient : numpy.ndarray, shape (n,)
-        g.
-    rows : numpy.ndarray, shape (m, n)
-        R.
-    bounds : numpy.ndarray, shape (m,)
-        b.
-    equal : numpy.ndarray of bool, shape (m,)
-        Which rows hold with equality.
-
-    Returns
-    -------
-    step : numpy.ndarray, shape (n,)
-        d.
-    multipliers : numpy.ndarray, shape (m,)
-        Lagrange multipliers, at least 0 for inequalities.
-
-    Raises
-    ------
-    Infeasible
-        If no step meets all constraints.
-
-    References
-    ----------
-    D. Arnström, A. Bemporad, D. Axehill, IEEE Trans. Autom. Control 67 (2022) 4362 (DAQP).
+    H is ``matrix`` (n, n), g ``gradient`` (n,), R ``rows`` (m, n), b ``bounds`` (m,); rows that are ``equal`` (m,) hold
+    with equality, and multipliers of the others are at least 0. Without an active constraint this is the Newton step.
+    Otherwise DAQP (CasADi) finds the active set, on which the step is then solved for anew: near a singular H the
+    solver alone loses half of the digits. Raises Infeasible if no step meets all constraints.
+    Source: Arnström, Bemporad and Axehill, IEEE Trans. Autom. Control 67 (2022) 4362 (DAQP).
     """
     values, vectors = np.linalg.eigh(matrix)
     newton = -(vectors / np.maximum(values, SINGULAR * values[-1]) @ vectors.T) @ gradient

@@ -192,8 +192,7 @@ class Problem:
 
     def violation(self, theta: np.ndarray) -> float:
         """Sum of the violations of all constraints; infinite where one is NaN."""
-        values = self.constraints.values(theta)
-        violations = np.abs(np.where(self.constraints.equal, values, np.minimum(values, 0.0)))
+        violations = self.constraints.violations(theta)
         return float(np.where(np.isnan(violations), np.inf, violations).sum())
 
 

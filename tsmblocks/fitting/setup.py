@@ -22,7 +22,7 @@ from tsmblocks.engine.methods import method_named
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
 from tsmblocks.fitting.experiments import FEWEST, Experiment, Window, compared, is_even, median_step, prepare
-from tsmblocks.fitting.noise import asked_floors
+from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import (
     Unknown,
     Unknowns,
@@ -344,7 +344,7 @@ def _weights(setup: Setup, sigma: Any) -> np.ndarray:
     """One over the deviation of each output: given, or what was measured where several outputs are to be weighed."""
     if sigma is not None:
         records = {experiment.name: experiment.record for experiment in setup.experiments}
-        given = asked_floors(sigma, setup.diagram, records, setup.outputs, "sigma")
+        given = given_floors(sigma, setup.diagram, records, setup.outputs, "sigma")
         missing = [k for k in setup.outputs if k not in given]
         if missing:
             raise ParameterError(f"sigma is given for some outputs, but not for '{missing[0]}'.")
@@ -368,7 +368,7 @@ def _in_range(setup: Setup, weights: np.ndarray) -> None:
 
 
 def _priors(given: Mapping[str, tuple[float, float]] | None, unknowns: Unknowns) -> Priors:
-    which, mean, deviation = list[int](), list[float](), list[float]()
+    priors = list[tuple[int, float, float]]()
     own = [item.parameter for item in unknowns.items]
     for name, pair in arguments.as_mapping("priors", given, "'tsm.theta': (5.0, 0.5)").items():
         hits = [k for k, item in enumerate(unknowns.items) if name in (item.parameter, item.name)]
@@ -390,5 +390,6 @@ def _priors(given: Mapping[str, tuple[float, float]] | None, unknowns: Unknowns)
                 f"the prior of '{name}' is so narrow ({width:g}) that nothing is left to find. "
                 "Set the number, and do not free it."
             )
-        which, mean, deviation = [*which, *hits], [*mean, *[middle] * len(hits)], [*deviation, *[width] * len(hits)]
-    return Priors(np.array(which, dtype=int), np.array(mean), np.array(deviation))
+        priors += [(k, middle, width) for k in hits]
+    which, mean, deviation = np.array(priors).reshape(-1, 3).T
+    return Priors(which.astype(int), mean, deviation)
