@@ -35,20 +35,15 @@ class SampledModel:
 
     def without_idle(self) -> SampledModel:
         """The same model without held outputs on which neither states nor outputs depend."""
-        kept = [
-            k
-            for k, name in enumerate(self.states)
-            if not name.endswith(HELD_SUFFIX) or self.A[:, k].any() or self.C[:, k].any()
-        ]
+        used = np.asarray(np.vstack([self.A, self.C]).any(axis=0))
+        kept = [k for k, name in enumerate(self.states) if used[k] or not name.endswith(HELD_SUFFIX)]
         names = [self.states[k].replace(HELD_SUFFIX, "_held") for k in kept]
         return SampledModel(self.A[np.ix_(kept, kept)], self.B[kept], self.C[:, kept], self.D, self.dt, names)
 
     def closes_to(self, other: SampledModel) -> bool:
         """Whether the loop, closed from the only output to the only input, has the dynamics of ``other``."""
-        closed = self.A + self.B @ self.C / (1.0 - self.D.item())
-        return bool(
-            np.abs(closed - other.A).max(initial=0.0) <= MATRIX_TOLERANCE * max(1.0, np.abs(other.A).max(initial=0.0))
-        )
+        difference = np.abs(self.A + self.B @ self.C / (1.0 - self.D.item()) - other.A).max(initial=0.0)
+        return bool(difference <= MATRIX_TOLERANCE * max(1.0, np.abs(other.A).max(initial=0.0)))
 
 
 def sampled_model(here: LocalEquations, x: np.ndarray, names: Sequence[str], shown: Sequence[str]) -> SampledModel:
@@ -120,18 +115,19 @@ def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, A
     d_next, x_next = eq.update.call([t, x, d, u, none, p, due])
     given = [x, d, u, t, p]
 
-    def jacobians(rows: Any, more: tuple[Any, ...] = ()) -> Any:
-        return ca.Function("jacobians", [*given, *more], [ca.densify(ca.jacobian(rows, by)) for by in (x, d, u)])
+    def jacobian(rows: Any, *more: Any) -> Any:
+        return ca.Function("jacobian", [*given, *more], [ca.densify(ca.jacobian(rows, ca.vertcat(x, d, u)))])
 
-    return jacobians(dx), jacobians(shown), jacobians(ca.vertcat(x_next, d_next), (due,))
+    return jacobian(dx), jacobian(shown), jacobian(ca.vertcat(x_next, d_next), due)
 
 
 def _evaluated(function: Any, own: list[int], given: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Jacobians by states and memory together, and by the chosen inputs. Raises RunError."""
-    by_x, by_d, by_u = (np.asarray(J, dtype=float) for J in function(*given))
-    if not all(np.isfinite(J).all() for J in (by_x, by_d, by_u)):
+    J = np.asarray(function(*given), dtype=float)
+    if not np.isfinite(J).all():
         raise RunError("the derivatives are not finite at this point. Choose another one.")
-    return np.hstack([by_x, by_d]), by_u[:, own]
+    by_states, by_inputs = np.split(J, [len(given[0]) + len(given[1])], axis=1)
+    return by_states, by_inputs[:, own]
 
 
 def _transition(jacobians: tuple[np.ndarray, np.ndarray], tick: float) -> np.ndarray:

@@ -53,18 +53,14 @@ class FrequencyResponse:
     ----------
     title : str
         Title of the diagram.
-    driven : str
-        The input, or the Sine block.
-    output : str
-        The output.
-    frequencies : ndarray
-        Frequencies in Hz, shape (F,).
-    amplitudes : ndarray
-        Amplitudes in ``unit``, shape (A,).
-    response : ndarray of complex
-        Output over input at the frequency of the sine, shape (A, F).
-    harmonics : ndarray
-        Sizes at 2, 3, … times the frequency as shares of that at the frequency itself, shape (A, F, harmonics - 1).
+    driven, output : str
+        The input, or the Sine block; the output.
+    frequencies, amplitudes : ndarray, shapes (F,) and (A,)
+        Frequencies in Hz; amplitudes in ``unit``.
+    response : ndarray of complex, shape (A, F)
+        Output over input at the frequency of the sine.
+    harmonics : ndarray, shape (A, F, harmonics - 1)
+        Sizes at 2, 3, … times the frequency as shares of that at the frequency itself.
     unit : str, optional
         Unit of the input, ``""`` where it is not known.
     """
@@ -109,8 +105,8 @@ class FrequencyResponse:
         pandas.DataFrame
             Gain, phase [deg] and distortion. Needs pandas.
         """
-        axes = [self.amplitudes, self.frequencies]
-        index = optional_library("pandas").MultiIndex.from_product(axes, names=["amplitude", "frequency"])
+        axes = {"amplitude": self.amplitudes, "frequency": self.frequencies}
+        index = optional_library("pandas").MultiIndex.from_product(axes.values(), names=axes)
         return frame({name: v.ravel() for name, v in self._columns.items()}, index, units={"phase": "deg"})
 
     def to_xarray(self) -> Any:
@@ -179,7 +175,7 @@ def frequency_response(
     amplitudes : list of float or float, default 1.0
         Amplitudes in the unit of the input.
     driven : str, optional
-        An input of the diagram, or a Sine block in it. By default the only input.
+        An input of the diagram, or a Sine block in it. By default the only one.
     output : str, optional
         A signal. By default the only output of the diagram.
     bias : float, optional
@@ -190,10 +186,8 @@ def frequency_response(
         Periods that are left out; more, up to 1024, where the response still changes from period to period.
     periods : int, default 2
         Periods of which the harmonics are taken.
-    samples : int, default 200
-        Steps of a period, at least.
-    harmonics : int, default 5
-        Highest harmonic.
+    samples, harmonics : int, defaults 200 and 5
+        Steps of a period, at least; the highest harmonic.
     step : float, default 1e-3
         Longest step in s.
     method : {"rk4", "euler", "heun"}

@@ -93,7 +93,7 @@ def linearize(
         model = sampled_model(here, x, names, shown).without_idle()
         system, states = control.ss(model.A, model.B, model.C, model.D, model.dt), model.states
     else:
-        system = control.ss(*_proper(here, _jacobians(here, x, shown), names))
+        system = control.ss(*_proper(here, x, names, shown))
         if eq.q:
             system = system.lft(_pade_delays(here, pade), len(eq.q), len(eq.q))
         states = [*eq.x, *(f"pade_{k}" for k in range(system.nstates - len(eq.x)))]
@@ -200,17 +200,10 @@ def _loop_transfer(system: Any) -> Any:
     for _ in range(len(A)):
         reached, seen = reached | (A & reached[None, :]).any(axis=1), seen | (A & seen[:, None]).any(axis=0)
     kept = np.flatnonzero(reached & seen)
-    labels = [system.state_labels[k] for k in kept]
-    turned = (0.0 - np.asarray(part) for part in (system.C[:, kept], system.D))  # avoids -0.0 in prints
-    return control.ss(
-        system.A[np.ix_(kept, kept)],
-        system.B[kept],
-        *turned,
-        system.dt,
-        states=labels or None,
-        inputs=system.input_labels,
-        outputs=system.output_labels,
-    )
+    states = [system.state_labels[k] for k in kept] or None
+    C, D = 0.0 - system.C[:, kept], 0.0 - system.D  # avoids -0.0 in prints
+    model = control.ss(system.A[np.ix_(kept, kept)], system.B[kept], C, D, system.dt, states=states)
+    return control.ss(model, inputs=system.input_labels, outputs=system.output_labels)
 
 
 def opened(diagram: Diagram, at: str) -> Diagram:
@@ -292,63 +285,56 @@ def _chosen(
     return chosen
 
 
-def _jacobians(here: LocalEquations, x: np.ndarray, shown: Sequence[str]) -> dict[tuple[str, str], np.ndarray]:
-    """Derivatives of rates, signals and delay inputs by states ``x``, samples ``u`` and delay outputs ``w``."""
+def _jacobians(here: LocalEquations, x: np.ndarray, shown: Sequence[str]) -> list[np.ndarray]:
+    """Jacobians of rates, then signals, then what is delayed, by states, sampled inputs and delay outputs."""
     eq = here.eq
-    jacobians, late = _jacobian_functions(eq, tuple(eq.aliases.get(name, name) for name in shown))
-    u, w = np.asarray(here.u, dtype=float), np.zeros(len(eq.q))
+    jacobian, delayed = _jacobian_functions(eq, tuple(eq.aliases.get(name, name) for name in shown))
+    w = np.zeros(len(eq.q))
     for _ in range(len(eq.q)):
-        w = np.asarray(late(x, u, w, here.t, here.p)).ravel()
-    *parts, by_moves = (np.asarray(J, dtype=float) for J in jacobians(x, u, w, here.t, here.p))
+        w = np.asarray(delayed(x, here.u, w, here.t, here.p)).ravel()
+    J = np.asarray(jacobian(x, here.u, w, here.t, here.p), dtype=float)
+    *parts, by_moves = np.split(J, np.cumsum([len(eq.x), len(eq.u), len(eq.q)]), axis=1)
     if np.abs(by_moves).max(initial=0.0) > 1e-9:
         raise RunError(
             f"'{eq.title}' depends on the derivative of a delayed signal, which no state space holds. Put a lag "
             "behind the delay."
         )
-    by_key = dict(zip(_KEYS, parts, strict=True))
-    rows = {"dx": [f"the rate of {name}" for name in eq.x], "y": list(shown), "s": [f"what {q} delays" for q in eq.q]}
-    bad = [rows[a][k] for (a, _), J in by_key.items() for k in np.flatnonzero(~np.isfinite(J).all(axis=1))]
+    rows = [*(f"the rate of {name}" for name in eq.x), *shown, *(f"what {name} delays" for name in eq.q)]
+    bad = [rows[k] for k in np.flatnonzero(~np.isfinite(J).all(axis=1))]
     if bad:
-        listed = ", ".join(list(dict.fromkeys(bad))[:3])
-        raise RunError(f"the derivatives of '{eq.title}' are not finite here: {listed}.")
-    return by_key
-
-
-_KEYS = [(a, b) for a in ("dx", "y", "s") for b in ("x", "u", "w")]
+        raise RunError(f"the derivatives of '{eq.title}' are not finite here: {', '.join(bad[:3])}.")
+    return parts
 
 
 @lru_cache(maxsize=64)
 def _jacobian_functions(eq: Equations, signals: tuple[str, ...]) -> tuple[Any, Any]:
-    """The derivatives, and the delay inputs, as functions of (x, u, w, t, p): cached, since making them takes longest.
+    """The Jacobian, and what is delayed, as functions of (x, u, w, t, p): cached, since making them takes longest.
 
-    The last derivative is that of everything by the time derivatives of the delay outputs.
+    The last columns of the Jacobian are those by the time derivatives of the delay outputs.
     """
-    xs, us, ws = ca.SX.sym("x", len(eq.x)), ca.SX.sym("u", len(eq.u)), ca.SX.sym("w", len(eq.q))
+    x, u, w = ca.SX.sym("x", len(eq.x)), ca.SX.sym("u", len(eq.u)), ca.SX.sym("w", len(eq.q))
     t, p, moves = ca.SX.sym("t"), ca.SX.sym("p", len(eq.p)), ca.SX.sym("moves", len(eq.q))
-    dx, y, s = evaluated(eq, t, xs, ca.SX(0, 1), us, p, ws, moves)
-    rows = {"dx": dx, "y": ca.vertcat(*(y[eq.y.index(name)] for name in signals)), "s": s}
-    by = {"x": xs, "u": us, "w": ws}
-    given = [xs, us, ws, t, p]
-    jacobians = [ca.jacobian(rows[a], by[b]) for a, b in _KEYS] + [ca.jacobian(ca.vertcat(*rows.values()), moves)]
-    *at_rest, delayed = [ca.densify(ca.substitute(J, moves, ca.DM.zeros(len(eq.q)))) for J in (*jacobians, s)]
-    return ca.Function("jacobians", given, at_rest), ca.Function("delayed", given, [delayed])
+    dx, y, s = evaluated(eq, t, x, ca.SX(0, 1), u, p, w, moves)
+    J = ca.jacobian(ca.vertcat(dx, *(y[eq.y.index(name)] for name in signals), s), ca.vertcat(x, u, w, moves))
+    J, s = (ca.densify(ca.substitute(one, moves, ca.DM.zeros(len(eq.q)))) for one in (J, s))
+    given = [x, u, w, t, p]
+    return ca.Function("jacobian", given, [J]), ca.Function("delayed", given, [s])
 
 
-def _proper(here: LocalEquations, J: dict[tuple[str, str], np.ndarray], names: Sequence[str]) -> tuple[np.ndarray, ...]:
+def _proper(
+    here: LocalEquations, x: np.ndarray, names: Sequence[str], shown: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     r"""State space with inputs ``names``, then delayed signals; outputs the signals, then what is delayed.
 
     Where a rate depends on the derivative of an input, :math:`x' = A x + B u + E u'`, the state :math:`x - E u` is
     used.
     """
-    eq = here.eq
-    place = {
-        (feed.name.removeprefix("d/dt " * feed.order), feed.order): k for k, feed in enumerate(eq.u) if not feed.block
-    }
+    eq, n = here.eq, len(x)
+    by_x, by_u, by_w = _jacobians(here, x, shown)
+    place = {(u.name.removeprefix("d/dt " * u.order), u.order): k for k, u in enumerate(eq.u) if not u.block}
     own = [place[name, 0] for name in names]
-    A, rows = J["dx", "x"], np.vstack([J["y", "x"], J["s", "x"]])
-    direct = np.vstack([J["y", "u"], J["s", "u"]])
-    B = np.hstack([J["dx", "u"][:, own], J["dx", "w"]])
-    D = np.hstack([direct[:, own], np.vstack([J["y", "w"], J["s", "w"]])])
+    A, C, direct = by_x[:n], by_x[n:], by_u[n:]
+    B, D = np.split(np.hstack([by_u[:, own], by_w]), [n])
     none = NO_DIRECT_EFFECT * max(1.0, float(np.abs(direct).max(initial=0.0)))
     for k, name in enumerate(names):
         column = place.get((name, 1))
@@ -359,10 +345,10 @@ def _proper(here: LocalEquations, J: dict[tuple[str, str], np.ndarray], names: S
                 f"a signal of '{eq.title}' depends on the derivative of its input '{name}' at once, so there is no "
                 "state space from there. Put a lag on the input, or choose other outputs."
             )
-        E = J["dx", "u"][:, column]
+        E = by_u[:n, column]
         B[:, k] += A @ E
-        D[:, k] += rows @ E
-    return A, B, rows, D
+        D[:, k] += C @ E
+    return A, B, C, D
 
 
 def _pade_delays(here: LocalEquations, order: int | None) -> Any:

@@ -42,12 +42,8 @@ class Point:
         Title of the diagram.
     t : float
         Time in s.
-    states : dict of str to float
-        States by name.
-    inputs : dict of str to float
-        Inputs of the diagram by name.
-    signals : dict of str to float
-        All signals by name, outputs of the diagram included.
+    states, inputs, signals : dict of str to float
+        States, inputs of the diagram, and all signals, outputs of the diagram included, by name.
     rates : dict of str to float
         Time derivatives of the states, per s.
     units : dict of str to str, optional
@@ -215,7 +211,7 @@ def trim(
     diagram : Diagram
         The diagram.
     inputs : dict of str to float, optional
-        Inputs that are held at a value, in their unit. The others are determined by ``outputs``, or zero without them.
+        Inputs that are held at a value, in their unit; the others are determined by ``outputs``, zero without them.
     outputs : dict of str to float, optional
         Signals and the values they should have, in their unit.
     start : dict of str to float, optional

@@ -73,16 +73,10 @@ class Block:
     """Base of all blocks, and the only one: no block inherits from another.
 
     A block declares fields (``parameter``, ``option``, ``state``) and ports (``Input``, ``Output``, ``Tape``,
-    ``Past``), and gives its equations with CasADi operations:
-
-    - ``outputs(t, x, u)``: the outputs, by name;
-    - ``derivatives(t, x, u)``: time derivatives of the continuous states;
-    - ``updates(t, x, u)``: new values of the memory states. A block with ``sampled = True`` (and an option ``period``)
-      is updated as the run starts and every period after, its outputs held in between; any other block is updated once
-      at the start of each step. A continuous state named by ``updates`` is set to that value there (a reset).
-
-    ``t`` is the time [s]; ``x`` and ``u`` hold states and inputs (with tapes and past values) by name. ``source`` names
-    the origin of the equations (paper, book, "definition"); ``symbol`` is the text in drawings.
+    ``Past``), and gives its equations with CasADi operations: ``outputs``, ``derivatives`` and ``updates``. One with
+    ``sampled = True`` (and an option ``period``) is updated as the run starts and every period after, its outputs held
+    in between; any other is updated once at the start of each step. ``source`` names the origin of the equations
+    (paper, book, "definition"); ``symbol`` is the text in drawings.
 
     Parameters
     ----------
@@ -145,7 +139,7 @@ class Block:
         return {}
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        """Return the new values of the memory states, and of continuous states that are reset.
+        """Return the new values of the memory states, and of the continuous states that are reset.
 
         Parameters
         ----------

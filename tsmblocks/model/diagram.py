@@ -82,10 +82,10 @@ def _caller() -> str:
 class Diagram:
     """Named blocks and the wires between them: a value, equal to another whatever the order of their wires.
 
-    The arguments are texts; their meaning is computed once, in terms of ends, an end being a pair (block, port).
-    ``links`` are the ``wires`` from end to end, ``inlets`` the ends that each of the ``inputs`` drives, ``shown`` the
-    end behind each of the ``outputs``, ``port_units`` the unit of each end where one is known, ``interface`` which
-    inputs and outputs share a unit. ``inports`` and ``outports`` are the inputs and outputs as ports of a block.
+    The arguments are texts, whose meaning is computed once, in terms of ends, that is pairs (block, port): ``links``
+    are the ``wires`` from end to end, ``inlets`` the ends that each of the ``inputs`` drives, ``shown`` the end behind
+    each of the ``outputs``, ``port_units`` the known unit of each end, ``interface`` which inputs and outputs share a
+    unit. ``inports`` and ``outports`` are the inputs and outputs as ports of a block.
 
     Parameters
     ----------
@@ -94,8 +94,7 @@ class Diagram:
     blocks : mapping of str to Block or Diagram
         Blocks by name.
     wires : sequence of str, default ()
-        Chains such as ``"error -> pid -> drive"``. A port is written ``block.port``, and left out where the block has
-        only one; several receivers are separated by commas.
+        Chains such as ``"error -> pid -> drive.u, scope"``; a port is left out where the block has only one.
     inputs : mapping of str to str, sequence of str or Inlet, default {}
         Port (or ports) that each input drives.
     outputs : mapping of str to str, default {}
@@ -219,8 +218,7 @@ class Diagram:
     def parameters(self) -> dict[str, float]:
         """Every number that may be swept, fitted or overridden, by its full name.
 
-        Entries of the ``values`` table are listed under their own name, once, and not under the blocks that refer to
-        them.
+        Entries of the ``values`` table are listed under their own name, not under the blocks that refer to them.
         """
         entries = ((name, value) for _, name, kind, value in self._entries() if kind != "option")
         return {k: x for name, value in entries for k, x in leaves(value, name) if not is_reference(x)}
@@ -252,13 +250,11 @@ class Diagram:
     def with_parameters(self, changes: Mapping[str, Any]) -> Diagram:
         """Return the diagram with other parameters.
 
-        An entry of the ``values`` table changes every block that refers to it; a parameter of one block changes that
-        alone.
-
         Parameters
         ----------
         changes : mapping of str to float
-            Values by full name: ``{"pid.kp": 2.0, "motor.drive.high": 12.0, "theta": 5.0}``.
+            Values by full name: ``{"pid.kp": 2.0, "motor.drive.high": 12.0, "theta": 5.0}``. An entry of the ``values``
+            table changes every block that refers to it, a parameter of one block that alone.
 
         Returns
         -------
@@ -280,7 +276,7 @@ class Diagram:
         Parameters
         ----------
         names : iterable of str
-            Parameters that refer to the ``values`` table; each gets the present value of its entry.
+            Parameters; those that refer to the ``values`` table get the present value of their entry.
 
         Returns
         -------
@@ -322,11 +318,10 @@ class Diagram:
         block : Block or Diagram
             The new block.
         after : str, default ""
-            Signal that the block is put on (``"motor"``, ``"motor.y"``, an input): all its receivers, outputs of the
-            diagram included, are then driven by the block.
+            Signal that the block is put on (``"motor"``, ``"motor.y"``, an input): it then drives all its receivers,
+            outputs of the diagram included.
         before : str, default ""
-            Receiver that the block is put in front of (``"tsm.x"``, an output). Either ``after`` or ``before`` is
-            needed.
+            Receiver that the block is put in front of (``"tsm.x"``, an output), where ``after`` is not given.
         wires : iterable of str, default ()
             Chains to other ports of the block, from inputs of the diagram too.
 
@@ -382,8 +377,8 @@ class Diagram:
         Raises
         ------
         DiagramError
-            When the block has several inputs or outputs in use, so that the signal that should replace it is not known,
-            or when its input is a rate ``v`` (friction, an observer), which cannot replace it.
+            When the block has several inputs or outputs in use, or its input is a rate ``v`` (friction, an observer),
+            so that no signal can replace it.
         """
         return edits.remove(self, name)
 

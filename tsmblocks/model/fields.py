@@ -25,11 +25,10 @@ class Input:
     about : str
         Meaning of the signal.
     unit : str, default ""
-        A label (``"rad/s"``); ``""`` for any unit; or a unit that ports of the block share (``"?u"``, ``"?u/s"``):
-        ports with the same letter must agree.
+        A label (``"rad/s"``); ``""`` for any unit; ``"?u"`` or ``"?u/s"`` for one that ports with this letter share.
     rate_of : str, default ""
-        Another input of the block, of which this one is the time derivative. Such a port may stay unconnected: the
-        derivative is then formed exactly, from the expression of the driving signal. A rate may have a rate.
+        Another input, of which this one is the time derivative. Unconnected, it is formed exactly, from the expression
+        of the driving signal. A rate may have a rate.
     unit_option : str, default ""
         Option of the block that overrides ``unit`` where it is not empty.
     """
@@ -87,8 +86,7 @@ class Past:
     initial : str
         Parameter that holds the value of the port before the run.
     now : bool, default False
-        Whether the present value takes part in the interpolation. Any delay from 0 on is then allowed, and the block
-        has direct feedthrough from the port.
+        Whether the present value takes part in the interpolation: any delay from 0 on, with direct feedthrough.
     first : bool, default False
         Whether the value before the run is the first value of the port, in the place of ``initial``.
     """
@@ -122,9 +120,7 @@ class State:
 
 @attrs.frozen(eq=False)
 class Samples:
-    """A signal known at instants only.
-
-    A run may not reach beyond the instants, except that a zero-order hold keeps its last value.
+    """A signal known at instants only, which a run may not exceed (a zero-order hold keeps its last value).
 
     Parameters
     ----------
@@ -143,10 +139,7 @@ class Samples:
 
 @attrs.frozen
 class Field:
-    """The declaration of one field of a block: its kind, meaning, unit, bounds and default.
-
-    The arguments are those of ``parameter`` and ``option``; ``known`` parameters are kept fixed by a fit.
-    """
+    """The declaration of one field of a block, with the arguments of ``parameter`` and ``option``."""
 
     kind: str  # "parameter", "option" or "state"
     about: str
@@ -201,14 +194,12 @@ def parameter(
     finite: bool = True,
     known: bool = False,
 ) -> Any:
-    """Declare a parameter: a number, or a tuple of numbers or of rows, that stays a symbol until the run.
-
-    It can therefore be swept, fitted and differentiated.
+    """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
     Parameters
     ----------
     default : float or tuple
-        Default value. Its kind (number, list of numbers, list of rows) is the kind that values must have.
+        Default value, of the kind that values must have: a number, a list of numbers, or of rows.
     about : str
         Meaning of the parameter.
     unit : str, default ""
@@ -218,9 +209,9 @@ def parameter(
     at_least, at_most : float, default -inf and inf
         Bounds that are included.
     finite : bool, default True
-        Whether infinity is refused. With ``False`` it is allowed where no bound excludes it (a limit that never acts).
+        Whether infinity (a limit that never acts) is refused even where no bound excludes it.
     known : bool, default False
-        Whether the value is read off a data sheet or is a matter of choice: a fit keeps it fixed unless it is named.
+        Whether a fit keeps it fixed unless it is named: it is read off a data sheet, or a matter of choice.
 
     Returns
     -------
@@ -255,11 +246,11 @@ def option(
     about : str
         Meaning of the option.
     unit : str, default ""
-        Its unit, of an option that is a number.
+        Unit of a number.
     choices : tuple, default ()
         Allowed values; any where it is empty.
     above : float, default -inf
-        Lower bound that is excluded, of an option that is a number.
+        Lower bound of a number that is excluded.
     at_least, at_most : float, default -inf and inf
         Bounds that are included.
 

@@ -18,10 +18,10 @@ from tsmblocks.metrics.metrics import Metric, metric
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.tuning.smooth_metrics import differentiable
 
-EXAMPLE = "Write for example 'largest(u) <= 20'."
-"""End of messages on a limit that cannot be read."""
-MARGINS = {"gain_margin": (0, ""), "phase_margin": (1, "deg")}
-"""Margins by name: their position in the result of ``_margins``, and their unit."""
+SIGNS = {ast.LtE: 1.0, ast.Lt: 1.0, ast.GtE: -1.0, ast.Gt: -1.0}
+"""Sign of a limit by its comparison: 1 for an upper, -1 for a lower one."""
+MARGINS = {"gain_margin": ("", 1e3), "phase_margin": ("deg", 180.0)}
+"""Margins by name: their unit, and the largest one, that of a loop without a crossover. Chosen."""
 PADE_ORDER = 5
 """Order of the Padé approximation of delays. Chosen: exact to 0.01 deg up to a phase of 180 deg."""
 LIMIT_TOLERANCE = 1e-9
@@ -34,8 +34,6 @@ UNIT_CIRCLE_ANGLES = np.pi * np.concatenate([np.geomspace(1e-7, 0.01, 400), np.l
 """Angles of the unit circle at which a discrete-time loop is evaluated. Chosen: dense at low frequencies."""
 POLE_DISTANCES = np.geomspace(0.1, 30.0, 12)
 """Further angles to each side of a pole, in multiples of its distance from the circle. Chosen."""
-LARGEST_MARGINS = {"gain_margin": 1e3, "phase_margin": 180.0}
-"""Largest margins, in their unit: those of a loop without a crossover. Chosen."""
 
 
 @attrs.frozen(eq=False)
@@ -53,7 +51,7 @@ class Limit:
     @property
     def unit(self) -> str:
         """Unit of the metric or margin."""
-        return self.metric.unit if self.metric is not None else MARGINS[self.margin][1]
+        return self.metric.unit if self.metric is not None else MARGINS[self.margin][0]
 
     def excess(self, value: Any) -> Any:
         """Excess of values over the limit, as a share of it; negative within."""
@@ -66,20 +64,19 @@ class Limit:
     def margin_of(self, diagram: Diagram) -> float:
         """The margin of a diagram, linearised at its initial states; NaN where there is no linear model.
 
-        A gain margin is the smallest factor, up or down, that makes the loop unstable; one that is unstable has a gain
-        margin below 1. The phase margin is python-control's, negative where the loop is unstable. Dead times are
-        taken by Padé's approximation of order ``PADE_ORDER``.
+        A gain margin is the smallest factor, up or down, that makes the loop unstable, below 1 where it is unstable
+        already. The phase margin is python-control's, negative where the loop is unstable.
         """
         try:
             system = loop_gain(diagram, self.at, pade=PADE_ORDER)
         except TsmError:
             return math.nan
         matrices = tuple((part.shape, part.tobytes()) for part in (system.A, system.B, system.C, system.D))
-        return min(_margins(matrices, float(system.dt or 0.0))[MARGINS[self.margin][0]], LARGEST_MARGINS[self.margin])
+        return min(_margins(matrices, float(system.dt or 0.0))[self.margin], MARGINS[self.margin][1])
 
 
 @lru_cache(maxsize=4096)
-def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...], dt: float) -> tuple[float, float]:
+def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...], dt: float) -> dict[str, float]:
     """Gain and phase margin of a state space, which is in discrete time where ``dt`` is not 0.
 
     Cached, by the bytes of the matrices: cases that differ in their signals only have the same loop.
@@ -88,10 +85,8 @@ def _margins(matrices: tuple[tuple[tuple[int, ...], bytes], ...], dt: float) -> 
     with np.errstate(all="ignore"):
         gains, phases = _sampled_crossings(*parts) if dt else _crossings(parts)
         factors = np.maximum(gains, 1.0 / gains)
-    phase = min(map(float, phases), key=abs, default=math.inf)
-    if _stable(parts, dt):
-        return float(factors.min(initial=math.inf)), phase
-    return float((1.0 / factors).max(initial=0.0)), phase
+    gain = factors.min(initial=math.inf) if _stable(parts, dt) else (1.0 / factors).max(initial=0.0)
+    return {"gain_margin": float(gain), "phase_margin": min(map(float, phases), key=abs, default=math.inf)}
 
 
 def _crossings(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -125,11 +120,9 @@ def _sampled_crossings(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarra
     angles = np.concatenate([UNIT_CIRCLE_ANGLES, (np.abs(np.angle(poles))[:, None] + near).ravel()])
     angles = np.unique(np.clip(angles, UNIT_CIRCLE_ANGLES[0], UNIT_CIRCLE_ANGLES[-1]))
     along = loop(angles)
-    negative_real = np.concatenate([loop(roots(np.imag)), along[[0, -1]]])
-    negative_real = negative_real[
-        (negative_real.real < 0) & (np.abs(negative_real.imag) <= 1e-6 * np.abs(negative_real.real))
-    ]
-    return -1.0 / negative_real.real, np.degrees(np.angle(-loop(roots(lambda values: np.abs(values) - 1.0))))
+    at_axis = np.concatenate([loop(roots(np.imag)), along[[0, -1]]])
+    negative = at_axis.real[(at_axis.real < 0) & (np.abs(at_axis.imag) <= 1e-6 * np.abs(at_axis.real))]
+    return -1.0 / negative, np.degrees(np.angle(-loop(roots(lambda values: np.abs(values) - 1.0))))
 
 
 def _stable(parts: Sequence[np.ndarray], dt: float) -> bool:
@@ -152,21 +145,16 @@ def limit(text: Any, units: Mapping[str, str], diagram: Diagram) -> Limit:
         tree = ast.parse(str(text).strip(), mode="eval").body
     except (SyntaxError, ValueError):
         tree = None
-    if (
-        not isinstance(tree, ast.Compare)
-        or len(tree.ops) != 1
-        or not isinstance(tree.ops[0], (ast.LtE, ast.Lt, ast.GtE, ast.Gt))
-    ):
-        raise ParameterError(f"'{clip(str(text))}' is no limit of a metric. {EXAMPLE}")
+    shown = f"'{clip(str(text))}'"
+    if not isinstance(tree, ast.Compare) or len(tree.ops) != 1 or type(tree.ops[0]) not in SIGNS:
+        raise ParameterError(f"{shown} is no limit of a metric. Write for example 'largest(u) <= 20'.")
     try:
         most = float(ast.literal_eval(tree.comparators[0]))
     except (ValueError, TypeError):
-        raise ParameterError(f"'{clip(str(text))}': the limit must be a plain number, on the right.") from None
-    sign = 1.0 if isinstance(tree.ops[0], (ast.LtE, ast.Lt)) else -1.0
-    name = ast.unparse(tree.left)
-    if isinstance(tree.left, ast.Call) and isinstance(tree.left.func, ast.Name) and tree.left.func.id in MARGINS:
-        kind = tree.left.func.id
-        return Limit(str(text), name, most, sign, margin=kind, at=_wire(tree.left, kind, diagram))
+        raise ParameterError(f"{shown}: the limit must be a plain number, on the right.") from None
+    call, sign, name = tree.left, SIGNS[type(tree.ops[0])], ast.unparse(tree.left)
+    if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in MARGINS:
+        return Limit(str(text), name, most, sign, margin=call.func.id, at=_wire(call, call.func.id, diagram))
     try:
         one = metric(name, units)
     except TsmError as error:

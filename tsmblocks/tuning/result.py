@@ -41,22 +41,18 @@ class Tuned:
         Metrics by case and name, with the diagrams' own parameters and with these.
     met : bool
         Whether all limits hold in all cases.
-    status : str
-        "complete" or "interrupted".
+    status : {"complete", "interrupted"}
+        How the searches ended.
     own : dict of str to float
         The diagrams' own parameters.
     bounds : dict of str to (float, float)
         Bounds of the parameters.
     limits : list of Limit
         The limits.
-    starts : int
-        Number of searches.
-    agreeing : int
-        Number of searches that ended about as low as the best.
-    idle : tuple of str, optional
-        Parameters without effect.
-    hunting : tuple of str, optional
-        Texts on signals that oscillate far more than before.
+    starts, agreeing : int
+        Number of searches, and of those that ended about as low as the best.
+    idle, hunting : tuple of str, optional
+        Parameters without effect, and texts on signals that oscillate far more than before.
     """
 
     values: Mapping[str, float]

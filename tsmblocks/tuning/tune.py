@@ -65,20 +65,16 @@ def tune(
         or down, that makes the loop unstable, below 1 where it is unstable already.
     plants : Plan, optional
         Sets of parameters; each diagram with each set is a case.
-    stop : float, optional
-        End of the runs in s, as for ``simulate``.
-    step : float, default 1e-3
-        Step in s.
+    stop, step : float, optional
+        End and step of the runs in s, as for ``simulate``; the step is 1e-3 by default.
     method : {"rk4", "euler", "heun"}
         Runge-Kutta method.
     inputs : dict of str to signal, optional
         Inputs of the diagrams, as for ``simulate``.
     hold : {"linear", "zero", "cubic"}
         Interpolation between samples of the inputs.
-    starts : int, default 4
-        Number of searches.
-    seed : int, default 0
-        Seed of the random sets.
+    starts, seed : int, defaults 4 and 0
+        Number of searches, and seed of the random sets.
     threads : int, optional
         Number of threads. By default one for each processor.
     progress : callable, optional
