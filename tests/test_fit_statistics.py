@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from tests.tolerances import EXACT
 from tsmblocks.common.errors import DataError
 from tsmblocks.fitting.identifiability import _Wording, sizes, undetermined
 from tsmblocks.fitting.inner_products import product
-from tsmblocks.fitting.noise_model import FEWEST, ARModel, best_order, fast_length, lag_products, noise_models
+from tsmblocks.fitting.noise_model import FEWEST, ARModel, LagProducts, best_order, fast_length, noise_models
 from tsmblocks.fitting.statistics import autocorrelation, correlation, intervals, uncertainty
 
 SLOW_NEEDS = ["fitting"]
@@ -340,14 +341,34 @@ def test_autocovariance_of_one_slow_pole():
 
 
 @settings(deadline=None)
-@given(seed=st.integers(0, 2**31), n=st.integers(1, 60), m=st.integers(1, 3), k=st.integers(0, 8))
-def test_lag_products_are_sums_of_products(seed, n, m, k):
-    z = np.random.default_rng(seed).standard_normal((m, n))
+@given(
+    seed=st.integers(0, 2**31),
+    lengths=st.lists(st.integers(1, 60), min_size=1, max_size=4),
+    m=st.integers(1, 3),
+    k=st.integers(0, 8),
+)
+def test_lag_products_are_sums_of_products(seed, lengths, m, k):
+    rng = np.random.default_rng(seed)
+    parts = [rng.standard_normal((m, n)) for n in lengths]
     wanted = np.zeros((k + 1, k + 1, m, m))
-    for i, j in itertools.product(range(k + 1), repeat=2):
-        for t in range(k, n):
+    for z, i, j in itertools.product(parts, range(k + 1), range(k + 1)):
+        for t in range(k, z.shape[1]):
             wanted[i, j] += np.outer(z[:, t - i], z[:, t - j])
-    np.testing.assert_allclose(lag_products(z, k), wanted, rtol=1e-10, atol=1e-10)
+    found, root, weights = LagProducts.of(parts, k), rng.standard_normal((m, m)), rng.standard_normal(k + 1)
+    outer = root @ root.T
+    np.testing.assert_allclose(found.along(outer), np.einsum("ijmn,mn->ij", wanted, outer), rtol=1e-9, atol=1e-9)
+    filtered = np.einsum("i,j,ijmn->mn", weights, weights, wanted)
+    np.testing.assert_allclose(found.filtered(weights), filtered, rtol=1e-9, atol=1e-9)
+
+
+def test_lag_products_of_many_segments_take_little_memory():
+    """A simulation that restarts every second has hundreds of segments and of initial states."""
+    parts, k, m = list(np.random.default_rng(0).standard_normal((50, 100, 60))), 20, 100
+    tracemalloc.start()
+    LagProducts.of(parts, k)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 * (1.5 * (k + 1) * m**2 + 5 * len(parts) * k * m)
 
 
 def test_the_best_order_is_that_of_separate_regressions():
@@ -359,7 +380,7 @@ def test_the_best_order_is_that_of_separate_regressions():
         left = x[most:] - lags @ np.linalg.lstsq(lags, x[most:], rcond=None)[0]
         n = 700 - most
         scores.append(n * np.log(left @ left) + 2 * (k + 1) * n / (n - k - 2))
-    assert best_order(lag_products(x[None], most)[:, :, 0, 0], 700 - most) == int(np.argmin(scores))
+    assert best_order(LagProducts.of([x[None]], most).along(np.eye(1)), 700 - most) == int(np.argmin(scores))
 
 
 def test_a_fit_does_not_hide_the_slowness_of_noise():

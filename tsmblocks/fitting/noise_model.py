@@ -99,28 +99,57 @@ def fast_length(n: int) -> int:
     return min(f << max(math.ceil(math.log2(n / f)), 1) for f in (1, 3, 5, 9, 15))
 
 
-def lag_products(rows: np.ndarray, order: int) -> np.ndarray:
-    r"""Return :math:`G_{ij} = \sum_{t \ge k} z_{t-i} z_{t-j}^T`, shape (order + 1, order + 1, m, m).
+@attrs.frozen(eq=False)
+class LagProducts:
+    r"""Sums :math:`G_{ij} = \sum_{t \ge k} z_{t-i} z_{t-j}^T` of signals z (m,) for lags i, j of 0 to k, over segments.
 
-    ``rows`` (m, samples) is z. No sample before the first or after the last is made up, so a slow signal is
-    not taken for one that jumps at its ends.
+    ``first`` (k + 1, m, m) holds :math:`G_{0j}`. The others follow from it and the samples by which they differ, the
+    first and last k of each segment, ``heads`` and ``tails`` (segments, k, m) with the earliest last:
+    :math:`G_{i+1,j+1} = G_{ij} + h_i h_j^T - t_i t_j^T`.
     """
-    (m, n), k = rows.shape, order
-    made = np.zeros((k + 1, k + 1, m, m))
-    if n <= k:
-        return made
-    if m == 1:
-        made[0, :, 0, 0] = _lagged(rows[0], k)
-    else:
-        for j in range(k + 1):
-            made[0, j] = product(rows[:, k:], rows[:, k - j : n - j].T)
-    if k:
-        head, tail = rows[:, :k].T[::-1], rows[:, n - k :].T[::-1]
-        ends = head[:, None, :, None] * head[None, :, None, :] - tail[:, None, :, None] * tail[None, :, None, :]
+
+    first: np.ndarray
+    heads: np.ndarray
+    tails: np.ndarray
+
+    @classmethod
+    def of(cls, parts: Sequence[np.ndarray], order: int) -> LagProducts:
+        """Of segments (m, samples). No sample before the first or after the last is made up, so a slow signal is not
+        taken for one that jumps at its ends.
+        """
+        k, m = order, len(parts[0])
+        parts = [rows for rows in parts if rows.shape[1] > k]
+        first = np.zeros((k + 1, m, m))
+        for rows in parts:
+            n = rows.shape[1]
+            if m == 1:
+                first[:, 0, 0] += _lagged(rows[0], k)
+                continue
+            for j in range(k + 1):
+                first[j] += product(rows[:, k:], rows[:, k - j : n - j].T)
+        shape = (len(parts), k, m)
+        heads = np.array([rows[:, :k].T[::-1] for rows in parts]).reshape(shape)
+        tails = np.array([rows[:, rows.shape[1] - k :].T[::-1] for rows in parts]).reshape(shape)
+        return cls(first, heads, tails)
+
+    def along(self, outer: np.ndarray) -> np.ndarray:
+        """Sums of ``G * outer`` for a symmetric ``outer`` (m, m), shape (k + 1, k + 1)."""
+        k = len(self.first) - 1
+        ends = np.tensordot(self.heads @ outer, self.heads, ((0, 2), (0, 2)))
+        ends -= np.tensordot(self.tails @ outer, self.tails, ((0, 2), (0, 2)))
+        made = np.empty((k + 1, k + 1))
+        made[0] = made[:, 0] = self.first.reshape(k + 1, -1) @ outer.ravel()
         for i in range(k):
-            made[i + 1, 0] = made[0, i + 1].T
             made[i + 1, 1:] = made[i, :-1] + ends[i]
-    return made
+        return made
+
+    def filtered(self, weights: np.ndarray) -> np.ndarray:
+        """Sum of ``weights[i] weights[j] G[i, j]``, shape (m, m): products of the signals after a filter."""
+        k, m = len(self.first) - 1, self.first.shape[1]
+        half = np.tensordot(np.correlate(weights, weights, "full")[k:] * np.r_[0.5, np.ones(k)], self.first, 1)
+        later = np.array([np.r_[weights[lag:], np.zeros(lag - 1)] for lag in range(1, k + 1)]).reshape(k, k)
+        heads, tails = ((later @ part).reshape(-1, m) for part in (self.heads, self.tails))
+        return half + half.T + heads.T @ heads - tails.T @ tails
 
 
 def _lagged(row: np.ndarray, k: int) -> np.ndarray:
@@ -154,17 +183,16 @@ class _Source:
     """What the noise of some segments is estimated from."""
 
     users: list[int]  # segments that have this noise
-    learnt: np.ndarray  # lag products of [basis, r] over the segments it is learnt from
-    used: np.ndarray  # the same, over its users
+    learnt: LagProducts  # of [basis, r] over the segments it is learnt from
+    used: LagProducts  # the same, over its users
     samples: int
     model: Any = None
     inverse: Any = None  # information on the coefficients, inverted
 
     def update(self, outer: np.ndarray) -> None:
         """Fit the model again, given the mean of ``[-d, 1][-d, 1]'`` for the parameters' error d."""
-        k = len(self.learnt) - 1
-        size = outer.size
-        c = _ridged((self.learnt.reshape(-1, size) @ outer.ravel()).reshape(k + 1, k + 1))
+        c = _ridged(self.learnt.along(outer))
+        k = len(c) - 1
         normal = c[1:, 1:]
         a = np.linalg.solve(normal, c[1:, 0])
         ahead = np.r_[1.0, -a]
@@ -174,9 +202,7 @@ class _Source:
 
     def whitened(self) -> np.ndarray:
         """Products of [basis, r] after the filter that makes this noise white with unit variance."""
-        ahead = np.r_[1.0, -self.model.coefficients]
-        half = np.tensordot(ahead, self.used, 1)
-        return np.tensordot(ahead, half, 1) / self.model.variance
+        return self.used.filtered(np.r_[1.0, -self.model.coefficients]) / self.model.variance
 
 
 @attrs.frozen(eq=False)
@@ -235,13 +261,13 @@ def _sources(rows: np.ndarray, segments: Sequence[slice]) -> list[_Source]:
     made = []
     for i, s in enumerate(segments):
         if lengths[i] >= fewest:
-            products = lag_products(rows[:, s], _order([rows[-1:, s]], lengths[i]))
+            products = LagProducts.of([rows[:, s]], _order([rows[-1:, s]], lengths[i]))
             made.append(_Source([i], products, products, lengths[i]))
     short = [i for i, n in enumerate(lengths) if n < fewest]
     if short:
         k = _order([rows[-1:, s] for s in segments], max(lengths))
-        every = [lag_products(rows[:, s], k) for s in segments]
-        learnt, used = np.sum(every, axis=0), np.sum([every[i] for i in short], axis=0)
+        learnt = LagProducts.of([rows[:, s] for s in segments], k)
+        used = learnt if len(short) == len(segments) else LagProducts.of([rows[:, segments[i]] for i in short], k)
         made.append(_Source(short, learnt, used, sum(n for n in lengths if n > k)))
     return made
 
@@ -249,7 +275,7 @@ def _sources(rows: np.ndarray, segments: Sequence[slice]) -> list[_Source]:
 def _order(parts: Sequence[np.ndarray], longest: int) -> int:
     """Best order for one signal in several parts (1, samples)."""
     most = int(min(10 * np.log10(max(longest, 1)), longest / 8))
-    products = np.sum([lag_products(part, most)[:, :, 0, 0] for part in parts], axis=0)
+    products = LagProducts.of(parts, most).along(np.eye(1))
     if most == 0 or not products[0, 0] > 0:
         return 0
     return best_order(products, sum(max(part.shape[1] - most, 0) for part in parts))
