@@ -18,7 +18,7 @@ from tsmblocks.simulation.simulate import simulate
 REFERENCE = "large"
 """The experiment whose reference is tracked."""
 GAIN = 200.0
-"""Gain of the loop around a model [1/s]. Chosen: well below the inverse of the step."""
+"""Gain of the fast loop around a model that approximates its inverse [1/s]. Chosen: well below 1 / ``STEP``."""
 SPEED = 3.0
 """Limit of the planned command's rate [rad/s]."""
 PERIOD, GRID = 5.0, 0.02
@@ -48,24 +48,27 @@ def uncompensated(sheath: Diagram) -> Tracked:
     return _tracked("no compensation", "", _loop(sheath))
 
 
-def feedforward(sheath: Diagram, model: Diagram, words: str) -> Tracked:
+def compensated(sheath: Diagram, model: Diagram, words: str) -> list[Tracked]:
+    """Each compensator that can be built on a model, which is called ``words``."""
+    loop = _loop(sheath)
+    built = {
+        "feedforward (11)": _feedforward(loop, model),
+        "loop around the model": loop.insert("compensator", inverse(model, "x_in", "x_out", GAIN), before="error.plus"),
+        "planned": _planned(loop, model),
+    }
+    return [_tracked(name, words, made) for name, made in built.items() if made is not None]
+
+
+def _feedforward(loop: Diagram, model: Diagram) -> Diagram:
     """The paper's (11) with the parameters of a model, of which it takes those of the Bouc-Wen block only."""
     numbers = {k: model.parameters[f"tsm.{k}"] for k in ("alpha1", "alpha2", "A", "theta", "delta")}
-    loop = _loop(sheath).insert("compensator", FeedforwardCompensator(**numbers), before="error.plus")
-    return _tracked("feedforward (11)", words, loop)
+    return loop.insert("compensator", FeedforwardCompensator(**numbers), before="error.plus")
 
 
-def around(sheath: Diagram, model: Diagram, words: str) -> Tracked:
-    """A fast feedback loop around a model, which approximates its inverse."""
-    made = inverse(model, "x_in", "x_out", GAIN)
-    loop = _loop(sheath).insert("compensator", made, before="error.plus")
-    return _tracked("loop around the model", words, loop)
-
-
-def planned(sheath: Diagram, model: Diagram, words: str) -> Tracked | None:
+def _planned(loop: Diagram, model: Diagram) -> Diagram | None:
     """The optimal command for a model that knows the whole reference; None where the search found none."""
     t = np.arange(0.0, PERIOD + GRID / 2, GRID)
-    x_ref = np.asarray(simulate(_loop(sheath), stop=PERIOD, step=GRID / 4, log="outputs")["x_ref"])[::4]
+    x_ref = np.asarray(simulate(loop, stop=PERIOD, step=GRID / 4, log="outputs")["x_ref"])[::4]
     try:
         best = optimal_control(
             plannable(model),
@@ -81,9 +84,7 @@ def planned(sheath: Diagram, model: Diagram, words: str) -> Tracked | None:
         return None
     command = best.inputs(STOP + PERIOD)["x_in"]
     plan = Recorded(times=tuple(command.t), values=tuple(command.y), unit="rad")
-    loop = _loop(sheath)
-    loop = loop.rewire(blocks={**loop.blocks, "plan": plan}, cut=["ref -> error.plus"], add=["plan -> error.plus"])
-    return _tracked("planned", words, loop)
+    return loop.rewire(blocks={**loop.blocks, "plan": plan}, cut=["ref -> error.plus"], add=["plan -> error.plus"])
 
 
 def plannable(model: Diagram) -> Diagram:

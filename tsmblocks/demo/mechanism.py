@@ -77,14 +77,11 @@ def behind_the_motor(sheath: Diagram, reference: Block) -> Diagram:
 
 def references() -> dict[str, Block]:
     """The references of the experiments, by name."""
-
-    def pair(sizes: tuple[float, float], f: tuple[float, float]) -> Any:
-        return MultiSine(amplitudes=tuple(DEG * a for a in sizes), frequencies=f, phases=(0.0, 0.0), unit="rad")
-
+    tones: dict[str, Any] = dict(phases=(0.0, 0.0), unit="rad")
     return {
         "large": Sine(amplitude=55.0 * DEG, frequency=0.2, unit="rad"),
-        "two_tones": pair((28.0, 28.0), (0.2, 0.5)),
-        "small": pair((12.0, 8.0), (0.25, 0.25 * math.sqrt(3))),
+        "two_tones": MultiSine(amplitudes=(DEG * 28.0, DEG * 28.0), frequencies=(0.2, 0.5), **tones),
+        "small": MultiSine(amplitudes=(DEG * 12.0, DEG * 8.0), frequencies=(0.25, 0.25 * math.sqrt(3)), **tones),
     }
 
 

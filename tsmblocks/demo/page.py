@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from tsmblocks.html import charts, figures
 from tsmblocks.html.charts import LEFT, RIGHT, Frame
 from tsmblocks.html.pages import part, rendered
 from tsmblocks.html.report import WORDS
+from tsmblocks.simulation.run import Run
 
 POINTS = 600
 """Points of one line at most."""
@@ -31,27 +31,25 @@ KINDS = ("before", "between", "after")
 """Classes of lines that are compared, and so their colours; what they are compared with is ``measured``."""
 
 Line = tuple[np.ndarray, np.ndarray, str]
-"""Across, up, class."""
+"""Values along x and y, and the class of the line."""
 
 
 def page(cases: Sequence[Case], story: Story) -> str:
     """The whole page; the same numbers give the same text."""
-    diagnosis = story.diagnosis
+    diagnosis, left = story.diagnosis, story.fit.differences.rms
+    effects = " and ".join(f"{e.words} on {e.wire.strip()}" for e in diagnosis.effects)
     ends = [story.tracked[0], *(best(story, model) for model in story.models)]
     values = dict(
         title="tsmblocks: from measurements to the missing effect, and to better control",
         diagnosis=diagnosis,
-        in_one_line=_summary(diagnosis),
+        in_one_line=f"{WORDS[diagnosis.verdict]}{': ' + effects if effects else ''}.",
         errors=[digits(one.error.peak_to_peak) for one in ends],
         paper=_paper(cases),
         floor=digits(FLOOR / DEG),
         recordings=_recordings(story),
         model=to_svg(model()),
         estimates=[(e.name, f"{e.value:.4g}", f"{e.low:.4g} … {e.high:.4g}", e.unit) for e in story.fit.estimates],
-        left={
-            "rms": digits(story.fit.differences.rms / DEG),
-            "times_noise": f"{story.fit.differences.rms / FLOOR:.1f}",
-        },
+        left={"rms": digits(left / DEG), "times_noise": f"{left / FLOOR:.1f}"},
         verdict=verdict_sentence(diagnosis.worst),
         augmented=to_svg(diagnosis.augmented, highlight=[e.block for e in diagnosis.effects]),
         diagnosed=_diagnosed(diagnosis),
@@ -67,39 +65,33 @@ def page(cases: Sequence[Case], story: Story) -> str:
 # ---- chapters ------------------------------------------------------------------------------------
 
 
-def _summary(diagnosis: Diagnosis) -> str:
-    words = " and ".join(f"{e.words} on {e.wire.strip()}" for e in diagnosis.effects)
-    return f"{WORDS[diagnosis.verdict]}{': ' + words if words else ''}."
-
-
 def _paper(cases: Sequence[Case]) -> dict[str, Any]:
     sine = cases[0]
     runs = list(zip(sine.runs.values(), KINDS, strict=True))
-    errors = [_late(run.t, run["x_ref"] - run["x_out"], kind) for run, kind in runs]
-    loops = [_loop(run["x_in"], run["x_out"], run.t, kind) for run, kind in runs]
+    # Columns are narrow on a phone: long words may be parted.
+    names = [words.replace("sation", "\u00adsation").replace("feedf", "feed\u00adf") for words in DIAGRAMS.values()]
     return {
-        "names": ("l:signal", *(_hyphened(words) for words in DIAGRAMS.values()), "the paper measured"),
+        "names": ("l:signal", *names, "the paper measured"),
         "rows": paper.compared(cases),
         "why": paper.WHY.replace("'", "’"),
         "drawn": to_svg(load("fig16_feedforward_feedback")),
         "colours": list(zip(KINDS, DIAGRAMS.values(), strict=True)),
         "charts": (
-            _chart(errors, "t [s]", "x_ref - x_out [deg]", f"error for {sine.words}"),
-            _chart(loops, "x_in [deg]", "x_out [deg]", f"the loop for {sine.words}"),
+            _error_chart(runs, f"error for {sine.words}"),
+            _loop_chart(runs, "x_in", f"the loop for {sine.words}"),
         ),
     }
 
 
-def _hyphened(words: str) -> str:
-    """The heading of a column that is narrow on a phone: its long words may be parted."""
-    return words.replace("compensation", "compen\u00adsation").replace("feedforward", "feed\u00adforward")
-
-
 def _recordings(story: Story) -> list[Markup]:
-    large = story.records[REFERENCE]
-    loop = _loop(large["x_in"], large["x_out"], large.t, "measured thin")
-    last = _chart([loop], "x_in [deg]", heading("x_out", "deg"), f"the loop of the recording {REFERENCE}")
-    return [*(_recording(name, record) for name, record in story.records.items()), last]
+    charts = []
+    for name, record in story.records.items():
+        lines = [
+            (record.t, np.rad2deg(record[k]), kind) for k, kind in (("x_in", "between"), ("x_out", "measured thin"))
+        ]
+        charts.append(_over_time(lines, heading(name, "deg"), f"the recording {name} over time"))
+    large = [(story.records[REFERENCE], "measured thin")]
+    return [*charts, _loop_chart(large, "x_in", f"the loop of the recording {REFERENCE}")]
 
 
 def _diagnosed(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -107,15 +99,15 @@ def _diagnosed(diagnosis: Diagnosis) -> dict[str, Any]:
     gap = worst_gap(segment)
     worst = by_excess(output_traces(segment, gap.output))[0]
     along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, diagnosis.base))]
-    colours = [
-        ("measured", "measured"),
-        ("before", "before"),
-        ("after", "with the reported effects"),
-        ("hollow", "hollow: on the data it was fitted to"),
-        ("noise", "noise, ± 2 rms"),
-    ]
+    colours = {
+        "measured": "measured",
+        "before": "before",
+        "after": "with the reported effects",
+        "hollow": "hollow: on the data it was fitted to",
+        "noise": "noise, ± 2 rms",
+    }
     return {
-        "colours": [one for one in colours if diagnosis.effects or one[0] != "after"],
+        "colours": [one for one in colours.items() if diagnosis.effects or one[0] != "after"],
         "charts": [
             figures.gap_bars(segment, gap),
             *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects)) for one in along),
@@ -126,20 +118,18 @@ def _diagnosed(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _rebuilt(story: Story) -> dict[str, Any]:
-    columns = story.models
-    first = story.tracked[0]
+    columns, first, identified = story.models, story.tracked[0], story.on(IDENTIFIED)
     rows = [(first.words, *([_error(first)] * len(columns)))]
-    rows += [(words, *(_error(story.on(c).get(words)) for c in columns)) for words in story.on(IDENTIFIED)]
-    paper_s, ends = _steps(story), _ends(story)
-    lines = [_late(one.run.t, one.run["x_ref"] - one.run["x_out"], kind) for one, kind in ends]
-    loops = [_loop(one.run["x_ref"], one.run["x_out"], one.run.t, kind) for one, kind in paper_s]
+    rows += [(words, *(_error(story.on(c).get(words)) for c in columns)) for words in identified]
+    steps = [first, identified["feedforward (11)"], best(story, columns[-1])]
+    ends = list(zip((best(story, c) for c in columns), KINDS[::2], strict=False))
+    by_step = list(zip(steps, KINDS, strict=True))
+    errors = _error_chart([(one.run, kind) for one, kind in ends], "error behind the best compensators")
+    loops = _loop_chart([(one.run, kind) for one, kind in by_step], "x_ref", "what arrives over what is wanted")
     return {
         "names": ("l:", *(f"model {name}" for name in columns)),
         "rows": rows,
-        "charts": (
-            _keyed(ends, _chart(lines, "t [s]", "x_ref - x_out [deg]", "error behind the best compensators")),
-            _keyed(paper_s, _chart(loops, "x_ref [deg]", "x_out [deg]", "what arrives over what is wanted")),
-        ),
+        "charts": (_key(ends) + errors, _key(by_step) + loops),
     }
 
 
@@ -154,62 +144,48 @@ def _revealed(story: Story) -> dict[str, Any]:
     }
 
 
-# ---- charts and comparisons ----------------------------------------------------------------------
-
-
 def best(story: Story, on: str) -> Tracked:
     """The compensator on a model with the smallest error."""
     return min(story.on(on).values(), key=lambda one: one.error.peak_to_peak)
 
 
-def _ends(story: Story) -> list[tuple[Tracked, str]]:
-    """The best compensator on each model."""
-    on = [best(story, model) for model in story.models]
-    return list(zip(on, KINDS[::2], strict=False))
-
-
-def _steps(story: Story) -> list[tuple[Tracked, str]]:
-    """No compensation, the paper's compensator, and the best one."""
-    on = [story.tracked[0], story.on(IDENTIFIED)["feedforward (11)"], best(story, story.models[-1])]
-    return list(zip(on, KINDS, strict=True))
-
-
-def _keyed(on: Sequence[tuple[Tracked, str]], drawn: Markup) -> Markup:
-    """A chart of runs below the key of its colours."""
-    return part("key", [(kind, ", ".join(filter(None, (one.words, one.model)))) for one, kind in on]) + drawn
+def _key(on: Sequence[tuple[Tracked, str]]) -> Markup:
+    return part("key", [(kind, ", ".join(filter(None, (one.words, one.model)))) for one, kind in on])
 
 
 def _error(one: Tracked | None) -> str:
     return "-" if one is None else f"{digits(one.error.peak_to_peak)} ({digits(one.error.rms)})"
 
 
-def _late(t: np.ndarray, y: np.ndarray, kind: str) -> Line:
-    """Two periods of a signal in deg, its last ones, thinned."""
-    kept = t >= t[-1] - 2 * PERIOD
-    return (*charts.thinned(t[kept], np.rad2deg(y[kept]), POINTS), kind)
+# ---- charts --------------------------------------------------------------------------------------
 
 
-def _loop(x: np.ndarray, y: np.ndarray, t: np.ndarray, kind: str) -> Line:
-    """One period, the last, of one signal over another in deg."""
-    kept = t >= t[-1] - PERIOD
-    return (*charts.sampled(POINTS // 2, np.rad2deg(x[kept]), np.rad2deg(y[kept])), kind)  # type: ignore[return-value]
+def _error_chart(runs: Sequence[tuple[Run, str]], words: str) -> Markup:
+    """Tracking errors of runs in deg, over their last two periods; a class for each."""
+    lines = []
+    for run, kind in runs:
+        late = run.t >= run.t[-1] - 2 * PERIOD
+        lines.append((run.t[late], np.rad2deg((run["x_ref"] - run["x_out"])[late]), kind))
+    return _over_time(lines, "x_ref - x_out [deg]", words)
 
 
-def _recording(name: str, record: Record) -> Markup:
-    lines = [
-        (*charts.thinned(record.t, np.rad2deg(record[k]), POINTS), kind)
-        for k, kind in (("x_in", "between"), ("x_out", "measured thin"))
-    ]
-    return _chart(lines, "t [s]", heading(name, "deg"), f"the recording {name} over time")
+def _over_time(lines: Sequence[Line], label: str, words: str) -> Markup:
+    drawn = [(*charts.thinned(t, y, POINTS), kind) for t, y, kind in lines]
+    limits = (float(min(t[0] for t, _, _ in drawn)), float(max(t[-1] for t, _, _ in drawn)))
+    return _chart(drawn, limits, "t [s]", label, words)
 
 
-def _chart(lines: Sequence[Line], x_label: str, y_label: str, words: str) -> Markup:
-    frame = Frame(LEFT, 22, RIGHT, 170, _span(*(x for x, _, _ in lines)), charts.spread(*(y for _, y, _ in lines)))
+def _loop_chart(runs: Sequence[tuple[Run | Record, str]], x: str, words: str) -> Markup:
+    """``x_out`` over a signal in deg, in the last period of each run."""
+    lines: list[Line] = []
+    for run, kind in runs:
+        late = run.t >= run.t[-1] - PERIOD
+        across, up = charts.sampled(POINTS // 2, np.rad2deg(run[x][late]), np.rad2deg(run["x_out"][late]))
+        lines.append((across, up, kind))
+    return _chart(lines, charts.spread(*(x for x, _, _ in lines)), f"{x} [deg]", "x_out [deg]", words)
+
+
+def _chart(lines: Sequence[Line], limits: tuple[float, float], x_label: str, y_label: str, words: str) -> Markup:
+    frame = Frame(LEFT, 22, RIGHT, 170, limits, charts.spread(*(y for _, y, _ in lines)))
     parts = [charts.axes(frame, x_label, y_label), *(charts.line(frame, *line) for line in lines)]
     return charts.chart(parts, 204, words)
-
-
-def _span(*signals: np.ndarray) -> tuple[float, float]:
-    every = np.concatenate(signals)
-    rising = all(b >= a for a, b in pairwise(signals[0]))
-    return (float(every.min()), float(every.max())) if rising else charts.spread(every)

@@ -8,7 +8,8 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.blocks import MultiSine, Sine
+from tsmblocks.blocks import MultiSine, Recorded, Sine
+from tsmblocks.common import units
 from tsmblocks.data import Record
 from tsmblocks.files import load
 from tsmblocks.metrics.tracking import TrackingError, tracking_error
@@ -54,16 +55,14 @@ class Case:
 
 def cases() -> list[Case]:
     """The paper's three signals."""
-
-    def pair(f1: float, f2: float) -> Any:
-        tone = math.radians(28.0)
-        return MultiSine(amplitudes=(tone, tone), frequencies=(f1, f2), phases=(0.0, 0.0), unit="rad")
-
     one = Sine(amplitude=math.radians(55.0), frequency=0.2, unit="rad")
+    tones: dict[str, Any] = dict(amplitudes=(math.radians(28.0),) * 2, phases=(0.0, 0.0), unit="rad")
+    two = MultiSine(frequencies=(0.2, 0.5), **tones)
+    no_period = MultiSine(frequencies=(0.25, 0.25 * math.sqrt(3)), **tones)
     return [
         Case("sine", "55 deg at 0.2 Hz", one, paper=(27.0, 8.0, 5.8)),
-        Case("two_sines", "28 deg at 0.2 and 0.5 Hz", pair(0.2, 0.5), paper=(27.0, 8.5, None)),
-        Case("no_period", "28 deg at 0.25 and 0.25√3 Hz", pair(0.25, 0.25 * math.sqrt(3)), paper=(28.0, 9.2, None)),
+        Case("two_sines", "28 deg at 0.2 and 0.5 Hz", two, paper=(27.0, 8.5, None)),
+        Case("no_period", "28 deg at 0.25 and 0.25√3 Hz", no_period, paper=(28.0, 9.2, None)),
     ]
 
 
@@ -72,9 +71,6 @@ def measured_case(record: Record, name: str, unit: str) -> Case:
 
     Raises UnitError where that is no angle.
     """
-    from tsmblocks.blocks import Recorded
-    from tsmblocks.common import units
-
     values = record.values(name, "rad") if record.unit(name) else record[name] * units.factor(unit, "rad")
     t = record.t - record.t[0]
     stop = math.floor(float(t[-1]) / STEP) * STEP

@@ -62,29 +62,21 @@ def build_story(name: str, seed: int, progress: Callable[[str, float], None] | N
 
     ``progress`` is called with the stage and the share done.
     """
-
-    def at(words: str, share: float) -> None:
-        if progress:
-            progress(words, share)
-
-    at("measuring", 0.0)
+    progress = progress or (lambda *_: None)
+    progress("measuring", 0.0)
     sheath = truth(HIDDEN[name])
     records = measured(sheath, seed)
-    at("identifying", 0.1)
+    progress("identifying", 0.1)
     found = fit(model(), records, seed=seed, step=FINE)
     _raise_if_interrupted(found.status)
-    at("diagnosing", 0.2)
+    progress("diagnosing", 0.2)
     diagnosis = diagnose(model(), records, noise_floor=FLOOR, seed=seed, step=FINE)
     _raise_if_interrupted(diagnosis.status)
-    at("rebuilding the compensators", 0.7)
-    tracked = [compensators.uncompensated(sheath)]
-    models = {IDENTIFIED: found.diagram}
+    progress("rebuilding the compensators", 0.7)
+    tracked = [compensators.uncompensated(sheath), *compensators.compensated(sheath, found.diagram, IDENTIFIED)]
     if diagnosis.effects:
-        models[AUGMENTED] = diagnosis.augmented
-    for words, made in models.items():
-        built = (compensators.feedforward, compensators.around, compensators.planned)
-        tracked += [one for build in built if (one := build(sheath, made, words)) is not None]
-        at("rebuilding the compensators", 0.85)
+        progress("rebuilding the compensators", 0.85)
+        tracked += compensators.compensated(sheath, diagnosis.augmented, AUGMENTED)
     return Story(name, HIDDEN[name], sheath, records, found, diagnosis, tuple(tracked))
 
 
