@@ -7,21 +7,15 @@ equations. Nothing here knows steps or data.
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 from typing import Any
 
 import casadi as ca
 
 from tsmblocks.compiler.evaluate import Evaluator
-from tsmblocks.compiler.flatten import FlatDiagram, flatten, is_held_output
-from tsmblocks.engine.equations import Equations
+from tsmblocks.compiler.flatten import FlatDiagram, is_held_output
+from tsmblocks.engine.equations import LAG, RHS, START, UPDATE, Equations
 from tsmblocks.model.diagram import Diagram
-
-_LABELS = {
-    "rhs": (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"]),
-    "update": (["t", "x", "d", "u", "q", "p", "hit"], ["d_next", "x_next"]),
-    "start": (["p"], ["x", "d", "s"]),
-}
-"""Names of the arguments and results of each function."""
 
 
 def compile_diagram(diagram: Diagram) -> Equations:
@@ -30,26 +24,26 @@ def compile_diagram(diagram: Diagram) -> Equations:
     ``between`` forms all signals between samples, for ``rhs``; a second evaluator forms them at a sample instant, for
     ``update``. Raises AlgebraicLoop, EquationError or DiagramError, naming the place.
     """
-    flat = flatten(diagram)
+    flat = FlatDiagram(diagram)
     between = Evaluator(flat, held=True)
     between.form_all()
     names, signals = _signals(flat, between)
     update = _update(flat, between)  # may add derivatives of inputs that nothing else needs
-    results = [_column(between.rates()), _column(signals), _column(between.delayed())]
-    rhs = ca.Function("rhs", _reads(flat, between), results, *_LABELS["rhs"])
-    p = _column(flat.p)
-    begin = [*(between.initial_values(keys) for keys in (flat.x, flat.d)), flat.first_past]
-    start = ca.Function("start", [p], [ca.densify(_column(values)) for values in begin], *_LABELS["start"])
-    lag = ca.Function("lag", [p], [ca.densify(_column(flat.delays))], ["p"], ["tau"])
+    pasts, value, p = flat.pasts.values(), between.value, _column(list(flat.p.values()))
+    results = ([value["dx", *key] for key in flat.x], signals, [value[one.source] for one in pasts])
+    rhs = ca.Function("rhs", _reads(flat, between), [_column(part) for part in results], *RHS)
+    begin = (_initial(flat, flat.x), _initial(flat, flat.d), [one.initial for one in pasts])
+    start = ca.Function("start", [p], [ca.densify(_column(values)) for values in begin], *START)
+    lag = ca.Function("lag", [p], [ca.densify(_column([one.delay for one in pasts]))], *LAG)
     return Equations(
         title=diagram.title,
         x=tuple(".".join(k) for k in flat.x),
         d=tuple(flat.d_name(k) for k in flat.d),
         u=tuple(between.sampled_inputs()),
-        p=tuple(flat.p_names),
+        p=tuple(flat.p),
         y=tuple(names),
-        q=tuple(".".join(k) for k in flat.past_keys),
-        min_delay_steps=tuple(0 if past.now else 1 for past in flat.pasts),
+        q=tuple(".".join(k) for k in flat.pasts),
+        min_delay_steps=tuple(0 if one.past.now else 1 for one in pasts),
         rhs=rhs,
         update=update,
         start=start,
@@ -66,7 +60,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
 
 def _reads(flat: FlatDiagram, evaluator: Evaluator) -> list[Any]:
     """Arguments of every function of the equations: t, x, d, u, q, p."""
-    return [flat.t, *map(_column, (*evaluator.symbols(), flat.p))]
+    return [flat.t, *map(_column, (*evaluator.symbols(), list(flat.p.values())))]
 
 
 def _update(flat: FlatDiagram, between: Evaluator) -> Any:
@@ -74,8 +68,13 @@ def _update(flat: FlatDiagram, between: Evaluator) -> Any:
     if not (flat.d or flat.resets):
         return None
     d_next, x_next, hit = Evaluator(flat, held=False, share=between).updates()
-    reads = [*_reads(flat, between), hit]
-    return ca.Function("update", reads, [_column(d_next), _column(x_next)], *_LABELS["update"])
+    return ca.Function("update", [*_reads(flat, between), hit], [_column(d_next), _column(x_next)], *UPDATE)
+
+
+def _initial(flat: FlatDiagram, keys: Iterable[tuple[str, ...]]) -> list[Any]:
+    """Initial states in terms of parameters; a held output is set by its first sample."""
+    states = {path: block.states for path, block in flat.symbolic_blocks.items()}
+    return [ca.SX(0) if is_held_output(key) else ca.SX(states[key[0]][key[1]].start) for key in keys]
 
 
 def _column(elements: list[Any]) -> Any:

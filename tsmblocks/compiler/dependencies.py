@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import traceback
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import BlockError, EquationError, clip, in_words, near
-from tsmblocks.model.block import Block, Input, Unchanging, is_reference, leaves, signals
+from tsmblocks.model.block import Block, Unchanging, is_reference, leaves, signals
 
 _PACKAGE = str(Path(__file__).parent.parent)
 
@@ -150,9 +150,9 @@ def _analysed(block: Block) -> Structure:
     _check_ports(block)
     made, owner, states = symbolic(block), type(block).__name__, list(block.states)
     y, dx, fresh = map(made.of, EQUATIONS)
-    _same_names(owner, "outputs", list(y), list(block.outports))
-    _known_names(owner, "derivatives", dx, states)
-    _known_names(owner, "updates", fresh, states)
+    _same_names(owner, "outputs", y, list(block.outports), all_of=True)
+    _same_names(owner, "derivatives", dx, states, all_of=False)
+    _same_names(owner, "updates", fresh, states, all_of=False)
     idle = [k for k in states if k not in dx and k not in fresh]
     if idle:
         raise EquationError(
@@ -176,40 +176,36 @@ def _analysed(block: Block) -> Structure:
     )
 
 
-def _check_rates(owner: str, inports: Mapping[str, Input]) -> None:
-    """Raise EquationError for an input that is the rate of no input, or of itself through others."""
-    for name, port in inports.items():
-        if port.rate_of and port.rate_of not in inports:
-            raise EquationError(
-                f"{owner}.{name} is the rate of '{port.rate_of}', which is no input."
-                f"{near(port.rate_of, set(inports) - {name})}"
-            )
-    for name in inports:
-        chain = [name]
-        while of := inports[chain[-1]].rate_of:
-            if of in chain:
-                raise EquationError(f"{owner}.{name} is in the end its own rate: {' of '.join([*chain, of])}.")
-            chain.append(of)
-
-
 def _check_ports(block: Block) -> None:
     """Raise EquationError when a port refers to an unknown one, or a name is used twice."""
     owner, inports = type(block).__name__, block.inports
-    _check_rates(owner, inports)
+
+    def need(port: str, what: str, name: str, known: Iterable[str], kind: str) -> None:
+        if name not in known:
+            hint = near(name, [k for k in known if k != port])
+            raise EquationError(f"{owner}.{port} {what} '{name}', which is {kind}.{hint}")
+
+    rates = {name: port.rate_of for name, port in inports.items() if port.rate_of}
+    for name, of in rates.items():
+        need(name, "is the rate of", of, inports, "no input")
+    for name in rates:
+        chain = [name]
+        while chain[-1] in rates and rates[chain[-1]] not in chain:
+            chain.append(rates[chain[-1]])
+        if chain[-1] in rates:
+            ring = " of ".join([*chain, rates[chain[-1]]])
+            raise EquationError(f"{owner}.{name} is in the end its own rate: {ring}.")
     for name, past in block.past_ports.items():
-        if past.of not in inports:
-            raise EquationError(
-                f"{owner}.{name} is the past of '{past.of}', which is no input.{near(past.of, inports)}"
-            )
+        need(name, "is the past of", past.of, inports, "no input")
         for number in (past.by, past.initial):
-            if number not in block.parameters:
-                raise EquationError(
-                    f"{owner}.{name} needs the parameter '{number}', which is not declared."
-                    f"{near(number, block.parameters)}"
-                )
-    names = [*block.read_names, *block.outports, *block.states]
-    seen = Counter(names)
-    twice = next((k for k in names if seen[k] > 1), None)
+            need(name, "needs the parameter", number, block.parameters, "not declared")
+    _check_names(block)
+
+
+def _check_names(block: Block) -> None:
+    """Raise EquationError when a name is used twice, or a state does not start at a number."""
+    owner, names = type(block).__name__, Counter([*block.read_names, *block.outports, *block.states])
+    twice = next((k for k, count in names.items() if count > 1), None)
     if twice is not None:
         raise EquationError(f"{owner}.{twice} is two things at once (a port, a state); give one of them another name.")
     for name, state in block.states.items():
@@ -227,26 +223,14 @@ def _moves(expression: Any, t: Any, x: list[Any]) -> bool:
     return not ca.jtimes(expression, t, 1).is_zero() or ca.depends_on(expression, ca.vertcat(*x))
 
 
-def _same_names(owner: str, equation: str, given: list[str], wanted: list[str]) -> None:
-    """Raise EquationError unless exactly the declared names are returned."""
-    missing, extra = [k for k in wanted if k not in given], [k for k in given if k not in wanted]
-    said = []
-    if missing:
-        said.append(f"leaves out {', '.join(missing)}")
+def _same_names(owner: str, equation: str, given: Iterable[str], wanted: list[str], *, all_of: bool) -> None:
+    """Raise EquationError for a result that is not declared, and with ``all_of`` for one that is left out."""
+    missing, extra = [k for k in wanted if k not in given and all_of], [k for k in given if k not in wanted]
+    faults = [f"leaves out {', '.join(missing)}"] if missing else []
     if extra:
-        said.append(f"returns {', '.join(extra)}, which is not declared")
-    if said:
-        raise EquationError(f"{owner}.{equation} {' and '.join(said)}. Declared: {', '.join(wanted) or 'nothing'}.")
-
-
-def _known_names(owner: str, equation: str, given: dict[str, Any], states: list[str]) -> None:
-    """Raise EquationError for a returned name that is no state."""
-    extra = [k for k in given if k not in states]
-    if extra:
-        raise EquationError(
-            f"{owner}.{equation} returns {', '.join(extra)}, which is not a state. "
-            f"Declared: {', '.join(states) or 'nothing'}."
-        )
+        faults.append(f"returns {', '.join(extra)}, which is not {'declared' if all_of else 'a state'}")
+    if faults:
+        raise EquationError(f"{owner}.{equation} {' and '.join(faults)}. Declared: {', '.join(wanted) or 'nothing'}.")
 
 
 def _no_nan(owner: str, equation: str, name: str, expression: Any) -> None:

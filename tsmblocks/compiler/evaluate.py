@@ -8,7 +8,7 @@ loop, and the stack is the path of the loop. There is no recursion, so chains ma
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import casadi as ca
@@ -32,29 +32,23 @@ class Evaluator:
 
     ``value`` holds the nodes that have been formed. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and
     their derivatives, ``q`` of the stored past of delayed signals, ``hit`` whether each rate group is sampled now;
-    ``owner`` maps a symbol (its hash) to what it denotes. ``past`` is the index of each past value in ``q``.
+    ``owner`` maps a symbol (its hash) to what it denotes.
     """
 
     def __init__(self, flat: FlatDiagram, *, held: bool, share: Evaluator | None = None) -> None:
         self.flat, self.held = flat, held
-        self.value: dict[Node, Any] = {}
         if share is None:
             self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
             self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
             self.u: dict[tuple[Any, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
-            self.q = [ca.vertsplit(ca.SX.sym(k, DELAY_NUMBERS)) for k in map(".".join, flat.past_keys)]
-            self.owner: dict[int, tuple[Any, ...]] = {}
-            for kind, table in (("x", self.x), ("d", self.d)):
-                self.owner |= {s.element_hash(): (kind, k) for k, s in table.items()}
-            self.owner[flat.t.element_hash()] = ("t",)
-            for name in flat.inputs:
-                self._input_symbol(("u", name, 0))
+            self.q = {k: ca.vertsplit(ca.SX.sym(".".join(k), DELAY_NUMBERS)) for k in flat.pasts}
+            states = {"x": self.x, "d": self.d}
+            self.owner: dict[int, tuple[Any, ...]] = {flat.t.element_hash(): ("t",)}
+            self.owner |= {v.element_hash(): (kind, k) for kind, table in states.items() for k, v in table.items()}
         else:
             self.x, self.d, self.u, self.q, self.owner = share.x, share.d, share.u, share.q, share.owner
-        for name in flat.inputs:
-            self.value["u", name] = self.u["u", name, 0]
+        self.value: dict[Node, Any] = {("u", name): self._input_symbol(("u", name, 0)) for name in flat.inputs}
         self.hit = ca.SX.sym("hit", len(flat.periods))
-        self.past = {key: k for k, key in enumerate(flat.past_keys)}
 
     # ---- results, for ``compile``
 
@@ -63,14 +57,6 @@ class Evaluator:
         flat = self.flat
         self.form(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
         self.form(("dx", *key) for key in flat.x)
-
-    def rates(self) -> list[Any]:
-        """Derivatives of the continuous states, in order."""
-        return [self.value["dx", *key] for key in self.flat.x]
-
-    def delayed(self) -> list[Any]:
-        """Signals that are delayed, one for each delay."""
-        return [self.value[node] for node in self.flat.past_source]
 
     def updates(self) -> tuple[list[Any], list[Any], Any]:
         """Memory and held outputs after a sample instant, continuous states after it, and ``hit``."""
@@ -89,34 +75,25 @@ class Evaluator:
     def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
         """New memory of one block; a sampled block keeps its own between samples."""
         flat, block = self.flat, self.flat.symbolic_blocks[path]
-        nodes = {name: self._source(path, name) for name in block.read_names}
-        self.form(node for node in nodes.values() if node[0] != "tape")
-        values = [self._read(path, name, node) for name, node in nodes.items()]
-        new = self._call(path, "updates", values)
+        nodes = [self._source(path, name) for name in block.read_names]
+        self.form(nodes)
+        new = self._call(path, "updates", [self.value[node] for node in nodes])
         if path in flat.group:
             x, hit = self._states(path), self.hit[flat.group[path]]
             new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
         return {(path, k): v for k, v in new.items()}
 
-    def initial_values(self, keys: Collection[tuple[str, ...]]) -> list[Any]:
-        """Initial states in terms of parameters; a held output is set by its first sample."""
-        states = {path: self.flat.symbolic_blocks[path].states for path in {path for path, *_ in keys}}
-        return [ca.SX(0) if is_held_output(key) else ca.SX(states[key[0]][key[1]].start) for key in keys]
-
     def sampled_inputs(self) -> Iterable[Any]:
         """The sampled inputs in use, in the order of ``symbols``."""
-        for kind, *rest in self.u:
-            if kind == "u":
-                name, order = rest
-                yield SampledInput("d/dt " * int(order) + name, order=int(order), unit=self.flat.inputs[name])
-            else:
-                path, tape, order = rest
-                yield SampledInput("d/dt " * int(order) + f"{path}.{tape}", path, tape, int(order))
+        for kind, *path, order in self.u:
+            name, (block, tape) = ".".join(path), path if kind == "tape" else ("", "")
+            unit = self.flat.inputs[name] if kind == "u" else ""
+            yield SampledInput("d/dt " * order + name, block, tape, order, unit)
 
     def symbols(self) -> tuple[list[Any], ...]:
         """Symbols of x, d, u and q, each in order."""
         x, d = [self.x[k] for k in self.flat.x], [self.d[k] for k in self.flat.d]
-        return x, d, list(self.u.values()), [s for kept in self.q for s in kept]
+        return x, d, list(self.u.values()), list(itertools.chain(*self.q.values()))
 
     # ---- forming nodes
 
@@ -144,6 +121,9 @@ class Evaluator:
             return self._form_rate(node)
         if node[0] == "past":
             return self._form_past(node)
+        if node[0] == "tape":
+            self.value[node] = self._input_symbol((*node, 0))
+            return ()
         kind, path, name = node
         flat, shape = self.flat, self.flat.structures[path]
         if kind == "y" and self.held and (path, name) in flat.held:
@@ -152,12 +132,10 @@ class Evaluator:
         wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
         block = flat.symbolic_blocks[path]
         # In the order of ports: that of the set ``wanted`` differs between processes.
-        needed = (self._source(path, k) for k in block.read_names if k in wanted)
-        missing = [n for n in needed if n[0] != "tape" and n not in self.value]
-        if missing:
-            return missing
-        self._evaluate(path, kind)
-        return ()
+        missing = [n for k in block.read_names if k in wanted and (n := self._source(path, k)) not in self.value]
+        if not missing:
+            self._evaluate(path, kind)
+        return missing
 
     def _evaluate(self, path: str, kind: str) -> None:
         """Form every output (or derivative) of a block whose inputs have been formed.
@@ -166,13 +144,9 @@ class Evaluator:
         results that depend on it are discarded.
         """
         flat, block, shape = self.flat, self.flat.symbolic_blocks[path], self.flat.structures[path]
-        ready, values = set(), []
-        for name in block.read_names:
-            node = self._source(path, name, strict=False)
-            there = node is not None and (node[0] == "tape" or node in self.value)
-            values.append(self._read(path, name, node) if there else _PENDING)  # type: ignore[arg-type]
-            if there:
-                ready.add(name)
+        nodes = {name: self._source(path, name, strict=False) for name in block.read_names}
+        values = [self.value.get(node, _PENDING) for node in nodes.values()]
+        ready = {name for name, node in nodes.items() if node in self.value}
         needs = shape.outputs if kind == "y" else shape.rates
         result = self._call(path, EQUATIONS[kind], values)
         for name, wanted in needs.items():
@@ -184,16 +158,15 @@ class Evaluator:
 
     def _form_past(self, node: Node) -> Iterable[Node]:
         """A past value; where the present value takes part in it, that is formed first."""
-        flat, k = self.flat, self.past[node[1], node[2]]
-        source, past = flat.past_source[k], flat.pasts[k]
-        if past.now and source not in self.value:
-            return (source,)
-        first = None if past.first else flat.first_past[k]
-        if past.now:
-            self.value[node] = interpolated_past(self.q[k], flat.t, flat.delays[k], first, self.value[source])
+        t, one, kept = self.flat.t, self.flat.pasts[node[1], node[2]], self.q[node[1], node[2]]
+        if one.past.now and one.source not in self.value:
+            return (one.source,)
+        first = None if one.past.first else one.initial
+        if one.past.now:
+            self.value[node] = interpolated_past(kept, t, one.delay, first, self.value[one.source])
         else:
-            made = held_past if self._constant_within_steps(source) else interpolated_past
-            self.value[node] = made(self.q[k], flat.t, flat.delays[k], first)
+            made = held_past if self._constant_within_steps(one.source) else interpolated_past
+            self.value[node] = made(kept, t, one.delay, first)
         return ()
 
     def _constant_within_steps(self, source: Node) -> bool:
@@ -205,8 +178,8 @@ class Evaluator:
             if node in seen or (kind == "y" and tuple(key) in flat.held):
                 continue
             seen.add(node)
-            if kind == "past" and not flat.pasts[k := self.past[key[0], key[1]]].now:
-                left.append(flat.past_source[k])
+            if kind == "past" and not flat.pasts[key[0], key[1]].past.now:
+                left.append(flat.pasts[key[0], key[1]].source)
             elif kind == "y" and key[1] not in (shape := flat.structures[key[0]]).moving:
                 left += [self._source(key[0], name) for name in shape.outputs[key[1]]]
             else:
@@ -224,17 +197,12 @@ class Evaluator:
         missing = [("dx", *o[1]) for o in owners if o[0] == "x" and ("dx", *o[1]) not in self.value]
         if missing:
             return missing
-        moving, along = [], []  # symbols that change with time, and their derivatives: a direction for ``jtimes``
-        for symbol, owner in zip(symbols, owners, strict=True):
-            rate = self._symbol_rate(owner, source)
-            if rate is not None:
-                moving.append(symbol)
-                along.append(rate)
-        self.value[node] = ca.jtimes(expression, ca.vertcat(*moving), ca.vertcat(*along)) if moving else ca.SX(0)
+        rates = [self._symbol_rate(owner, source) for owner in owners]
+        self.value[node] = ca.jtimes(expression, ca.vertcat(ca.SX(0, 1), *symbols), ca.vertcat(ca.SX(0, 1), *rates))
         return ()
 
     def _symbol_rate(self, owner: tuple[Any, ...], source: Node) -> Any:
-        """The time derivative of a symbol; None for what is constant between steps."""
+        """The time derivative of a symbol."""
         kind = owner[0]
         if kind == "t":
             return ca.SX(1)
@@ -244,11 +212,11 @@ class Evaluator:
             *name, order = owner[1]
             return self._input_symbol((*name, order + 1))
         if kind == "d" and is_held_output(owner[1]):
-            self._raise_fault(
+            raise self._fault(
                 f"{self._ports_with_rate(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
                 "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
             )
-        return None
+        return ca.SX(0)
 
     def _ports_with_rate(self, source: Node) -> str:
         """The ports that need the derivative of a signal."""
@@ -270,9 +238,8 @@ class Evaluator:
         """The log name of a signal, or of its rate."""
         return f"d/dt {self._named(node[1:])}" if node[0] == "rate" else self.flat.signal_name(node)
 
-    def _raise_fault(self, text: str) -> None:
-        """Raise DiagramError."""
-        raise DiagramError(self.flat.title, [text], self.flat.where)
+    def _fault(self, text: str) -> DiagramError:
+        return DiagramError(self.flat.title, [text], self.flat.where)
 
     def _input_symbol(self, key: tuple[Any, ...]) -> Any:
         """The symbol of a sampled input, or of its derivative of some order; made on first use."""
@@ -287,19 +254,13 @@ class Evaluator:
         flat = self.flat
         port = flat.symbolic_blocks[path].inports.get(name)
         if port is None:
-            return ("past" if (path, name) in self.past else "tape", path, name)
+            return ("past" if (path, name) in flat.pasts else "tape", path, name)
         if (path, name) in flat.driver:
             return flat.driver[path, name]
         driver = self._source(path, port.rate_of, strict=False) if port.rate_of else None
         if driver is None and strict:
-            self._raise_fault(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
+            raise self._fault(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
         return None if driver is None else ("rate", *driver)
-
-    def _read(self, path: str, name: str, node: Node) -> Any:
-        """The expression of a node, or the symbol of a tape."""
-        if node[0] != "tape":
-            return self.value[node]
-        return self._input_symbol(("tape", path, name, 0))
 
     def _states(self, path: str) -> Any:
         """States of a block by name."""
@@ -331,30 +292,27 @@ class Evaluator:
                 f"{ring} needs its own value at the same instant: a derivative takes away the state it is "
                 "wired to. Put a FilteredDerivative in the place of the exact one."
             )
-        if any(node[0] == "y" and node[1] in self.flat.group for node in nodes):
-            return (
-                f"{ring} has no state in it, so its value at a sample depends on itself. "
-                "Break it with a UnitDelay, or with a block that has a state (a lag, an integrator)."
-            )
-        return (
-            f"{ring} has no state in it, so its value at one instant depends on itself. "
-            "Break it with a block that has a state (a lag, an integrator), with a Delay, or with a "
-            f"sampled block.{self._zero_coefficient_hint(nodes)}"
+        at, remedy = (
+            "one instant",
+            "a block that has a state (a lag, an integrator), with a Delay, or with a sampled block.",
         )
+        if any(node[0] == "y" and node[1] in self.flat.group for node in nodes):
+            at, remedy = "a sample", "a UnitDelay, or with a block that has a state (a lag, an integrator)."
+        else:
+            remedy += self._zero_coefficient_hint(nodes)
+        return f"{ring} has no state in it, so its value at {at} depends on itself. Break it with {remedy}"
 
     def _zero_coefficient_hint(self, nodes: list[Node]) -> str:
         """A sentence on the blocks of a loop that pass nothing on since a coefficient is 0; ``""`` without any."""
         flat, idle = self.flat, list[str]()
-        numbers = ca.vertcat(*flat.p), ca.DM(flat.p_values)
+        numbers = ca.vertcat(*flat.p.values()), ca.DM(flat.p_values)
         for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):
-            if kind != "y":
-                continue
-            names = flat.symbolic_blocks[path].read_names
-            symbols = [ca.SX.sym(name) for name in names]
-            made = self._call(path, "outputs", symbols)[port]
-            around = [s for k, s in zip(names, symbols, strict=True) if self._source(path, k, strict=False) == read]
-            if around and not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
-                idle.append(path)
+            symbols = {name: ca.SX.sym(name) for name in flat.symbolic_blocks[path].read_names}
+            around = [s for k, s in symbols.items() if self._source(path, k, strict=False) == read]
+            if kind == "y" and around:
+                made = self._call(path, "outputs", list(symbols.values()))[port]
+                if not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
+                    idle.append(path)
         if not idle:
             return ""
         return (

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError, EquationError
@@ -20,10 +21,20 @@ Key = tuple[str, str]
 Node = tuple[str, ...]
 """``("y", block, port)`` an output, ``("u", name)`` an input of the diagram.
 
-While wires are followed there are ``("in", block, name)`` and ``("out", block, name)`` too, the borders of an inner
-diagram. ``evaluate`` adds ``("dx", block, state)``, the derivative of a state, ``("rate", *node)``, the time derivative
-of a signal, ``("past", block, name)``, a past value, and ``("tape", block, name)``, samples that a block supplies.
+While wires are followed there are ``("in", block, name)``, an input port, and ``("out", diagram, name)`` too.
+``evaluate`` adds ``("dx", block, state)``, the derivative of a state, ``("rate", *node)``, the time derivative of
+a signal, ``("past", block, name)``, a past value, and ``("tape", block, name)``, samples that a block supplies.
 """
+
+
+@attrs.frozen(eq=False)
+class PastValue:
+    """A past value that is read: its declaration, the delayed node, the delay [s], and the value before the start."""
+
+    past: Past
+    source: Node
+    delay: Any
+    initial: Any
 
 
 def is_held_output(key: tuple[str, ...]) -> bool:
@@ -32,7 +43,7 @@ def is_held_output(key: tuple[str, ...]) -> bool:
 
 
 class FlatDiagram:
-    """One level of blocks with symbols. Built once by ``flatten`` and only read afterwards.
+    """One level of blocks with symbols; raises AlgebraicLoop for a ring of inner diagrams without a block.
 
     A block's path is its name after the names of the diagrams around it (``motor.drive``).
 
@@ -40,9 +51,8 @@ class FlatDiagram:
       (of a sampled block, the index of its period in ``periods`` [s]).
     - Wiring: ``driver`` is the node that drives each input port, ``shown`` the node of each output of the diagram.
     - Keys: ``x`` are the continuous states, ``resets`` those that updates set, ``d`` memory states, then the outputs of
-      sampled blocks, which are ``held`` between samples. ``p`` are the symbols of parameters.
-    - For each past value that is read one element of ``past_keys`` (block, port), ``pasts`` (its declaration),
-      ``past_source`` (the delayed node), ``delays`` [s] and ``first_past`` (its value before the start).
+      sampled blocks, which are ``held`` between samples. ``p`` are the symbols of parameters by name.
+      ``pasts`` are the past values that are read, by block and port.
     """
 
     def __init__(self, diagram: Diagram) -> None:
@@ -52,46 +62,40 @@ class FlatDiagram:
         self.blocks: dict[str, Block] = {}  # as given
         self.symbolic_blocks: dict[str, Any] = {}  # with symbols for numbers
         self.structures: dict[str, Structure] = {}
-        self.p: list[Any] = []
-        self.p_names: list[str] = []
+        self.p: dict[str, Any] = {}
         self.p_values: list[float] = []
         self.inputs: dict[str, str] = {k: v.unit for k, v in diagram.inports.items()}
-        self._raw: dict[Key, Node] = {}  # an input port (also of an inner diagram) -> what drives it
-        self._inner: dict[str, Diagram] = {"": diagram}
+        self._wires: dict[Node, Node] = {}  # an input port, or an output of a diagram -> what drives it
         self._collect(diagram, "")
-        followed = {k: self._followed(v) for k, v in self._raw.items()}
-        self.driver = {k: v for k, v in followed.items() if k[0] in self.blocks}
-        self.shown = {k: self._followed(self._source_node(diagram, "", end)) for k, end in diagram.shown.items()}
-        self._make_symbols()
+        followed = {node: self._followed(node) for node in self._wires}
+        self.driver = {(path, port): v for (kind, path, port), v in followed.items() if path in self.blocks}
+        self.shown = {k: followed["out", "", k] for k in diagram.shown}
+        self._list_states()
 
     # ---- hierarchy
 
     def _collect(self, diagram: Diagram, prefix: str) -> None:
-        scope = {}
-        for name, value in diagram.values.items():
-            scope[name] = self._parameter(prefix + name, value)
+        scope = {name: self._parameter(prefix + name, value) for name, value in diagram.values.items()}
         for name, block in diagram.blocks.items():
             path = prefix + name
             if isinstance(block, Diagram):
-                self._inner[path + "."] = block
                 self._collect(block, path + ".")
             else:
                 self._add(path, block, scope)
-        for link in diagram.links:
-            self._raw[prefix + link.target[0], link.target[1]] = self._source_node(diagram, prefix, link.source)
-        for name, ends in diagram.inlets.items():
-            for end in ends:
-                node = ("u", name) if not prefix else ("in", prefix[:-1], name)
-                self._raw[prefix + end[0], end[1]] = node
 
-    def _source_node(self, diagram: Diagram, prefix: str, end: Key) -> Node:
-        """The node of an output port; for a port of an inner diagram, the border of that diagram."""
-        name, port = end
-        if not name:  # an input passed straight through
-            return ("u", port) if not prefix else ("in", prefix[:-1], port)
-        if isinstance(diagram.blocks[name], Diagram):
-            return ("out", prefix + name, port)
-        return ("y", prefix + name, port)
+        def source(end: Key) -> Node:
+            """The node of an output port; for a port of a diagram (an input of this one, too) its border."""
+            name, port = end
+            if not name:
+                return ("in", prefix[:-1], port) if prefix else ("u", port)
+            return "out" if isinstance(diagram.blocks[name], Diagram) else "y", prefix + name, port
+
+        driven = [(link.target, link.source) for link in diagram.links]
+        driven += [(end, ("", name)) for name, ends in diagram.inlets.items() for end in ends]
+        for (name, port), end in driven:
+            self._wires["in", prefix + name, port] = source(end)
+        for port, end in diagram.shown.items():
+            self._wires["out", prefix[:-1], port] = source(end)
 
     def _followed(self, node: Node) -> Node:
         """The output of a block, or the input of the whole diagram, that lies behind borders of inner diagrams."""
@@ -100,29 +104,18 @@ class FlatDiagram:
             if node in seen:
                 back = [*seen[seen.index(node) :], node]  # against the flow
                 names = [f"{path}.{port}" for _, path, port in reversed(back)]
-                raise AlgebraicLoop(
-                    self.title,
-                    [f"{' -> '.join(names)} joins diagrams in a ring that holds no block, so the signal has no value."],
-                    self.where,
-                    names,
-                )
+                text = f"{' -> '.join(names)} joins diagrams in a ring that holds no block, so the signal has no value."
+                raise AlgebraicLoop(self.title, [text], self.where, names)
             seen.append(node)
-            kind, path, port = node
-            if kind == "in":
-                node = self._raw[path, port]
-            else:
-                inner = self._inner[path + "."]
-                node = self._source_node(inner, path + ".", inner.shown[port])
+            node = self._wires[node]
         return node
 
     # ---- symbols
 
     def _parameter(self, name: str, value: float) -> Any:
-        symbol = ca.SX.sym(name)
-        self.p.append(symbol)
-        self.p_names.append(name)
+        self.p[name] = ca.SX.sym(name)
         self.p_values.append(value)
-        return symbol
+        return self.p[name]
 
     def _add(self, path: str, block: Block, scope: dict[str, Any]) -> None:
         def symbol(leaf: str, value: Any) -> Any:
@@ -135,17 +128,13 @@ class FlatDiagram:
         except EquationError as error:
             raise EquationError(f"{path}: {error}") from error.__cause__
 
-    def _make_symbols(self) -> None:
+    def _list_states(self) -> None:
         self.x: list[Key] = []
         self.d: list[tuple[str, ...]] = []  # (block, state) for memory, then (block, port, "held")
         self.resets: list[Key] = []
         self.periods: list[float] = []
         self.group: dict[str, int] = {}
-        self.past_keys: list[Key] = []
-        self.delays: list[Any] = []
-        self.first_past: list[Any] = []
-        self.past_source: list[Node] = []
-        self.pasts: list[Past] = []
+        self.pasts: dict[Key, PastValue] = {}
         held: list[Key] = []
         for path, block in self.blocks.items():
             shape = self.structures[path]
@@ -159,21 +148,16 @@ class FlatDiagram:
                     self.periods.append(period)
                 self.group[path] = self.periods.index(period)
             for name, past in block.past_ports.items():
-                self._past(path, name, past)
+                self.pasts[path, name] = self._past(path, past)
         self.held = set(held)
         self.d += [(*key, "held") for key in held]
 
-    def _past(self, path: str, name: str, past: Past) -> None:
-        source = self.driver.get((path, past.of))
+    def _past(self, path: str, past: Past) -> PastValue:
+        source, block = self.driver.get((path, past.of)), self.symbolic_blocks[path]
         if source is None:
-            raise DiagramError(
-                self.title, [f"{path}.{past.of} is delayed inside {path} and must be wired."], self.where
-            )
-        self.past_keys.append((path, name))
-        self.delays.append(getattr(self.symbolic_blocks[path], past.by))
-        self.first_past.append(getattr(self.symbolic_blocks[path], past.initial))
-        self.past_source.append(source)
-        self.pasts.append(past)
+            fault = f"{path}.{past.of} is delayed inside {path} and must be wired."
+            raise DiagramError(self.title, [fault], self.where)
+        return PastValue(past, source, getattr(block, past.by), getattr(block, past.initial))
 
     # ---- names
 
@@ -187,13 +171,5 @@ class FlatDiagram:
 
     def reads(self, path: str) -> dict[str, str]:
         """The signal at each input port of a block."""
-        return {
-            port: self.signal_name(self.driver[path, port])
-            for port in self.blocks[path].inports
-            if (path, port) in self.driver
-        }
-
-
-def flatten(diagram: Diagram) -> FlatDiagram:
-    """One level of blocks with symbols. Raises AlgebraicLoop for a ring of inner diagrams without a block."""
-    return FlatDiagram(diagram)
+        drivers = {port: self.driver.get((path, port)) for port in self.blocks[path].inports}
+        return {port: self.signal_name(node) for port, node in drivers.items() if node is not None}

@@ -17,6 +17,11 @@ DELAY_NUMBERS = DELAY_SAMPLES + 3
 """Numbers in ``q`` for one delay: its values at four instants a step apart, oldest first; the newest of these
 instants [s]; steps per second; the number of instants up to that one. Values before the start are undefined."""
 
+RHS = (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])
+UPDATE = ([*RHS[0], "hit"], ["d_next", "x_next"])
+START, LAG = (["p"], ["x", "d", "s"]), (["p"], ["tau"])
+"""Names of the arguments and results of the functions of ``Equations``."""
+
 
 @attrs.frozen
 class SampledInput:

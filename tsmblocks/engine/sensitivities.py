@@ -16,7 +16,7 @@ import numpy as np
 
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations, numbers
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, LAG, RHS, UPDATE, Equations, numbers
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
@@ -57,18 +57,15 @@ def _tangent_functions(eq: Equations) -> tuple[Any, Any, Any]:
     moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, q_seed, ps)
     tangents = [ca.jtimes(v, moving, along) for v in values]
     inputs = [t, ca.vertcat(x, xs), ca.vertcat(d, ds), u, ca.vertcat(q, qs), ca.vertcat(p, ps)]
-    labels = ["t", "x", "d", "u", "q", "p"]
-    rhs = ca.Function(
-        "rhs", inputs, [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)], labels, ["dx", "y", "s"]
-    )
+    rhs = ca.Function("rhs", inputs, [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)], *RHS)
     update = None
     if eq.update is not None:
         hit = ca.SX.sym("hit", len(eq.periods))
         new = eq.update.call([t, x, d, u, q, p, hit])
         pair = [ca.vertcat(v, ca.jtimes(v, moving, along)) for v in new]
-        update = ca.Function("update", [*inputs, hit], pair, [*labels, "hit"], ["d_next", "x_next"])
+        update = ca.Function("update", [*inputs, hit], pair, *UPDATE)
     tau = eq.lag.call([p])[0]
-    return rhs, update, ca.Function("lag", [ca.vertcat(p, ps)], [ca.vertcat(tau, tau)], ["p"], ["tau"])
+    return rhs, update, ca.Function("lag", [ca.vertcat(p, ps)], [ca.vertcat(tau, tau)], *LAG)
 
 
 @functools.lru_cache(maxsize=64)

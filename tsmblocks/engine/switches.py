@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.engine.backends import kernel_for
-from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.equations import RHS, UPDATE, Equations
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan, plan_for
@@ -32,8 +32,6 @@ MOST_CHAINED = 8
 """Further updates of memory that depends on other memory, at most. Chosen."""
 ALWAYS = True
 """In the place of a condition: a node that has an effect whatever the modes."""
-RHS = (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])
-UPDATE = ([*RHS[0], "hit"], ["d_next", "x_next"])
 
 
 @attrs.frozen(eq=False)
