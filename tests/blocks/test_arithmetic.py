@@ -124,7 +124,7 @@ def test_refuses_bad_values():
     refuses("Sum.signs must be text, got 2. It is: sign of each input, in order.", Sum, signs=2)
     refuses("Product.n must be a whole number in [1, 1000], got 0. It is: number of inputs.", Product, n=0)
     refuses("Convert: 'rad' does not convert to 'V'.", Convert, target_unit="V")
-    refuses("Convert: 'radd' is not a unit known here. Did you mean 'rad'?", Convert, source_unit="radd")
+    refuses("Convert.source_unit: 'radd' is not a unit known here. Did you mean 'rad'?", Convert, source_unit="radd")
     refuses("Gain.gain must be a number, got nan. It is: factor from input to output.", Gain, gain=np.nan)
 
 

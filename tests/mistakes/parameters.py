@@ -259,7 +259,7 @@ def a_number_where_a_choice_belongs():
     RateLimit(start=0.0)
 
 
-@mistake(ParameterError, "Convert: 'dge' is not a unit known here. Did you mean 'deg'?")
+@mistake(ParameterError, "Convert.target_unit: 'dge' is not a unit known here. Did you mean 'deg'?")
 def a_unit_that_is_none():
     Convert(source_unit="rad", target_unit="dge")
 

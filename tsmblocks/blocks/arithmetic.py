@@ -6,7 +6,6 @@ import operator
 from functools import reduce
 from typing import Any, ClassVar
 
-import attrs
 import casadi as ca
 
 from tsmblocks.blocks.shared import UNIT
@@ -224,22 +223,14 @@ class Convert(Block):
     source_unit: str = option(default="rad", about="unit of the input")
     target_unit: str = option(default="deg", about="unit of the output")
 
-    u = Input("the quantity")
-    y = Output("the same quantity in the other unit")
+    u = Input("the quantity", unit_option="source_unit")
+    y = Output("the same quantity in the other unit", unit_option="target_unit")
 
     def check(self) -> None:
         try:
             factor(self.source_unit, self.target_unit)
         except UnitError as error:
             raise ParameterError(f"Convert: {error}") from None
-
-    @property
-    def inports(self) -> dict[str, Input]:
-        return {"u": attrs.evolve(self._declared["u"], unit=self.source_unit)}
-
-    @property
-    def outports(self) -> dict[str, Output]:
-        return {"y": attrs.evolve(self._declared["y"], unit=self.target_unit)}
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=factor(self.source_unit, self.target_unit) * u.u)

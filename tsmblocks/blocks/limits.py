@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import casadi as ca
 
-from tsmblocks.blocks.shared import check_limits, limited
+from tsmblocks.blocks.shared import check_increasing, check_limits, limited
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
@@ -41,9 +40,7 @@ class Saturation(Block):
 class SoftSaturation(Block):
     r"""Limit of an actuator or a spring that is reached gradually.
 
-    .. math::
-
-        y = u - s \ln\left(1 + e^{(u - h)/s}\right) + s \ln\left(1 + e^{(l - u)/s}\right)
+    .. math:: y = u - s \ln\left(1 + e^{(u - h)/s}\right) + s \ln\left(1 + e^{(l - u)/s}\right)
 
     It tends to the hard limits l and h as s falls; with infinite limits the signal passes as it is.
     """
@@ -244,9 +241,7 @@ class Quantiser(Block):
 class LookupTable(Block):
     r"""Straight lines between given points.
 
-    .. math::
-
-        y = v_0 + \sum_k \frac{v_{k+1} - v_k}{p_{k+1} - p_k} \min(\max(u - p_k, 0), p_{k+1} - p_k)
+    .. math:: y = v_0 + \sum_k \frac{v_{k+1} - v_k}{p_{k+1} - p_k} \min(\max(u - p_k, 0), p_{k+1} - p_k)
 
     With ``outside="extend"`` the first and the last line go on beyond the points.
     """
@@ -267,11 +262,7 @@ class LookupTable(Block):
                 "LookupTable needs one value for each point and at least two points, "
                 f"got {len(self.points)} points and {len(self.values)} values."
             )
-        for k, (a, b) in enumerate(pairwise(self.points)):
-            if a >= b:
-                raise ParameterError(
-                    f"LookupTable.points must increase, but points[{k}]={a:g} and points[{k + 1}]={b:g}."
-                )
+        check_increasing(self, "points")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         p, v = self.points, self.values

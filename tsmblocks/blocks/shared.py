@@ -1,7 +1,8 @@
-"""What blocks of several families share: descriptions of options, and the limits ``low`` and ``high`` of an output."""
+"""What blocks of several families share: descriptions of options, checks, the limits ``low`` and ``high``."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -16,6 +17,14 @@ def check_limits(block: Any) -> None:
     """Raise ParameterError unless the lower limit is below the upper one: the ``check`` of a block with both."""
     if block.low >= block.high:
         raise ParameterError(f"{type(block).__name__} needs low < high, got low={block.low:g}, high={block.high:g}.")
+
+
+def check_increasing(block: Any, name: str) -> None:
+    """Raise ParameterError unless the numbers of a list increase."""
+    for k, (a, b) in enumerate(pairwise(getattr(block, name))):
+        if a >= b:
+            places = f"{name}[{k}]={a:g} and {name}[{k + 1}]={b:g}"
+            raise ParameterError(f"{type(block).__name__}.{name} must increase, but {places}.")
 
 
 def limited(block: Any, value: Any) -> Any:

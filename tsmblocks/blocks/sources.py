@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import zlib
-from itertools import pairwise
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from tsmblocks.blocks.shared import UNIT
+from tsmblocks.blocks.shared import UNIT, check_increasing
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Output, Samples, Tape, block, option, parameter
 
@@ -219,9 +218,7 @@ class Triangle(Block):
 class Staircase(Block):
     r"""Steps of equal height: up from zero, down past zero, back to zero, and again.
 
-    .. math::
-
-        y = h \left(\bigl| (k - n) \bmod 2(n + m) - (n + m) \bigr| - m\right), \quad k = \lfloor t / T \rfloor
+    .. math:: y = h \left(\bigl| (k - n) \bmod 2(n + m) - (n + m) \bigr| - m\right), \quad k = \lfloor t / T \rfloor
 
     with :math:`n` steps above zero and :math:`m` below. With ``down=0`` it never goes below zero.
     """
@@ -279,9 +276,7 @@ class Recorded(Block):
             )
         if self.hold == "cubic" and len(self.times) < 4:
             raise ParameterError(f"Recorded with hold='cubic' needs at least 4 samples, got {len(self.times)}.")
-        for k, (a, b) in enumerate(pairwise(self.times)):
-            if a >= b:
-                raise ParameterError(f"Recorded.times must increase, but times[{k}]={a:g} and times[{k + 1}]={b:g}.")
+        check_increasing(self, "times")
 
     def tapes(self, start: float, stop: float, name: str = "") -> dict[str, Samples]:
         return dict(w=Samples(np.array(self.times), np.array(self.values), self.hold))

@@ -27,9 +27,7 @@ def after(t: Any, time: Any, width: Any) -> Any:
 class Slack(Block):
     r"""A signal that grows more slowly beyond an edge: a tendon that goes slack.
 
-    .. math::
-
-        y = u - s \min(u - e, 0) \quad \text{(low)}, \qquad y = u - s \max(u - e, 0) \quad \text{(high)}
+    .. math:: y = u - s \min(u - e, 0) \quad \text{(low)}, \qquad y = u - s \max(u - e, 0) \quad \text{(high)}
 
     Beyond the edge the slope is 1 - s: at 1 nothing passes there, at 0 everything does.
     """
