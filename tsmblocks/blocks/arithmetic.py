@@ -31,7 +31,6 @@ class Gain(Block):
 
     gain: float = parameter(default=1.0, about="factor from input to output")
     unit: str = option(default="", about=UNIT)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal times the gain", unit="?y", unit_option="unit")
 
@@ -52,7 +51,6 @@ class Sum(Block):
     symbol = "Σ"
 
     signs: str = option(default="+-", about="sign of each input, in order")
-
     y = Output("the sum", unit="?u")
 
     def check(self) -> None:
@@ -184,7 +182,6 @@ class Power(Block):
     exponent: float = parameter(default=0.5, about="power n", at_least=0.1, at_most=10.0)
     gain: float = parameter(default=1.0, about="factor K")
     smoothing: float = parameter(default=1e-3, about="value u0 below which it is straight", unit="?u", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal raised to the power")
 
@@ -222,7 +219,6 @@ class Convert(Block):
 
     source_unit: str = option(default="rad", about="unit of the input")
     target_unit: str = option(default="deg", about="unit of the output")
-
     u = Input("the quantity", unit_option="source_unit")
     y = Output("the same quantity in the other unit", unit_option="target_unit")
 
@@ -285,7 +281,6 @@ class Switch(Block):
     symbol = "switch"
 
     threshold: float = parameter(default=0.5, about="control value from which the first input passes", unit="?c")
-
     u1 = Input("passes while control is at or above the threshold", unit="?u")
     u2 = Input("passes otherwise", unit="?u")
     control = Input("chooses between the two", unit="?c")

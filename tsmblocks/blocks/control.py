@@ -28,7 +28,6 @@ class HysteresisObserver(Block):
     A: float = parameter(default=-0.8745, about="gain from the rate to the internal state")
     theta: float = parameter(default=5.034, about="decay of the internal state with travel", unit="1/rad", above=0.0)
     delta: float = parameter(default=0.14522, about="asymmetry of the loop")
-
     v = Input("rate of the reference, or of the motor", unit="rad/s")
     y = Output("estimated internal state", unit="rad")
     zeta: float = state(default=0.0, about="estimated internal state", unit="rad")
@@ -53,7 +52,6 @@ class SmoothSlope(Block):
 
     alpha1: float = parameter(default=0.8972, about="slope while loading (v > 0)", above=0.0)
     alpha2: float = parameter(default=0.9487, about="slope while unloading (v < 0)", above=0.0)
-
     v = Input("rate of the reference", unit="rad/s")
     y = Output("slope of the transmission", unit="1")
 
@@ -187,7 +185,6 @@ class LeadLag(Block):
     gain: float = parameter(default=1.0, about="gain at rest")
     lead: float = parameter(default=0.1, about="time constant of the numerator", unit="s")
     lag: float = parameter(default=0.02, about="time constant of the denominator", unit="s", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("compensated signal", unit="?y")
     smooth: float = state(default=0.0, about="input after the lag", unit="?u")

@@ -42,7 +42,6 @@ class Lag(Block):
     symbol = "1/(Ts+1)"
 
     time_constant: float = parameter(default=0.0, about="time to 63 % of a step", unit="s", at_least=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal, lagging", unit="?u")
 
@@ -105,7 +104,6 @@ class DeadTime(Block):
     time: float = parameter(default=0.0, about="how long ago", unit="s", at_least=0.0)
     initial: float = parameter(default=0.0, about='value before the run began, with start="value"', unit="?u")
     start: str = option(default="first", about="what it holds before the start", choices=("first", "value"))
-
     u = Input("any signal", unit="?u")
     past = Past("the signal as it was", of="u", by="time", initial="initial", now=True)
     y = Output("the signal, late", unit="?u")

@@ -30,7 +30,6 @@ class ZeroOrderHold(Block):
     sampled = True
 
     period: float = _period()
-
     u = Input("any signal", unit="?u")
     y = Output("the signal at the last sample", unit="?u")
 
@@ -51,7 +50,6 @@ class UnitDelay(Block):
 
     period: float = _period()
     initial: float = parameter(default=0.0, about="output until the second sample", unit="?u")
-
     u = Input("any signal", unit="?u")
     y = Output("the signal one sample ago", unit="?u")
 
@@ -205,7 +203,6 @@ class DiscreteIntegrator(Block):
     method: str = option(default="forward", about="integration rule", choices=("forward", "backward", "trapezoidal"))
     gain: float = parameter(default=1.0, about="gain")
     initial: float = parameter(default=0.0, about="sum at the start", unit="?u*s")
-
     u = Input("any signal", unit="?u")
     y = Output("its integral", unit="?u*s")
 
@@ -237,7 +234,6 @@ class MovingAverage(Block):
     period: float = _period()
     length: int = option(default=5, about="number of samples in the mean", at_least=1, at_most=10_000)
     initial: float = parameter(default=0.0, about="samples before the first", unit="?u")
-
     u = Input("any signal", unit="?u")
     y = Output("its mean over the last samples", unit="?u")
 

@@ -36,7 +36,6 @@ class CoulombFriction(Block):
 
     level: float = parameter(default=0.02, about="friction while sliding", unit="?f", at_least=0.0)
     smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
-
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
 
@@ -86,7 +85,6 @@ class ViscousFriction(Block):
     symbol = "b v"
 
     coefficient: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
-
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
 
@@ -105,7 +103,6 @@ class QuadraticDrag(Block):
     symbol = "c|v|v"
 
     coefficient: float = parameter(default=0.001, about="drag per velocity squared", at_least=0.0)
-
     v = Input("velocity", unit="?v")
     y = Output("drag to be overcome, positive for positive velocity", unit="?f")
 
@@ -152,7 +149,6 @@ class DahlFriction(Block):
 
     sigma0: float = parameter(default=2.0, about="stiffness of the contact before it slides", above=0.0)
     coulomb: float = parameter(default=0.02, about="friction while sliding", unit="?f", above=0.0)
-
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
     z: float = state(default=0.0, about="deflection of the contact", unit="?v*s")

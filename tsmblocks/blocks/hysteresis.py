@@ -328,7 +328,6 @@ class Play(Block):
 
     half_width: float = parameter(default=0.2, about="half of the slack", unit="?u", at_least=0.0)
     gain: float = parameter(default=1.0, about="slope while the output moves")
-
     u = Input("displacement of the driving side", unit="?u")
     y = Output("displacement of the driven side", unit="?u")
     m: float = state(default=0.0, about="middle of the slack a step ago", unit="?u")
@@ -354,7 +353,6 @@ class PrandtlIshlinskii(Block):
     radii: tuple[float, ...] = parameter(default=(0.1, 0.2, 0.3), about="half of each slack", unit="?u", at_least=0.0)
     weights: tuple[float, ...] = parameter(default=(0.2, 0.3, 0.3), about="weight of each play")
     x0: tuple[float, ...] = parameter(default=(), about="where each play starts; an empty list means zeros", unit="?u")
-
     u = Input("displacement of the driving side", unit="?u")
     y = Output("displacement of the driven side", unit="?u")
 

@@ -26,7 +26,6 @@ class Saturation(Block):
 
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
-
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
 
@@ -51,7 +50,6 @@ class SoftSaturation(Block):
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
     softness: float = parameter(default=1.0, about="distance s from a limit where it begins", unit="?u", above=0.0)
-
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
 
@@ -84,7 +82,6 @@ class DeadZone(Block):
 
     low: float = parameter(default=-0.05, about="lower edge of the zone", unit="?u")
     high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u")
-
     u = Input("any signal", unit="?u")
     y = Output("the part of the signal beyond the zone", unit="?u")
 
@@ -113,7 +110,6 @@ class RateLimit(Block):
     rising: float = parameter(default=3.0, about="fastest rise", unit="?u/s", above=0.0)
     falling: float = parameter(default=-3.0, about="fastest fall, negative", unit="?u/s", below=0.0)
     start: str = option(default="input", about="where the output begins", choices=("input", "last"))
-
     u = Input("wanted value", unit="?u")
     y = Output("value within the rate limits", unit="?u")
     last: float = state(default=0.0, about="output at the start of the step", unit="?u")
@@ -229,7 +225,6 @@ class Quantiser(Block):
     symbol = "round"
 
     interval: float = parameter(default=0.01, about="distance between two values", unit="?u", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the rounded signal", unit="?u")
 
@@ -252,7 +247,6 @@ class LookupTable(Block):
     points: tuple[float, ...] = parameter(default=(-1.0, -0.2, 0.2, 1.0), about="inputs, increasing", unit="?u")
     values: tuple[float, ...] = parameter(default=(-0.8, 0.0, 0.0, 0.8), about="outputs there", unit="?y")
     outside: str = option(default="hold", about="what happens beyond the points", choices=("hold", "extend"))
-
     u = Input("any signal", unit="?u")
     y = Output("value on the lines", unit="?y")
 

@@ -94,7 +94,6 @@ class FilteredDerivative(Block):
     symbol = "s/(Ts+1)"
 
     time_constant: float = parameter(default=0.01, about="time constant of the filter", unit="s", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("its filtered derivative", unit="?u/s")
     smooth: float = state(default=0.0, about="the signal after the filter", unit="?u")
@@ -118,7 +117,6 @@ class FirstOrderLag(Block):
 
     gain: float = parameter(default=1.0, about="output over input at rest")
     time_constant: float = parameter(default=0.05, about="time to 63 % of a step", unit="s", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal, lagging", unit="?y")
     value: float = state(default=0.0, about="the output", unit="?y")
@@ -177,7 +175,6 @@ class Delay(Block):
 
     time: float = parameter(default=0.01, about="how long ago", unit="s", above=0.0)
     initial: float = parameter(default=0.0, about="value of the signal before the run began", unit="?u")
-
     u = Input("any signal", unit="?u")
     past = Past("the signal as it was", of="u", by="time", initial="initial")
     y = Output("the delayed signal", unit="?u")

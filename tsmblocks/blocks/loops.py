@@ -31,7 +31,6 @@ class Stretch(Block):
 
     half_width: float = parameter(default=0.0, about="what is lost after long travel one way", unit="?u")
     distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?u", above=0.0)
-
     u = Input("any signal", unit="?u")
     v = Input("its rate", unit="?u/s", rate_of="u")
     y = Output("the signal less the stretch", unit="?u")
@@ -152,7 +151,6 @@ class NonlocalMemory(Block):
 
     weights: tuple[float, ...] = parameter(default=(0.0, 0.0, 0.0), about="share of the signal behind each play")
     radii: tuple[float, ...] = parameter(default=(0.05, 0.15, 0.4), about="half of each slack", unit="?u", at_least=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal, shares of it behind plays", unit="?u")
 

@@ -26,7 +26,6 @@ class Encoder(Block):
 
     counts: float = parameter(default=3600.0, about="counts per revolution", unit="1/rev", above=0.0, known=True)
     rounding: str = option(default="nearest", about="which count is given", choices=("nearest", "down"))
-
     u = Input("true angle", unit="rad")
     y = Output("measured angle", unit="rad")
 
@@ -49,7 +48,6 @@ class SensorNoise(Block):
     std: float = parameter(default=0.001, about="standard deviation", unit="?u", at_least=0.0)
     seed: int = option(default=0, about="seed; with the block's name it fixes the noise", at_least=0)
     interval: float = option(default=0.001, about="time for which each number is held", unit="s", above=0.0)
-
     u = Input("true value", unit="?u")
     w = Tape("white noise of unit spread")
     y = Output("measured value", unit="?u")
@@ -72,7 +70,6 @@ class Bias(Block):
     symbol = "+ b"
 
     bias: float = parameter(default=0.0, about="added to the signal", unit="?u")
-
     u = Input("true value", unit="?u")
     y = Output("measured value", unit="?u")
 

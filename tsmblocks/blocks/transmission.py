@@ -38,7 +38,6 @@ class Slack(Block):
     share: float = parameter(default=0.0, about="share of the slope lost beyond the edge", at_least=0.0, at_most=1.0)
     edge: float = parameter(default=0.0, about="value at which the signal begins to be lost", unit="?u")
     side: str = option(default="low", about="on which side of the edge it is lost", choices=("low", "high"))
-
     u = Input("any signal", unit="?u")
     y = Output("the signal, less what is lost beyond the edge", unit="?u")
 
@@ -87,7 +86,6 @@ class Bow(Block):
     size: float = parameter(default=0.0, about="what is added far from the centre", unit="?u")
     width: float = parameter(default=0.3, about="distance d over which it is added", unit="?u", above=0.0)
     centre: float = parameter(default=0.0, about="value c about which the slope differs", unit="?u")
-
     u = Input("any signal", unit="?u")
     y = Output("the signal along the bowed line", unit="?u")
 
@@ -133,7 +131,6 @@ class Drift(Block):
     rate: float = parameter(default=0.0, about="what is added in each second", unit="?u/s")
     curve: float = parameter(default=0.0, about="what is added in each second squared", unit="?u/s^2")
     since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal that drifts away", unit="?u")
 
@@ -155,7 +152,6 @@ class Jump(Block):
     size: float = parameter(default=0.0, about="height of the jump", unit="?u")
     time: float = parameter(default=1.0, about="instant of the jump", unit="s")
     width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal that has jumped", unit="?u")
 
@@ -176,7 +172,6 @@ class GainChange(Block):
     change: float = parameter(default=0.0, about="gain after the change less that before, which is 1")
     time: float = parameter(default=1.0, about="instant of the change", unit="s")
     width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal, times the gain of the time", unit="?u")
 
@@ -196,7 +191,6 @@ class GainDrift(Block):
 
     rate: float = parameter(default=0.0, about="change of the gain in each second, as a share of it", unit="1/s")
     since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal, times the gain of the time", unit="?u")
 
@@ -218,7 +212,6 @@ class Disturbance(Block):
     sine: float = parameter(default=0.0, about="amplitude b of the sine", unit="?u")
     frequency: float = parameter(default=1.0, about="frequency f", unit="Hz", above=0.0)
     since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal with the oscillation on it", unit="?u")
 
@@ -239,7 +232,6 @@ class Creep(Block):
 
     share: float = parameter(default=0.0, about="what comes late, as a share of what came at once")
     time_constant: float = parameter(default=10.0, about="time to 63 % of it", unit="s", above=0.0)
-
     u = Input("any signal", unit="?u")
     y = Output("the signal and what creeps after it", unit="?u")
     late: float = state(default=0.0, about="the signal, lagging", unit="?u")
@@ -267,7 +259,6 @@ class RateDependence(Block):
     coefficient: float = parameter(default=0.0, about="c; for n = 1 a time in s, negative for a part that lags")
     exponent: float = parameter(default=1.0, about="power n of the rate", at_least=0.2, at_most=4.0)
     smoothing: float = parameter(default=1e-3, about="rate below which the power is straight", unit="?u/s", above=0.0)
-
     u = Input("any signal", unit="?u")
     v = Input("its rate", unit="?u/s", rate_of="u")
     y = Output("the signal and the part that follows its rate", unit="?u")
