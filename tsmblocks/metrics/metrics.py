@@ -53,8 +53,7 @@ class Part:
             )
         if not inside.all():
             t, signals = t[inside], {k: v[inside] for k, v in signals.items()}
-        runs = np.shape(next(iter(signals.values())))[1]
-        e = np.broadcast_to(self.of.of_arrays(signals), (len(t), runs))
+        e = self.of.of_arrays(signals)
         with np.errstate(all="ignore"):
             return np.where(np.isfinite(e).all(axis=0), REDUCTIONS[self.reduction].run(e, t, *self.numbers), np.nan)
 
@@ -229,14 +228,11 @@ class _Split:
         """The tree with each reduction replaced by its name. Raises ParameterError."""
         written = name_in(node)
         if written is not None and written != "pi":
-            full = self.read.full(written, node)
-            self.read.refuse(
-                f"'{clip(full)}' is a signal over time; make one number of it: rms({clip(full)}), for example.", node
-            )
+            full = clip(self.read.full(written, node))
+            self.read.refuse(f"'{full}' is a signal over time; make one number of it: rms({full}), for example.", node)
         if isinstance(node, (ast.Compare, ast.BoolOp)):
-            self.read.refuse(
-                "this compares, but a number is wanted here. The share of the time at which it holds is share(…).", node
-            )
+            share = "The share of the time at which it holds is share(…)."
+            self.read.refuse(f"this compares, but a number is wanted here. {share}", node)
         made: ast.expr = node
         if isinstance(node, ast.UnaryOp):
             made = ast.UnaryOp(node.op, self.outer(node.operand))
@@ -262,16 +258,14 @@ class _Split:
 
 def _part(read: Reader, node: ast.Call, name: str) -> Part:
     """The reduction ``name`` as it is called at ``node``. Raises ParameterError for wrong arguments."""
-    reduction = REDUCTIONS[name]
-    first = "comparison" if name == "share" else "signal"
-    wanted = ", ".join([first, *reduction.numbers, "after=", "before="])
+    first, numbers = "comparison" if name == "share" else "signal", REDUCTIONS[name].numbers
     given = {k.arg: k.value for k in node.keywords}
     once = len(given) == len(node.keywords)
-    if len(node.args) != 1 + len(reduction.numbers) or not given.keys() <= {"after", "before"} or not once:
+    if len(node.args) != 1 + len(numbers) or not given.keys() <= {"after", "before"} or not once:
+        wanted = ", ".join([first, *numbers, "after=", "before="])
         read.refuse(f"{name} takes ({wanted}), the last two being optional.", node)
     signal, *others = node.args
-    compares = isinstance(signal, ast.Compare)
-    if compares != (name == "share"):
+    if isinstance(signal, ast.Compare) != (name == "share"):
         read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
     of = read.read(_margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
     if not of.names:
@@ -307,45 +301,41 @@ def _constant(read: Reader, node: ast.expr) -> float:
 
 def _unit(read: Reader, node: ast.expr, labels: Mapping[str, str]) -> str:
     """The unit of an expression, ``""`` where it is not known. Raises ParameterError for a sum of different ones."""
-    return _Units(read, labels).of(node) or ""
+    return _unit_or_any(read, node, labels) or ""
 
 
-@attrs.frozen
-class _Units:
-    """Finds units: a label, ``""`` where it is unknown, None for a plain number, which takes any."""
-
-    read: Reader
-    labels: Mapping[str, str]
-
-    def of(self, node: ast.AST) -> str | None:
-        written = name_in(node)
-        if written is not None:
-            return None if written == "pi" else self.labels[self.read.full(written, node)]  # type: ignore[arg-type]
-        if isinstance(node, ast.UnaryOp):
-            return self.of(node.operand)
-        if isinstance(node, ast.BinOp):
-            return self._operation(node, self.of(node.left), self.of(node.right))
-        if isinstance(node, ast.Call):
-            found = [self.of(a) for a in node.args]
-            if name_in(node.func) in ("abs", "min", "max"):
-                return self._common(node, found)
-            return None if all(one is None for one in found) else DIMENSIONLESS if DIMENSIONLESS in found else ""
-        return None
-
-    def _operation(self, node: ast.BinOp, left: str | None, right: str | None) -> str | None:
-        if isinstance(node.op, (ast.Add, ast.Sub)):
-            return self._common(node, [left, right])
-        if left is None and right is None:
+def _unit_or_any(read: Reader, node: ast.expr, labels: Mapping[str, str]) -> str | None:
+    """The unit of an expression, ``""`` where it is not known, None for a plain number, which takes any."""
+    written = name_in(node)
+    if written is not None:
+        return None if written == "pi" else labels[read.full(written, node)]
+    match node:
+        case ast.UnaryOp(operand=inner):
+            parts, of_one_unit = [inner], True
+        case ast.BinOp(left=first, right=second):
+            parts, of_one_unit = [first, second], isinstance(node.op, (ast.Add, ast.Sub))
+        case ast.Call(args=parts):
+            of_one_unit = name_in(node.func) in ("abs", "min", "max")
+        case _:
             return None
-        if isinstance(node.op, ast.Div) and left and right and units.same(left, right):
-            return DIMENSIONLESS
-        if isinstance(node.op, (ast.Mult, ast.Div)) and right == DIMENSIONLESS:
-            return left
-        return right if isinstance(node.op, ast.Mult) and left == DIMENSIONLESS else ""
+    found = [_unit_or_any(read, part, labels) for part in parts]
+    if of_one_unit:
+        return _common_unit(read, node, found)
+    if all(one is None for one in found):
+        return None
+    if isinstance(node, ast.Call):
+        return DIMENSIONLESS if DIMENSIONLESS in found else ""
+    left, right = found
+    if isinstance(node.op, ast.Div) and left and right and units.same(left, right):
+        return DIMENSIONLESS
+    if isinstance(node.op, (ast.Mult, ast.Div)) and right == DIMENSIONLESS:
+        return left
+    return right if isinstance(node.op, ast.Mult) and left == DIMENSIONLESS else ""
 
-    def _common(self, node: ast.expr, found: Sequence[str | None]) -> str | None:
-        known = [one for one in found if one]
-        for one in known[1:]:
-            if not units.same(known[0], one):
-                self.read.refuse(f"this mixes {known[0]} and {one}.", node)
-        return "" if "" in found else known[0] if known else None
+
+def _common_unit(read: Reader, node: ast.expr, found: Sequence[str | None]) -> str | None:
+    known = [one for one in found if one]
+    for one in known[1:]:
+        if not units.same(known[0], one):
+            read.refuse(f"this mixes {known[0]} and {one}.", node)
+    return "" if "" in found else known[0] if known else None

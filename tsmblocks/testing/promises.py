@@ -171,9 +171,10 @@ def _declared(block: Block) -> list[tuple[str, Any]]:
 
 def _points(block: Block) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """Times, states and inputs to try: each scale, with mixed signs and with one sign, reproducibly."""
-    made, rng, nx, nu = [], np.random.default_rng(20), len(block.states), len(block.read_names)
+    made, rng, nx = [], np.random.default_rng(20), len(block.states)
+    ones = np.ones(nx + len(block.read_names))
     for scale in SCALES:
-        for signs in (rng.uniform(-1, 1, nx + nu), np.ones(nx + nu), -np.ones(nx + nu)):
+        for signs in (rng.uniform(-1, 1, len(ones)), ones, -ones):
             values = scale * signs + 0.0  # and not -0
             made.append((scale, values[:nx], values[nx:]))
     return made
@@ -186,14 +187,11 @@ def _points(block: Block) -> list[tuple[float, np.ndarray, np.ndarray]]:
 def documented(block: Block) -> None:
     """A sentence, an equation, a source, a short symbol, and a description of every port and field."""
     owner = type(block).__name__
-    text = inspect.cleandoc(type(block).__dict__.get("__doc__") or "")
+    text, most = inspect.cleandoc(type(block).__dict__.get("__doc__") or ""), MAX_SYMBOL_LENGTH
     need(text.partition("\n\n")[0].endswith("."), f"{owner} has no opening sentence.")
     need(".. math::" in text or hasattr(block, "function"), f"{owner} shows no equation (.. math::).")
     need(block.source, f"{owner} names no source.")
-    need(
-        0 < len(block.symbol) <= MAX_SYMBOL_LENGTH,
-        f"{owner} needs a symbol of at most {MAX_SYMBOL_LENGTH} characters for its box.",
-    )
+    need(0 < len(block.symbol) <= most, f"{owner} needs a symbol of at most {most} characters for its box.")
     for name, part in _declared(block):
         need(part.about.strip(), f"{owner}.{name} has no description.")
 
@@ -329,8 +327,7 @@ def is_a_value(block: Block) -> None:
         need(pickle.loads(pickle.dumps(block)) == block, f"{owner} changes when pickled.")
     except (TypeError, pickle.PicklingError, AttributeError) as error:
         raise BrokenPromise(f"{owner} holds something that is not a value: {error}") from error
-    name = next(iter(block.fields()), None)
-    if name is not None:
+    for name in block.fields():
         try:
             setattr(block, name, None)
         except AttributeError:
@@ -367,9 +364,8 @@ def refuses_bad_numbers(block: Block) -> None:
             continue  # an option may be a list of anything, which the block itself checks
         outside = (field.above, field.below, field.at_least - 1, field.at_most + 1)
         for bad in ("three", math.nan, *filter(math.isfinite, outside)):
-            given = map_leaves(lambda *_, bad=bad: bad, value)
             try:
-                block.replace(**{name: given})
+                block.replace(**{name: map_leaves(lambda *_, bad=bad: bad, value)})
             except ParameterError as error:
                 need(owner in str(error) and name in str(error), f"the refusal does not name {owner}.{name}: {error}")
             else:
@@ -380,6 +376,5 @@ def refuses_bad_numbers(block: Block) -> None:
 def fits_a_page(block: Block) -> None:
     """No equation is longer than 40 lines: a longer one is better a diagram."""
     for equation in ("outputs", "derivatives", "updates"):
-        method = getattr(type(block), equation)
-        lines = len(inspect.getsource(method).splitlines())
+        lines = len(inspect.getsource(getattr(type(block), equation)).splitlines())
         need(lines <= 40, f"{type(block).__name__}.{equation} has {lines} lines.")
