@@ -14,6 +14,7 @@ import inspect
 import math
 import pickle
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 import attrs
@@ -328,11 +329,9 @@ def is_a_value(block: Block) -> None:
     except (TypeError, pickle.PicklingError, AttributeError) as error:
         raise BrokenPromise(f"{owner} holds something that is not a value: {error}") from error
     for name in block.fields():
-        try:
+        with suppress(AttributeError):
             setattr(block, name, None)
-        except AttributeError:
-            return
-        raise BrokenPromise(f"{owner} can be changed in place.")
+            raise BrokenPromise(f"{owner} can be changed in place.")
 
 
 @promise
