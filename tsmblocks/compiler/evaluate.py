@@ -42,7 +42,7 @@ class Evaluator:
             self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
             self.u: dict[tuple[Any, ...], Any] = {}  # ("u", name[, order]) or ("tape", block, name, ...)
             self.q = {k: ca.vertsplit(ca.SX.sym(".".join(k), DELAY_NUMBERS)) for k in flat.pasts}
-            states = {"x": self.x, "d": self.d}
+            states: dict[str, dict[Any, Any]] = {"x": self.x, "d": self.d}
             self.owner: dict[int, tuple[Any, ...]] = {flat.t.element_hash(): ("t",)}
             self.owner |= {v.element_hash(): (kind, k) for kind, table in states.items() for k, v in table.items()}
         else:
