@@ -17,7 +17,7 @@ from tsmblocks.effects import Effect, catalogue
 from tsmblocks.fitting.experiments import Window, compared, signal_of, span
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import chosen
-from tsmblocks.fitting.setup import Data, recordings, windows, without_units
+from tsmblocks.fitting.recordings import Data, recordings, windows, without_units
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 

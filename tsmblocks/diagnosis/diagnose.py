@@ -40,7 +40,7 @@ from tsmblocks.diagnosis.refinement import with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.fitting.input_checks import standing
-from tsmblocks.fitting.setup import Data
+from tsmblocks.fitting.recordings import Data
 from tsmblocks.model.diagram import Diagram
 
 

@@ -18,9 +18,9 @@ from tsmblocks.data import Record
 from tsmblocks.data.noise_floor import noise_of_recordings
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
+from tsmblocks.fitting.recordings import Data, recordings, training_windows, without_units
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Difference, Differences, score
-from tsmblocks.fitting.setup import Data, recordings, windows, without_units
 from tsmblocks.fitting.summary import rough_inputs
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
@@ -269,7 +269,7 @@ def compare(
     ('linear', 2)
     """
     candidates, records = _models(models), recordings(data)
-    fitted, tested = _parts(records, train, arguments.as_names("held_out", held_out, "bend 60"))
+    fitted, tested = training_windows(records, train, arguments.as_names("held_out", held_out, "bend 60"))
     given = arguments.as_mapping("free", free, "'play': ['play.*']")
     for name in given:
         if name not in candidates:
@@ -335,46 +335,6 @@ def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[
         return noise_of_recordings(records, name := names.pop(), diagram.unit(name), diagram.inports)
     except DataError:  # too few samples
         return float("nan"), ""
-
-
-def _parts(
-    records: Mapping[str, Record], train: Any, without: list[str]
-) -> tuple[dict[str, Window], dict[str, Window]]:
-    """Windows that are fitted and windows that are held out, by experiment."""
-    for name in without:
-        if name not in records:
-            raise DataError(f"held_out: there is no experiment '{name}'.{near(name, records)}")
-    fitted: dict[str, Window] = {}
-    tested: dict[str, Window] = dict.fromkeys(without, (None, None))
-    for name, record in records.items():
-        if name not in without:
-            fitted[name], rest = _cut(name, record, train, records)
-            if rest is not None:
-                tested[name] = rest
-    if not fitted:
-        raise DataError("every experiment is held out, so there is nothing to fit.")
-    return fitted, tested
-
-
-def _cut(name: str, record: Record, train: Any, records: Mapping[str, Record]) -> tuple[Window, Window | None]:
-    """The part of a recording that is fitted, and the one that is held out (None: nothing)."""
-    start, stop = float(record.t[0]), float(record.t[-1])
-    if isinstance(train, (int, float)) and not isinstance(train, bool):
-        if not 0 < train <= 1:
-            raise DataError(
-                f"train must be a share of each recording, above 0 and up to 1, or a window "
-                f"(start, stop) in s, got {in_words(train)}."
-            )
-        if train == 1:
-            return (None, None), None
-        cut = start + train * (stop - start)
-        return (None, cut), (float(np.nextafter(cut, np.inf)), None)
-    low, high = windows(train, records, "train")[name]
-    if high is not None and high < stop:
-        return (low, high), (float(np.nextafter(high, np.inf)), None)
-    if low is not None and low > start:
-        return (low, high), (None, float(np.nextafter(low, -np.inf)))
-    return (low, high), None
 
 
 def overall(found: Mapping[str, Comparison]) -> list[tuple[str, float]]:

@@ -22,9 +22,10 @@ from tsmblocks.fitting.optimizer import (
     feasible_start,
     projected,
 )
+from tsmblocks.fitting.recordings import Data
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.setup import Data, Setup, pose
+from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.fitting.summary import summarise
 from tsmblocks.model.diagram import Diagram
 

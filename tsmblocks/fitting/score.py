@@ -17,7 +17,8 @@ from tsmblocks.data import Record
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.experiments import signal_of, span
 from tsmblocks.fitting.inner_products import square
-from tsmblocks.fitting.setup import Setup, recordings, set_up
+from tsmblocks.fitting.recordings import recordings
+from tsmblocks.fitting.setup import Setup, set_up
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import parameter_vector

@@ -6,7 +6,6 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import attrs
@@ -14,14 +13,13 @@ import numpy as np
 
 from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_positive
-from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words, near
-from tsmblocks.data import Record, read
-from tsmblocks.data.missing_units import assumed_units, refuse_doubtful
+from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words
+from tsmblocks.data import Record
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.methods import method_named
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
-from tsmblocks.fitting.experiments import FEWEST, Experiment, Window, compared, is_even, median_step, prepare
+from tsmblocks.fitting.experiments import Experiment, compared, is_even, median_step, prepare
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import (
     Unknown,
@@ -34,6 +32,7 @@ from tsmblocks.fitting.parameters import (
     unknown,
     with_ties,
 )
+from tsmblocks.fitting.recordings import Data, recordings, windows, without_units
 from tsmblocks.fitting.residuals import Priors, Problem
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
@@ -44,9 +43,6 @@ FINEST = 64
 """Simulation steps between two samples beyond which a step is no longer refined. Chosen."""
 SETTLED = 1e-3
 """Largest change of the outputs by halving the step, relative to the measured signals. Chosen."""
-
-Data = Any
-"""A recording (Record, file, pandas frame), a list of them, or a mapping from names to them."""
 
 
 @attrs.frozen(eq=False)
@@ -75,79 +71,6 @@ class Setup:
             window=(one.t[0], one.t[-1]),
             backend=one.backend,
         )
-
-
-def recordings(data: Data) -> dict[str, Record]:
-    """Recordings by the name of their experiment. Raises DataError when there is none, or two share a name."""
-    if isinstance(data, Mapping):
-        given = {str(name) or "experiment": _record(one, str(name)) for name, one in data.items()}
-    else:
-        several = list(data) if isinstance(data, (list, tuple)) else [data]
-        records = [_record(one, f"experiment {k}") for k, one in enumerate(several, 1)]
-        twice = {r.name for r in records if sum(o.name == r.name for o in records) > 1}
-        named = [(f"{r.name}#{k}" if r.name in twice else r.name or "experiment", r) for k, r in enumerate(records, 1)]
-        given = dict(named)
-        if len(given) < len(named):
-            same = next(name for name, _ in named if sum(name == other for other, _ in named) > 1)
-            raise DataError(f"two experiments are named '{same}'; give a mapping with names of their own.")
-    if not given:
-        raise DataError("there are no recordings to compare with: give a Record (tsm.read), a list, or a mapping.")
-    return given
-
-
-def _record(one: Any, name: str) -> Record:
-    if isinstance(one, Record):
-        return _checked(one)
-    if isinstance(one, (str, Path)):
-        return _checked(read(one))
-    if hasattr(one, "columns") and hasattr(one, "index"):
-        from tsmblocks.data import from_pandas
-
-        return _checked(from_pandas(one, name=name))
-    raise DataError(
-        f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}. "
-        "Of arrays tsm.Record(name, t, signals, units) makes one."
-    )
-
-
-def _checked(record: Record) -> Record:
-    """A record that has samples, and times in order; one made by a script may not."""
-    title = f"experiment '{record.name}'"
-    if len(record) < FEWEST:
-        raise DataError(
-            f"{title} has {len(record)} sample{'s' if len(record) != 1 else ''}, and at least {FEWEST} are needed."
-        )
-    late = np.flatnonzero(~(np.diff(record.t) > 0))
-    if len(late) or not np.isfinite(record.t[[0, -1]]).all():
-        k = int(late[0]) + 1 if len(late) else int(np.isinf(record.t[-1])) * (len(record) - 1)
-        raise DataError(
-            f"{title}: times must be finite and increase, and sample {k} is at {record.t[k]:g} s "
-            f"after one at {record.t[max(k - 1, 0)]:g} s."
-        )
-    return record
-
-
-def windows(given: Any, names: Iterable[str], what: str = "window") -> dict[str, Window]:
-    """Which part of each experiment counts, in s. Raises DataError for what is no pair of times."""
-    names = list(names)
-    each = dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
-    for name in each:
-        if name not in names:
-            raise DataError(f"{what}: there is no experiment '{name}'.{near(name, names)}")
-    made: dict[str, Window] = {}
-    for name in names:
-        pair = each.get(name)
-        try:
-            start, stop = (None, None) if pair is None else pair
-            low, high = (None if v is None else float(v) for v in (start, stop))
-        except (TypeError, ValueError):
-            raise DataError(
-                f"{what} must be a pair (start, stop) in s, None for an end, got {in_words(pair)}."
-            ) from None
-        if low is not None and high is not None and not low < high:
-            raise DataError(f"{what} must be two times in order, got ({low:g}, {high:g}) s.")
-        made[name] = low, high
-    return made
 
 
 def set_up(
@@ -188,18 +111,7 @@ def set_up(
     return Setup(diagram, eq, tuple(made), names, tuple(notes), tuple(finer))
 
 
-def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
-    """Say which signals have no unit and what they are taken to be in, experiment by experiment.
-
-    Raises DataError where they are angles of so many turns that it can hardly be so.
-    """
-    wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
-    for name, record in records.items():
-        refuse_doubtful(name, record, wanted)
-    return [f"{name}: {text}" for name, record in records.items() for text in assumed_units(record, wanted)]
-
-
-def _parts(own: float, periods: Sequence[float]) -> int:
+def _least_division(own: float, periods: Sequence[float]) -> int:
     """Into how many steps to cut the ``own`` s between samples at least, so that sample periods are whole steps.
 
     1 where nothing up to ``FINEST`` does it.
@@ -218,7 +130,7 @@ def _resolved(
     With it, the experiment at half that step, where there is one.
     """
     own, best, fault = median_step(record.t), None, None
-    divide = _parts(own, periods)
+    divide = _least_division(own, periods)
     while divide <= FINEST:
         try:
             experiment = at_step(step=own / divide)

@@ -1,0 +1,137 @@
+"""Recordings as they are given to fits, scores and comparisons: read, checked, and which part of each counts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsmblocks.common.errors import DataError, in_words, near
+from tsmblocks.data import Record, read
+from tsmblocks.data.missing_units import assumed_units, refuse_doubtful
+from tsmblocks.fitting.experiments import FEWEST, Window
+from tsmblocks.model.diagram import Diagram
+
+Data = Any
+"""A recording (Record, file, pandas frame), a list of them, or a mapping from names to them."""
+
+
+def recordings(data: Data) -> dict[str, Record]:
+    """Recordings by the name of their experiment. Raises DataError when there is none, or two share a name."""
+    if isinstance(data, Mapping):
+        given = {str(name) or "experiment": _record(one, str(name)) for name, one in data.items()}
+    else:
+        several = list(data) if isinstance(data, (list, tuple)) else [data]
+        records = [_record(one, f"experiment {k}") for k, one in enumerate(several, 1)]
+        count = Counter(r.name for r in records)
+        names = [f"{r.name}#{k}" if count[r.name] > 1 else r.name or "experiment" for k, r in enumerate(records, 1)]
+        given = dict(zip(names, records, strict=True))
+        if len(given) < len(names):
+            same = Counter(names).most_common(1)[0][0]
+            raise DataError(f"two experiments are named '{same}'; give a mapping with names of their own.")
+    if not given:
+        raise DataError("there are no recordings to compare with: give a Record (tsm.read), a list, or a mapping.")
+    return given
+
+
+def _record(one: Any, name: str) -> Record:
+    """One recording, with samples, and times in order; one made by a script may have neither."""
+    if isinstance(one, (str, Path)):
+        one = read(one)
+    elif hasattr(one, "columns") and hasattr(one, "index"):
+        from tsmblocks.data import from_pandas
+
+        one = from_pandas(one, name=name)
+    if not isinstance(one, Record):
+        raise DataError(
+            f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}. "
+            "Of arrays tsm.Record(name, t, signals, units) makes one."
+        )
+    title = f"experiment '{one.name}'"
+    if len(one) < FEWEST:
+        raise DataError(
+            f"{title} has {len(one)} sample{'s' if len(one) != 1 else ''}, and at least {FEWEST} are needed."
+        )
+    late = np.flatnonzero(~(np.diff(one.t) > 0))
+    if len(late) or not np.isfinite(one.t[[0, -1]]).all():
+        k = int(late[0]) + 1 if len(late) else int(np.isinf(one.t[-1])) * (len(one) - 1)
+        raise DataError(
+            f"{title}: times must be finite and increase, and sample {k} is at {one.t[k]:g} s "
+            f"after one at {one.t[max(k - 1, 0)]:g} s."
+        )
+    return one
+
+
+def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
+    """Say which signals have no unit and what they are taken to be in, experiment by experiment.
+
+    Raises DataError where they are angles of so many turns that it can hardly be so.
+    """
+    wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
+    for name, record in records.items():
+        refuse_doubtful(name, record, wanted)
+    return [f"{name}: {text}" for name, record in records.items() for text in assumed_units(record, wanted)]
+
+
+def windows(given: Any, names: Iterable[str], what: str = "window") -> dict[str, Window]:
+    """Which part of each experiment counts, in s. Raises DataError for what is no pair of times."""
+    names = list(names)
+    each = dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    for name in each:
+        if name not in names:
+            raise DataError(f"{what}: there is no experiment '{name}'.{near(name, names)}")
+    made: dict[str, Window] = {}
+    for name in names:
+        pair = each.get(name)
+        try:
+            start, stop = (None, None) if pair is None else pair
+            low, high = (None if v is None else float(v) for v in (start, stop))
+        except (TypeError, ValueError):
+            raise DataError(
+                f"{what} must be a pair (start, stop) in s, None for an end, got {in_words(pair)}."
+            ) from None
+        if low is not None and high is not None and not low < high:
+            raise DataError(f"{what} must be two times in order, got ({low:g}, {high:g}) s.")
+        made[name] = low, high
+    return made
+
+
+def training_windows(
+    records: Mapping[str, Record], train: Any, without: list[str]
+) -> tuple[dict[str, Window], dict[str, Window]]:
+    """Windows that are fitted and windows that are held out, by experiment; arguments as for ``compare``."""
+    for name in without:
+        if name not in records:
+            raise DataError(f"held_out: there is no experiment '{name}'.{near(name, records)}")
+    fitted: dict[str, Window] = {}
+    tested: dict[str, Window] = dict.fromkeys(without, (None, None))
+    for name, record in records.items():
+        if name not in without:
+            fitted[name], rest = _split(name, record, train, records)
+            if rest is not None:
+                tested[name] = rest
+    if not fitted:
+        raise DataError("every experiment is held out, so there is nothing to fit.")
+    return fitted, tested
+
+
+def _split(name: str, record: Record, train: Any, records: Mapping[str, Record]) -> tuple[Window, Window | None]:
+    """The part of a recording that is fitted, and the one that is held out (None: nothing)."""
+    start, stop = float(record.t[0]), float(record.t[-1])
+    if isinstance(train, (int, float)) and not isinstance(train, bool):
+        if not 0 < train <= 1:
+            raise DataError(
+                f"train must be a share of each recording, above 0 and up to 1, or a window "
+                f"(start, stop) in s, got {in_words(train)}."
+            )
+        low, high = None, None if train == 1 else start + train * (stop - start)
+    else:
+        low, high = windows(train, records, "train")[name]
+    if high is not None and high < stop:
+        return (low, high), (float(np.nextafter(high, np.inf)), None)
+    if low is not None and low > start:
+        return (low, high), (None, float(np.nextafter(low, -np.inf)))
+    return (low, high), None
