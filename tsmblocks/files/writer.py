@@ -155,17 +155,14 @@ def split_wire(wire: str) -> list[str]:
     """A chain as one or more that fit the line, joined at shared blocks."""
     if len(wire) + 5 <= LINE_WIDTH:
         return [wire]
-    *stages, last = wire.split(" -> ")
-    lines: list[str] = []
-    line = stages[0]
-    for stage in stages[1:]:
+    first, *stages, last = wire.split(" -> ")
+    lines, line = list[str](), first
+    for stage in (*stages, last):
         if len(line) + len(stage) + 9 > LINE_WIDTH and " -> " in line:
             lines.append(line)
             line = line.rpartition(" -> ")[2].partition(".")[0]
         line += f" -> {stage}"
-    if len(line) + len(last) + 9 > LINE_WIDTH and " -> " in line:
-        lines.append(line)
-        line = line.rpartition(" -> ")[2].partition(".")[0]
+    line = line.removesuffix(f" -> {last}")
     receivers = _filled(last.split(", "), ", ", max(20, LINE_WIDTH - len(line) - 9))
     return [*lines, *(f"{line} -> {row}" for row in receivers)]
 
@@ -175,26 +172,23 @@ def split_wire(wire: str) -> list[str]:
 
 def toml(value: Any) -> str:
     """One value as TOML; raises _Unwritable."""
-    if isinstance(value, (bool, int)):
-        huge = not isinstance(value, bool) and abs(value) > 2**53
-        return tomli_w.dumps({"k": float(value) if huge else value})[4:-1]
-    if isinstance(value, float):
-        if math.isnan(value):
-            raise _Unwritable("is nan")
-        return tomli_w.dumps({"k": float(value)})[4:-1]
-    if isinstance(value, str):
-        return _text(value)
     if isinstance(value, tuple):
         items = [toml(v) for v in value]
         array = _Array(f"[{', '.join(items)}]")
         array.items = items
         return array
-    raise _Unwritable(f"is {in_words(value)}")
-
-
-def _text(value: str) -> str:
-    try:
-        value.encode()
-    except UnicodeEncodeError:
-        raise _Unwritable(f"is {in_words(value)}, with half a character in it") from None
-    return tomli_w.dumps({"k": str(value)})[4:-1]
+    if isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise _Unwritable(f"is {in_words(value)}, with half a character in it") from None
+        value = str(value)  # names from a file have a position
+    elif isinstance(value, float):
+        if math.isnan(value):
+            raise _Unwritable("is nan")
+        value = float(value)
+    elif not isinstance(value, int):
+        raise _Unwritable(f"is {in_words(value)}")
+    elif abs(value) > 2**53:
+        value = float(value)
+    return tomli_w.dumps({"k": value})[4:-1]
