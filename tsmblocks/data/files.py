@@ -11,6 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError, clip, in_words, near
 from tsmblocks.common.tables import listed
 from tsmblocks.common.units import UnitError, factor, same, split_heading
@@ -37,18 +38,13 @@ MIN_DOUBTED_ROWS = 50
 """Rows from which that is reported. Chosen: a short table of slow samples is usual."""
 
 
-def _names(given: Iterable[str] | None) -> tuple[str, ...] | None:
-    """Names from one of them or several, which may be read only once."""
-    return (given,) if isinstance(given, str) else None if given is None else tuple(given)
-
-
 @attrs.frozen
 class ReadOptions:
     """Arguments of ``read`` that hold for every format: names, units, parts, and what is done with faults."""
 
     renamed: Mapping[str, str]
     units: Mapping[str, str]
-    only: tuple[str, ...] | None = attrs.field(converter=_names)
+    only: list[str] | None = attrs.field(converter=attrs.converters.optional(as_list))
     also: Iterable[str]
     rows: Rows
     step: float | None

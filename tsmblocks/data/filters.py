@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tsmblocks.common import units
+from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
 from tsmblocks.common.units import heading
 from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
@@ -116,7 +117,7 @@ def filtered(
         When the samples are unevenly spaced, not finite or too few, or the cut-off does not fit.
     """
     _refuse(self, cutoff, order, "filtering")
-    wanted = [names] if isinstance(names, str) else list(self if names is None else names)
+    wanted = as_list(self.names if names is None else names)
     refuse_not_finite(self, wanted, "filtering")
     signals, notes = dict(self.signals), []
     for name in wanted:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from tsmblocks.common.arguments import as_list
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass
 from tsmblocks.data.noise_floor import is_coarse, sample_to_sample_noise, with_unit
 from tsmblocks.data.quantization import quantum_of
@@ -56,7 +57,7 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
     >>> text[:70]
     'x_in is noisy: its path is 91 % longer than that of the motion in it, '
     """
-    names = record.names if inputs is None else (inputs,) if isinstance(inputs, str) else tuple(inputs)
+    names = as_list(record.names if inputs is None else inputs)
     record = evenly_sampled(record)
     sentences = (_long_path(record, name) or _rough_rate(record, name) for name in names)
     return tuple(text for text in sentences if text)
@@ -72,7 +73,7 @@ def _long_path(record: Record, name: str) -> str:
     if path <= (1 + MAX_ADDED_PATH) * smooth:
         return ""
     quantum = quantum_of(x)
-    coarse = is_coarse(quantum, sample_to_sample_noise(record.t, x)[0])
+    coarse = is_coarse(quantum, sample_to_sample_noise(record.t, x).floor)
     why = f"is quantised in steps of {with_unit(quantum or 0.0, record.unit(name))}" if coarse else "is noisy"
     return (
         f"{name} {why}: its path is {100 * (path / smooth - 1):.0f} % longer than that of the motion in it, which "

@@ -6,13 +6,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
 from tsmblocks.data.grid import interpolation, stretches
-from tsmblocks.data.periods import MIN_UNLIKENESS, find_period, unlikeness
+from tsmblocks.data.periods import MIN_UNLIKENESS, best_period, unlikeness
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 
@@ -36,8 +38,14 @@ MAX_DRIVEN_SHARE = 0.5
 """Share of what differs between periods that the inputs may explain, by not quite repeating, before it is no noise.
 Chosen."""
 
-Estimate = tuple[float, str, int, int]
-"""Floor, method, samples and degrees of freedom, as in Noise."""
+
+class Estimate(NamedTuple):
+    """A noise floor; as in Noise."""
+
+    floor: float
+    method: str
+    samples: int
+    freedom: int
 
 
 @attrs.frozen
@@ -133,9 +141,8 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
     drives = _driving_signals(first, name, inputs)
     found = (_of_repeats(given, name) if len(given) > 1 else None) or _of_periods(first, name, drives)
     found = found or _of_rests(first, name, drives) or sample_to_sample_noise(first.t, x)
-    floor, method, samples, freedom = found
-    floor = max(floor, (quantum or 0.0) / np.sqrt(12.0))  # a constant reading has rounding errors all the same
-    return Noise(name, unit, float(floor), quantum, method, samples, freedom)
+    floor = max(found.floor, (quantum or 0.0) / np.sqrt(12.0))  # a constant reading has rounding errors all the same
+    return Noise(name, unit, float(floor), quantum, found.method, found.samples, found.freedom)
 
 
 def fast_noise(record: Record, name: str) -> float:
@@ -158,7 +165,7 @@ def fast_noise(record: Record, name: str) -> float:
     DataError
         When the signal is not there, or has too few samples.
     """
-    return sample_to_sample_noise(record.t, _samples(record, name))[0]
+    return sample_to_sample_noise(record.t, _samples(record, name)).floor
 
 
 def noise_of_recordings(
@@ -201,7 +208,7 @@ def with_unit(value: float, unit: str) -> str:
 def _driving_signals(record: Record, name: str, inputs: str | Iterable[str] | None) -> list[str]:
     if inputs is None:
         return [*(k for k in record if k != name), name]
-    names = [inputs] if isinstance(inputs, str) else list(inputs)
+    names = as_list(inputs)
     for k in names:
         record[k]  # an unknown name is refused here
     return names
@@ -225,20 +232,20 @@ def _of_repeats(records: list[Record], name: str) -> Estimate | None:
             f"these {len(records)} records do not repeat one experiment: '{name}' differs between them by "
             f"{100 * np.sqrt(np.mean(off**2)) / size:.0f} % of its rms value."
         )
-    rest = np.stack([_less_trend(row, 1) for row in off])
+    residual = np.stack([_less_trend(row, 1) for row in off])
     freedom = (len(records) - 1) * (int(kept.sum()) - 2)
-    return float(np.sqrt(np.sum(rest**2) / max(freedom, 1))), "repeats", table.size, freedom
+    return Estimate(float(np.sqrt(np.sum(residual**2) / max(freedom, 1))), "repeats", table.size, freedom)
 
 
 def _of_periods(record: Record, name: str, drives: list[str]) -> Estimate | None:
     t, x = record.t, record[name]
     moving = [k for k in drives if np.ptp(record[k]) > 0]
-    lag = _period_of(record, moving, name)
+    lag = _common_period(record, moving, name)
     if lag is None or len(record) < MIN_FREEDOM:
         return None
     found = _between_periods(t, x, lag)
     others = [k for k in moving if k != name]
-    if found and any(_driven_difference(record, k, x, lag) > MAX_DRIVEN_SHARE * found[0] for k in others):
+    if found and any(_driven_difference(record, k, x, lag) > MAX_DRIVEN_SHARE * found.floor for k in others):
         return None
     return found
 
@@ -251,7 +258,7 @@ def _driven_difference(record: Record, drive: str, x: np.ndarray, lag: float) ->
     """
     own = record[drive]
     between = _between_periods(record.t, own, lag)
-    slow = between[0] ** 2 - sample_to_sample_noise(record.t, own)[0] ** 2 if between else 0.0
+    slow = between.floor**2 - sample_to_sample_noise(record.t, own).floor ** 2 if between else 0.0
     return float(np.sqrt(max(slow, 0.0)) * np.std(x) / np.std(own))
 
 
@@ -263,25 +270,22 @@ def _between_periods(t: np.ndarray, x: np.ndarray, lag: float) -> Estimate | Non
     if not blocks:
         return None
     two = len(blocks) < 2 or len(blocks[1]) < 0.5 * len(blocks[0])
-    rest = np.array_split(blocks[0], WINDOWS) if two else blocks[1:]
-    freedoms = np.array([len(block) - 2 for block in rest])
+    blocks = np.array_split(blocks[0], WINDOWS) if two else blocks[1:]
+    freedoms = np.array([len(block) - 2 for block in blocks])
     if freedoms.min() < 2 or freedoms.sum() < MIN_FREEDOM:
         return None
-    squares = np.array([float(np.sum(_less_trend(block, 1) ** 2)) for block in rest])
-    count = sum(map(len, rest))
+    squares = np.array([float(np.sum(_less_trend(block, 1) ** 2)) for block in blocks])
+    count = sum(map(len, blocks))
     if not two:
-        return float(np.sqrt(squares.sum() / freedoms.sum())), "repeated periods", count, int(freedoms.sum())
-    middle = np.median(squares / (freedoms * (1 - 2 / (9 * freedoms)) ** 3))  # the median of a chi-squared
-    return float(np.sqrt(middle)), "repeated periods", count, int(freedoms.sum() * 2 / np.pi)
+        return Estimate(float(np.sqrt(squares.sum() / freedoms.sum())), "repeated periods", count, int(freedoms.sum()))
+    variance = np.median(squares / (freedoms * (1 - 2 / (9 * freedoms)) ** 3))  # the median of a chi-squared
+    return Estimate(float(np.sqrt(variance)), "repeated periods", count, int(freedoms.sum() * 2 / np.pi))
 
 
-def _period_of(record: Record, drives: list[str], name: str) -> float | None:
+def _common_period(record: Record, drives: list[str], name: str) -> float | None:
     """Period [s] of the signal that repeats itself best, if the others (but the noisy one) repeat with it too."""
-    found = [p for k in drives if (p := find_period(record.t, record[k])) is not None]
-    if not found:
-        return None
-    lag = min(found, key=lambda pair: pair[1])[0]
-    if any(unlikeness(record.t, record[k], lag) > MIN_UNLIKENESS for k in drives if k != name):
+    lag = best_period(record.t, [record[k] for k in drives])
+    if lag is not None and any(unlikeness(record.t, record[k], lag) > MIN_UNLIKENESS for k in drives if k != name):
         return None
     return lag
 
@@ -320,19 +324,17 @@ def _less_trend(x: np.ndarray, degree: int) -> np.ndarray:
 
 def _of_rests(record: Record, name: str, drives: list[str]) -> Estimate | None:
     others = [k for k in drives if k != name]  # rests of the signal itself would be selected for being quiet
-    still = np.full(len(record), bool(others))
-    for k in others:
-        still &= _resting(record[k])
-    rest, samples, freedom = 0.0, 0, 0
-    for a, b in stretches(still):
-        x = record[name][a + (b - a) // 5 : b]  # the signal settles during the first fifth
-        if b - a < MIN_STILL_SAMPLES:
-            continue
-        rest += float(np.sum(_less_trend(x, 2) ** 2))
-        samples, freedom = samples + len(x), freedom + len(x) - 3
+    if not others:
+        return None
+    still = np.all([_resting(record[k]) for k in others], axis=0)
+    rests = [(a, b) for a, b in stretches(still) if b - a >= MIN_STILL_SAMPLES]
+    settled = [record[name][a + (b - a) // 5 : b] for a, b in rests]  # the signal settles during the first fifth
+    samples = sum(map(len, settled))
+    freedom = samples - 3 * len(settled)
     if freedom < MIN_FREEDOM:
         return None
-    return float(np.sqrt(rest / freedom)), "stand-still", samples, freedom
+    squares = sum(float(np.sum(_less_trend(x, 2) ** 2)) for x in settled)
+    return Estimate(float(np.sqrt(squares / freedom)), "stand-still", samples, freedom)
 
 
 def _resting(x: np.ndarray) -> np.ndarray:
@@ -344,7 +346,7 @@ def _resting(x: np.ndarray) -> np.ndarray:
         return np.full(len(x), not np.ptp(x) > 0)
     from scipy.ndimage import uniform_filter1d
 
-    noise, share = sample_to_sample_noise(np.arange(float(len(x))), x)[0], 1 / np.sqrt(STILL_MEAN_SAMPLES)
+    noise, share = sample_to_sample_noise(np.arange(float(len(x))), x).floor, 1 / np.sqrt(STILL_MEAN_SAMPLES)
     width = max(2.1 * (quantum_of(x) or 0.0), 8 * share * noise, 1e-9 * float(np.ptp(x)))
     if width > 0.1 * np.ptp(x):
         return np.zeros(len(x), dtype=bool)
@@ -362,4 +364,4 @@ def sample_to_sample_noise(t: np.ndarray, x: np.ndarray) -> Estimate:
     off = (x[2 : 2 + n] - np.sum(w * near, axis=1)) / np.sqrt(1 + np.sum(w**2, axis=1))
     for _ in range(3):
         off = off[np.abs(off) <= 4 * np.sqrt(np.mean(off**2))]
-    return float(np.sqrt(np.mean(off**2))), HIGH_FREQUENCIES, len(t), len(off)
+    return Estimate(float(np.sqrt(np.mean(off**2))), HIGH_FREQUENCIES, len(t), len(off))

@@ -8,7 +8,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES
-from tsmblocks.data.periods import find_period
+from tsmblocks.data.periods import best_period
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -91,9 +91,7 @@ def period(self: Record, name: str | None = None) -> float | None:
     DataError
         For an unknown signal.
     """
-    names = self.names if name is None else (name,)
-    found = [p for k in names if (p := find_period(self.t, self[k])) is not None]
-    return min(found, key=lambda pair: pair[1])[0] if found else None
+    return best_period(self.t, [self[k] for k in (self.names if name is None else (name,))])
 
 
 def periods(self: Record, name: str | None = None) -> tuple[Record, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from tsmblocks.data.grid import interpolation, is_even, step_of
@@ -47,6 +49,12 @@ def find_period(t: np.ndarray, x: np.ndarray) -> tuple[float, float] | None:
         if rest < min(limit, MAX_UNLIKENESS):
             return fine * step, rest
     return None
+
+
+def best_period(t: np.ndarray, signals: Iterable[np.ndarray]) -> float | None:
+    """Period [s] of the signal that repeats itself best, or None when none does."""
+    found = [p for x in signals if (p := find_period(t, x)) is not None]
+    return min(found, key=lambda pair: pair[1])[0] if found else None
 
 
 def unlikeness(t: np.ndarray, x: np.ndarray, lag: float) -> float:
